@@ -1,0 +1,108 @@
+"""What an audit says: severities, places, findings and outcomes.
+
+These are the values of the interface contract (docs/reference.md); everything
+else in the program exists to produce them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from enum import Enum
+
+
+class Severity(str, Enum):
+    """How much a finding matters; ordered from worst to least by `rank`."""
+
+    CRITICAL = "critical"
+    HIGH = "high"
+    MEDIUM = "medium"
+    LOW = "low"
+    INFO = "info"
+
+    @property
+    def rank(self) -> int:
+        """0 for critical, 4 for info."""
+        return _RANK[self]
+
+    def at_least(self, other: Severity) -> bool:
+        """Whether this is as bad as `other` or worse."""
+        return self.rank <= other.rank
+
+
+_RANK = {severity: rank for rank, severity in enumerate(Severity)}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Location:
+    """A place in a file of the keystore.
+
+    `path` is relative to the keystore, links resolved, POSIX, percent-encoded where it is not
+    UTF-8; `line` counts from 1 in the file as it is on disk, and is None for a whole file.
+    """
+
+    path: str
+    line: int | None = None
+    message: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Suppression:
+    """Why, until when and by whom a finding is accepted, and which file says so."""
+
+    reason: str
+    until: str
+    owner: str
+    source: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """One defect of the keystore, or of the audit itself (KA9).
+
+    `locations` has the primary place first. `profiles` are the canonical variants it holds for
+    (empty: all). `explained_by` holds fingerprints of the findings that are its cause.
+    """
+
+    code: str
+    name: str
+    severity: Severity
+    message: str
+    remedy: str
+    clause: str
+    enclave: str | None
+    locations: tuple[Location, ...]
+    profiles: tuple[str, ...] = ()
+    explained_by: tuple[str, ...] = ()
+    fingerprint: str
+    suppressed: Suppression | None = None
+
+
+class Result(str, Enum):
+    """What came of one rule on one subject.
+
+    `OPEN` means that the question could not be decided: such an audit is incomplete and never passes.
+    """
+
+    PASS = "pass"  # noqa: S105 - a verdict, not a password
+    FAIL = "fail"
+    NOT_APPLICABLE = "notApplicable"
+    OPEN = "open"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, order=True)
+class Outcome:
+    """The answer of rule `rule` (a code) about `subject` (an enclave, a path or a property id)."""
+
+    rule: str
+    subject: str
+    outcome: Result
+
+
+def fingerprint(code: str, enclave: str | None, path: str | None, key: str) -> str:
+    """Identity of a finding across runs: no line numbers, so that reformatting keeps it.
+
+    SHA-256, in hexadecimal, of the four parts joined by NUL.
+    """
+    parts = (code, enclave or "", path or "", key)
+    return hashlib.sha256("\0".join(parts).encode("utf-8", "surrogateescape")).hexdigest()

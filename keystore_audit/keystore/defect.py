@@ -1,0 +1,78 @@
+"""A fact that a reader noticed while reading: what was expected, what was there, and where."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+
+class Kind(str, Enum):
+    """What is out of order. `rules/` gives each kind its code, severity and remedy."""
+
+    # certificates, keys, revocation lists
+    CERTIFICATE_UNREADABLE = "certificate-unreadable"
+    CERTIFICATE_FILE_EXTRA = "certificate-file-extra"
+    KEY_UNREADABLE = "key-unreadable"
+    KEY_ENCRYPTED = "key-encrypted"
+    CRL_UNREADABLE = "crl-unreadable"
+    # S/MIME envelope
+    NOT_SMIME = "not-smime"
+    MIME_MALFORMED = "mime-malformed"
+    NO_TEXT_PLAIN = "no-text-plain"
+    UNSIGNED_TEXT = "unsigned-text"
+    OPAQUE_MESSAGE = "opaque-message"
+    # CMS signature
+    CMS_MALFORMED = "cms-malformed"
+    CMS_NOT_DER = "cms-not-der"
+    TWO_CONTENTS = "two-contents"
+    NO_SIGNER = "no-signer"
+    SEVERAL_SIGNERS = "several-signers"
+    NO_SIGNED_ATTRIBUTES = "no-signed-attributes"
+    WEAK_DIGEST = "weak-digest"
+    UNSUPPORTED_ALGORITHM = "unsupported-algorithm"
+    DIGEST_MISMATCH = "digest-mismatch"
+    # XML
+    XML_MALFORMED = "xml-malformed"
+    XML_AMBIGUOUS = "xml-ambiguous"
+    SCHEMA_INVALID = "schema-invalid"
+    VALUE_INVALID = "value-invalid"
+    DDS_SECURITY_1_0 = "dds-security-1.0"
+
+    @property
+    def opaque(self) -> bool:
+        """Whether some run time may accept what we refuse to interpret.
+
+        What such a file means is then unknown, not denied: the value `unknown` of design section 3.
+        """
+        return self in _OPAQUE
+
+
+_OPAQUE = frozenset(
+    {
+        Kind.CERTIFICATE_UNREADABLE,
+        Kind.KEY_UNREADABLE,
+        Kind.CRL_UNREADABLE,
+        Kind.MIME_MALFORMED,
+        Kind.CMS_MALFORMED,
+        Kind.CMS_NOT_DER,
+        Kind.TWO_CONTENTS,
+        Kind.UNSUPPORTED_ALGORITHM,
+        Kind.XML_MALFORMED,
+        Kind.XML_AMBIGUOUS,
+        Kind.SCHEMA_INVALID,
+        Kind.VALUE_INVALID,
+    }
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Defect:
+    """One defect: `detail` says what was expected and what was there, in a sentence for people.
+
+    `path` and `line` as in `findings.Location`. `detail` may quote untrusted text; whoever prints it escapes.
+    """
+
+    kind: Kind
+    path: str
+    line: int | None
+    detail: str
