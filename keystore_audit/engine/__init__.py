@@ -1,0 +1,1 @@
+"""Two engines that answer the properties: native Python and the Alloy Analyzer."""

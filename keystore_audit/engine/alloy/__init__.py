@@ -1,0 +1,1 @@
+"""The real Alloy Analyzer, run as a child process."""

@@ -1,0 +1,64 @@
+"""Why an audit could not look; what it looked at and found bad is a finding, never an exception.
+
+Every message is raw text and may quote names from a keystore: whoever prints one sends it through
+`keystore_audit.text` first. No message ever holds private key material.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+EXIT_USAGE = 2
+EXIT_NOTHING_TO_AUDIT = 3
+EXIT_INCOMPLETE = 4
+
+
+class AuditError(Exception):
+    """The audit could not be done, or not completely; the base of everything this package raises itself.
+
+    Raised as such only where no subclass says it better, e.g. for a damaged installation.
+    """
+
+    exit_code: ClassVar[int] = EXIT_INCOMPLETE
+    """What the command line exits with when nothing handles the error before (design section 5)."""
+
+    def __init__(self, message: str) -> None:
+        """Keep `message`: one or more sentences for the user, saying what was expected and what was there."""
+        super().__init__(message)
+        self.message = message
+
+
+class UsageError(AuditError):
+    """The call itself is wrong: an unknown enclave, rule code or profile, an output that cannot be written."""
+
+    exit_code: ClassVar[int] = EXIT_USAGE
+
+
+class NothingToAudit(AuditError):
+    """There is no keystore at the path: no directory, an empty one, or one without an enclave."""
+
+    exit_code: ClassVar[int] = EXIT_NOTHING_TO_AUDIT
+
+
+class BudgetExceeded(AuditError):
+    """An input would need more work than a named limit allows; whatever depends on it stays unknown."""
+
+
+class EngineError(AuditError):
+    """An engine gave no answer that can be trusted; no property reads as "holds" because of it."""
+
+
+class EngineMissing(EngineError):
+    """The engine is not there and cannot be had: no Java, no jar and nothing to fetch it from."""
+
+
+class EngineFailed(EngineError):
+    """The engine was there and did not do its work: wrong hash, crash, killed, unparsable model or answer."""
+
+
+class EngineTimeout(EngineError):
+    """The engine was still working when its time (`--timeout`, seconds) ran out and was ended."""
+
+
+class EngineOutOfScale(EngineError):
+    """The model is larger than what the engine is known to decide; it was not started."""

@@ -1,0 +1,1 @@
+"""What the documents mean: one normalised model. Nothing here opens a file."""

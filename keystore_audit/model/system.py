@@ -1,0 +1,203 @@
+"""The normalised system that both engines are asked about.
+
+A `System` states facts, not answers: certificates with issuers, keys and dates, documents with
+signers, ordered rules with the domains and channels they name, governance rules with their flags. Who is authentic, which
+grant and which rule decides, who can read or forge, each engine works out on its own (docs/model.md).
+
+Everything is an atom with an index into its tuple; a reference to another atom is that index. The order of rules (grants,
+domain rules, topic rules) within their parent is the order of their indices.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from enum import Enum
+
+from keystore_audit.findings import Location
+from keystore_audit.keystore.governance import ProtectionKind
+
+
+class Reading(str, Enum):
+    """How what could not be read counts (design section 3, may and must).
+
+    MAY: it may do, grant and open anything. MUST: it does, grants and opens nothing; it is left out.
+    """
+
+    MAY = "may"
+    MUST = "must"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CertificateAtom:
+    """A certificate. `issuers`: certificates whose subject it names and whose key verifies its signature.
+
+    `authority`: CA:TRUE and, where keyUsage is present, keyCertSign. `fit_to_sign`: fit for S/MIME signing.
+    `not_before`, `not_after`: instants. `key`: equal keys have equal numbers.
+    """
+
+    label: str
+    location: Location
+    issuers: frozenset[int]
+    authority: bool
+    fit_to_sign: bool
+    key: int
+    not_before: int
+    not_after: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DocumentAtom:
+    """A signed document.
+
+    `intact`: it is S/MIME as run times read it, every SignerInfo verifies under a known certificate that it names; `signers`
+    are those certificates. `opaque`: (MAY only) some run time may accept it, and we do not know what it says.
+    """
+
+    label: str
+    location: Location
+    intact: bool
+    signers: frozenset[int]
+    opaque: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RealmAtom:
+    """Enclaves that trust alike: same identity CAs, permissions CAs, governance document and revocations.
+
+    A peer's verdict depends on its realm only. `identity_ca`, `permissions_ca`: the certificates of those files;
+    `governance`: the document, None where it is missing or (MUST) unreadable; `revoked`: certificates on its CRL.
+    """
+
+    identity_ca: frozenset[int]
+    permissions_ca: frozenset[int]
+    governance: int | None
+    revoked: frozenset[int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EnclaveAtom:
+    """An enclave. `opaque`: (MAY only) its identity could not be read, so it may be anybody.
+
+    """
+
+    label: str
+    location: Location
+    realm: int
+    identity: int | None
+    permissions: int | None
+    opaque: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DomainAtom:
+    """Domain ids that no document tells apart: closed intervals within 0..232."""
+
+    label: str
+    intervals: tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChannelAtom:
+    """A domain class × topic class × partition class, merged where no rule of any document tells them apart.
+
+    `topic` and `partition` are witnesses. `ros`: a ROS 2 name lies in it; `infinite`: it holds infinitely many names.
+    """
+
+    domain: int
+    topic: str
+    partition: str
+    ros: bool
+    infinite: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DomainRuleAtom:
+    """A `<domain_rule>` of the governance `document`; `domains` are the classes its ids cover."""
+
+    document: int
+    domains: frozenset[int]
+    allow_unauthenticated_participants: bool
+    enable_join_access_control: bool
+    discovery_protection_kind: ProtectionKind
+    liveliness_protection_kind: ProtectionKind
+    rtps_protection_kind: ProtectionKind
+    location: Location
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TopicRuleAtom:
+    """A `<topic_rule>` of `domain_rule`; `channels` are those whose topic its expression matches.
+
+    Channels of every domain class that the domain rule covers are among them, whether or not an earlier rule decides.
+    """
+
+    domain_rule: int
+    channels: frozenset[int]
+    enable_discovery_protection: bool
+    enable_liveliness_protection: bool
+    enable_read_access_control: bool
+    enable_write_access_control: bool
+    metadata_protection_kind: ProtectionKind
+    data_protection_kind: ProtectionKind
+    location: Location
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GrantAtom:
+    """A `<grant>` of the permissions `document`. `names`: certificates whose subject its subject_name matches."""
+
+    document: int
+    names: frozenset[int]
+    not_before: int
+    not_after: int
+    default_allow: bool
+    location: Location
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RuleAtom:
+    """An `<allow_rule>` or `<deny_rule>` of `grant`.
+
+    `domains`: the classes its ids cover. `publish`, `subscribe`, `relay`: channels whose topic and partition one of its criteria
+    matches, in any domain class: a rule applies to a channel only where `domains` holds the channel's domain as well.
+    """
+
+    grant: int
+    allow: bool
+    domains: frozenset[int]
+    publish: frozenset[int]
+    subscribe: frozenset[int]
+    relay: frozenset[int]
+    location: Location
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class System:
+    """One keystore as one kind of implementation reads it, at one instant, in one reading.
+
+    `profiles`: the variants that read it so (all facts equal). `pins_signer`: documents must be signed by a permissions CA
+    certificate itself; otherwise by any certificate that chains to one and is fit to sign (CVE-2023-24010).
+    `instants`: sorted; `now`: index of the audit instant among them.
+    """
+
+    profiles: tuple[str, ...]
+    pins_signer: bool
+    reading: Reading
+    instants: tuple[datetime, ...]
+    now: int
+    certificates: tuple[CertificateAtom, ...]
+    documents: tuple[DocumentAtom, ...]
+    realms: tuple[RealmAtom, ...]
+    enclaves: tuple[EnclaveAtom, ...]
+    domains: tuple[DomainAtom, ...]
+    channels: tuple[ChannelAtom, ...]
+    domain_rules: tuple[DomainRuleAtom, ...]
+    topic_rules: tuple[TopicRuleAtom, ...]
+    grants: tuple[GrantAtom, ...]
+    rules: tuple[RuleAtom, ...]
+
+    @property
+    def has_doubt(self) -> bool:
+        """Whether anything in it is opaque, so that the other reading may differ."""
+        return any(d.opaque for d in self.documents) or any(e.opaque for e in self.enclaves)

@@ -1,0 +1,58 @@
+"""A property: a named question that both engines answer about a `model.system.System`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+
+class Role(str, Enum):
+    """What an atom does in a counterexample; the value is the variable's name in the Alloy assertion."""
+
+    REALM = "realm"
+    DOMAIN = "domain"
+    ENCLAVE = "enclave"
+    OTHER = "other"
+    DOCUMENT = "document"
+    CHANNEL = "channel"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Property:
+    """One question.
+
+    `id` is also the name of its KA7 rule; `assertion` its name in `alloy/properties.als`; `roles` the quantified
+    variables of that assertion, outermost first; `attacker` who is meant to fail; `clause` what it rests on.
+    """
+
+    id: str
+    statement: str
+    attacker: str
+    clause: str
+    assertion: str
+    roles: tuple[Role, ...]
+
+
+class Status(str, Enum):
+    """The answer to a property. UNKNOWN never counts as HOLDS."""
+
+    HOLDS = "holds"
+    VIOLATED = "violated"
+    UNKNOWN = "unknown"
+
+
+Witness = Mapping[Role, int]
+"""A counterexample: the index of the atom that plays each role."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """One engine's answer about one system. `witnesses` is empty exactly where it holds.
+
+    An engine may give one witness or several, the most telling first; never UNKNOWN: within one reading everything is decided.
+    """
+
+    property_id: str
+    status: Status
+    witnesses: tuple[Witness, ...] = ()

@@ -1,0 +1,159 @@
+"""The one place that escapes untrusted names: whoever made the keystore chose them.
+
+File names, distinguished names, topics and grants reach terminals, web pages, spreadsheets and Alloy files. Each
+target has one function here; all but `percent_path` and `shorten` begin with `terminal`, so an invisible or
+direction-changing character becomes visible everywhere. JSON needs none of them: `json` escapes by itself.
+
+Escape last: a text that is cut or joined with markup after escaping is no longer safe (`shorten` first).
+"""
+
+from __future__ import annotations
+
+import html as _html
+import os
+import re
+from typing import Final
+
+MAX_COMMENT_LENGTH: Final = 200
+"""Characters of one name in an Alloy comment: enough for a path and a subject, and a model stays readable."""
+
+_HIDDEN_RANGES: Final = (
+    # Code points that a reader cannot see or that change how the rest is shown. Fixed here and not asked of
+    # `unicodedata`, whose answer changes with the Python version: the same keystore must give the same report.
+    (0x00, 0x1F),  # C0: escape sequences, newlines
+    (0x7F, 0xA0),  # DEL, C1 (U+009B starts a control sequence), no-break space
+    (0xAD, 0xAD),  # soft hyphen
+    (0x034F, 0x034F),  # combining grapheme joiner
+    (0x0600, 0x0605),  # Arabic number signs, format characters
+    (0x061C, 0x061C),  # Arabic letter mark (bidi)
+    (0x06DD, 0x06DD),
+    (0x070F, 0x070F),
+    (0x0890, 0x0891),
+    (0x08E2, 0x08E2),
+    (0x115F, 0x1160),  # Hangul fillers
+    (0x1680, 0x1680),  # Ogham space
+    (0x17B4, 0x17B5),  # Khmer inherent vowels, invisible
+    (0x180B, 0x180F),  # Mongolian variation selectors and vowel separator
+    (0x2000, 0x200F),  # spaces of all widths, zero-width ones, direction marks
+    (0x2028, 0x202F),  # line and paragraph separator, bidi embeddings and overrides, narrow no-break space
+    (0x205F, 0x206F),  # mathematical space, word joiner, invisible operators, bidi isolates
+    (0x2800, 0x2800),  # blank Braille pattern
+    (0x3000, 0x3000),  # ideographic space
+    (0x3164, 0x3164),  # Hangul filler
+    (0xD800, 0xDFFF),  # lone surrogates: no encoder takes them
+    (0xFDD0, 0xFDEF),  # noncharacters
+    (0xFE00, 0xFE0F),  # variation selectors
+    (0xFEFF, 0xFEFF),  # byte order mark
+    (0xFFA0, 0xFFA0),  # halfwidth Hangul filler
+    (0xFFF0, 0xFFFB),  # unassigned ignorables, interlinear annotation
+    (0xFFFE, 0xFFFF),  # noncharacters, not allowed in XML either
+    (0x110BD, 0x110BD),
+    (0x110CD, 0x110CD),
+    (0x13430, 0x1343F),  # Egyptian hieroglyph format controls
+    (0x1BCA0, 0x1BCA3),  # shorthand format controls
+    (0x1D173, 0x1D17A),  # musical format controls
+    (0xE0000, 0xE0FFF),  # tags, variation selectors supplement
+)
+_HIDDEN: Final = re.compile("[" + "".join(f"{chr(low)}-{chr(high)}" for low, high in _HIDDEN_RANGES) + "]")
+_MARKDOWN_PUNCTUATION: Final = re.compile(r"[!-.:-@\[-`{-~]")  # ASCII punctuation but `/`, in every path, inert
+_FORMULA_START: Final = frozenset("=+-@＝＋－＠")  # noqa: RUF001 - spreadsheets take the full-width forms too
+
+
+def _visible(match: re.Match[str]) -> str:
+    code = ord(match.group())
+    if code <= 0xFF:
+        return f"\\x{code:02x}"
+    return f"\\u{code:04x}" if code <= 0xFFFF else f"\\U{code:08x}"
+
+
+def terminal(text: str) -> str:
+    r"""Return `text` as one line that cannot steer a terminal: each hidden character as `\x1b`, `\u202e` or the like.
+
+    Hidden are C0, DEL, C1, every space but U+0020, bidi controls, zero-width and other ignorable characters, line
+    and paragraph separators, lone surrogates and noncharacters. A backslash stays as it is, so the result is
+    idempotent and a Windows-like name readable; the escape is for eyes, not for reversing. Not safe as rich markup
+    (`rich_markup`); with `rich.text.Text(terminal(name))` it needs no more.
+    """
+    if text.isascii() and text.isprintable():
+        return text
+    return _HIDDEN.sub(_visible, text)
+
+
+def rich_markup(text: str) -> str:
+    """Return `text` for a string that rich reads as markup: `terminal`, and no `[tag]` in it is obeyed.
+
+    The console has to be made with `emoji=False`: rich has no escape for `:name:`.
+    """
+    from rich.markup import escape  # heavy, and only the text report needs it
+
+    return escape(terminal(text))
+
+
+def markdown(text: str) -> str:
+    """Return `text` as Markdown inline text that renders as `terminal(text)`, in paragraphs and table cells alike.
+
+    A backslash before each punctuation character is CommonMark 0.31, 2.4; it leaves no link, image, HTML, emphasis,
+    code, heading, list, table border or autolink.
+    """
+    escaped = _MARKDOWN_PUNCTUATION.sub(r"\\\g<0>", terminal(text))
+    if escaped.startswith(" "):  # four of them would begin a code block
+        escaped = "&#32;" + escaped[1:]
+    return escaped
+
+
+def html(text: str) -> str:
+    """Return `text` for HTML element content and for quoted attribute values; never for scripts, styles or URLs."""
+    return _html.escape(terminal(text), quote=True)
+
+
+def csv_cell(text: str) -> str:
+    """Return `text` as a cell value that no spreadsheet runs as a formula; separators and quotes are `csv`'s work.
+
+    A text that begins like a formula, blanks ignored, gets an apostrophe in front (OWASP, "CSV Injection").
+    """
+    escaped = terminal(text)
+    return f"'{escaped}" if escaped.lstrip()[:1] in _FORMULA_START and escaped.strip() else escaped
+
+
+def alloy_comment(text: str) -> str:
+    """Return `text` for a line comment of an Alloy module: printable ASCII, one line, at most `MAX_COMMENT_LENGTH`.
+
+    Neither `/*` nor `*/` is left in it, so it is harmless inside a block comment too.
+    """
+    escaped = re.sub(r"[^ -~]", _visible, terminal(text))
+    escaped = escaped.replace("*/", "*\\x2f").replace("/*", "\\x2f*")
+    return shorten(escaped, MAX_COMMENT_LENGTH, ellipsis="...")
+
+
+def percent_path(path: bytes | str) -> str:
+    """Return a POSIX path relative to the keystore in the report's form (design section 5).
+
+    Valid UTF-8 stays; every other byte, `%` and the bytes of hidden characters become `%XX`. The result is safe on
+    a terminal, and `urllib.parse.unquote_to_bytes` gives the bytes back, so two files never share a name. A `str`
+    is taken as the operating system's interface gave it (`os.fsencode`).
+    """
+    if isinstance(path, str):
+        try:
+            path = os.fsencode(path)
+        except UnicodeEncodeError:  # no file name: a lone surrogate that does not stand for a byte
+            path = path.encode("utf-8", "surrogatepass")
+    decoded = path.replace(b"%", b"%25").decode("utf-8", "surrogateescape")
+    return _HIDDEN.sub(_percent, decoded)
+
+
+def _percent(match: re.Match[str]) -> str:
+    return "".join(f"%{byte:02X}" for byte in match.group().encode("utf-8", "surrogateescape"))
+
+
+def shorten(text: str, limit: int, *, ellipsis: str = "…") -> str:
+    """Return `text` in at most `limit` characters, cut in the middle: names of one keystore differ at their ends.
+
+    Raises ValueError if `limit` is not larger than the ellipsis. Shorten before escaping for markup.
+    """
+    if limit <= len(ellipsis):
+        raise ValueError(f"limit {limit} leaves no room beside the ellipsis")
+    if len(text) <= limit:
+        return text
+    kept = limit - len(ellipsis)
+    tail = kept // 2
+    return text[: kept - tail] + ellipsis + text[len(text) - tail :]
