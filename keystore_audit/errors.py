@@ -29,7 +29,7 @@ class AuditError(Exception):
 
 
 class UsageError(AuditError):
-    """The call itself is wrong: an unknown enclave, rule code or profile, an output that cannot be written."""
+    """The call itself is wrong: an unknown enclave, rule code or profile, or an output not to be written."""
 
     exit_code: ClassVar[int] = EXIT_USAGE
 

@@ -1,8 +1,8 @@
 """The one place that escapes untrusted names: whoever made the keystore chose them.
 
-File names, distinguished names, topics and grants reach terminals, web pages, spreadsheets and Alloy files. Each
-target has one function here; all but `percent_path` and `shorten` begin with `terminal`, so an invisible or
-direction-changing character becomes visible everywhere. JSON needs none of them: `json` escapes by itself.
+File names, distinguished names, topics and grants reach terminals, web pages, spreadsheets and Alloy files.
+Each target has one function here; all but `percent_path` and `shorten` begin with `terminal`, so an invisible
+or direction-changing character becomes visible everywhere. JSON needs none of them: `json` escapes by itself.
 
 Escape last: a text that is cut or joined with markup after escaping is no longer safe (`shorten` first).
 """
@@ -18,8 +18,8 @@ MAX_COMMENT_LENGTH: Final = 200
 """Characters of one name in an Alloy comment: enough for a path and a subject, and a model stays readable."""
 
 _HIDDEN_RANGES: Final = (
-    # Code points that a reader cannot see or that change how the rest is shown. Fixed here and not asked of
-    # `unicodedata`, whose answer changes with the Python version: the same keystore must give the same report.
+    # Code points that a reader cannot see or that change how the rest is shown. Fixed here, not asked of
+    # `unicodedata`, whose answer changes with the Python version: same keystore, same report.
     (0x00, 0x1F),  # C0: escape sequences, newlines
     (0x7F, 0xA0),  # DEL, C1 (U+009B starts a control sequence), no-break space
     (0xAD, 0xAD),  # soft hyphen
@@ -55,8 +55,9 @@ _HIDDEN_RANGES: Final = (
     (0xE0000, 0xE0FFF),  # tags, variation selectors supplement
 )
 _HIDDEN: Final = re.compile("[" + "".join(f"{chr(low)}-{chr(high)}" for low, high in _HIDDEN_RANGES) + "]")
-_MARKDOWN_PUNCTUATION: Final = re.compile(r"[!-.:-@\[-`{-~]")  # ASCII punctuation but `/`, in every path, inert
-_FORMULA_START: Final = frozenset("=+-@＝＋－＠")  # noqa: RUF001 - spreadsheets take the full-width forms too
+_NOT_PRINTABLE_ASCII: Final = re.compile(r"[^ -~]")
+_MARKDOWN_PUNCTUATION: Final = re.compile(r"[!-.:-@\[-`{-~]")  # all of ASCII's but `/`: inert, and in every path
+_FORMULA_START: Final = frozenset("=+-@\uff1d\uff0b\uff0d\uff20")  # spreadsheets take the full-width forms too
 
 
 def _visible(match: re.Match[str]) -> str:
@@ -67,12 +68,12 @@ def _visible(match: re.Match[str]) -> str:
 
 
 def terminal(text: str) -> str:
-    r"""Return `text` as one line that cannot steer a terminal: each hidden character as `\x1b`, `\u202e` or the like.
+    r"""Return `text` as one line that cannot steer a terminal: hidden characters as `\x1b`, `\u202e` or the like.
 
-    Hidden are C0, DEL, C1, every space but U+0020, bidi controls, zero-width and other ignorable characters, line
-    and paragraph separators, lone surrogates and noncharacters. A backslash stays as it is, so the result is
-    idempotent and a Windows-like name readable; the escape is for eyes, not for reversing. Not safe as rich markup
-    (`rich_markup`); with `rich.text.Text(terminal(name))` it needs no more.
+    Hidden are C0, DEL, C1, every space but U+0020, bidi controls, zero-width and other ignorable characters,
+    line and paragraph separators, lone surrogates and noncharacters. A backslash stays as it is, so escaping
+    twice changes nothing; the escape is for eyes, not for reversing. Not safe as rich markup (`rich_markup`);
+    `rich.text.Text(terminal(name))` is.
     """
     if text.isascii() and text.isprintable():
         return text
@@ -90,9 +91,9 @@ def rich_markup(text: str) -> str:
 
 
 def markdown(text: str) -> str:
-    """Return `text` as Markdown inline text that renders as `terminal(text)`, in paragraphs and table cells alike.
+    """Return `text` as Markdown that renders as `terminal(text)`, in paragraphs, list items and table cells.
 
-    A backslash before each punctuation character is CommonMark 0.31, 2.4; it leaves no link, image, HTML, emphasis,
+    A backslash before each punctuation character (CommonMark 0.31, 2.4) leaves no link, image, HTML, emphasis,
     code, heading, list, table border or autolink.
     """
     escaped = _MARKDOWN_PUNCTUATION.sub(r"\\\g<0>", terminal(text))
@@ -102,25 +103,25 @@ def markdown(text: str) -> str:
 
 
 def html(text: str) -> str:
-    """Return `text` for HTML element content and for quoted attribute values; never for scripts, styles or URLs."""
+    """Return `text` for HTML element content and quoted attribute values; never for scripts, styles or URLs."""
     return _html.escape(terminal(text), quote=True)
 
 
 def csv_cell(text: str) -> str:
-    """Return `text` as a cell value that no spreadsheet runs as a formula; separators and quotes are `csv`'s work.
+    """Return `text` as a cell that no spreadsheet runs as a formula; separators and quotes are `csv`'s work.
 
     A text that begins like a formula, blanks ignored, gets an apostrophe in front (OWASP, "CSV Injection").
     """
     escaped = terminal(text)
-    return f"'{escaped}" if escaped.lstrip()[:1] in _FORMULA_START and escaped.strip() else escaped
+    return f"'{escaped}" if escaped.lstrip()[:1] in _FORMULA_START else escaped
 
 
 def alloy_comment(text: str) -> str:
-    """Return `text` for a line comment of an Alloy module: printable ASCII, one line, at most `MAX_COMMENT_LENGTH`.
+    """Return `text` for a line comment of an Alloy module, at most `MAX_COMMENT_LENGTH` printable ASCII.
 
     Neither `/*` nor `*/` is left in it, so it is harmless inside a block comment too.
     """
-    escaped = re.sub(r"[^ -~]", _visible, terminal(text))
+    escaped = _NOT_PRINTABLE_ASCII.sub(_visible, terminal(text))
     escaped = escaped.replace("*/", "*\\x2f").replace("/*", "\\x2f*")
     return shorten(escaped, MAX_COMMENT_LENGTH, ellipsis="...")
 
@@ -128,17 +129,19 @@ def alloy_comment(text: str) -> str:
 def percent_path(path: bytes | str) -> str:
     """Return a POSIX path relative to the keystore in the report's form (design section 5).
 
-    Valid UTF-8 stays; every other byte, `%` and the bytes of hidden characters become `%XX`. The result is safe on
-    a terminal, and `urllib.parse.unquote_to_bytes` gives the bytes back, so two files never share a name. A `str`
-    is taken as the operating system's interface gave it (`os.fsencode`).
+    Valid UTF-8 stays; every other byte, `%` and the bytes of hidden characters become `%XX`. The result is safe
+    on a terminal, and `urllib.parse.unquote_to_bytes` gives the bytes back, so two files never share a name. A
+    `str` is taken as the operating system's interface gave it (`os.fsencode`).
     """
-    if isinstance(path, str):
-        try:
-            path = os.fsencode(path)
-        except UnicodeEncodeError:  # no file name: a lone surrogate that does not stand for a byte
-            path = path.encode("utf-8", "surrogatepass")
-    decoded = path.replace(b"%", b"%25").decode("utf-8", "surrogateescape")
-    return _HIDDEN.sub(_percent, decoded)
+    raw = path if isinstance(path, bytes) else _path_bytes(path)
+    return _HIDDEN.sub(_percent, raw.replace(b"%", b"%25").decode("utf-8", "surrogateescape"))
+
+
+def _path_bytes(path: str) -> bytes:
+    try:
+        return os.fsencode(path)
+    except UnicodeEncodeError:  # not from the file system: a surrogate that stands for no byte
+        return path.encode("utf-8", "surrogatepass")
 
 
 def _percent(match: re.Match[str]) -> str:
@@ -146,7 +149,7 @@ def _percent(match: re.Match[str]) -> str:
 
 
 def shorten(text: str, limit: int, *, ellipsis: str = "…") -> str:
-    """Return `text` in at most `limit` characters, cut in the middle: names of one keystore differ at their ends.
+    """Return `text` in at most `limit` characters, cut in the middle: names in a keystore differ at their ends.
 
     Raises ValueError if `limit` is not larger than the ellipsis. Shorten before escaping for markup.
     """
