@@ -1,0 +1,52 @@
+"""The dates of a grant as instants (xs:dateTime, W3C XML Schema Part 2, 3.2.7)."""
+
+from __future__ import annotations
+
+import re
+from datetime import datetime, timedelta, timezone
+
+_DATE_TIME = re.compile(
+    r"(?P<year>\d{4})-(?P<month>\d\d)-(?P<day>\d\d)"
+    r"T(?P<hour>\d\d):(?P<minute>\d\d):(?P<second>\d\d)(?:\.(?P<fraction>\d{1,9})\d*)?"
+    r"(?P<zone>Z|[+-]\d\d:\d\d)?"
+)
+
+
+def parse_instant(text: str) -> datetime | None:
+    """The instant that `text` names, aware UTC; without a zone it is UTC (what sros2 writes and `spec` reads).
+
+    None for whatever is no date of the years 1 to 9999 in the four-digit form: no implementation agrees on more.
+    """
+    match = _DATE_TIME.fullmatch(text)
+    if match is None:
+        return None
+    fraction = (match["fraction"] or "").ljust(6, "0")[:6]
+    midnight = match["hour"] == "24"
+    if midnight and (match["minute"], match["second"], fraction.strip("0")) != ("00", "00", ""):
+        return None
+    try:
+        instant = datetime(
+            int(match["year"]),
+            int(match["month"]),
+            int(match["day"]),
+            0 if midnight else int(match["hour"]),
+            int(match["minute"]),
+            int(match["second"]),
+            int(fraction or "0"),
+            tzinfo=timezone.utc,
+        )
+        return instant + timedelta(days=midnight) - _offset(match["zone"])
+    except (ValueError, OverflowError):
+        return None
+
+
+def _offset(zone: str | None) -> timedelta:
+    """The zone's distance from UTC. Raises ValueError beyond 14 hours, as xs:dateTime does."""
+    if zone in (None, "Z"):
+        return timedelta()
+    assert zone is not None
+    hours, minutes = int(zone[1:3]), int(zone[4:6])
+    if minutes > 59 or hours * 60 + minutes > 14 * 60:
+        raise ValueError(zone)
+    offset = timedelta(hours=hours, minutes=minutes)
+    return -offset if zone[0] == "-" else offset

@@ -1,0 +1,28 @@
+"""A counterexample in the user's names."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """One thing that makes the counterexample possible, and the line that says so.
+
+    `channel`: what is meant, in words (`domain 0, topic rt/chatter`); `witness`: a concrete DDS topic name (or enclave,
+    certificate or document) of it. `path` and `line` as in `findings.Location`.
+    """
+
+    enclave: str | None
+    channel: str | None
+    witness: str
+    path: str | None
+    line: int | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Counterexample:
+    """`text` is one sentence for people; untrusted names in it are not escaped yet."""
+
+    text: str
+    steps: tuple[Step, ...]

@@ -1,0 +1,62 @@
+"""What the engines said of a property, per profile, and what became of each engine."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+from keystore_audit.properties.counterexample import Counterexample
+from keystore_audit.properties.property import Property, Status
+
+
+class EngineStatus(str, Enum):
+    """What became of an engine; only OK engines have answered."""
+
+    OK = "ok"
+    MISSING = "missing"
+    FAILED = "failed"
+    TIMEOUT = "timeout"
+    OUT_OF_SCALE = "out_of_scale"
+    NOT_RUN = "not_run"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EngineRun:
+    """An engine and how it fared. `required`: it was asked for by name, or was started, so that its failure counts."""
+
+    name: str
+    version: str | None
+    status: EngineStatus
+    reason: str
+    required: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProfileResult:
+    """The answer under one profile: UNKNOWN unless every engine that ran gives the same answer in both readings."""
+
+    status: Status
+    engines: Mapping[str, Status]
+    counterexample: Counterexample | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PropertyResult:
+    """A property and its answer under each chosen profile (canonical names)."""
+
+    prop: Property
+    profiles: Mapping[str, ProfileResult]
+
+    @property
+    def status(self) -> Status:
+        """The worst over the profiles: unknown, then violated, then holds."""
+        statuses = {result.status for result in self.profiles.values()}
+        if Status.UNKNOWN in statuses or not statuses:
+            return Status.UNKNOWN
+        return Status.VIOLATED if Status.VIOLATED in statuses else Status.HOLDS
+
+    @property
+    def engines_agree(self) -> bool:
+        """Whether, under every profile, all engines that answered gave the same answer."""
+        return all(len(set(result.engines.values())) <= 1 for result in self.profiles.values())

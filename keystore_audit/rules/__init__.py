@@ -1,0 +1,1 @@
+"""Judges: the rules, and the severities that nothing else holds."""

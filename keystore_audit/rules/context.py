@@ -1,0 +1,29 @@
+"""What a rule may look at beside its subject."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.model.meaning import Meaning
+from keystore_audit.model.profiles import Profile
+from keystore_audit.properties.result import EngineRun, PropertyResult
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Context:
+    """The evidence, its meaning, the engines' answers and the options of this audit.
+
+    `at` is the audit instant (aware UTC), `expires_within` the notice for coming expiry, `deployed` whether the tree goes on a robot. `profiles`
+    are the chosen ones; findings about signers are judged under every known variant (`model.profiles.VARIANTS`).
+    """
+
+    keystore: Keystore
+    meaning: Meaning
+    results: tuple[PropertyResult, ...]
+    engines: tuple[EngineRun, ...]
+    at: datetime
+    expires_within: timedelta
+    deployed: bool
+    profiles: tuple[Profile, ...]

@@ -1,0 +1,101 @@
+"""How a rule is declared: its identity, clause and remedy stand next to the function that judges."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from inspect import cleandoc
+from typing import Any, Generic, TypeVar
+
+from keystore_audit.findings import Location, Severity
+from keystore_audit.rules.context import Context
+
+S = TypeVar("S")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Violation:
+    """What a rule found wrong with its subject.
+
+    `locations`: the primary place first. `severity`: where it depends on profile or option, else the rule's. `profiles`: canonical
+    variants that it holds for (empty: all). `undecided`: something stays unknown because of it, so the audit is incomplete. `key` tells apart
+    violations of one rule in one file and enclave; it holds no line numbers, so that the fingerprint survives reformatting.
+    """
+
+    message: str
+    locations: tuple[Location, ...]
+    enclave: str | None = None
+    severity: Severity | None = None
+    profiles: tuple[str, ...] = ()
+    undecided: bool = False
+    key: str = ""
+    remedy: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rule(Generic[S]):
+    """A registered rule. `explains`: ids of properties whose violation this rule's findings are a cause of."""
+
+    code: str
+    name: str
+    severity: Severity
+    on: type[S]
+    clause: str
+    remedy: str
+    explains: frozenset[str]
+    check: Callable[[S, Context], Iterator[Violation]] = field(repr=False)
+    applies: Callable[[S, Context], bool] = field(repr=False)
+
+    @property
+    def description(self) -> str:
+        """Why it matters, the clause, and what the check cannot know: the docstring of the function that judges."""
+        return cleandoc(self.check.__doc__ or "")
+
+    @property
+    def family(self) -> str:
+        """`KA1` … `KA9`."""
+        return self.code[:3]
+
+
+_CODES: set[str] = set()
+
+
+def _always(_subject: Any, _context: Context) -> bool:
+    return True
+
+
+def rule(
+    code: str,
+    name: str,
+    severity: Severity,
+    *,
+    on: type[S],
+    clause: str,
+    remedy: str,
+    explains: tuple[str, ...] = (),
+    applies: Callable[[S, Context], bool] = _always,
+) -> Callable[[Callable[[S, Context], Iterator[Violation]]], Rule[S]]:
+    """Registers a rule; mypy rejects a function for another subject than `on`.
+
+    Raises ValueError at import for a code or name that is taken, or a function without a docstring.
+    """
+
+    def register(check: Callable[[S, Context], Iterator[Violation]]) -> Rule[S]:
+        if code in _CODES or name in _CODES:
+            raise ValueError(f"rule {code} {name} is registered twice")
+        if not check.__doc__:
+            raise ValueError(f"rule {code} {name} has no docstring")
+        _CODES.update((code, name))
+        return Rule(
+            code=code,
+            name=name,
+            severity=severity,
+            on=on,
+            clause=clause,
+            remedy=remedy,
+            explains=frozenset(explains),
+            check=check,
+            applies=applies,
+        )
+
+    return register
