@@ -1,0 +1,54 @@
+"""What a keystore means: the systems both engines decide, who can start, and what stays unknown."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from keystore_audit.findings import Location
+from keystore_audit.model.system import System
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Usability:
+    """Whether a participant of the enclave would be created in some domain; None: cannot be told. Each reason is a sentence."""
+
+    usable: bool | None
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Doubt:
+    """Something that could not be read, so that it counts as able to do anything.
+
+    `enclave`: the enclave's path, None where it concerns several or an unnamed one.
+    """
+
+    enclave: str | None
+    location: Location
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UngovernedTopics:
+    """Topics of a governed domain that no topic rule matches; `witness` is one, `domains` for people."""
+
+    location: Location
+    domains: str
+    witness: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Meaning:
+    """The normalised model of a keystore at one instant.
+
+    `systems`: one for each kind of implementation among the chosen profiles and each reading (only MAY where there is no doubt, since
+    MUST is then equal). `usability`: by (enclave directory, canonical profile name). `over_budget`: why topic classes could not be
+    computed; there are no systems then.
+    """
+
+    systems: tuple[System, ...]
+    usability: Mapping[tuple[str, str], Usability]
+    doubts: tuple[Doubt, ...]
+    ungoverned: tuple[UngovernedTopics, ...]
+    over_budget: str | None

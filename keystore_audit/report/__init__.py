@@ -1,0 +1,1 @@
+"""Renders a finished report; computes nothing."""

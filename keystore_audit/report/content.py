@@ -1,0 +1,82 @@
+"""The finished report: a value that every format renders and none computes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from enum import Enum
+
+from keystore_audit.findings import Finding, Outcome, Severity
+from keystore_audit.model.meaning import Usability
+from keystore_audit.properties.result import EngineRun, PropertyResult
+
+
+class Verdict(str, Enum):
+    """The audit's answer: pass (exit code 0), fail (1), incomplete (4)."""
+
+    PASS = "pass"  # noqa: S105 - a verdict, not a password
+    FAIL = "fail"
+    INCOMPLETE = "incomplete"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EnclaveEntry:
+    """An enclave in the report; `subject` is its certificate's, None where unreadable. `profiles` by canonical name."""
+
+    path: str
+    directory: str
+    subject: str | None
+    profiles: Mapping[str, Usability]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scope:
+    """What was looked at, and what was not: the last lines of a report.
+
+    Counts of what was read; `rules`: how many rules ran; `not_checked`: sentences.
+    """
+
+    certificates: int
+    documents: int
+    channels: int
+    rules: int
+    not_checked: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Report:
+    """One audited keystore (interface contract: docs/reference.md, `schemas/report.schema.json`).
+
+    `at` and `safe_until` are aware UTC; `safe_until` is the first later instant at which a verdict or usability changes and `safe_until_why` says what
+    changes then. `fail_on` None: never. `findings` are sorted, worst first.
+    """
+
+    version: str
+    keystore: str
+    layout: str
+    digest: str
+    at: datetime
+    safe_until: datetime | None
+    safe_until_why: str
+    verdict: Verdict
+    exit_code: int
+    fail_on: Severity | None
+    weakened: tuple[str, ...]
+    assumptions: tuple[str, ...]
+    engines: tuple[EngineRun, ...]
+    engines_agree: bool | None
+    enclaves: tuple[EnclaveEntry, ...]
+    properties: tuple[PropertyResult, ...]
+    findings: tuple[Finding, ...]
+    outcomes: tuple[Outcome, ...]
+    scope: Scope
+
+    @property
+    def summary(self) -> dict[Severity, int]:
+        """Unsuppressed findings by severity, all five of them."""
+        counts = dict.fromkeys(Severity, 0)
+        for finding in self.findings:
+            if finding.suppressed is None:
+                counts[finding.severity] += 1
+        return counts
