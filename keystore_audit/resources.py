@@ -31,4 +31,4 @@ def _folder(name: str) -> Path:
     tree = _PACKAGE.parent
     if (tree / "pyproject.toml").is_file() and (tree / name).is_dir():
         return tree / name
-    raise AuditError(f"This installation is incomplete: {name!r} is neither at {installed} nor at {tree / name}.")
+    raise AuditError(f"Incomplete installation: {name!r} is neither at {installed} nor at {tree / name}.")

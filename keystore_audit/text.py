@@ -56,8 +56,8 @@ _HIDDEN_RANGES: Final = (
 )
 _HIDDEN: Final = re.compile("[" + "".join(f"{chr(low)}-{chr(high)}" for low, high in _HIDDEN_RANGES) + "]")
 _NOT_PRINTABLE_ASCII: Final = re.compile(r"[^ -~]")
-_MARKDOWN_PUNCTUATION: Final = re.compile(r"[!-.:-@\[-`{-~]")  # all of ASCII's but `/`: inert, and in every path
-_FORMULA_START: Final = frozenset("=+-@\uff1d\uff0b\uff0d\uff20")  # spreadsheets take the full-width forms too
+_MARKDOWN_PUNCTUATION: Final = re.compile(r"[!-.:-@\[-`{-~]")  # all of ASCII's but `/`, which is inert
+_FORMULA_START: Final = frozenset("=+-@\uff1d\uff0b\uff0d\uff20")  # full-width forms are taken too
 
 
 def _visible(match: re.Match[str]) -> str:
@@ -68,7 +68,7 @@ def _visible(match: re.Match[str]) -> str:
 
 
 def terminal(text: str) -> str:
-    r"""Return `text` as one line that cannot steer a terminal: hidden characters as `\x1b`, `\u202e` or the like.
+    r"""Return `text` as one line that steers no terminal: each hidden character as `\x1b`, `\u202e` or so.
 
     Hidden are C0, DEL, C1, every space but U+0020, bidi controls, zero-width and other ignorable characters,
     line and paragraph separators, lone surrogates and noncharacters. A backslash stays as it is, so escaping
@@ -93,8 +93,8 @@ def rich_markup(text: str) -> str:
 def markdown(text: str) -> str:
     """Return `text` as Markdown that renders as `terminal(text)`, in paragraphs, list items and table cells.
 
-    A backslash before each punctuation character (CommonMark 0.31, 2.4) leaves no link, image, HTML, emphasis,
-    code, heading, list, table border or autolink.
+    A backslash before each punctuation character (CommonMark 0.31, 2.4) leaves no link, image, HTML,
+    emphasis, code, heading, list, table border or autolink.
     """
     escaped = _MARKDOWN_PUNCTUATION.sub(r"\\\g<0>", terminal(text))
     if escaped.startswith(" "):  # four of them would begin a code block
@@ -103,7 +103,7 @@ def markdown(text: str) -> str:
 
 
 def html(text: str) -> str:
-    """Return `text` for HTML element content and quoted attribute values; never for scripts, styles or URLs."""
+    """Return `text` for HTML element content and quoted attribute values; not for scripts, styles or URLs."""
     return _html.escape(terminal(text), quote=True)
 
 
@@ -129,9 +129,9 @@ def alloy_comment(text: str) -> str:
 def percent_path(path: bytes | str) -> str:
     """Return a POSIX path relative to the keystore in the report's form (design section 5).
 
-    Valid UTF-8 stays; every other byte, `%` and the bytes of hidden characters become `%XX`. The result is safe
-    on a terminal, and `urllib.parse.unquote_to_bytes` gives the bytes back, so two files never share a name. A
-    `str` is taken as the operating system's interface gave it (`os.fsencode`).
+    Valid UTF-8 stays; every other byte, `%` and the bytes of hidden characters become `%XX`. The result is
+    safe on a terminal, and `urllib.parse.unquote_to_bytes` gives the bytes back, so two files never share a
+    name. A `str` is taken as the operating system's interface gave it (`os.fsencode`).
     """
     raw = path if isinstance(path, bytes) else _path_bytes(path)
     return _HIDDEN.sub(_percent, raw.replace(b"%", b"%25").decode("utf-8", "surrogateescape"))
@@ -149,7 +149,7 @@ def _percent(match: re.Match[str]) -> str:
 
 
 def shorten(text: str, limit: int, *, ellipsis: str = "…") -> str:
-    """Return `text` in at most `limit` characters, cut in the middle: names in a keystore differ at their ends.
+    """Return `text` in at most `limit` characters, cut in the middle, since names often differ at their ends.
 
     Raises ValueError if `limit` is not larger than the ellipsis. Shorten before escaping for markup.
     """
