@@ -77,9 +77,7 @@ class RealmAtom:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EnclaveAtom:
-    """An enclave. `opaque`: (MAY only) its identity could not be read, so it may be anybody.
-
-    """
+    """An enclave. `opaque`: (MAY only) its identity could not be read, so it may be anybody."""
 
     label: str
     location: Location

@@ -50,7 +50,9 @@ def envelope(signed: SignedDocument) -> Envelope:
     signers = [_signer(signature) for signature in signed.signatures]
     if not signers or None in signers:
         return Envelope(verdict=Verdict.REFUSED, signers=())
-    return Envelope(verdict=Verdict.ACCEPTED, signers=tuple(signer for signer in signers if signer is not None))
+    return Envelope(
+        verdict=Verdict.ACCEPTED, signers=tuple(signer for signer in signers if signer is not None)
+    )
 
 
 def _signer(signature: Signature) -> Certificate | None:

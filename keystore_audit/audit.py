@@ -1,0 +1,214 @@
+"""The pipeline: read, interpret, decide, judge, report."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Protocol
+
+from keystore_audit import __version__
+from keystore_audit.engine.alloy.facts import write_model
+from keystore_audit.engine.agreement import combine
+from keystore_audit.engine.engines import run_engines
+from keystore_audit.engine.horizon import horizon
+from keystore_audit.errors import BudgetExceeded
+from keystore_audit.findings import Finding, Outcome, Result, Severity
+from keystore_audit.keystore.keystore import Keystore, read_keystore
+from keystore_audit.model.interpret import interpret
+from keystore_audit.model.meaning import Meaning
+from keystore_audit.model.profiles import Profile, resolve
+from keystore_audit.properties import Status
+from keystore_audit.properties.result import EngineRun, EngineStatus, PropertyResult
+from keystore_audit.report.content import EnclaveEntry, Report, Scope, Verdict
+from keystore_audit.rules import RULES
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.judge import judge
+
+ASSUMPTIONS = (
+    "ROS_SECURITY_ENABLE=true and ROS_SECURITY_STRATEGY=Enforce on every robot: with Permissive, an enclave "
+    "that fails to load starts unsecured.",
+    "Every participant announces its enclave's name in clear, and the handshake shows its whole permissions "
+    "document to anybody who listens (DDS-Security 1.1, 8.3 and 9.3.2).",
+)
+"""What every verdict rests on; said first in every report."""
+
+NOT_CHECKED = (
+    "What differs between implementations beyond who may sign: rules, domains, partitions, defaults and dates are read as "
+    "DDS-Security 1.1 has them, for every profile.",
+    "Flows through several enclaves, and flows by timing, acknowledgements or matching.",
+    "The policy that the keystore was generated from, and the nodes that will use it.",
+)
+"""What this version does not look at."""
+
+
+class Progress(Protocol):
+    """Told how far an audit is."""
+
+    def stage(self, name: str) -> None:
+        """A new stage begins."""
+
+    def enclaves(self, done: int, total: int) -> None:
+        """So many enclaves are read."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """What an audit is asked (interface contract: docs/reference.md). `at` is aware UTC; `fail_on` None: never."""
+
+    at: datetime
+    at_given: bool = False
+    profiles: tuple[str, ...] = ()
+    domain: int | None = None
+    engine: str = "auto"
+    offline: bool = False
+    alloy_jar: Path | None = None
+    timeout: float = 120.0
+    fail_on: Severity | None = Severity.HIGH
+    expires_within: timedelta = timedelta(days=30)
+    deployed: bool = False
+    select: tuple[str, ...] = field(default=())
+    ignore: tuple[str, ...] = field(default=())
+
+
+def audit(path: str | os.PathLike[str], options: Options, *, progress: Progress | None = None) -> Report:
+    """Audits the keystore at `path`.
+
+    Raises errors.NothingToAudit where there is none, errors.UsageError for an unknown profile. Whatever is wrong with the keystore
+    or an engine is in the report.
+    """
+    profiles = resolve(options.profiles)
+    keystore = read_keystore(path, progress=progress.enclaves if progress else None)
+    if progress:
+        progress.stage("working out what the documents mean")
+    meaning = interpret(keystore, profiles, options.at, domain=options.domain)
+    runs, answers = run_engines(
+        meaning.systems,
+        choice=options.engine,
+        jar=options.alloy_jar,
+        offline=options.offline,
+        timeout=options.timeout,
+        stage=progress.stage if progress else None,
+    )
+    results = combine(meaning.systems, answers, [profile.name for profile in profiles])
+    context = Context(
+        keystore=keystore,
+        meaning=meaning,
+        results=results,
+        engines=runs,
+        at=options.at,
+        expires_within=options.expires_within,
+        deployed=options.deployed,
+        profiles=profiles,
+    )
+    judgement = judge(context, select=options.select, ignore=options.ignore)
+    return _report(
+        keystore, meaning, profiles, results, runs, judgement.findings, judgement.outcomes, options
+    )
+
+
+def _report(
+    keystore: Keystore,
+    meaning: Meaning,
+    profiles: Sequence[Profile],
+    results: tuple[PropertyResult, ...],
+    runs: tuple[EngineRun, ...],
+    findings: tuple[Finding, ...],
+    outcomes: tuple[Outcome, ...],
+    options: Options,
+) -> Report:
+    complete = (
+        bool(results)
+        and not meaning.doubts
+        and meaning.over_budget is None
+        and all(run.status is EngineStatus.OK for run in runs if run.required)
+        and all(result.status is not Status.UNKNOWN for result in results)
+        and all(outcome.outcome is not Result.OPEN for outcome in outcomes)
+    )
+    verdict, exit_code = _verdict(findings, options.fail_on, complete=complete)
+    safe = horizon(keystore, meaning.systems, profiles, options.at, options.domain)
+    answered = [run for run in runs if run.status is EngineStatus.OK]
+    return Report(
+        version=__version__,
+        keystore=keystore.root,
+        layout=keystore.layout.kind.value,
+        digest=keystore.digest,
+        at=options.at,
+        safe_until=safe.instant,
+        safe_until_why=safe.why,
+        verdict=verdict,
+        exit_code=exit_code,
+        fail_on=options.fail_on,
+        weakened=_weakened(options),
+        assumptions=ASSUMPTIONS,
+        engines=runs,
+        engines_agree=all(result.engines_agree for result in results) if len(answered) > 1 else None,
+        enclaves=_enclaves(keystore, meaning, profiles),
+        properties=results,
+        findings=findings,
+        outcomes=outcomes,
+        scope=_scope(keystore, meaning),
+    )
+
+
+def _verdict(findings: Sequence[Finding], fail_on: Severity | None, *, complete: bool) -> tuple[Verdict, int]:
+    """Incomplete outranks fail: what could not be decided is never a pass, and hides nothing that was found."""
+    if not complete:
+        return Verdict.INCOMPLETE, 4
+    failing = fail_on is not None and any(
+        finding.suppressed is None and finding.severity.at_least(fail_on) for finding in findings
+    )
+    return (Verdict.FAIL, 1) if failing else (Verdict.PASS, 0)
+
+
+def _weakened(options: Options) -> tuple[str, ...]:
+    """What makes this gate laxer than the default one."""
+    weakened = []
+    if options.fail_on is None or not Severity.HIGH.at_least(options.fail_on):
+        weakened.append(f"--fail-on {options.fail_on.value if options.fail_on else 'never'}")
+    weakened += [f"--ignore {code}" for code in options.ignore]
+    weakened += [f"--select {code}" for code in options.select]
+    if options.at_given:
+        weakened.append(f"--at {options.at:%Y-%m-%dT%H:%M:%SZ}")
+    return tuple(weakened)
+
+
+def _enclaves(keystore: Keystore, meaning: Meaning, profiles: Sequence[Profile]) -> tuple[EnclaveEntry, ...]:
+    entries = []
+    for enclave in keystore.enclaves:
+        first = enclave.certificate.first if enclave.certificate else None
+        directory = enclave.files.directory
+        entries.append(
+            EnclaveEntry(
+                path=enclave.path,
+                directory=directory,
+                subject=first.subject if first else None,
+                profiles={p.name: meaning.usability[directory, p.name] for p in profiles},
+            )
+        )
+    return tuple(entries)
+
+
+def _scope(keystore: Keystore, meaning: Meaning) -> Scope:
+    system = meaning.systems[0] if meaning.systems else None
+    return Scope(
+        certificates=len(system.certificates) if system else 0,
+        documents=len(system.documents) if system else 0,
+        channels=len(system.channels) if system else 0,
+        rules=len(RULES),
+        not_checked=NOT_CHECKED,
+    )
+
+
+def export_model(path: str | os.PathLike[str], directory: Path, options: Options) -> None:
+    """Writes the Alloy model of the keystore into `directory`, ready for the Alloy Analyzer.
+
+    Raises errors.NothingToAudit, errors.UsageError (unknown profile, directory not writable) or errors.BudgetExceeded.
+    """
+    keystore = read_keystore(path)
+    meaning = interpret(keystore, resolve(options.profiles), options.at, domain=options.domain)
+    if meaning.over_budget is not None:
+        raise BudgetExceeded(meaning.over_budget)
+    write_model(meaning.systems, directory)

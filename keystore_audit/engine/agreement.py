@@ -1,0 +1,81 @@
+"""Brings the answers of both engines, both readings and all kinds of implementation together, failing closed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from keystore_audit.engine.counterexample import describe
+from keystore_audit.model.system import Reading, System
+from keystore_audit.properties import PROPERTIES, Answer, Status
+from keystore_audit.properties.counterexample import Counterexample
+from keystore_audit.properties.property import Property
+from keystore_audit.properties.result import ProfileResult, PropertyResult
+
+Decide = Callable[[System], Mapping[str, Answer]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EngineAnswers:
+    """What one engine said of each system, parallel to the systems asked."""
+
+    engine: str
+    answers: tuple[Mapping[str, Answer], ...]
+
+
+def combine(
+    systems: Sequence[System], engines: Sequence[EngineAnswers], profiles: Sequence[str]
+) -> tuple[PropertyResult, ...]:
+    """The result of every property under every profile.
+
+    A status is HOLDS or VIOLATED only where at least one engine answered and all that did say so in both readings.
+    """
+    kinds = {profile: _kind(systems, profile) for profile in profiles}
+    shared: dict[tuple[str, tuple[int, ...]], ProfileResult] = {}
+    results = []
+    for prop in PROPERTIES:
+        by_profile: dict[str, ProfileResult] = {}
+        for profile, kind in kinds.items():
+            key = (prop.id, kind)
+            if key not in shared:
+                shared[key] = _result(prop, kind, systems, engines)
+            by_profile[profile] = shared[key]
+        results.append(PropertyResult(prop=prop, profiles=by_profile))
+    return tuple(results)
+
+
+def _kind(systems: Sequence[System], profile: str) -> tuple[int, ...]:
+    """The systems that say how `profile` reads the keystore."""
+    return tuple(number for number, system in enumerate(systems) if profile in system.profiles)
+
+
+def _result(
+    prop: Property, kind: tuple[int, ...], systems: Sequence[System], engines: Sequence[EngineAnswers]
+) -> ProfileResult:
+    statuses = {
+        engine.engine: _both_readings([engine.answers[number][prop.id].status for number in kind])
+        for engine in engines
+    }
+    distinct = set(statuses.values())
+    status = distinct.pop() if len(distinct) == 1 else Status.UNKNOWN
+    return ProfileResult(
+        status=status, engines=statuses, counterexample=_counterexample(prop, kind, systems, engines)
+    )
+
+
+def _both_readings(statuses: Sequence[Status]) -> Status:
+    """One status where all readings agree, else unknown; unknown as well where there is none."""
+    return statuses[0] if statuses and len(set(statuses)) == 1 else Status.UNKNOWN
+
+
+def _counterexample(
+    prop: Property, kind: tuple[int, ...], systems: Sequence[System], engines: Sequence[EngineAnswers]
+) -> Counterexample | None:
+    """A counterexample in the user's names: from the MUST reading where it has one, since that is certain."""
+    certain_first = sorted(kind, key=lambda number: systems[number].reading is Reading.MAY)
+    for number in certain_first:
+        for engine in engines:
+            witnesses = engine.answers[number][prop.id].witnesses
+            if witnesses:
+                return describe(systems[number], prop, witnesses[0])
+    return None

@@ -1,0 +1,83 @@
+"""Runs the engines that were asked for; an engine that did not answer is recorded, never taken for an answer."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from keystore_audit.engine import native
+from keystore_audit.engine.agreement import EngineAnswers
+from keystore_audit.engine.alloy.install import locate
+from keystore_audit.engine.alloy.runner import decide_many
+from keystore_audit.errors import EngineError, EngineMissing, EngineOutOfScale, EngineTimeout
+from keystore_audit.model.system import System
+from keystore_audit.properties.property import Answer
+from keystore_audit.properties.result import EngineRun, EngineStatus
+
+CHOICES = ("auto", "both", "alloy", "native")
+"""`auto`: both, and native alone where Alloy cannot be had at all."""
+
+
+def run_engines(
+    systems: Sequence[System],
+    *,
+    choice: str,
+    jar: Path | None,
+    offline: bool,
+    timeout: float,
+    stage: Callable[[str], None] | None,
+) -> tuple[tuple[EngineRun, ...], tuple[EngineAnswers, ...]]:
+    """How each engine fared, and the answers of those that did. `timeout` in seconds, of the solver."""
+    runs: list[EngineRun] = []
+    answers: list[EngineAnswers] = []
+    if choice == "native":
+        runs.append(_not_run("alloy", "--engine native"))
+    else:
+        run, found = _alloy(systems, choice=choice, jar=jar, offline=offline, timeout=timeout, stage=stage)
+        runs.append(run)
+        if found is not None:
+            answers.append(EngineAnswers(engine="alloy", answers=tuple(found)))
+    if choice == "alloy":
+        runs.append(_not_run("native", "--engine alloy"))
+    else:
+        answers.append(EngineAnswers(engine="native", answers=tuple(native.decide(s) for s in systems)))
+        runs.append(EngineRun(name="native", version=None, status=EngineStatus.OK, reason="", required=True))
+    return tuple(runs), tuple(answers)
+
+
+def _alloy(
+    systems: Sequence[System],
+    *,
+    choice: str,
+    jar: Path | None,
+    offline: bool,
+    timeout: float,
+    stage: Callable[[str], None] | None,
+) -> tuple[EngineRun, Sequence[Mapping[str, Answer]] | None]:
+    """Alloy's answers, or why there are none. Once it was found or asked for by name, its failure counts."""
+    asked = choice in ("alloy", "both") or jar is not None
+    version: str | None = None
+    try:
+        engine = locate(jar, offline=offline, ci=bool(os.environ.get("CI")), progress=stage)
+        version = engine.version
+        if stage:
+            stage("asking the Alloy Analyzer")
+        found = decide_many(systems, java=engine.java, jar=engine.jar, timeout=timeout)
+    except EngineMissing as error:
+        return _failed(EngineStatus.MISSING, version, error, required=asked), None
+    except EngineOutOfScale as error:
+        return _failed(EngineStatus.OUT_OF_SCALE, version, error, required=asked), None
+    except EngineTimeout as error:
+        return _failed(EngineStatus.TIMEOUT, version, error, required=True), None
+    except EngineError as error:
+        return _failed(EngineStatus.FAILED, version, error, required=True), None
+    return EngineRun(name="alloy", version=version, status=EngineStatus.OK, reason="", required=True), found
+
+
+def _failed(status: EngineStatus, version: str | None, error: EngineError, *, required: bool) -> EngineRun:
+    return EngineRun(name="alloy", version=version, status=status, reason=error.message, required=required)
+
+
+def _not_run(name: str, reason: str) -> EngineRun:
+    return EngineRun(name=name, version=None, status=EngineStatus.NOT_RUN, reason=reason, required=False)

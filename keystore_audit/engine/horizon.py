@@ -1,0 +1,98 @@
+"""How long an audit's answers stay true: "safe until" (design section 3)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from keystore_audit.engine import native
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.model.interpret import usability_by_profile
+from keystore_audit.model.meaning import Usability
+from keystore_audit.model.profiles import Profile
+from keystore_audit.model.system import System
+from keystore_audit.properties import Status
+
+MAX_MOMENTS = 64
+"""Validity boundaries that are looked at. Beyond, the horizon is the last one looked at: earlier than the truth, never later."""
+
+_TICK = timedelta(seconds=1)
+"""X.509 dates have a resolution of one second (RFC 5280, 4.1.2.5): a certificate is void one second after notAfter."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Horizon:
+    """The first later instant at which a verdict or a usability changes, and what changes; None: never."""
+
+    instant: datetime | None
+    why: str
+
+
+def horizon(
+    keystore: Keystore,
+    systems: Sequence[System],
+    profiles: Sequence[Profile],
+    at: datetime,
+    domain: int | None,
+) -> Horizon:
+    """Looks at each validity boundary after `at` in turn, with the native engine."""
+    if not systems:
+        return Horizon(instant=at, why="nothing could be decided")
+    usable = usability_by_profile(keystore, profiles, at, domain=domain)
+    answers = [_statuses(system, None) for system in systems]
+    instant: datetime | None = None
+    for count, (moment, instant) in enumerate(_moments(keystore, systems[0], at)):
+        if count == MAX_MOMENTS:
+            return Horizon(instant=instant, why="later dates were not looked at")
+        why = _usability_change(usable, usability_by_profile(keystore, profiles, instant, domain=domain))
+        for system, before in zip(systems, answers, strict=True):
+            why = why or _status_change(before, _statuses(system, moment))
+        if why:
+            return Horizon(instant=instant, why=why)
+    return Horizon(instant=None, why="no date in the keystore changes anything")
+
+
+def _moments(keystore: Keystore, system: System, at: datetime) -> Iterator[tuple[int, datetime]]:
+    """Every boundary after `at`, as a moment of the system and as an instant, in order.
+
+    Revocation lists have no instants in the system: they are void one second after nextUpdate.
+    """
+    found: dict[datetime, int] = {}
+    for index, instant in enumerate(system.instants):
+        if index > system.now:
+            found.setdefault(instant, 2 * index)
+        if index >= system.now:
+            found.setdefault(instant + _TICK, 2 * index + 1)
+    for enclave in keystore.enclaves:
+        for revocations in enclave.crl.revocation_lists if enclave.crl else ():
+            if revocations.next_update is not None and revocations.next_update >= at:
+                later = revocations.next_update + _TICK
+                before = sum(1 for instant in system.instants if instant <= later)
+                found.setdefault(later, 2 * before - 1)
+    for instant in sorted(found):
+        yield found[instant], instant
+
+
+def _statuses(system: System, moment: int | None) -> dict[str, Status]:
+    return {property_id: answer.status for property_id, answer in native.decide(system, moment).items()}
+
+
+def _usability_change(
+    before: Mapping[tuple[str, str], Usability], after: Mapping[tuple[str, str], Usability]
+) -> str:
+    changed = sorted(
+        {directory for (directory, profile), was in before.items() if after[directory, profile] != was}
+    )
+    if not changed:
+        return ""
+    reason = next(
+        (r for (d, _p), now in after.items() if d == changed[0] for r in now.reasons), "it starts again"
+    )
+    more = f" and {len(changed) - 1} more" if len(changed) > 1 else ""
+    return f"{changed[0]}{more}: {reason}"
+
+
+def _status_change(before: Mapping[str, Status], after: Mapping[str, Status]) -> str:
+    changed = [property_id for property_id, status in before.items() if after[property_id] is not status]
+    return f"{changed[0]}: {after[changed[0]].value}" if changed else ""

@@ -1,0 +1,199 @@
+"""The native engine: the properties over the model in `keystore_audit.model`, in Python.
+
+Independent of Alloy, which decides the same questions from the same `System` with rules of its own (docs/model.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.permission import Permissions, members
+from keystore_audit.model.system import System
+from keystore_audit.properties import PROPERTIES, Answer, Role, Status, Witness
+from keystore_audit.properties import access_control, authentication, encryption
+from keystore_audit.properties.property import Property
+
+MAX_WITNESSES = 1000
+"""Witnesses kept for each property: a report shows one and says how many more; a thousand are more than anybody reads."""
+
+
+class NativeEngine:
+    """Answers every property about one system."""
+
+    def __init__(self, system: System, moment: int | None = None) -> None:
+        self._system = system
+        self._permissions = Permissions(system, moment)
+        self._realms = [RealmView(system, realm, self._permissions) for realm in range(len(system.realms))]
+
+    def decide(self) -> dict[str, Answer]:
+        """The answer to each property, by id. A witness is given for each violating assignment, up to MAX_WITNESSES."""
+        return {prop.id: self._answer(prop) for prop in PROPERTIES}
+
+    def _answer(self, prop: Property) -> Answer:
+        witnesses: list[Witness] = []
+        for witness in _QUESTIONS[prop.id](self):
+            witnesses.append(witness)
+            if len(witnesses) == MAX_WITNESSES:
+                break
+        status = Status.VIOLATED if witnesses else Status.HOLDS
+        return Answer(property_id=prop.id, status=status, witnesses=tuple(witnesses))
+
+    def unauthenticated_joins(self) -> Iterator[Witness]:
+        """Domains that an unauthenticated participant can join."""
+        for realm, view in enumerate(self._realms):
+            for domain in members(view.protection.unauthenticated):
+                yield {Role.REALM: realm, Role.DOMAIN: domain}
+
+    def unvouched_identities(self) -> Iterator[Witness]:
+        """Enclaves whose identity nobody vouches for now."""
+        for enclave, atom in enumerate(self._system.enclaves):
+            known = atom.identity is not None and self._realms[atom.realm].authenticated(
+                enclave, in_force=True
+            )
+            if atom.opaque or (atom.identity is not None and not known):
+                yield {Role.ENCLAVE: enclave}
+
+    def unsigned_documents(self) -> Iterator[Witness]:
+        """Documents in use that the permissions CA did not sign, or is not in force to."""
+        for enclave, atom in enumerate(self._system.enclaves):
+            view = self._realms[atom.realm]
+            used = {atom.permissions, self._system.realms[atom.realm].governance} - {None}
+            for document in sorted(number for number in used if number is not None):
+                signers = [self._system.certificates[s] for s in self._system.documents[document].signers]
+                if document not in view.genuine or not all(
+                    self._permissions.in_force(s.not_before, s.not_after) for s in signers
+                ):
+                    yield {Role.ENCLAVE: enclave, Role.DOCUMENT: document}
+
+    def shared_identities(self) -> Iterator[Witness]:
+        """Pairs of enclaves with one identity key."""
+        holders: dict[int, list[int]] = {}
+        opaque: list[int] = []
+        for enclave, atom in enumerate(self._system.enclaves):
+            if atom.identity is not None:
+                holders.setdefault(self._system.certificates[atom.identity].key, []).append(enclave)
+            if atom.opaque:
+                opaque.append(enclave)
+        for sharing in holders.values():
+            for one in sharing:
+                for other in sharing:
+                    if one != other:
+                        yield {Role.ENCLAVE: one, Role.OTHER: other}
+        for one in opaque:
+            for other in range(len(self._system.enclaves)):
+                if one != other:
+                    yield {Role.ENCLAVE: one, Role.OTHER: other}
+
+    def self_granted_rights(self) -> Iterator[Witness]:
+        """Enclaves that peers take permissions from which the permissions CA did not sign."""
+        for realm, view in enumerate(self._realms):
+            foreign = view.accepted - view.genuine
+            for enclave, atom in enumerate(self._system.enclaves):
+                if atom.permissions in foreign or view.self_granting(enclave):
+                    yield {Role.REALM: realm, Role.ENCLAVE: enclave}
+
+    def readable_outside(self) -> Iterator[Witness]:
+        """Channels whose payload is readable without any key."""
+        for realm, view in enumerate(self._realms):
+            p = view.protection
+            clear = ~(p.rtps_encrypts | p.metadata_encrypts | p.data_encrypts) & p.governed
+            yield from _channels(realm, clear and clear & self._used(view, RealmView.may_write))
+
+    def names_outside(self) -> Iterator[Witness]:
+        """Channels whose topic name is readable in discovery without any key."""
+        for realm, view in enumerate(self._realms):
+            p = view.protection
+            clear = ~(p.rtps_encrypts | p.discovery_hidden) & p.governed
+            used = clear and self._used(view, RealmView.may_write) | self._used(view, RealmView.may_read)
+            yield from _channels(realm, clear & used)
+
+    def injectable_outside(self) -> Iterator[Witness]:
+        """Channels on which a reader takes samples made without any key."""
+        for realm, view in enumerate(self._realms):
+            p = view.protection
+            clear = ~(p.rtps_authenticates | p.metadata_authenticates | p.data_authenticates) & p.governed
+            yield from _channels(realm, clear and clear & self._used(view, RealmView.may_read))
+
+    def _used(self, view: RealmView, capability: Callable[[RealmView, int], int]) -> int:
+        """Channels on which some enclave has the capability."""
+        used = 0
+        for enclave in range(len(self._system.enclaves)):
+            used |= capability(view, enclave)
+        return used
+
+    def unenforced_grants(self) -> Iterator[Witness]:
+        """Channels with a grant that the governance does not make peers ask for."""
+        for realm, view in enumerate(self._realms):
+            p = view.protection
+            published, subscribed = 0, 0
+            for enclave in range(len(self._system.enclaves)):
+                published |= view.granted(enclave, Operation.PUBLISH)
+                subscribed |= view.granted(enclave, Operation.SUBSCRIBE)
+            joinable = 0
+            for domain, within in enumerate(self._permissions.channels_in):
+                if not p.join_controlled >> domain & 1:
+                    joinable |= within
+            loose = (
+                (published & ~p.write_controlled)
+                | (subscribed & ~p.read_controlled)
+                | ((published | subscribed) & joinable)
+            )
+            yield from _channels(realm, loose & p.governed)
+
+    def ungranted_writes(self) -> Iterator[Witness]:
+        """Enclaves that write, or forge without being a granted reader, where no grant lets them."""
+        for realm, view in enumerate(self._realms):
+            for enclave in range(len(self._system.enclaves)):
+                forged = view.forges(enclave) & ~view.granted(enclave, Operation.SUBSCRIBE)
+                able = view.may_write(enclave) | forged
+                yield from _channels(realm, able & ~view.granted(enclave, Operation.PUBLISH), enclave)
+
+    def ungranted_reads(self) -> Iterator[Witness]:
+        """Enclaves that read where no grant lets them."""
+        for realm, view in enumerate(self._realms):
+            for enclave in range(len(self._system.enclaves)):
+                able = view.may_read(enclave) | view.overhears(enclave)
+                yield from _channels(realm, able & ~view.granted(enclave, Operation.SUBSCRIBE), enclave)
+
+    def forging_readers(self) -> Iterator[Witness]:
+        """Granted readers that can pass for another writer of the topic."""
+        for realm, view in enumerate(self._realms):
+            once, twice = 0, 0
+            for enclave in range(len(self._system.enclaves)):
+                writes = view.may_write(enclave)
+                once, twice = once | writes, twice | (once & writes)
+            for enclave in range(len(self._system.enclaves)):
+                own = view.may_write(enclave)
+                others = twice | (once & ~own)
+                able = view.forges(enclave) & view.granted(enclave, Operation.SUBSCRIBE) & others & ~own
+                yield from _channels(realm, able & ~view.granted(enclave, Operation.PUBLISH), enclave)
+
+
+def _channels(realm: int, channels: int, enclave: int | None = None) -> Iterator[Witness]:
+    """A witness for each channel of the set."""
+    for channel in members(channels):
+        witness = {Role.REALM: realm, Role.CHANNEL: channel}
+        yield witness if enclave is None else {**witness, Role.ENCLAVE: enclave}
+
+
+_QUESTIONS: Mapping[str, Callable[[NativeEngine], Iterator[Witness]]] = {
+    authentication.ONLY_AUTHENTICATED_JOIN.id: NativeEngine.unauthenticated_joins,
+    authentication.IDENTITIES_CHAIN.id: NativeEngine.unvouched_identities,
+    authentication.DOCUMENTS_SIGNED.id: NativeEngine.unsigned_documents,
+    authentication.NO_SHARED_IDENTITY.id: NativeEngine.shared_identities,
+    authentication.NO_SELF_GRANTED_RIGHTS.id: NativeEngine.self_granted_rights,
+    encryption.OUTSIDERS_CANNOT_READ.id: NativeEngine.readable_outside,
+    encryption.OUTSIDERS_CANNOT_LEARN_NAMES.id: NativeEngine.names_outside,
+    encryption.OUTSIDERS_CANNOT_INJECT.id: NativeEngine.injectable_outside,
+    access_control.GRANTS_ARE_ENFORCED.id: NativeEngine.unenforced_grants,
+    access_control.NOBODY_WRITES_WITHOUT_A_GRANT.id: NativeEngine.ungranted_writes,
+    access_control.NOBODY_READS_WITHOUT_A_GRANT.id: NativeEngine.ungranted_reads,
+    access_control.READERS_CANNOT_FORGE.id: NativeEngine.forging_readers,
+}
+
+
+def decide(system: System, moment: int | None = None) -> dict[str, Answer]:
+    """The answer to each property about `system`, by property id, at `moment` (see `permission.Permissions`)."""
+    return NativeEngine(system, moment).decide()

@@ -1,0 +1,174 @@
+"""What peers accept from an enclave, and what its keys let it do beyond its rights (docs/model.md).
+
+Everything is asked of a realm: the verdict of a peer depends on nothing else.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.permission import Permissions
+from keystore_audit.model.protection import Protection, open_protection, protection
+from keystore_audit.model.system import System
+
+
+class RealmView:
+    """How the peers of one realm see every enclave. Sets of channels and domains are bit sets."""
+
+    def __init__(self, system: System, realm: int, permissions: Permissions) -> None:
+        self._system = system
+        self._realm = system.realms[realm]
+        self._permissions = permissions
+        governance = self._realm.governance
+        self.open = governance is not None and system.documents[governance].opaque
+        self._any_opaque = any(document.opaque for document in system.documents)
+        self._rights: dict[tuple[int, Operation, bool], int] = {}
+
+    def vouched(self, pool: frozenset[int], certificate: int, *, in_force: bool) -> bool:
+        """Whether an authority among `pool`, within its validity if `in_force`, issued the certificate, within its own."""
+        subject = self._system.certificates[certificate]
+        if in_force and not self._permissions.in_force(subject.not_before, subject.not_after):
+            return False
+        for number in subject.issuers & pool:
+            issuer = self._system.certificates[number]
+            if issuer.authority and (
+                not in_force or self._permissions.in_force(issuer.not_before, issuer.not_after)
+            ):
+                return True
+        return False
+
+    def authenticated(self, enclave: int, *, in_force: bool = False) -> bool:
+        """Whether peers take the enclave for one of theirs."""
+        atom = self._system.enclaves[enclave]
+        if self.open or atom.opaque:
+            return True
+        return (
+            atom.identity is not None
+            and atom.identity not in self._realm.revoked
+            and self.vouched(self._realm.identity_ca, atom.identity, in_force=in_force)
+        )
+
+    @cached_property
+    def genuine(self) -> frozenset[int]:
+        """Documents that the permissions CA itself signed."""
+        return frozenset(
+            number
+            for number, document in enumerate(self._system.documents)
+            if document.intact and document.signers and document.signers <= self._realm.permissions_ca
+        )
+
+    @cached_property
+    def accepted(self) -> frozenset[int]:
+        """Documents that peers take, opaque ones among them."""
+        return frozenset(
+            number
+            for number, document in enumerate(self._system.documents)
+            if document.opaque
+            or (document.intact and document.signers and all(self._may_sign(s) for s in document.signers))
+        )
+
+    def _may_sign(self, certificate: int) -> bool:
+        if certificate in self._realm.permissions_ca:
+            return True
+        return not self._system.pins_signer and self._fit_leaf(certificate)
+
+    def _fit_leaf(self, certificate: int) -> bool:
+        return self._system.certificates[certificate].fit_to_sign and self.vouched(
+            self._realm.permissions_ca, certificate, in_force=False
+        )
+
+    def self_granting(self, enclave: int) -> bool:
+        """Whether the enclave can sign permissions for itself that peers take."""
+        atom = self._system.enclaves[enclave]
+        if not self.authenticated(enclave):
+            return False
+        if atom.opaque:
+            return True
+        return not self._system.pins_signer and atom.identity is not None and self._fit_leaf(atom.identity)
+
+    @cached_property
+    def protection(self) -> Protection:
+        """What the realm's governance protects."""
+        if self.open:
+            return open_protection(self._permissions)
+        governance = self._realm.governance
+        applies = governance is not None and governance in self.accepted
+        return protection(self._system, governance if applies else None, self._permissions)
+
+    def granted(self, enclave: int, operation: Operation) -> int:
+        """Channels for which the permissions CA gave the enclave the right."""
+        return self._right(enclave, operation, genuine=True)
+
+    def presentable(self, enclave: int, operation: Operation) -> int:
+        """Channels for which the enclave can present a document that peers take."""
+        atom = self._system.enclaves[enclave]
+        if self._any_opaque or atom.opaque or self.self_granting(enclave):
+            return self._permissions.all_channels
+        return self._right(enclave, operation, genuine=False)
+
+    def _right(self, enclave: int, operation: Operation, *, genuine: bool) -> int:
+        key = (enclave, operation, genuine)
+        if key not in self._rights:
+            documents = self.genuine if genuine else self.accepted
+            allowed = 0
+            for grant in self._permissions.chosen(self._system.enclaves[enclave].identity, documents):
+                allowed |= self._permissions.allowed(grant, operation)
+            self._rights[key] = allowed
+        return self._rights[key]
+
+    def joined(self, enclave: int) -> int:
+        """Domains that the enclave can join."""
+        if self.open:
+            return self._permissions.all_domains
+        if not self.authenticated(enclave):
+            return 0
+        atom = self._system.enclaves[enclave]
+        if self._any_opaque or atom.opaque or self.self_granting(enclave):
+            return self.protection.ruled
+        joined = ~self.protection.join_controlled
+        for grant in self._permissions.chosen(atom.identity, self.accepted):
+            joined |= self._permissions.joins(grant)
+        return self.protection.ruled & joined
+
+    def reach(self, enclave: int) -> int:
+        """Governed channels of the domains that the enclave can join."""
+        joined, channels = self.joined(enclave), 0
+        for domain, within in enumerate(self._permissions.channels_in):
+            if joined >> domain & 1:
+                channels |= within
+        return channels & self.protection.governed
+
+    def may_write(self, enclave: int) -> int:
+        """Channels on which peers take the enclave's samples as those of a permitted writer."""
+        free = ~self.protection.write_controlled
+        return self.reach(enclave) & (free | self.presentable(enclave, Operation.PUBLISH))
+
+    def may_read(self, enclave: int) -> int:
+        """Channels on which peers give the enclave their samples and keys."""
+        free = ~self.protection.read_controlled
+        return self.reach(enclave) & (free | self.presentable(enclave, Operation.SUBSCRIBE))
+
+    def relays(self, enclave: int) -> int:
+        """Channels on which peers give the enclave the submessage keys, though not those of the payload."""
+        return self.reach(enclave) & self.presentable(enclave, Operation.RELAY)
+
+    def overhears(self, enclave: int) -> int:
+        """Channels whose payload the enclave reads with the keys of any participant or of a relay."""
+        p = self.protection
+        return self.reach(enclave) & ~p.data_encrypts & (~p.metadata_encrypts | self.relays(enclave))
+
+    def forges(self, enclave: int) -> int:
+        """Channels on which the enclave holds every key that a writer's samples are authenticated with.
+
+        DDS-Security 1.1, 9.5.3.3: the keys are symmetric, so whoever checks can make, unless the origin is authenticated.
+        """
+        p = self.protection
+        reads = self.may_read(enclave)
+        origin = p.rtps_authenticates_origin | p.metadata_authenticates_origin
+        return (
+            self.reach(enclave)
+            & ~origin
+            & (~p.metadata_authenticates | reads | self.relays(enclave))
+            & (~p.data_authenticates | reads)
+        )

@@ -1,0 +1,122 @@
+"""What about an enclave could not be read, so that it counts as able to do anything (design section 3, may and must)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from keystore_audit.findings import Location
+from keystore_audit.keystore.certificate import CertificateFile
+from keystore_audit.keystore.defect import Defect
+from keystore_audit.keystore.governance import GovernanceFile
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.layout import Role
+from keystore_audit.keystore.permissions import PermissionsFile
+from keystore_audit.model.meaning import Doubt
+from keystore_audit.model.trust import Verdict, document_verdict
+
+
+def keystore_doubts(keystore: Keystore, *, pins_signer: bool) -> Iterator[Doubt]:
+    """Everything that could not be read, each place once."""
+    seen: set[tuple[str, int | None]] = set()
+    for file in (*keystore.layout.directory_links, *keystore.layout.unreadable_directories):
+        yield Doubt(enclave=None, location=Location(path=file.path), reason=file.detail)
+    for enclave in keystore.enclaves:
+        for doubt in enclave_doubts(enclave, pins_signer=pins_signer):
+            place = (doubt.location.path, doubt.location.line)
+            if place not in seen:
+                seen.add(place)
+                yield doubt
+
+
+def enclave_doubts(enclave: Enclave, *, pins_signer: bool) -> Iterator[Doubt]:
+    """Everything about the enclave that could not be read and that an implementation might act on."""
+    for doubt in (identity_doubt(enclave), realm_doubt(enclave), _key_doubt(enclave)):
+        if doubt is not None:
+            yield doubt
+    file = enclave.files.files[Role.PERMISSIONS]
+    if file.status.unknown:
+        yield _doubt(enclave, file.path, f"permissions could not be read: {file.detail}")
+    for read, readable in (
+        (enclave.governance, enclave.governance is None or enclave.governance.governance is not None),
+        (enclave.permissions, enclave.permissions is None or enclave.permissions.permissions is not None),
+    ):
+        if read is not None and _unknown(enclave, read, readable=readable, pins_signer=pins_signer):
+            yield _document_doubt(enclave, read)
+
+
+def _unknown(
+    enclave: Enclave, read: GovernanceFile | PermissionsFile, *, readable: bool, pins_signer: bool
+) -> bool:
+    verdict = document_verdict(read.signed, enclave.permissions_ca, pins_signer=pins_signer)
+    return verdict is Verdict.UNKNOWN or (verdict is Verdict.ACCEPTED and not readable)
+
+
+def _document_doubt(enclave: Enclave, read: GovernanceFile | PermissionsFile) -> Doubt:
+    defects: tuple[Defect, ...] = read.signed.defects + read.defects
+    defect = next((defect for defect in defects if defect.kind.opaque), None)
+    if defect is None:
+        return _doubt(
+            enclave, read.signed.file.place, "the document has no meaning that every parser agrees on"
+        )
+    location = Location(path=defect.path, line=defect.line)
+    return Doubt(enclave=enclave.path, location=location, reason=defect.detail)
+
+
+def identity_doubt(enclave: Enclave) -> Doubt | None:
+    """Why the enclave's identity is unknown: it may then be anybody whom the identity CA vouches for."""
+    return _file_doubt(enclave, Role.CERTIFICATE, enclave.certificate, only_without_certificate=True)
+
+
+def realm_doubt(enclave: Enclave) -> Doubt | None:
+    """Why it is unknown whom the enclave trusts: it may then accept everything.
+
+    A governance document that was read but has no single meaning is not among these: it is opaque as a document.
+    """
+    for role, read in (
+        (Role.IDENTITY_CA, enclave.identity_ca),
+        (Role.PERMISSIONS_CA, enclave.permissions_ca),
+    ):
+        doubt = _file_doubt(enclave, role, read, only_without_certificate=False)
+        if doubt is not None:
+            return doubt
+    file = enclave.files.files[Role.GOVERNANCE]
+    if file.status.unknown:
+        return _doubt(enclave, file.path, f"governance could not be read: {file.detail}")
+    return None
+
+
+def _key_doubt(enclave: Enclave) -> Doubt | None:
+    """Why it is unknown whether the private key serves. It bears on usability only: who holds it is not in the file."""
+    file = enclave.files.files[Role.KEY]
+    if Role.KEY in enclave.files.pkcs11:
+        return _doubt(enclave, enclave.files.pkcs11[Role.KEY].path, _PKCS11)
+    if file.status.unknown:
+        return _doubt(enclave, file.path, f"key could not be read: {file.detail}")
+    defects = enclave.key.defects if enclave.key else ()
+    unreadable = next((defect for defect in defects if defect.kind.opaque), None)
+    return None if unreadable is None else _doubt(enclave, unreadable.path, unreadable.detail)
+
+
+_PKCS11 = "a PKCS#11 reference, which Fast DDS reads in place of the .pem file"
+
+
+def _file_doubt(
+    enclave: Enclave, role: Role, read: CertificateFile | None, *, only_without_certificate: bool
+) -> Doubt | None:
+    """Doubt about a certificate file: not read, not understood, or overridden by a PKCS#11 reference on Fast DDS."""
+    file = enclave.files.files[role]
+    if role in enclave.files.pkcs11:
+        return _doubt(enclave, enclave.files.pkcs11[role].path, _PKCS11)
+    if file.status.unknown:
+        return _doubt(enclave, file.path, f"{role.value} could not be read: {file.detail}")
+    if read is None:
+        return None
+    unreadable = next((defect for defect in read.defects if defect.kind.opaque), None)
+    if unreadable is None or (only_without_certificate and read.certificates):
+        return None
+    location = Location(path=unreadable.path, line=unreadable.line)
+    return Doubt(enclave=enclave.path, location=location, reason=unreadable.detail)
+
+
+def _doubt(enclave: Enclave, path: str, reason: str) -> Doubt:
+    return Doubt(enclave=enclave.path, location=Location(path=path), reason=reason)

@@ -1,0 +1,105 @@
+"""From evidence to meaning: the one entry to `keystore_audit.model`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime
+
+from keystore_audit.errors import BudgetExceeded
+from keystore_audit.findings import Location
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.model.doubt import keystore_doubts
+from keystore_audit.model.meaning import Doubt, Meaning, UngovernedTopics, Usability
+from keystore_audit.model.permission import Permissions, members
+from keystore_audit.model.profiles import Profile
+from keystore_audit.model.protection import protection
+from keystore_audit.model.system import Reading, System
+from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.model.usability import Usabilities
+
+
+def interpret(
+    keystore: Keystore, profiles: Sequence[Profile], at: datetime, *, domain: int | None = None
+) -> Meaning:
+    """The meaning of a keystore under the profiles at `at` (aware UTC); `domain` narrows usability.
+
+    Topic classes over budget leave `systems` empty and say why: nothing is decided then.
+    """
+    over_budget: str | None = None
+    systems: tuple[System, ...] = ()
+    try:
+        systems = _systems(SystemBuilder(keystore, at), profiles)
+    except BudgetExceeded as exceeded:
+        over_budget = exceeded.message
+    return Meaning(
+        systems=systems,
+        usability=usability_by_profile(keystore, profiles, at, domain=domain),
+        doubts=_doubts(keystore, profiles),
+        ungoverned=_ungoverned(systems),
+        over_budget=over_budget,
+    )
+
+
+def usability_by_profile(
+    keystore: Keystore, profiles: Sequence[Profile], at: datetime, *, domain: int | None
+) -> dict[tuple[str, str], Usability]:
+    """Usability by (enclave directory, profile name)."""
+    judge = Usabilities(at, domain)
+    found: dict[tuple[str, str], Usability] = {}
+    for enclave in keystore.enclaves:
+        by_kind = {
+            pins_signer: judge.of(enclave, pins_signer=pins_signer)
+            for pins_signer in {profile.pins_signer for profile in profiles}
+        }
+        for profile in profiles:
+            found[enclave.files.directory, profile.name] = by_kind[profile.pins_signer]
+    return found
+
+
+def _systems(builder: SystemBuilder, profiles: Sequence[Profile]) -> tuple[System, ...]:
+    """One system for each kind of implementation, and a MUST reading beside each that leaves doubt."""
+    systems: list[System] = []
+    for pins_signer in sorted({profile.pins_signer for profile in profiles}, reverse=True):
+        names = tuple(profile.name for profile in profiles if profile.pins_signer is pins_signer)
+        may = builder.build(pins_signer=pins_signer, profiles=names, reading=Reading.MAY)
+        systems.append(may)
+        if may.has_doubt:
+            systems.append(builder.build(pins_signer=pins_signer, profiles=names, reading=Reading.MUST))
+    return tuple(systems)
+
+
+def _doubts(keystore: Keystore, profiles: Sequence[Profile]) -> tuple[Doubt, ...]:
+    """What any of the kinds of implementation may act on although we could not read it."""
+    doubts: dict[tuple[str | None, Location], Doubt] = {}
+    for pins_signer in {profile.pins_signer for profile in profiles}:
+        for doubt in keystore_doubts(keystore, pins_signer=pins_signer):
+            doubts.setdefault((doubt.enclave, doubt.location), doubt)
+    return tuple(
+        sorted(doubts.values(), key=lambda d: (d.location.path, d.location.line or 0, d.enclave or ""))
+    )
+
+
+def _ungoverned(systems: tuple[System, ...]) -> tuple[UngovernedTopics, ...]:
+    """Topics of governed domains that no topic rule matches, one entry for each document and domain class."""
+    if not systems:
+        return ()
+    system = systems[0]
+    permissions = Permissions(system)
+    found: list[UngovernedTopics] = []
+    for number, document in enumerate(system.documents):
+        rules = [rule for rule in system.domain_rules if rule.document == number]
+        if not rules:
+            continue
+        said = protection(system, number, permissions)
+        for domain in members(said.ruled):
+            missing = list(members(permissions.channels_in[domain] & ~said.governed))
+            if missing:
+                witness = min(missing, key=lambda channel: not system.channels[channel].ros)
+                found.append(
+                    UngovernedTopics(
+                        location=next(rule.location for rule in rules if domain in rule.domains),
+                        domains=system.domains[domain].label,
+                        witness=system.channels[witness].topic,
+                    )
+                )
+    return tuple(found)

@@ -1,0 +1,119 @@
+"""What signed permissions allow: grant choice, first match, default (DDS-Security 1.1, 9.4.1.3).
+
+Sets of channels and of domains are integers used as bit sets: channel n is bit n. The definitions are in docs/model.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cached_property
+
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.system import RuleAtom, System
+
+
+def bits(numbers: Iterable[int]) -> int:
+    """The set of these numbers."""
+    value = 0
+    for number in numbers:
+        value |= 1 << number
+    return value
+
+
+def members(value: int) -> Iterable[int]:
+    """The numbers in the set, ascending."""
+    while value:
+        low = value & -value
+        yield low.bit_length() - 1
+        value ^= low
+
+
+class Permissions:
+    """The decisions of every grant of a system.
+
+    `moment` is twice the index of an instant, plus one for the time between it and the next; None: the audit instant.
+    """
+
+    def __init__(self, system: System, moment: int | None = None) -> None:
+        self._system = system
+        self._moment = 2 * system.now if moment is None else moment
+        self._allowed: dict[tuple[int, Operation], int] = {}
+        self.all_channels = (1 << len(system.channels)) - 1
+        self.all_domains = (1 << len(system.domains)) - 1
+        channels_of: list[list[int]] = [[] for _ in system.domains]
+        for number, channel in enumerate(system.channels):
+            channels_of[channel.domain].append(number)
+        self.channels_in = [bits(channels) for channels in channels_of]
+        """By domain class: its channels."""
+
+    def in_force(self, not_before: int, not_after: int) -> bool:
+        """Whether the moment lies between these instants, both included."""
+        return 2 * not_before <= self._moment <= 2 * not_after
+
+    @cached_property
+    def _rules(self) -> list[list[RuleAtom]]:
+        """By grant: its rules in order."""
+        rules: list[list[RuleAtom]] = [[] for _ in self._system.grants]
+        for rule in self._system.rules:
+            rules[rule.grant].append(rule)
+        return rules
+
+    @cached_property
+    def _chosen(self) -> dict[int, list[tuple[int, int]]]:
+        """By certificate: (document, grant) for each document whose first grant in force that names it is the grant."""
+        chosen: dict[int, list[tuple[int, int]]] = {}
+        seen: set[tuple[int, int]] = set()
+        for number, grant in enumerate(self._system.grants):
+            if not self.in_force(grant.not_before, grant.not_after):
+                continue
+            for certificate in grant.names:
+                if (grant.document, certificate) not in seen:
+                    seen.add((grant.document, certificate))
+                    chosen.setdefault(certificate, []).append((grant.document, number))
+        return chosen
+
+    def chosen(self, certificate: int | None, documents: frozenset[int]) -> list[int]:
+        """The grants that these documents hold for the certificate, one a document."""
+        if certificate is None:
+            return []
+        return [grant for document, grant in self._chosen.get(certificate, ()) if document in documents]
+
+    def allowed(self, grant: int, operation: Operation) -> int:
+        """Channels on which the first matching rule allows, or none matches and the default does."""
+        known = self._allowed.get((grant, operation))
+        if known is not None:
+            return known
+        allowed, undecided = 0, self.all_channels
+        for rule in self._rules[grant]:
+            applies = self._matches(rule, operation) & undecided
+            if rule.allow:
+                allowed |= applies
+            undecided &= ~applies
+        if self._system.grants[grant].default_allow:
+            allowed |= undecided
+        self._allowed[grant, operation] = allowed
+        return allowed
+
+    def _matches(self, rule: RuleAtom, operation: Operation) -> int:
+        """Channels whose domain, topic and partition the rule matches."""
+        named = {
+            Operation.PUBLISH: rule.publish,
+            Operation.SUBSCRIBE: rule.subscribe,
+            Operation.RELAY: rule.relay,
+        }[operation]
+        if not named:
+            return 0
+        within = 0
+        for domain in rule.domains:
+            within |= self.channels_in[domain]
+        return bits(named) & within
+
+    def joins(self, grant: int) -> int:
+        """Domains that the grant lets its holder join."""
+        if self._system.grants[grant].default_allow:
+            return self.all_domains
+        joined = 0
+        for rule in self._rules[grant]:
+            if rule.allow:
+                joined |= bits(rule.domains)
+        return joined
