@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Protocol
 
 from keystore_audit import __version__
-from keystore_audit.engine.alloy.facts import write_model
 from keystore_audit.engine.agreement import combine
+from keystore_audit.engine.alloy.facts import write_model
 from keystore_audit.engine.engines import run_engines
 from keystore_audit.engine.horizon import horizon
 from keystore_audit.errors import BudgetExceeded
@@ -56,7 +56,10 @@ class Progress(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """What an audit is asked (interface contract: docs/reference.md). `at` is aware UTC; `fail_on` None: never."""
+    """What an audit is asked (interface contract: docs/reference.md).
+
+    `at` is aware UTC; `fail_on` None: never.
+    """
 
     at: datetime
     at_given: bool = False
@@ -76,8 +79,8 @@ class Options:
 def audit(path: str | os.PathLike[str], options: Options, *, progress: Progress | None = None) -> Report:
     """Audits the keystore at `path`.
 
-    Raises errors.NothingToAudit where there is none, errors.UsageError for an unknown profile. Whatever is wrong with the keystore
-    or an engine is in the report.
+    Raises errors.NothingToAudit where there is none, errors.UsageError for an unknown profile. Whatever is
+    wrong with the keystore or an engine is in the report.
     """
     profiles = resolve(options.profiles)
     keystore = read_keystore(path, progress=progress.enclaves if progress else None)
@@ -205,7 +208,8 @@ def _scope(keystore: Keystore, meaning: Meaning) -> Scope:
 def export_model(path: str | os.PathLike[str], directory: Path, options: Options) -> None:
     """Writes the Alloy model of the keystore into `directory`, ready for the Alloy Analyzer.
 
-    Raises errors.NothingToAudit, errors.UsageError (unknown profile, directory not writable) or errors.BudgetExceeded.
+    Raises errors.NothingToAudit, errors.UsageError (unknown profile, directory not writable) or
+    errors.BudgetExceeded.
     """
     keystore = read_keystore(path)
     meaning = interpret(keystore, resolve(options.profiles), options.at, domain=options.domain)

@@ -1,4 +1,4 @@
-"""Brings the answers of both engines, both readings and all kinds of implementation together, failing closed."""
+"""Brings the answers of engines, readings and kinds of implementation together, failing closed."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ def combine(
 ) -> tuple[PropertyResult, ...]:
     """The result of every property under every profile.
 
-    A status is HOLDS or VIOLATED only where at least one engine answered and all that did say so in both readings.
+    A status is HOLDS or VIOLATED only where at least one engine answered and all that did say so in both
+    readings.
     """
     kinds = {profile: _kind(systems, profile) for profile in profiles}
     shared: dict[tuple[str, tuple[int, ...]], ProfileResult] = {}

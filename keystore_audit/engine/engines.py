@@ -1,4 +1,4 @@
-"""Runs the engines that were asked for; an engine that did not answer is recorded, never taken for an answer."""
+"""Runs the engines that were asked for; one that did not answer is recorded, never taken for an answer."""
 
 from __future__ import annotations
 

@@ -15,10 +15,16 @@ from keystore_audit.model.system import System
 from keystore_audit.properties import Status
 
 MAX_MOMENTS = 64
-"""Validity boundaries that are looked at. Beyond, the horizon is the last one looked at: earlier than the truth, never later."""
+"""Validity boundaries that are looked at.
+
+Beyond, the horizon is the last one looked at: earlier than the truth, never later.
+"""
 
 _TICK = timedelta(seconds=1)
-"""X.509 dates have a resolution of one second (RFC 5280, 4.1.2.5): a certificate is void one second after notAfter."""
+"""X.509 dates have a resolution of one second (RFC 5280, 4.1.2.5).
+
+A certificate is void one second after notAfter.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,6 +1,7 @@
 """The native engine: the properties over the model in `keystore_audit.model`, in Python.
 
-Independent of Alloy, which decides the same questions from the same `System` with rules of its own (docs/model.md).
+Independent of Alloy, which decides the same questions from the same `System` with rules of its own
+(docs/model.md).
 """
 
 from __future__ import annotations
@@ -11,12 +12,23 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.permission import Permissions, members
 from keystore_audit.model.system import System
-from keystore_audit.properties import PROPERTIES, Answer, Role, Status, Witness
-from keystore_audit.properties import access_control, authentication, encryption
+from keystore_audit.properties import (
+    PROPERTIES,
+    Answer,
+    Role,
+    Status,
+    Witness,
+    access_control,
+    authentication,
+    encryption,
+)
 from keystore_audit.properties.property import Property
 
 MAX_WITNESSES = 1000
-"""Witnesses kept for each property: a report shows one and says how many more; a thousand are more than anybody reads."""
+"""Witnesses kept for each property.
+
+A report shows one and says how many more; a thousand are more than anybody reads.
+"""
 
 
 class NativeEngine:
@@ -28,7 +40,10 @@ class NativeEngine:
         self._realms = [RealmView(system, realm, self._permissions) for realm in range(len(system.realms))]
 
     def decide(self) -> dict[str, Answer]:
-        """The answer to each property, by id. A witness is given for each violating assignment, up to MAX_WITNESSES."""
+        """The answer to each property, by id.
+
+        A witness is given for each violating assignment, up to MAX_WITNESSES.
+        """
         return {prop.id: self._answer(prop) for prop in PROPERTIES}
 
     def _answer(self, prop: Property) -> Answer:

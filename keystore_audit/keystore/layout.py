@@ -35,9 +35,10 @@ class Role(str, Enum):
 class EnclaveFiles:
     """The files of one enclave.
 
-    `path` is its ROS name as untrusted text, `directory` relative as in `File.path` (`.` for the root itself). `files`
-    holds an entry for each role, MISSING ones too; Ardent's one `ca.cert.pem` serves both CA roles. `pkcs11` are the
-    `.p11` files beside; `unsigned` are `governance.xml` and `permissions.xml` by role.
+    `path` is its ROS name as untrusted text, `directory` relative as in `File.path` (`.` for the root
+    itself). `files` holds an entry for each role, MISSING ones too; Ardent's one `ca.cert.pem` serves both CA
+    roles. `pkcs11` are the `.p11` files beside; `unsigned` are `governance.xml` and `permissions.xml` by
+    role.
     """
 
     path: str
@@ -52,10 +53,11 @@ class Layout:
     """A keystore's directory as discovered.
 
     `authorities`: CA certificate files outside enclaves (`public/*.cert.pem`, a flat root's `ca.cert.pem`);
-    `authority_keys`: CA private key files anywhere (`private/*.key.pem`, `ca.key.pem`), links and their targets listed once by resolved path;
-    `unsigned_governance`: `governance.xml` beside a shared governance.p7s; `governance`: the shared `governance.p7s`, if any;
-    `directory_links`: links to directories, never followed; `unreadable_directories`: directories that could not be listed;
-    `expected`: what a complete keystore of this kind would hold and this one lacks, in words.
+    `authority_keys`: CA private key files anywhere (`private/*.key.pem`, `ca.key.pem`), links and their
+    targets listed once by resolved path; `unsigned_governance`: `governance.xml` beside a shared
+    governance.p7s; `governance`: the shared `governance.p7s`, if any; `directory_links`: links to
+    directories, never followed; `unreadable_directories`: directories that could not be listed; `expected`:
+    what a complete keystore of this kind would hold and this one lacks, in words.
     """
 
     kind: LayoutKind

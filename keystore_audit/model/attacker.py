@@ -26,7 +26,9 @@ class RealmView:
         self._rights: dict[tuple[int, Operation, bool], int] = {}
 
     def vouched(self, pool: frozenset[int], certificate: int, *, in_force: bool) -> bool:
-        """Whether an authority among `pool`, within its validity if `in_force`, issued the certificate, within its own."""
+        """Whether an authority among `pool`, within its validity if `in_force`, issued the certificate,
+        within its own.
+        """
         subject = self._system.certificates[certificate]
         if in_force and not self._permissions.in_force(subject.not_before, subject.not_after):
             return False
@@ -161,7 +163,8 @@ class RealmView:
     def forges(self, enclave: int) -> int:
         """Channels on which the enclave holds every key that a writer's samples are authenticated with.
 
-        DDS-Security 1.1, 9.5.3.3: the keys are symmetric, so whoever checks can make, unless the origin is authenticated.
+        DDS-Security 1.1, 9.5.3.3: the keys are symmetric, so whoever checks can make, unless the origin is
+        authenticated.
         """
         p = self.protection
         reads = self.may_read(enclave)

@@ -1,8 +1,9 @@
 """Channels: domain class × topic class × partition class, exact over all names and ids.
 
-Every expression of every readable document takes part in the classes, so that each ordered rule list, each default
-and each governance look-up is constant on a class; one evaluation per class is then exact for all names (docs/model.md).
-Classes that no rule of any document tells apart are merged: that hands no decision to anybody, since equal matches decide alike.
+Every expression of every readable document takes part in the classes, so that each ordered rule list, each
+default and each governance look-up is constant on a class; one evaluation per class is then exact for all
+names (docs/model.md). Classes that no rule of any document tells apart are merged: that hands no decision to
+anybody, since equal matches decide alike.
 """
 
 from __future__ import annotations
@@ -71,7 +72,8 @@ def build_channels(
     topic_rules: Sequence[TopicRule],
     rules: Sequence[Rule],
 ) -> Channels:
-    """The channels of all governed domain classes (`governed`, parallel to `domains`), one more for each ungoverned class.
+    """The channels of all governed domain classes (`governed`, parallel to `domains`), one more for each
+    ungoverned class.
 
     Raises errors.BudgetExceeded where the topic classes are too many.
     """
@@ -167,8 +169,8 @@ def _column(
 def partitions_of(criterion: Criterion, rule: Rule, partitions: _Classes) -> list[int]:
     """The partition classes that a criterion covers.
 
-    Without a list, an allow rule covers the default partition only, a deny rule all of them (DDS-Security 1.1,
-    9.4.1.3.2.3.1.4 and 9.4.1.3.2.3.2.4).
+    Without a list, an allow rule covers the default partition only, a deny rule all of them (DDS-Security
+    1.1, 9.4.1.3.2.3.1.4 and 9.4.1.3.2.3.2.4).
     """
     if criterion.partitions is None:
         return [0] if rule.allow else list(range(len(partitions.classes)))
@@ -179,7 +181,10 @@ def partitions_of(criterion: Criterion, rule: Rule, partitions: _Classes) -> lis
 
 
 class _Classes:
-    """The classes of one set of expressions. With `with_empty`, class 0 is the empty name (the default partition)."""
+    """The classes of one set of expressions.
+
+    With `with_empty`, class 0 is the empty name (the default partition).
+    """
 
     def __init__(self, texts: Iterable[str], *, with_empty: bool) -> None:
         distinct = list(dict.fromkeys(texts))

@@ -1,4 +1,6 @@
-"""What about an enclave could not be read, so that it counts as able to do anything (design section 3, may and must)."""
+"""What about an enclave could not be read, so that it counts as able to do anything (design section 3, may
+and must).
+"""
 
 from __future__ import annotations
 
@@ -70,7 +72,8 @@ def identity_doubt(enclave: Enclave) -> Doubt | None:
 def realm_doubt(enclave: Enclave) -> Doubt | None:
     """Why it is unknown whom the enclave trusts: it may then accept everything.
 
-    A governance document that was read but has no single meaning is not among these: it is opaque as a document.
+    A governance document that was read but has no single meaning is not among these: it is opaque as a
+    document.
     """
     for role, read in (
         (Role.IDENTITY_CA, enclave.identity_ca),
@@ -86,7 +89,10 @@ def realm_doubt(enclave: Enclave) -> Doubt | None:
 
 
 def _key_doubt(enclave: Enclave) -> Doubt | None:
-    """Why it is unknown whether the private key serves. It bears on usability only: who holds it is not in the file."""
+    """Why it is unknown whether the private key serves.
+
+    It bears on usability only: who holds it is not in the file.
+    """
     file = enclave.files.files[Role.KEY]
     if Role.KEY in enclave.files.pkcs11:
         return _doubt(enclave, enclave.files.pkcs11[Role.KEY].path, _PKCS11)
@@ -103,7 +109,10 @@ _PKCS11 = "a PKCS#11 reference, which Fast DDS reads in place of the .pem file"
 def _file_doubt(
     enclave: Enclave, role: Role, read: CertificateFile | None, *, only_without_certificate: bool
 ) -> Doubt | None:
-    """Doubt about a certificate file: not read, not understood, or overridden by a PKCS#11 reference on Fast DDS."""
+    """Doubt about a certificate file.
+
+    Not read, not understood, or overridden by a PKCS#11 reference on Fast DDS.
+    """
     file = enclave.files.files[role]
     if role in enclave.files.pkcs11:
         return _doubt(enclave, enclave.files.pkcs11[role].path, _PKCS11)

@@ -11,7 +11,10 @@ from keystore_audit.model.system import System
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Usability:
-    """Whether a participant of the enclave would be created in some domain; None: cannot be told. Each reason is a sentence."""
+    """Whether a participant of the enclave would be created in some domain; None: cannot be told.
+
+    Each reason is a sentence.
+    """
 
     usable: bool | None
     reasons: tuple[str, ...]
@@ -42,9 +45,9 @@ class UngovernedTopics:
 class Meaning:
     """The normalised model of a keystore at one instant.
 
-    `systems`: one for each kind of implementation among the chosen profiles and each reading (only MAY where there is no doubt, since
-    MUST is then equal). `usability`: by (enclave directory, canonical profile name). `over_budget`: why topic classes could not be
-    computed; there are no systems then.
+    `systems`: one for each kind of implementation among the chosen profiles and each reading (only MAY where
+    there is no doubt, since MUST is then equal). `usability`: by (enclave directory, canonical profile name).
+    `over_budget`: why topic classes could not be computed; there are no systems then.
     """
 
     systems: tuple[System, ...]

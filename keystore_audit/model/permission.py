@@ -1,6 +1,7 @@
 """What signed permissions allow: grant choice, first match, default (DDS-Security 1.1, 9.4.1.3).
 
-Sets of channels and of domains are integers used as bit sets: channel n is bit n. The definitions are in docs/model.md.
+Sets of channels and of domains are integers used as bit sets: channel n is bit n. The definitions are in
+docs/model.md.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ def members(value: int) -> Iterable[int]:
 class Permissions:
     """The decisions of every grant of a system.
 
-    `moment` is twice the index of an instant, plus one for the time between it and the next; None: the audit instant.
+    `moment` is twice the index of an instant, plus one for the time between it and the next; None: the audit
+    instant.
     """
 
     def __init__(self, system: System, moment: int | None = None) -> None:
@@ -60,7 +62,10 @@ class Permissions:
 
     @cached_property
     def _chosen(self) -> dict[int, list[tuple[int, int]]]:
-        """By certificate: (document, grant) for each document whose first grant in force that names it is the grant."""
+        """By certificate.
+
+        (document, grant) for each document whose first grant in force that names it is the grant.
+        """
         chosen: dict[int, list[tuple[int, int]]] = {}
         seen: set[tuple[int, int]] = set()
         for number, grant in enumerate(self._system.grants):

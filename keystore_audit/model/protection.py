@@ -1,6 +1,7 @@
 """What the governance of a realm protects, and against whom (DDS-Security 1.1, 9.4.1.2).
 
-All sets are bit sets over channels (`permission.bits`), except `unauthenticated`, `ruled` and `join_controlled`: over domains.
+All sets are bit sets over channels (`permission.bits`), except `unauthenticated`, `ruled` and
+`join_controlled`: over domains.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """The normalised system that both engines are asked about.
 
-A `System` states facts, not answers: certificates with issuers, keys and dates, documents with
-signers, ordered rules with the domains and channels they name, governance rules with their flags. Who is authentic, which
-grant and which rule decides, who can read or forge, each engine works out on its own (docs/model.md).
+A `System` states facts, not answers: certificates with issuers, keys and dates, documents with signers,
+ordered rules with the domains and channels they name, governance rules with their flags. Who is authentic,
+which grant and which rule decides, who can read or forge, each engine works out on its own (docs/model.md).
 
-Everything is an atom with an index into its tuple; a reference to another atom is that index. The order of rules (grants,
-domain rules, topic rules) within their parent is the order of their indices.
+Everything is an atom with an index into its tuple; a reference to another atom is that index. The order of
+rules (grants, domain rules, topic rules) within their parent is the order of their indices.
 """
 
 from __future__ import annotations
@@ -50,8 +50,9 @@ class CertificateAtom:
 class DocumentAtom:
     """A signed document.
 
-    `intact`: it is S/MIME as run times read it, every SignerInfo verifies under a known certificate that it names; `signers`
-    are those certificates. `opaque`: (MAY only) some run time may accept it, and we do not know what it says.
+    `intact`: it is S/MIME as run times read it, every SignerInfo verifies under a known certificate that it
+    names; `signers` are those certificates. `opaque`: (MAY only) some run time may accept it, and we do not
+    know what it says.
     """
 
     label: str
@@ -65,8 +66,9 @@ class DocumentAtom:
 class RealmAtom:
     """Enclaves that trust alike: same identity CAs, permissions CAs, governance document and revocations.
 
-    A peer's verdict depends on its realm only. `identity_ca`, `permissions_ca`: the certificates of those files;
-    `governance`: the document, None where it is missing or (MUST) unreadable; `revoked`: certificates on its CRL.
+    A peer's verdict depends on its realm only. `identity_ca`, `permissions_ca`: the certificates of those
+    files; `governance`: the document, None where it is missing or (MUST) unreadable; `revoked`: certificates
+    on its CRL.
     """
 
     identity_ca: frozenset[int]
@@ -99,7 +101,8 @@ class DomainAtom:
 class ChannelAtom:
     """A domain class × topic class × partition class, merged where no rule of any document tells them apart.
 
-    `topic` and `partition` are witnesses. `ros`: a ROS 2 name lies in it; `infinite`: it holds infinitely many names.
+    `topic` and `partition` are witnesses. `ros`: a ROS 2 name lies in it; `infinite`: it holds infinitely
+    many names.
     """
 
     domain: int
@@ -127,7 +130,8 @@ class DomainRuleAtom:
 class TopicRuleAtom:
     """A `<topic_rule>` of `domain_rule`; `channels` are those whose topic its expression matches.
 
-    Channels of every domain class that the domain rule covers are among them, whether or not an earlier rule decides.
+    Channels of every domain class that the domain rule covers are among them, whether or not an earlier rule
+    decides.
     """
 
     domain_rule: int
@@ -143,7 +147,10 @@ class TopicRuleAtom:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GrantAtom:
-    """A `<grant>` of the permissions `document`. `names`: certificates whose subject its subject_name matches."""
+    """A `<grant>` of the permissions `document`.
+
+    `names`: certificates whose subject its subject_name matches.
+    """
 
     document: int
     names: frozenset[int]
@@ -157,8 +164,9 @@ class GrantAtom:
 class RuleAtom:
     """An `<allow_rule>` or `<deny_rule>` of `grant`.
 
-    `domains`: the classes its ids cover. `publish`, `subscribe`, `relay`: channels whose topic and partition one of its criteria
-    matches, in any domain class: a rule applies to a channel only where `domains` holds the channel's domain as well.
+    `domains`: the classes its ids cover. `publish`, `subscribe`, `relay`: channels whose topic and partition
+    one of its criteria matches, in any domain class: a rule applies to a channel only where `domains` holds
+    the channel's domain as well.
     """
 
     grant: int
@@ -174,9 +182,9 @@ class RuleAtom:
 class System:
     """One keystore as one kind of implementation reads it, at one instant, in one reading.
 
-    `profiles`: the variants that read it so (all facts equal). `pins_signer`: documents must be signed by a permissions CA
-    certificate itself; otherwise by any certificate that chains to one and is fit to sign (CVE-2023-24010).
-    `instants`: sorted; `now`: index of the audit instant among them.
+    `profiles`: the variants that read it so (all facts equal). `pins_signer`: documents must be signed by a
+    permissions CA certificate itself; otherwise by any certificate that chains to one and is fit to sign
+    (CVE-2023-24010). `instants`: sorted; `now`: index of the audit instant among them.
     """
 
     profiles: tuple[str, ...]

@@ -1,4 +1,7 @@
-"""Builds the `System`s of a keystore: evidence in, normalised facts out, one for each kind of implementation and reading."""
+"""Builds the `System`s of a keystore.
+
+Evidence in, normalised facts out, one for each kind of implementation and reading.
+"""
 
 from __future__ import annotations
 
@@ -333,7 +336,10 @@ def unread_places(keystore: Keystore) -> tuple[str, ...]:
 
 
 def _open_realm(atoms: list[DocumentAtom], place: str) -> RealmAtom:
-    """(MAY) The realm of an enclave whose trust could not be read: an opaque governance, so it accepts everything."""
+    """(MAY) The realm of an enclave whose trust could not be read.
+
+    An opaque governance, so it accepts everything.
+    """
     atoms.append(
         DocumentAtom(
             label=place, location=Location(path=place), intact=False, signers=frozenset(), opaque=True

@@ -33,7 +33,8 @@ class Verdict(str, Enum):
 class Envelope:
     """What the envelope of a document is worth before anybody asks who signed it.
 
-    `verdict`: ACCEPTED where every signature verifies under `signers`, certificates that the signer identifiers name.
+    `verdict`: ACCEPTED where every signature verifies under `signers`, certificates that the signer
+    identifiers name.
     """
 
     verdict: Verdict
@@ -66,8 +67,9 @@ def _signer(signature: Signature) -> Certificate | None:
 def may_sign(signer: Certificate, permissions_ca: CertificateFile, *, pins_signer: bool) -> bool:
     """Whether `signer` may sign documents for an enclave with this permissions CA file.
 
-    Pinned: it is one of the file's certificates (issuer, serial number and key: here, the same bytes). Otherwise any certificate that one
-    of them issued and that is fit for S/MIME signing will do too: CVE-2023-24010, CVE-2023-24011, CVE-2023-24012.
+    Pinned: it is one of the file's certificates (issuer, serial number and key: here, the same bytes).
+    Otherwise any certificate that one of them issued and that is fit for S/MIME signing will do too:
+    CVE-2023-24010, CVE-2023-24011, CVE-2023-24012.
     """
     if any(signer.sha256 == authority.sha256 for authority in permissions_ca.certificates):
         return True
@@ -93,7 +95,10 @@ def document_verdict(
 
 
 def is_authority(certificate: Certificate) -> bool:
-    """Whether it may issue certificates: CA:TRUE and, where keyUsage is present, keyCertSign (RFC 5280, 4.2.1.3, 4.2.1.9)."""
+    """Whether it may issue certificates.
+
+    CA:TRUE and, where keyUsage is present, keyCertSign (RFC 5280, 4.2.1.3, 4.2.1.9).
+    """
     return bool(certificate.is_ca) and (
         certificate.key_usage is None or "keyCertSign" in certificate.key_usage
     )

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from datetime import datetime
 
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
+from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.governance import DomainRule, GovernanceFile
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import Grant, PermissionsFile
-from keystore_audit.keystore.files import Status
 from keystore_audit.model.domains import Interval, contains, covered, elementary
 from keystore_audit.model.doubt import enclave_doubts
 from keystore_audit.model.meaning import Usability

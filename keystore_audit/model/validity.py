@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from datetime import datetime, timedelta, timezone
+from datetime import UTC, datetime, timedelta
 
 _DATE_TIME = re.compile(
     r"(?P<year>\d{4})-(?P<month>\d\d)-(?P<day>\d\d)"
@@ -13,9 +13,12 @@ _DATE_TIME = re.compile(
 
 
 def parse_instant(text: str) -> datetime | None:
-    """The instant that `text` names, aware UTC; without a zone it is UTC (what sros2 writes and `spec` reads).
+    """The instant that `text` names, aware UTC.
 
-    None for whatever is no date of the years 1 to 9999 in the four-digit form: no implementation agrees on more.
+    Without a zone it is UTC (what sros2 writes and `spec` reads).
+
+    None for whatever is no date of the years 1 to 9999 in the four-digit form: no implementation agrees on
+    more.
     """
     match = _DATE_TIME.fullmatch(text)
     if match is None:
@@ -33,7 +36,7 @@ def parse_instant(text: str) -> datetime | None:
             int(match["minute"]),
             int(match["second"]),
             int(fraction or "0"),
-            tzinfo=timezone.utc,
+            tzinfo=UTC,
         )
         return instant + timedelta(days=midnight) - _offset(match["zone"])
     except (ValueError, OverflowError):

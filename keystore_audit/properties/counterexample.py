@@ -9,8 +9,8 @@ from dataclasses import dataclass
 class Step:
     """One thing that makes the counterexample possible, and the line that says so.
 
-    `channel`: what is meant, in words (`domain 0, topic rt/chatter`); `witness`: a concrete DDS topic name (or enclave,
-    certificate or document) of it. `path` and `line` as in `findings.Location`.
+    `channel`: what is meant, in words (`domain 0, topic rt/chatter`); `witness`: a concrete DDS topic name
+    (or enclave, certificate or document) of it. `path` and `line` as in `findings.Location`.
     """
 
     enclave: str | None

@@ -22,8 +22,9 @@ class Role(str, Enum):
 class Property:
     """One question.
 
-    `id` is also the name of its KA7 rule; `assertion` its name in `alloy/properties.als`; `roles` the quantified
-    variables of that assertion, outermost first; `attacker` who is meant to fail; `clause` what it rests on.
+    `id` is also the name of its KA7 rule; `assertion` its name in `alloy/properties.als`; `roles` the
+    quantified variables of that assertion, outermost first; `attacker` who is meant to fail; `clause` what it
+    rests on.
     """
 
     id: str
@@ -50,7 +51,8 @@ Witness = Mapping[Role, int]
 class Answer:
     """One engine's answer about one system. `witnesses` is empty exactly where it holds.
 
-    An engine may give one witness or several, the most telling first; never UNKNOWN: within one reading everything is decided.
+    An engine may give one witness or several, the most telling first; never UNKNOWN: within one reading
+    everything is decided.
     """
 
     property_id: str

@@ -23,7 +23,10 @@ class EngineStatus(str, Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EngineRun:
-    """An engine and how it fared. `required`: it was asked for by name, or was started, so that its failure counts."""
+    """An engine and how it fared.
+
+    `required`: it was asked for by name, or was started, so that its failure counts.
+    """
 
     name: str
     version: str | None
@@ -34,7 +37,10 @@ class EngineRun:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProfileResult:
-    """The answer under one profile: UNKNOWN unless every engine that ran gives the same answer in both readings."""
+    """The answer under one profile.
+
+    UNKNOWN unless every engine that ran gives the same answer in both readings.
+    """
 
     status: Status
     engines: Mapping[str, Status]

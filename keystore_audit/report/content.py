@@ -22,7 +22,10 @@ class Verdict(str, Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EnclaveEntry:
-    """An enclave in the report; `subject` is its certificate's, None where unreadable. `profiles` by canonical name."""
+    """An enclave in the report; `subject` is its certificate's, None where unreadable.
+
+    `profiles` by canonical name.
+    """
 
     path: str
     directory: str
@@ -48,8 +51,9 @@ class Scope:
 class Report:
     """One audited keystore (interface contract: docs/reference.md, `schemas/report.schema.json`).
 
-    `at` and `safe_until` are aware UTC; `safe_until` is the first later instant at which a verdict or usability changes and `safe_until_why` says what
-    changes then. `fail_on` None: never. `findings` are sorted, worst first.
+    `at` and `safe_until` are aware UTC; `safe_until` is the first later instant at which a verdict or
+    usability changes and `safe_until_why` says what changes then. `fail_on` None: never. `findings` are
+    sorted, worst first.
     """
 
     version: str

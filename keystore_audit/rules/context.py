@@ -15,8 +15,9 @@ from keystore_audit.properties.result import EngineRun, PropertyResult
 class Context:
     """The evidence, its meaning, the engines' answers and the options of this audit.
 
-    `at` is the audit instant (aware UTC), `expires_within` the notice for coming expiry, `deployed` whether the tree goes on a robot. `profiles`
-    are the chosen ones; findings about signers are judged under every known variant (`model.profiles.VARIANTS`).
+    `at` is the audit instant (aware UTC), `expires_within` the notice for coming expiry, `deployed` whether
+    the tree goes on a robot. `profiles` are the chosen ones; findings about signers are judged under every
+    known variant (`model.profiles.VARIANTS`).
     """
 
     keystore: Keystore

@@ -17,9 +17,10 @@ S = TypeVar("S")
 class Violation:
     """What a rule found wrong with its subject.
 
-    `locations`: the primary place first. `severity`: where it depends on profile or option, else the rule's. `profiles`: canonical
-    variants that it holds for (empty: all). `undecided`: something stays unknown because of it, so the audit is incomplete. `key` tells apart
-    violations of one rule in one file and enclave; it holds no line numbers, so that the fingerprint survives reformatting.
+    `locations`: the primary place first. `severity`: where it depends on profile or option, else the rule's.
+    `profiles`: canonical variants that it holds for (empty: all). `undecided`: something stays unknown
+    because of it, so the audit is incomplete. `key` tells apart violations of one rule in one file and
+    enclave; it holds no line numbers, so that the fingerprint survives reformatting.
     """
 
     message: str
@@ -48,7 +49,10 @@ class Rule(Generic[S]):
 
     @property
     def description(self) -> str:
-        """Why it matters, the clause, and what the check cannot know: the docstring of the function that judges."""
+        """Why it matters, the clause, and what the check cannot know.
+
+        The docstring of the function that judges.
+        """
         return cleandoc(self.check.__doc__ or "")
 
     @property

@@ -15,7 +15,8 @@ from keystore_audit.keystore.smime import SignedDocument
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CertificateUse:
-    """A certificate file in a role (IDENTITY_CA, CERTIFICATE or PERMISSIONS_CA) and the enclaves that use it so.
+    """A certificate file in a role (IDENTITY_CA, CERTIFICATE or PERMISSIONS_CA) and the enclaves that use it
+    so.
 
     No enclaves: an authority's file that no enclave carries.
     """
