@@ -113,30 +113,36 @@ class NativeEngine:
         """Channels whose payload is readable without any key."""
         for realm, view in enumerate(self._realms):
             p = view.protection
-            clear = ~(p.rtps_encrypts | p.metadata_encrypts | p.data_encrypts) & p.governed
-            yield from _channels(realm, clear and clear & self._used(view, RealmView.may_write))
+            clear = p.governed & ~(p.rtps_encrypts | p.metadata_encrypts | p.data_encrypts)
+            yield from _channels(realm, clear and clear & self._written(view))
 
     def names_outside(self) -> Iterator[Witness]:
         """Channels whose topic name is readable in discovery without any key."""
         for realm, view in enumerate(self._realms):
             p = view.protection
-            clear = ~(p.rtps_encrypts | p.discovery_hidden) & p.governed
-            used = clear and self._used(view, RealmView.may_write) | self._used(view, RealmView.may_read)
-            yield from _channels(realm, clear & used)
+            clear = p.governed & ~(p.rtps_encrypts | p.discovery_hidden)
+            yield from _channels(realm, clear and clear & (self._written(view) | self._read(view)))
 
     def injectable_outside(self) -> Iterator[Witness]:
         """Channels on which a reader takes samples made without any key."""
         for realm, view in enumerate(self._realms):
             p = view.protection
-            clear = ~(p.rtps_authenticates | p.metadata_authenticates | p.data_authenticates) & p.governed
-            yield from _channels(realm, clear and clear & self._used(view, RealmView.may_read))
+            clear = p.governed & ~(p.rtps_authenticates | p.metadata_authenticates | p.data_authenticates)
+            yield from _channels(realm, clear and clear & self._read(view))
 
-    def _used(self, view: RealmView, capability: Callable[[RealmView, int], int]) -> int:
-        """Channels on which some enclave has the capability."""
-        used = 0
+    def _written(self, view: RealmView) -> int:
+        """Channels that some enclave may write."""
+        written = 0
         for enclave in range(len(self._system.enclaves)):
-            used |= capability(view, enclave)
-        return used
+            written |= view.abilities(enclave).may_write
+        return written
+
+    def _read(self, view: RealmView) -> int:
+        """Channels that some enclave may read."""
+        read = 0
+        for enclave in range(len(self._system.enclaves)):
+            read |= view.abilities(enclave).may_read
+        return read
 
     def unenforced_grants(self) -> Iterator[Witness]:
         """Channels with a grant that the governance does not make peers ask for."""
@@ -161,29 +167,29 @@ class NativeEngine:
         """Enclaves that write, or forge without being a granted reader, where no grant lets them."""
         for realm, view in enumerate(self._realms):
             for enclave in range(len(self._system.enclaves)):
-                forged = view.forges(enclave) & ~view.granted(enclave, Operation.SUBSCRIBE)
-                able = view.may_write(enclave) | forged
-                yield from _channels(realm, able & ~view.granted(enclave, Operation.PUBLISH), enclave)
+                able = view.abilities(enclave)
+                forged = able.forges & ~view.granted(enclave, Operation.SUBSCRIBE)
+                without = (able.may_write | forged) & ~view.granted(enclave, Operation.PUBLISH)
+                yield from _channels(realm, without, enclave)
 
     def ungranted_reads(self) -> Iterator[Witness]:
         """Enclaves that read where no grant lets them."""
         for realm, view in enumerate(self._realms):
             for enclave in range(len(self._system.enclaves)):
-                able = view.may_read(enclave) | view.overhears(enclave)
-                yield from _channels(realm, able & ~view.granted(enclave, Operation.SUBSCRIBE), enclave)
+                able = view.abilities(enclave)
+                without = (able.may_read | able.overhears) & ~view.granted(enclave, Operation.SUBSCRIBE)
+                yield from _channels(realm, without, enclave)
 
     def forging_readers(self) -> Iterator[Witness]:
         """Granted readers that can pass for another writer of the topic."""
         for realm, view in enumerate(self._realms):
-            once, twice = 0, 0
+            written = self._written(view)
             for enclave in range(len(self._system.enclaves)):
-                writes = view.may_write(enclave)
-                once, twice = once | writes, twice | (once & writes)
-            for enclave in range(len(self._system.enclaves)):
-                own = view.may_write(enclave)
-                others = twice | (once & ~own)
-                able = view.forges(enclave) & view.granted(enclave, Operation.SUBSCRIBE) & others & ~own
-                yield from _channels(realm, able & ~view.granted(enclave, Operation.PUBLISH), enclave)
+                able = view.abilities(enclave)
+                others = written & ~able.may_write
+                reader = view.granted(enclave, Operation.SUBSCRIBE)
+                without = able.forges & reader & others & ~view.granted(enclave, Operation.PUBLISH)
+                yield from _channels(realm, without, enclave)
 
 
 def _channels(realm: int, channels: int, enclave: int | None = None) -> Iterator[Witness]:

@@ -5,12 +5,29 @@ Everything is asked of a realm: the verdict of a peer depends on nothing else.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.permission import Permissions
 from keystore_audit.model.protection import Protection, open_protection, protection
 from keystore_audit.model.system import System
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Abilities:
+    """What an enclave can do, as sets of governed channels of the domains that it can join.
+
+    `may_write`: peers take its samples as those of a permitted writer. `may_read`: peers give it their
+    samples and keys. `overhears`: it reads the payload with the keys of any participant, or of a relay.
+    `forges`: it holds every key that a writer's samples are authenticated with (DDS-Security 1.1, 9.5.3.3:
+    the keys are symmetric, so whoever checks can make, unless the origin is authenticated).
+    """
+
+    may_write: int
+    may_read: int
+    overhears: int
+    forges: int
 
 
 class RealmView:
@@ -24,6 +41,7 @@ class RealmView:
         self.open = governance is not None and system.documents[governance].opaque
         self._any_opaque = any(document.opaque for document in system.documents)
         self._rights: dict[tuple[int, Operation, bool], int] = {}
+        self._abilities: dict[int, Abilities] = {}
 
     def vouched(self, pool: frozenset[int], certificate: int, *, in_force: bool) -> bool:
         """Whether an authority among `pool`, within its validity if `in_force`, issued the certificate,
@@ -133,45 +151,29 @@ class RealmView:
             joined |= self._permissions.joins(grant)
         return self.protection.ruled & joined
 
-    def reach(self, enclave: int) -> int:
-        """Governed channels of the domains that the enclave can join."""
-        joined, channels = self.joined(enclave), 0
-        for domain, within in enumerate(self._permissions.channels_in):
+    def abilities(self, enclave: int) -> Abilities:
+        """What the enclave can do to the realm's channels; worked out once."""
+        if enclave not in self._abilities:
+            self._abilities[enclave] = self._able(enclave)
+        return self._abilities[enclave]
+
+    def _able(self, enclave: int) -> Abilities:
+        p = self.protection
+        joined, within = self.joined(enclave), 0
+        for domain, channels in enumerate(self._permissions.channels_in):
             if joined >> domain & 1:
-                channels |= within
-        return channels & self.protection.governed
-
-    def may_write(self, enclave: int) -> int:
-        """Channels on which peers take the enclave's samples as those of a permitted writer."""
-        free = ~self.protection.write_controlled
-        return self.reach(enclave) & (free | self.presentable(enclave, Operation.PUBLISH))
-
-    def may_read(self, enclave: int) -> int:
-        """Channels on which peers give the enclave their samples and keys."""
-        free = ~self.protection.read_controlled
-        return self.reach(enclave) & (free | self.presentable(enclave, Operation.SUBSCRIBE))
-
-    def relays(self, enclave: int) -> int:
-        """Channels on which peers give the enclave the submessage keys, though not those of the payload."""
-        return self.reach(enclave) & self.presentable(enclave, Operation.RELAY)
-
-    def overhears(self, enclave: int) -> int:
-        """Channels whose payload the enclave reads with the keys of any participant or of a relay."""
-        p = self.protection
-        return self.reach(enclave) & ~p.data_encrypts & (~p.metadata_encrypts | self.relays(enclave))
-
-    def forges(self, enclave: int) -> int:
-        """Channels on which the enclave holds every key that a writer's samples are authenticated with.
-
-        DDS-Security 1.1, 9.5.3.3: the keys are symmetric, so whoever checks can make, unless the origin is
-        authenticated.
-        """
-        p = self.protection
-        reads = self.may_read(enclave)
+                within |= channels
+        reach = within & p.governed
+        writes = reach & (~p.write_controlled | self.presentable(enclave, Operation.PUBLISH))
+        reads = reach & (~p.read_controlled | self.presentable(enclave, Operation.SUBSCRIBE))
+        relays = reach & self.presentable(enclave, Operation.RELAY)
         origin = p.rtps_authenticates_origin | p.metadata_authenticates_origin
-        return (
-            self.reach(enclave)
+        return Abilities(
+            may_write=writes,
+            may_read=reads,
+            overhears=reach & ~p.data_encrypts & (~p.metadata_encrypts | relays),
+            forges=reach
             & ~origin
-            & (~p.metadata_authenticates | reads | self.relays(enclave))
-            & (~p.data_authenticates | reads)
+            & (~p.metadata_authenticates | reads | relays)
+            & (~p.data_authenticates | reads),
         )
