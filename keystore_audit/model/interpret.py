@@ -86,7 +86,7 @@ def _ungoverned(systems: tuple[System, ...]) -> tuple[UngovernedTopics, ...]:
     system = systems[0]
     permissions = Permissions(system)
     found: list[UngovernedTopics] = []
-    for number, document in enumerate(system.documents):
+    for number in range(len(system.documents)):
         rules = [rule for rule in system.domain_rules if rule.document == number]
         if not rules:
             continue

@@ -6,18 +6,15 @@ Evidence in, normalised facts out, one for each kind of implementation and readi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import datetime
 
 from keystore_audit.findings import Location
-from keystore_audit.keystore.certificate import Certificate, Issue, fit_to_sign, issued_by
-from keystore_audit.keystore.governance import Governance, GovernanceFile
+from keystore_audit.keystore.certificate import Issue, fit_to_sign, issued_by
 from keystore_audit.keystore.keystore import Enclave, Keystore
-from keystore_audit.keystore.layout import Role
-from keystore_audit.keystore.permissions import Grant, Permissions, PermissionsFile
 from keystore_audit.model.channels import Channels, RuleMatches, build_channels, covers_of, domain_classes
 from keystore_audit.model.domains import Interval, contains, covered
 from keystore_audit.model.doubt import identity_doubt, realm_doubt
+from keystore_audit.model.inventory import Document, certificates_of, dates_of, documents_of, instants_of
 from keystore_audit.model.revocation import revoked_serials
 from keystore_audit.model.system import (
     CertificateAtom,
@@ -32,21 +29,6 @@ from keystore_audit.model.system import (
     TopicRuleAtom,
 )
 from keystore_audit.model.trust import Verdict, envelope, is_authority, may_sign
-from keystore_audit.model.validity import parse_instant
-
-
-@dataclass(frozen=True, slots=True)
-class _Document:
-    """A document of the keystore by its place: what it says, if that could be read."""
-
-    place: str
-    file: GovernanceFile | PermissionsFile | None
-    governance: Governance | None = None
-    permissions: Permissions | None = None
-
-    @property
-    def readable(self) -> bool:
-        return self.governance is not None or self.permissions is not None
 
 
 class SystemBuilder:
@@ -58,10 +40,10 @@ class SystemBuilder:
     def __init__(self, keystore: Keystore, at: datetime) -> None:
         self._keystore = keystore
         self._at = at
-        self._documents = _documents(keystore)
-        self._certificates = _certificates(keystore)
+        self._documents = documents_of(keystore)
+        self._certificates = certificates_of(keystore)
         self._number = {certificate.sha256: n for n, certificate in enumerate(self._certificates)}
-        self._instants = _instants(self._certificates, self._documents, at)
+        self._instants = instants_of(self._certificates, self._documents, at)
         self._topic_matches: dict[int, frozenset[int]] = {}
         self._rule_matches: dict[int, RuleMatches] = {}
         self._channels = self._classes()
@@ -175,7 +157,7 @@ class SystemBuilder:
             rules=rules,
         )
 
-    def _opaque(self, document: _Document, *, pins_signer: bool) -> bool:
+    def _opaque(self, document: Document, *, pins_signer: bool) -> bool:
         """Whether some enclave may accept the document although we do not know what it says."""
         if document.file is None:
             return True
@@ -192,7 +174,7 @@ class SystemBuilder:
             if enclave.permissions_ca is not None
         )
 
-    def _document_atom(self, document: _Document, *, opaque: bool) -> DocumentAtom:
+    def _document_atom(self, document: Document, *, opaque: bool) -> DocumentAtom:
         judged = self._envelopes.get(document.place)
         intact = judged is not None and judged.verdict is Verdict.ACCEPTED and not opaque
         return DocumentAtom(
@@ -248,7 +230,7 @@ class SystemBuilder:
         )
 
     def _governance_atoms(
-        self, documents: Sequence[_Document]
+        self, documents: Sequence[Document]
     ) -> tuple[tuple[DomainRuleAtom, ...], tuple[TopicRuleAtom, ...]]:
         domain_rules: list[DomainRuleAtom] = []
         topic_rules: list[TopicRuleAtom] = []
@@ -283,7 +265,7 @@ class SystemBuilder:
         return tuple(domain_rules), tuple(topic_rules)
 
     def _permission_atoms(
-        self, documents: Sequence[_Document]
+        self, documents: Sequence[Document]
     ) -> tuple[tuple[GrantAtom, ...], tuple[RuleAtom, ...]]:
         by_subject: dict[str, set[int]] = {}
         for n, certificate in enumerate(self._certificates):
@@ -306,7 +288,7 @@ class SystemBuilder:
                             location=Location(path=document.place, line=rule.line),
                         )
                     )
-                not_before, not_after = _dates(grant)
+                not_before, not_after = dates_of(grant)
                 grants.append(
                     GrantAtom(
                         document=number,
@@ -355,64 +337,3 @@ def _place(enclave: Enclave) -> Location:
     if enclave.certificate is not None:
         return Location(path=enclave.certificate.file.place, line=1)
     return Location(path=enclave.files.directory)
-
-
-def _dates(grant: Grant) -> tuple[datetime, datetime]:
-    """The validity of a grant that `readable` has let through."""
-    not_before, not_after = parse_instant(grant.not_before.text), parse_instant(grant.not_after.text)
-    assert not_before is not None and not_after is not None
-    return not_before, not_after
-
-
-def _documents(keystore: Keystore) -> tuple[_Document, ...]:
-    """Every distinct document that an enclave carries, and those it carries that we could not read, by place."""
-    found: dict[str, _Document] = {}
-    for enclave in keystore.enclaves:
-        for role, read in ((Role.GOVERNANCE, enclave.governance), (Role.PERMISSIONS, enclave.permissions)):
-            file = enclave.files.files[role]
-            if isinstance(read, GovernanceFile):
-                found.setdefault(file.place, _Document(file.place, read, governance=read.governance))
-            elif isinstance(read, PermissionsFile):
-                permissions = read.permissions
-                if permissions is not None and not _dated(permissions):
-                    permissions = None
-                found.setdefault(file.place, _Document(file.place, read, permissions=permissions))
-            elif role is Role.PERMISSIONS and file.status.unknown:
-                found.setdefault(file.place, _Document(file.place, None))
-    return tuple(found[place] for place in sorted(found))
-
-
-def _dated(permissions: Permissions) -> bool:
-    return all(
-        parse_instant(text.text) is not None
-        for grant in permissions.grants
-        for text in (grant.not_before, grant.not_after)
-    )
-
-
-def _certificates(keystore: Keystore) -> tuple[Certificate, ...]:
-    """Every distinct certificate that plays a part: identities, authorities and signers, by place."""
-    found: dict[str, Certificate] = {}
-    for enclave in keystore.enclaves:
-        for file in (enclave.identity_ca, enclave.permissions_ca):
-            for certificate in file.certificates if file else ():
-                found.setdefault(certificate.sha256, certificate)
-        if enclave.certificate is not None and enclave.certificate.first is not None:
-            found.setdefault(enclave.certificate.first.sha256, enclave.certificate.first)
-        for document in (enclave.governance, enclave.permissions):
-            for signer in envelope(document.signed).signers if document else ():
-                found.setdefault(signer.sha256, signer)
-    return tuple(sorted(found.values(), key=lambda c: (c.path, c.line, c.sha256)))
-
-
-def _instants(
-    certificates: Sequence[Certificate], documents: Sequence[_Document], at: datetime
-) -> tuple[datetime, ...]:
-    """Every validity boundary and the audit instant, sorted."""
-    instants = {at}
-    for certificate in certificates:
-        instants.update((certificate.not_before, certificate.not_after))
-    for document in documents:
-        for grant in document.permissions.grants if document.permissions else ():
-            instants.update(_dates(grant))
-    return tuple(sorted(instants))

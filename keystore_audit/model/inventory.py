@@ -1,0 +1,90 @@
+"""What of the evidence plays a part in the model: documents, certificates and instants, each once and in order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+from keystore_audit.keystore.certificate import Certificate
+from keystore_audit.keystore.governance import Governance, GovernanceFile
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.layout import Role
+from keystore_audit.keystore.permissions import Grant, Permissions, PermissionsFile
+from keystore_audit.model.trust import envelope
+from keystore_audit.model.validity import parse_instant
+
+
+@dataclass(frozen=True, slots=True)
+class Document:
+    """A document of the keystore by its place: what it says, if that could be read."""
+
+    place: str
+    file: GovernanceFile | PermissionsFile | None
+    governance: Governance | None = None
+    permissions: Permissions | None = None
+
+    @property
+    def readable(self) -> bool:
+        return self.governance is not None or self.permissions is not None
+
+
+def dates_of(grant: Grant) -> tuple[datetime, datetime]:
+    """The validity of a grant that `readable` has let through."""
+    not_before, not_after = parse_instant(grant.not_before.text), parse_instant(grant.not_after.text)
+    assert not_before is not None and not_after is not None
+    return not_before, not_after
+
+
+def documents_of(keystore: Keystore) -> tuple[Document, ...]:
+    """Every distinct document that an enclave carries, and those it carries that we could not read, by place."""
+    found: dict[str, Document] = {}
+    for enclave in keystore.enclaves:
+        for role, read in ((Role.GOVERNANCE, enclave.governance), (Role.PERMISSIONS, enclave.permissions)):
+            file = enclave.files.files[role]
+            if isinstance(read, GovernanceFile):
+                found.setdefault(file.place, Document(file.place, read, governance=read.governance))
+            elif isinstance(read, PermissionsFile):
+                permissions = read.permissions
+                if permissions is not None and not _dated(permissions):
+                    permissions = None
+                found.setdefault(file.place, Document(file.place, read, permissions=permissions))
+            elif role is Role.PERMISSIONS and file.status.unknown:
+                found.setdefault(file.place, Document(file.place, None))
+    return tuple(found[place] for place in sorted(found))
+
+
+def _dated(permissions: Permissions) -> bool:
+    return all(
+        parse_instant(text.text) is not None
+        for grant in permissions.grants
+        for text in (grant.not_before, grant.not_after)
+    )
+
+
+def certificates_of(keystore: Keystore) -> tuple[Certificate, ...]:
+    """Every distinct certificate that plays a part: identities, authorities and signers, by place."""
+    found: dict[str, Certificate] = {}
+    for enclave in keystore.enclaves:
+        for file in (enclave.identity_ca, enclave.permissions_ca):
+            for certificate in file.certificates if file else ():
+                found.setdefault(certificate.sha256, certificate)
+        if enclave.certificate is not None and enclave.certificate.first is not None:
+            found.setdefault(enclave.certificate.first.sha256, enclave.certificate.first)
+        for document in (enclave.governance, enclave.permissions):
+            for signer in envelope(document.signed).signers if document else ():
+                found.setdefault(signer.sha256, signer)
+    return tuple(sorted(found.values(), key=lambda c: (c.path, c.line, c.sha256)))
+
+
+def instants_of(
+    certificates: Sequence[Certificate], documents: Sequence[Document], at: datetime
+) -> tuple[datetime, ...]:
+    """Every validity boundary and the audit instant, sorted."""
+    instants = {at}
+    for certificate in certificates:
+        instants.update((certificate.not_before, certificate.not_after))
+    for document in documents:
+        for grant in document.permissions.grants if document.permissions else ():
+            instants.update(dates_of(grant))
+    return tuple(sorted(instants))
