@@ -1,0 +1,106 @@
+"""Every sample keystore gives exactly the findings that stand beside it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+ROOT = Path(__file__).parent.parent
+SAMPLES = ROOT / "sample_keystores"
+EXPECTATIONS = sorted(SAMPLES.rglob("*.toml"))
+
+
+def name(path: Path) -> str:
+    return path.relative_to(SAMPLES).with_suffix("").as_posix()
+
+
+def private_copy(keystore: Path, target: Path) -> Path:
+    """A copy with the modes that a careful owner sets: git does not keep them."""
+    shutil.copytree(keystore, target, symlinks=True)
+    for key in target.rglob("*key.pem"):
+        if not key.is_symlink():
+            key.chmod(0o600)
+    return target
+
+
+def run(keystore: Path, *options: str) -> tuple[int, dict[str, Any]]:
+    """The exit code and the JSON report of a whole audit in a process of its own."""
+    command = [sys.executable, "-m", "keystore_audit", "audit", "--format", "json", *options, str(keystore)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    assert "Traceback" not in done.stderr, done.stderr
+    assert done.stdout, done.stderr
+    return done.returncode, json.loads(done.stdout)
+
+
+def rows(report: dict[str, Any]) -> list[str]:
+    """Findings as the expectation files write them."""
+    return sorted(
+        f"{finding['code']} {finding['severity']} {finding['enclave'] or '-'} "
+        f"{place['path']}:{place['line'] if place['line'] is not None else '-'}"
+        for finding in report["findings"]
+        for place in finding["locations"][:1] or [{"path": "-", "line": None}]
+    )
+
+
+@pytest.mark.parametrize("expectation", EXPECTATIONS, ids=name)
+def test_a_sample_gives_exactly_its_findings(expectation: Path, tmp_path: Path) -> None:
+    expected = tomllib.loads(expectation.read_text("utf-8"))
+    keystore = private_copy(expectation.with_suffix(""), tmp_path / "keystore")
+    code, report = run(keystore, "--engine", "native", "--at", expected["at"], *expected["options"])
+    found = rows(report)
+    assert {"missing": sorted(set(expected["findings"]) - set(found))} == {"missing": []}
+    assert {"unexpected": sorted(set(found) - set(expected["findings"]))} == {"unexpected": []}
+    assert found == sorted(expected["findings"])
+    assert code == report["exit_code"] == expected["exit_code"]
+
+
+RULE_SAMPLES = sorted(path for path in EXPECTATIONS if path.parent.parent.name == "rules")
+
+
+@pytest.mark.parametrize("expectation", RULE_SAMPLES, ids=name)
+def test_a_rule_fires_on_its_bad_sample_and_not_on_its_good_one(expectation: Path) -> None:
+    expected = tomllib.loads(expectation.read_text("utf-8"))
+    codes = {row.split()[0] for row in expected["findings"]}
+    assert (expected["rule"] in codes) == (expectation.stem == "bad")
+    assert expected["story"].strip()
+
+
+WITH_ALLOY = [
+    path
+    for path in EXPECTATIONS
+    if path.parent.name in ("healthy", "stock", "unknown") or path.parent.name.startswith("KA7")
+]
+
+
+@pytest.mark.parametrize("expectation", WITH_ALLOY, ids=name)
+def test_both_engines_agree_on_a_sample(expectation: Path, tmp_path: Path) -> None:
+    expected = tomllib.loads(expectation.read_text("utf-8"))
+    keystore = private_copy(expectation.with_suffix(""), tmp_path / "keystore")
+    code, report = run(keystore, "--engine", "both", "--at", expected["at"], *expected["options"])
+    assert report["engines"]["alloy"]["status"] == "ok"
+    assert report["engines"]["native"]["status"] == "ok"
+    assert report["engines_agree"] is True
+    assert code == expected["exit_code"]
+    assert rows(report) == sorted(expected["findings"])
+
+
+@pytest.mark.parametrize("healthy", sorted((SAMPLES / "healthy").glob("*.toml")), ids=name)
+def test_a_healthy_sample_passes_with_every_property_but_forging_readers(healthy: Path, tmp_path: Path) -> None:
+    keystore = private_copy(healthy.with_suffix(""), tmp_path / "keystore")
+    code, report = run(keystore, "--engine", "native")
+    assert (code, report["verdict"]) == (0, "pass")
+    assert report["weakened"] == []
+    statuses = {prop["id"]: prop["status"] for prop in report["properties"]}
+    assert statuses.pop("readers-cannot-forge") == "violated"
+    assert set(statuses.values()) == {"holds"}
