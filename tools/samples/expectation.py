@@ -1,0 +1,47 @@
+"""What the finished tool finds in a sample, in the form that stands in the sample's `.toml`."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from .store import copy_with_modes
+from .story import read_description
+
+
+def audit(sample: Path) -> Mapping[str, Any]:
+    """Audit a copy of `sample` with the modes that it was built with: `exit_code` and `findings`.
+
+    Raises ValueError where the tool does not answer with a report.
+    """
+    about = read_description(sample)
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / sample.name
+        copy_with_modes(sample, copy, int(about["key_mode"], 8))
+        return audit_directory(copy, at=about["at"], options=tuple(about["options"]))
+
+
+def audit_directory(directory: Path, *, at: str, options: tuple[str, ...] = ()) -> Mapping[str, Any]:
+    """Run the native audit on `directory`; raises ValueError where the tool does not answer with a report."""
+    arguments = ["--engine", "native", "--format", "json", "--at", at, *options, str(directory)]
+    command = [sys.executable, "-m", "keystore_audit", "audit", *arguments]
+    run = subprocess.run(command, capture_output=True, check=False, text=True, timeout=120)
+    try:
+        report = json.loads(run.stdout)
+    except ValueError as error:
+        raise ValueError(f"{directory}: no report, exit {run.returncode}: {run.stderr[-2000:]}") from error
+    return {"exit_code": run.returncode, "findings": sorted(finding_line(f) for f in report["findings"])}
+
+
+def finding_line(finding: Mapping[str, Any]) -> str:
+    """`CODE severity enclave path:line` of a finding of the JSON report; `-` for what it has not."""
+    place = "-"
+    if finding["locations"]:
+        first = finding["locations"][0]
+        place = first["path"] if first["line"] is None else f"{first['path']}:{first['line']}"
+    return f"{finding['code']} {finding['severity']} {finding['enclave'] or '-'} {place}"

@@ -1,0 +1,93 @@
+"""A sample: a keystore and, beside it, what it is for and what an audit of it finds."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from .store import Store, Tree
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+AT = "2026-11-21T12:00:00Z"
+"""The audit instant unless a story says otherwise: the stock samples were made three weeks before."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Story:
+    """One sample keystore.
+
+    `directory` is relative to `sample_keystores/`; `text` says what is built, what is wrong or right, and why
+    it matters; `at` and `options` are those of the audit. `rule`: the code of the rule that the sample is
+    for. `key_mode`: the mode of private keys, which git does not keep. `by_meaning`: its signed documents
+    have a time and a nonce of their own at every build.
+    """
+
+    directory: str
+    text: str
+    tree: Tree = field(repr=False)
+    at: str = AT
+    options: tuple[str, ...] = ()
+    rule: str | None = None
+    key_mode: int = 0o600
+    by_meaning: bool = False
+
+    def description(self, expectation: Mapping[str, Any]) -> str:
+        """The `.toml` beside the sample.
+
+        `expectation` holds `exit_code` and `findings`, or nothing before the first audit.
+        """
+        lines = [
+            f"story = {_toml(self.text)}",
+            f"at = {_toml(self.at)}",
+            f"options = {_toml(list(self.options))}",
+            f'key_mode = "{self.key_mode:04o}"',
+        ]
+        if self.rule is not None:
+            lines.append(f"rule = {_toml(self.rule)}")
+        if "exit_code" in expectation:
+            lines.append(f"exit_code = {expectation['exit_code']}")
+        if "findings" in expectation:
+            lines.append("findings = [")
+            lines += [f"  {_toml(finding)}," for finding in expectation["findings"]]
+            lines.append("]")
+        return "\n".join(lines) + "\n"
+
+
+def pair(
+    rule: str, name: str, bad: tuple[str, Store | Tree], good: tuple[str, Store | Tree], **both: Any
+) -> tuple[Story, Story]:
+    """The bad and the good sample of a rule; `both` are further fields of the two stories."""
+    return (
+        Story(directory=f"rules/{rule}-{name}/bad", rule=rule, text=bad[0], tree=_tree(bad[1]), **both),
+        Story(directory=f"rules/{rule}-{name}/good", rule=rule, text=good[0], tree=_tree(good[1]), **both),
+    )
+
+
+def description_of(sample: Path) -> Path:
+    """The `.toml` beside the directory `sample`."""
+    return sample.with_name(sample.name + ".toml")
+
+
+def read_description(sample: Path) -> dict[str, Any]:
+    """The fields of the `.toml` beside `sample`; empty where there is none."""
+    path = description_of(sample)
+    return tomllib.loads(path.read_text("utf-8")) if path.is_file() else {}
+
+
+def _tree(store: Store | Tree) -> Tree:
+    return store.tree() if isinstance(store, Store) else store
+
+
+def _toml(value: object) -> str:
+    """A string or list of strings in TOML: its basic strings are JSON's for the characters that samples
+    use.
+    """
+    return json.dumps(value, ensure_ascii=False)
