@@ -1,0 +1,64 @@
+# `make audit` and `make test` are all that a user and CI need; both make what they use. Stamps keep repeats quick.
+PYTHON ?= python3
+KEYSTORE ?= sample_keystores/healthy/turtlesim
+UV := uv==0.13.8
+BIN := .venv/bin
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+COMPILE := $(BIN)/uv pip compile pyproject.toml --quiet --universal --python-version 3.10 --generate-hashes \
+           --extra alloy --custom-compile-command "make lock" --upgrade
+
+.PHONY: audit test system lint types format samples bench lock wheel clean
+.DELETE_ON_ERROR:
+
+audit: .venv/audit.stamp  ## audit KEYSTORE with both engines
+	$(BIN)/keystore-audit engine install
+	$(BIN)/keystore-audit $(KEYSTORE)
+
+test: system lint types  ## everything that CI asks
+	$(BIN)/keystore-audit engine install
+	$(BIN)/pytest -n 2
+
+system:  ## the Debian packages that the tests need
+	@sh requirements/system.sh test $(PYTHON)
+
+lint: .venv/dev.stamp
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/lint-imports
+
+types: .venv/dev.stamp
+	$(BIN)/mypy
+
+format: .venv/dev.stamp
+	$(BIN)/ruff check --fix
+	$(BIN)/ruff format
+
+samples: .venv/dev.stamp  ## build sample_keystores/ again
+	$(BIN)/python tools/build_samples.py
+
+bench: .venv/dev.stamp  ## the ratios of design section 6
+	$(BIN)/python benchmarks/audit.py
+
+wheel: .venv/dev.stamp  ## sdist, and the wheel built from it, in dist/
+	$(BIN)/python -m build --no-isolation
+
+lock: $(BIN)/python  ## requirements/ again, at the newest versions that pyproject.toml allows
+	$(PIP) $(UV)
+	$(COMPILE) --group dev --output-file requirements/dev.txt
+	$(COMPILE) --group build --constraint requirements/dev.txt --output-file requirements/audit.txt
+
+clean:
+	rm -rf .venv dist
+
+$(BIN)/python:
+	@sh requirements/system.sh venv $(PYTHON)
+	$(PYTHON) -m venv .venv
+
+.venv/audit.stamp: requirements/audit.txt pyproject.toml | $(BIN)/python
+	$(PIP) --require-hashes --requirement requirements/audit.txt
+	$(PIP) --no-deps --no-build-isolation --editable .
+	@touch $@
+
+.venv/dev.stamp: .venv/audit.stamp requirements/dev.txt
+	$(PIP) --require-hashes --requirement requirements/dev.txt
+	@touch $@
