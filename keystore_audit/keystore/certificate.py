@@ -2,22 +2,84 @@
 
 from __future__ import annotations
 
+import hashlib
+import warnings
 from dataclasses import dataclass, field
 from datetime import datetime
+from enum import Enum
+from functools import lru_cache
+from typing import Final, TypeVar
 
 from cryptography import x509
+from cryptography.exceptions import UnsupportedAlgorithm
+from cryptography.hazmat.primitives.asymmetric.types import CertificatePublicKeyTypes
+from cryptography.hazmat.primitives.serialization import Encoding
+from cryptography.utils import CryptographyDeprecationWarning
 
-from keystore_audit.keystore.crl import RevocationList
-from keystore_audit.keystore.defect import Defect
+from keystore_audit.keystore import public_key
+from keystore_audit.keystore.crl import REVOCATION_LIST_LABEL, RevocationList, read_revocation_list
+from keystore_audit.keystore.defect import Defect, Kind
+from keystore_audit.keystore.der import parts
+from keystore_audit.keystore.distinguished_name import same_name
 from keystore_audit.keystore.files import File
+from keystore_audit.keystore.pem import BEGIN_CERTIFICATES, DUMP_OF_CERTIFICATE, Block, Problem, read_pem
+
+MAX_CERTIFICATE_BYTES: Final = 64 * 1024
+"""Longest certificate that is parsed: one of sros2 has 400 bytes, one with a 16,384-bit RSA key has 5,000."""
+
+_PROCESSED: Final = frozenset(
+    # Critical extensions that `openssl verify` 3.0 takes as understood (measured,
+    # tests/keystore/test_certificate.py). A proxyCertInfo is understood and then refused, so it is not
+    # among them.
+    {
+        "2.5.29.15",  # keyUsage
+        "2.5.29.17",  # subjectAltName
+        "2.5.29.19",  # basicConstraints
+        "2.5.29.30",  # nameConstraints
+        "2.5.29.31",  # cRLDistributionPoints
+        "2.5.29.32",  # certificatePolicies
+        "2.5.29.33",  # policyMappings
+        "2.5.29.36",  # policyConstraints
+        "2.5.29.37",  # extKeyUsage
+        "2.5.29.54",  # inhibitAnyPolicy
+        "1.3.6.1.5.5.7.1.7",  # id-pe-ipAddrBlocks
+        "1.3.6.1.5.5.7.1.8",  # id-pe-autonomousSysIds
+        "1.3.6.1.5.5.7.48.1.5",  # id-pkix-ocsp-nocheck
+        "2.16.840.1.113730.1.1",  # Netscape certificate type
+    }
+)
+_EMAIL_PROTECTION: Final = "1.3.6.1.5.5.7.3.4"  # id-kp-emailProtection, RFC 5280, 4.2.1.12
+_NETSCAPE_TYPE: Final = x509.ObjectIdentifier("2.16.840.1.113730.1.1")
+_NETSCAPE_SMIME_OR_CLIENT: Final = (
+    0x20 | 0x80
+)  # SSL client too: "workaround for some buggy certificates" (v3_purp.c)
+
+_KEY_USAGES: Final = (
+    ("digital_signature", "digitalSignature"),
+    ("content_commitment", "nonRepudiation"),
+    ("key_encipherment", "keyEncipherment"),
+    ("data_encipherment", "dataEncipherment"),
+    ("key_agreement", "keyAgreement"),
+    ("key_cert_sign", "keyCertSign"),
+    ("crl_sign", "cRLSign"),
+)
+
+_MALFORMED: Final = (
+    ValueError,
+    UnsupportedAlgorithm,
+    x509.DuplicateExtension,
+    x509.UnsupportedGeneralNameType,
+    x509.InvalidVersion,
+)
+"""What `cryptography` raises on structures that it refuses, at loading or when a part is first looked at."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Certificate:
     """One certificate of a PEM file (RFC 7468), found at `line` of `path`.
 
-    `subject` and `issuer` are RFC 4514 strings as untrusted text, `issuer_der`/`subject_der` the DER names that
-    a CMS signer identifier is compared with. `key` identifies the public key: SHA-256 of its
+    `subject` and `issuer` are RFC 4514 strings as untrusted text, `issuer_der`/`subject_der` the DER names
+    that a CMS signer identifier is compared with. `key` identifies the public key: SHA-256 of its
     SubjectPublicKeyInfo, hexadecimal. Dates are aware UTC.
     """
 
@@ -61,3 +123,247 @@ class CertificateFile:
     def first(self) -> Certificate | None:
         """The certificate that every run time reads."""
         return self.certificates[0] if self.certificates else None
+
+
+class Issue(str, Enum):
+    """Whether one certificate issued another, as OpenSSL's X509_check_issued and X509_verify judge.
+
+    Not dates, not CA:TRUE. UNSUPPORTED: the library cannot check such a signature, so a robot may accept it.
+    """
+
+    ISSUED = "issued"
+    NAME_DIFFERS = "name-differs"
+    KEY_IDENTIFIER_DIFFERS = "key-identifier-differs"
+    SIGNATURE_INVALID = "signature-invalid"
+    UNSUPPORTED = "unsupported"
+
+
+def read_certificates(file: File) -> CertificateFile:
+    """Read a PEM file of certificates; what cannot be read, and whatever else stands in it, is a defect.
+
+    Never raises. Several certificates are no defect as such. Where the first one cannot be read, the others
+    are not handed out: `first` must not be another one than a run time's.
+    """
+    certificates: list[Certificate] = []
+    revocation_lists: list[RevocationList] = []
+    defects: list[Defect] = []
+    pem = read_pem(file.content if file.content is not None else b"")
+    for part in pem.parts:
+        read = _read(part, file.place)
+        if isinstance(read, Certificate):
+            certificates.append(read)
+        elif isinstance(read, RevocationList):
+            revocation_lists.append(read)
+        else:
+            defects.append(read)
+            if not certificates and read.kind is Kind.CERTIFICATE_UNREADABLE:
+                break
+    for text in pem.texts:
+        if certificates and not text.is_dump(DUMP_OF_CERTIFICATE):
+            extra = "expected certificates alone, found other text"
+            defects.append(_defect(file.place, Kind.CERTIFICATE_FILE_EXTRA, text.line, extra))
+    unreadable = any(defect.kind is Kind.CERTIFICATE_UNREADABLE for defect in defects)
+    if file.content is not None and not certificates and not unreadable:
+        nothing = "expected a PEM block CERTIFICATE, found none"
+        defects.append(_defect(file.place, Kind.CERTIFICATE_UNREADABLE, None, nothing))
+    return CertificateFile(
+        file=file,
+        certificates=tuple(certificates),
+        revocation_lists=tuple(revocation_lists),
+        defects=tuple(defects),
+    )
+
+
+def issued_by(certificate: Certificate, issuer: Certificate) -> Issue:
+    """Whether `issuer` issued `certificate`: names, key identifiers and the signature, weak digests included.
+
+    Checked once for each pair of contents.
+    """
+    if certificate.issuer_der != issuer.subject_der and (
+        not same_name(certificate.parsed.issuer, issuer.parsed.subject)
+    ):
+        return Issue.NAME_DIFFERS
+    return _signed_by(certificate.parsed, issuer.parsed)
+
+
+def fit_to_sign(certificate: Certificate) -> bool:
+    """Whether OpenSSL's purpose X509_PURPOSE_SMIME_SIGN admits the certificate (crypto/x509/v3_purp.c).
+
+    Extended key usage absent or with emailProtection (anyExtendedKeyUsage does not do, measured), keyUsage
+    absent or with digitalSignature or nonRepudiation, Netscape certificate type absent or S/MIME or SSL
+    client. PKCS7_verify asks for it in the implementations that do not pin the signer (CVE-2023-24010).
+    """
+    extended, usage = certificate.extended_key_usage, certificate.key_usage
+    if extended is not None and _EMAIL_PROTECTION not in extended:
+        return False
+    if usage is not None and not usage & {"digitalSignature", "nonRepudiation"}:
+        return False
+    netscape = _netscape_type(certificate.parsed)
+    return netscape is None or bool(netscape & _NETSCAPE_SMIME_OR_CLIENT)
+
+
+def _read(part: Block | Problem, path: str) -> Certificate | RevocationList | Defect:
+    if isinstance(part, Problem):
+        found = f"expected a certificate, found {part.detail}"
+        return _defect(path, Kind.CERTIFICATE_UNREADABLE, part.line, found)
+    if part.label == REVOCATION_LIST_LABEL:
+        read = read_revocation_list(part, path)
+        if isinstance(read, RevocationList):
+            return read
+        found = f"expected a revocation list, found {read.detail}"
+        return _defect(path, Kind.CRL_UNREADABLE, read.line, found)
+    if part.label == "TRUSTED CERTIFICATE":
+        trusted = (
+            "expected CERTIFICATE, found TRUSTED CERTIFICATE, OpenSSL's own form that not all readers take"
+        )
+        return _defect(path, Kind.CERTIFICATE_UNREADABLE, part.line, trusted)
+    if part.label not in BEGIN_CERTIFICATES or part.der is None:
+        what = "a private key" if part.is_private_key else "a block"
+        extra = f"expected certificates alone, found {what} ({part.label})"
+        return _defect(path, Kind.CERTIFICATE_FILE_EXTRA, part.line, extra)
+    return _read_certificate(part.der, part.line, path)
+
+
+def _read_certificate(der: bytes, line: int, path: str) -> Certificate | Defect:
+    if len(der) > MAX_CERTIFICATE_BYTES:
+        long = f"a certificate of {len(der)} bytes, more than the limit of {MAX_CERTIFICATE_BYTES}"
+        return _defect(path, Kind.CERTIFICATE_UNREADABLE, line, long)
+    try:
+        with warnings.catch_warnings():
+            # A serial number that is not positive warns; it is evidence and no news for stderr.
+            warnings.simplefilter("ignore", CryptographyDeprecationWarning)
+            return _evidence(x509.load_der_x509_certificate(der), der, line, path)
+    except _MALFORMED:
+        malformed = (
+            "expected an X.509 certificate in DER (RFC 5280, 4.1), found a malformed one or other bytes"
+        )
+        return _defect(path, Kind.CERTIFICATE_UNREADABLE, line, malformed)
+
+
+def _evidence(parsed: x509.Certificate, der: bytes, line: int, path: str) -> Certificate:
+    """Look at every part, so that whatever is malformed raises here and not in a rule."""
+    signed = _signed_parts(parsed)
+    key, key_kind = _key(parsed, signed[5])
+    is_ca: bool | None = None
+    path_length: int | None = None
+    usage: frozenset[str] | None = None
+    extended: frozenset[str] | None = None
+    critical: list[str] = []
+    for extension in parsed.extensions:
+        value = extension.value
+        if isinstance(value, x509.BasicConstraints):
+            is_ca, path_length = value.ca, value.path_length
+        elif isinstance(value, x509.KeyUsage):
+            usage = _usages(value)
+        elif isinstance(value, x509.ExtendedKeyUsage):
+            extended = frozenset(purpose.dotted_string for purpose in value)
+        if extension.critical and extension.oid.dotted_string not in _PROCESSED:
+            critical.append(extension.oid.dotted_string)
+    return Certificate(
+        path=path,
+        line=line,
+        sha256=hashlib.sha256(der).hexdigest(),
+        subject=parsed.subject.rfc4514_string(),
+        issuer=parsed.issuer.rfc4514_string(),
+        subject_der=signed[4],
+        issuer_der=signed[2],
+        serial=parsed.serial_number,
+        not_before=parsed.not_valid_before_utc,
+        not_after=parsed.not_valid_after_utc,
+        key=key,
+        key_kind=key_kind,
+        signature_algorithm=public_key.signature_algorithm(parsed.signature_algorithm_oid.dotted_string),
+        is_ca=is_ca,
+        path_length=path_length,
+        key_usage=usage,
+        extended_key_usage=extended,
+        unknown_critical=tuple(critical),
+        parsed=parsed,
+    )
+
+
+def _signed_parts(parsed: x509.Certificate) -> list[bytes]:
+    """Return serial number, signature algorithm, issuer, validity, subject and key in DER (RFC 5280, 4.1)."""
+    signed = parsed.tbs_certificate_bytes
+    found = parts(signed, 7 if parsed.version is x509.Version.v3 else 6)
+    return found[1:] if found[0][:1] == b"\xa0" else found[:6]
+
+
+def _key(parsed: x509.Certificate, encoded: bytes) -> tuple[str, str]:
+    """Return identity and kind of the public key; hash and algorithm if the library does not know it."""
+    try:
+        key = parsed.public_key()
+        return public_key.identity(key), public_key.kind(key)
+    except (ValueError, UnsupportedAlgorithm):
+        algorithm = parsed.public_key_algorithm_oid.dotted_string
+        return hashlib.sha256(encoded).hexdigest(), f"unsupported ({algorithm})"
+
+
+def _usages(usage: x509.KeyUsage) -> frozenset[str]:
+    names = {name for attribute, name in _KEY_USAGES if getattr(usage, attribute)}
+    if usage.key_agreement:  # the library lets nobody ask otherwise
+        names |= {"encipherOnly"} if usage.encipher_only else set()
+        names |= {"decipherOnly"} if usage.decipher_only else set()
+    return frozenset(names)
+
+
+def _netscape_type(parsed: x509.Certificate) -> int | None:
+    """Return the bits of the Netscape certificate type, 0 if it is malformed, None where it is absent."""
+    for extension in parsed.extensions:
+        if extension.oid == _NETSCAPE_TYPE and isinstance(extension.value, x509.UnrecognizedExtension):
+            value = extension.value.value  # a BIT STRING: tag, length, unused bits, bits
+            return value[3] if len(value) > 3 and value[0] == 0x03 else 0
+    return None
+
+
+@lru_cache(maxsize=4096)
+def _signed_by(certificate: x509.Certificate, issuer: x509.Certificate) -> Issue:
+    key: CertificatePublicKeyTypes
+    try:
+        if _signed_parts(certificate)[1] != parts(certificate.public_bytes(Encoding.DER), 2)[1]:
+            return Issue.SIGNATURE_INVALID  # X509_verify compares both statements of the algorithm first
+        key = issuer.public_key()
+        verified = public_key.verifies(
+            key,
+            certificate.signature,
+            certificate.tbs_certificate_bytes,
+            certificate.signature_algorithm_parameters,
+            certificate.signature_hash_algorithm,
+        )
+    except (ValueError, UnsupportedAlgorithm):
+        verified = None
+    if verified is False:
+        return Issue.SIGNATURE_INVALID
+    if not _key_identifier_fits(certificate, issuer):
+        return Issue.KEY_IDENTIFIER_DIFFERS
+    return Issue.ISSUED if verified else Issue.UNSUPPORTED
+
+
+def _key_identifier_fits(certificate: x509.Certificate, issuer: x509.Certificate) -> bool:
+    """Whether nothing in authorityKeyIdentifier contradicts `issuer` (X509_check_akid in v3_purp.c)."""
+    authority = _extension(certificate, x509.AuthorityKeyIdentifier)
+    if authority is None:
+        return True
+    subject = _extension(issuer, x509.SubjectKeyIdentifier)
+    named = authority.key_identifier
+    if named is not None and subject is not None and named != subject.digest:
+        return False
+    serial = authority.authority_cert_serial_number
+    if serial is not None and serial != issuer.serial_number:
+        return False
+    names = [n.value for n in authority.authority_cert_issuer or () if isinstance(n, x509.DirectoryName)]
+    return not names or same_name(names[0], issuer.issuer)
+
+
+_E = TypeVar("_E", bound=x509.ExtensionType)
+
+
+def _extension(certificate: x509.Certificate, kind: type[_E]) -> _E | None:
+    for extension in certificate.extensions:
+        if isinstance(extension.value, kind):
+            return extension.value
+    return None
+
+
+def _defect(path: str, kind: Kind, line: int | None, detail: str) -> Defect:
+    return Defect(kind=kind, path=path, line=line, detail=detail)

@@ -2,18 +2,50 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import datetime
+from typing import TYPE_CHECKING, Final
 
 from cryptography import x509
+from cryptography.exceptions import UnsupportedAlgorithm
+from cryptography.hazmat.primitives.serialization import Encoding
+from cryptography.utils import CryptographyDeprecationWarning
 
-from keystore_audit.keystore.defect import Defect
+from keystore_audit.keystore.defect import Defect, Kind
+from keystore_audit.keystore.der import parts
 from keystore_audit.keystore.files import File
+from keystore_audit.keystore.pem import DUMP_OF_REVOCATION_LIST, Block, Problem, read_pem
+from keystore_audit.keystore.public_key import signature_algorithm, verifies
+
+if TYPE_CHECKING:
+    from keystore_audit.keystore.certificate import Certificate
+
+REVOCATION_LIST_LABEL: Final = "X509 CRL"
+
+_PROCESSED: Final = frozenset(
+    # Taken as understood when critical by OpenSSL 3 (crypto/x509/x_crl.c, crl_cb): issuingDistributionPoint,
+    # authorityKeyIdentifier, deltaCRLIndicator.
+    {"2.5.29.28", "2.5.29.35", "2.5.29.27"}
+)
+_PROCESSED_IN_ENTRY: Final = frozenset({"2.5.29.29"})  # certificateIssuer (x_crl.c, crl_set_issuers)
+
+_MALFORMED: Final = (
+    ValueError,
+    UnsupportedAlgorithm,
+    x509.DuplicateExtension,
+    x509.UnsupportedGeneralNameType,
+)
+"""What `cryptography` raises on structures that it refuses, at loading or when a part is first looked at."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RevocationList:
-    """One CRL found at `line` of `path`; `revoked` holds serial numbers."""
+    """One CRL found at `line` of `path`; `revoked` holds serial numbers.
+
+    `unknown_critical`: critical extensions, of the list or of an entry, that OpenSSL does not process.
+    """
 
     path: str
     line: int
@@ -34,3 +66,114 @@ class CrlFile:
     file: File
     revocation_lists: tuple[RevocationList, ...]
     defects: tuple[Defect, ...]
+
+
+def read_crl(file: File) -> CrlFile:
+    """Read every revocation list of a PEM file; whatever else stands there is a defect.
+
+    Never raises. OpenSSL reads the first list of `crl.pem`; the others are evidence all the same.
+    """
+    if file.content is None:
+        return CrlFile(file=file, revocation_lists=(), defects=())
+    pem = read_pem(file.content)
+    lists: list[RevocationList] = []
+    defects: list[Defect] = []
+    for part in pem.parts:
+        if isinstance(part, Block) and part.label != REVOCATION_LIST_LABEL:
+            defects.append(
+                _defect(file, Kind.CERTIFICATE_FILE_EXTRA, part.line, f"found a block {part.label}")
+            )
+            continue
+        read = read_revocation_list(part, file.place) if isinstance(part, Block) else part
+        if isinstance(read, RevocationList):
+            lists.append(read)
+        else:
+            defects.append(_defect(file, Kind.CRL_UNREADABLE, read.line, f"found {read.detail}"))
+    for text in pem.texts:
+        if lists and not text.is_dump(DUMP_OF_REVOCATION_LIST):
+            defects.append(_defect(file, Kind.CERTIFICATE_FILE_EXTRA, text.line, "found other text"))
+    if not lists and not any(defect.kind is Kind.CRL_UNREADABLE for defect in defects):
+        defects.append(_defect(file, Kind.CRL_UNREADABLE, None, "found none"))
+    return CrlFile(file=file, revocation_lists=tuple(lists), defects=tuple(defects))
+
+
+def _defect(file: File, kind: Kind, line: int | None, found: str) -> Defect:
+    return Defect(
+        kind=kind, path=file.place, line=line, detail=f"expected PEM blocks X509 CRL alone, {found}"
+    )
+
+
+def read_revocation_list(block: Block, path: str) -> RevocationList | Problem:
+    """Read an `X509 CRL` block of any file, or say what is there instead. Never raises."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", CryptographyDeprecationWarning)  # evidence, not news for stderr
+            return _parsed(x509.load_der_x509_crl(block.der or b""), block.line, path)
+    except _MALFORMED:
+        return Problem(line=block.line, detail="bytes that are no revocation list (RFC 5280, 5.1)")
+
+
+def crl_signed_by(crl: RevocationList, ca: Certificate) -> bool | None:
+    """Whether the key of `ca` made the signature of `crl`; None where the library cannot tell.
+
+    Names, dates and keyUsage are not looked at.
+    """
+    parsed = crl.parsed
+    try:
+        inner = _signed_parts(parsed)[0]
+        if parts(parsed.public_bytes(Encoding.DER), 2)[1] != inner:
+            return False  # X509_CRL_verify compares both statements of the algorithm first
+        return verifies(
+            ca.parsed.public_key(),
+            parsed.signature,
+            parsed.tbs_certlist_bytes,
+            parsed.signature_algorithm_parameters,
+            parsed.signature_hash_algorithm,
+        )
+    except _MALFORMED:
+        return None
+
+
+def _parsed(parsed: x509.CertificateRevocationList, line: int, path: str) -> RevocationList:
+    """Look at every part, so that whatever is malformed raises here and not in a rule."""
+    revoked: set[int] = set()
+    critical = set(_critical(parsed.extensions, _PROCESSED))
+    for entry in parsed:
+        extensions = entry.extensions
+        if len(extensions):
+            critical.update(_critical(extensions, _PROCESSED_IN_ENTRY))
+            if _removed(extensions):
+                continue
+        revoked.add(entry.serial_number)
+    return RevocationList(
+        path=path,
+        line=line,
+        issuer=parsed.issuer.rfc4514_string(),
+        issuer_der=_signed_parts(parsed)[1],
+        this_update=parsed.last_update_utc,
+        next_update=parsed.next_update_utc,
+        revoked=frozenset(revoked),
+        signature_algorithm=signature_algorithm(parsed.signature_algorithm_oid.dotted_string),
+        unknown_critical=tuple(sorted(critical)),
+        parsed=parsed,
+    )
+
+
+def _signed_parts(parsed: x509.CertificateRevocationList) -> tuple[bytes, bytes]:
+    """Return signature algorithm and issuer inside the signed part, in DER (RFC 5280, 5.1.2)."""
+    first, second, third = parts(parsed.tbs_certlist_bytes, 3)
+    return (second, third) if first[:1] == b"\x02" else (first, second)  # the version is optional
+
+
+def _critical(extensions: x509.Extensions, processed: frozenset[str]) -> Iterator[str]:
+    for extension in extensions:
+        if extension.critical and extension.oid.dotted_string not in processed:
+            yield extension.oid.dotted_string
+
+
+def _removed(extensions: x509.Extensions) -> bool:
+    """Whether the entry takes a certificate off the list again (RFC 5280, 5.3.1): OpenSSL lets it pass."""
+    for extension in extensions:
+        if isinstance(extension.value, x509.CRLReason):
+            return extension.value.reason is x509.ReasonFlags.remove_from_crl
+    return False

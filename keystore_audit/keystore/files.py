@@ -1,4 +1,4 @@
-"""Reads the files of an untrusted directory: bounded, regular files only, never outside the root."""
+"""What is in the directory of a keystore: files with their bytes, or with the reason why there are none."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ class File:
 
     `resolved` is the relative path of the regular file whose bytes these are, links resolved (None unless
     PRESENT). `detail` says in words why the status is not PRESENT. `mode` holds the permission bits of the
-    resolved file, `link` the target text where the entry itself is a symbolic link.
+    resolved file, `link` the target text where the entry itself is a symbolic link, percent-encoded too.
+    `content` is None where the bytes were withheld: private keys, `.p11` files (they may hold a PIN).
     """
 
     path: str
@@ -47,3 +48,29 @@ class File:
     def place(self) -> str:
         """The path to print: the resolved one where there is one."""
         return self.resolved if self.resolved is not None else self.path
+
+
+class EntryKind(str, Enum):
+    """What a directory entry is by itself, links not followed."""
+
+    FILE = "file"
+    DIRECTORY = "directory"
+    LINK = "link"
+    SPECIAL = "special"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Entry:
+    """An entry of a directory; `target` is what a link says, byte for byte."""
+
+    name: bytes
+    kind: EntryKind
+    target: bytes | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Listing:
+    """A directory and its entries by name; no entries unless the status of `directory` is DIRECTORY."""
+
+    directory: File
+    entries: tuple[Entry, ...]

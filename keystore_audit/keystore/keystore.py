@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import hashlib
+import os
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
-from keystore_audit.keystore.certificate import CertificateFile
-from keystore_audit.keystore.crl import CrlFile
+from cryptography.x509.oid import NameOID
+
+from keystore_audit.keystore.certificate import Certificate, CertificateFile, read_certificates
+from keystore_audit.keystore.crl import CrlFile, read_crl
+from keystore_audit.keystore.files import Entry, EntryKind, File, Status
 from keystore_audit.keystore.governance import GovernanceFile
-from keystore_audit.keystore.layout import EnclaveFiles, Layout
+from keystore_audit.keystore.layout import EnclaveFiles, Layout, LayoutKind, Role, discover
 from keystore_audit.keystore.permissions import PermissionsFile
-from keystore_audit.keystore.private_key import PrivateKey
+from keystore_audit.keystore.private_key import PrivateKey, read_private_key
+from keystore_audit.keystore.root import Root
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,8 +43,9 @@ class Enclave:
 class Keystore:
     """Everything read below `root` (the path as the user gave it).
 
-    A file shared by several enclaves (by link, or as a copy with the same bytes at the same resolved path) is read once: the
-    same object stands in each. `digest`: SHA-256 over the sorted (path, type, content or link target).
+    A file shared by several enclaves, by links to one path, is read once: the same object stands in each.
+    Copies of a document with the same bytes are verified once. `digest`: SHA-256 over the sorted (path,
+    type, content or link target) of every entry: see `_digest`.
     """
 
     root: str
@@ -45,3 +54,200 @@ class Keystore:
     authorities: tuple[CertificateFile, ...]
     authority_keys: tuple[PrivateKey, ...]
     digest: str
+
+
+def read_keystore(
+    path: str | os.PathLike[str], *, progress: Callable[[int, int], None] | None = None
+) -> Keystore:
+    """Read and verify everything in the directory `path`, enclaves in the order of their paths.
+
+    `progress` is told how many enclaves are done, of how many. What cannot be read is evidence, not an error.
+    Raises NothingToAudit if there is no directory or no enclave in it.
+    """
+    with Root.open(path) as root:
+        layout = discover(root)
+        reader = _Reader(root)
+        certificates = [reader.certificates_of(files) for files in layout.enclaves]
+        layout = _with_subject_as_path(layout, certificates)
+        authorities = _distinct(reader.certificates(file) for file in layout.authorities)
+        candidates = _candidates(certificates, authorities)
+        enclaves: list[Enclave] = []
+        for files, read in zip(layout.enclaves, certificates, strict=True):
+            enclaves.append(reader.enclave(files, read, candidates))
+            if progress is not None:
+                progress(len(enclaves), len(layout.enclaves))
+        return Keystore(
+            root=root.path,
+            layout=layout,
+            enclaves=tuple(enclaves),
+            authorities=authorities,
+            authority_keys=_distinct(reader.private_key(file) for file in layout.authority_keys),
+            digest=_digest(root),
+        )
+
+
+_CertificatesOf = dict[Role, CertificateFile | None]
+_Reading = TypeVar("_Reading", CertificateFile, PrivateKey, CrlFile)
+_Document = TypeVar("_Document", GovernanceFile, PermissionsFile)
+
+
+class _Reader:
+    """Reads each distinct file once."""
+
+    def __init__(self, root: Root) -> None:
+        self._root = root
+        self._certificates: dict[str, CertificateFile] = {}
+        self._keys: dict[str, PrivateKey] = {}
+        self._crls: dict[str, CrlFile] = {}
+        self._governance: dict[str, GovernanceFile] = {}
+        self._permissions: dict[str, PermissionsFile] = {}
+
+    def certificates_of(self, files: EnclaveFiles) -> _CertificatesOf:
+        roles = (Role.IDENTITY_CA, Role.CERTIFICATE, Role.PERMISSIONS_CA)
+        return {role: self.certificates(files.files[role]) for role in roles}
+
+    def enclave(
+        self, files: EnclaveFiles, read: _CertificatesOf, candidates: tuple[Certificate, ...]
+    ) -> Enclave:
+        from keystore_audit.keystore.governance import read_governance  # XXX
+        from keystore_audit.keystore.permissions import read_permissions  # XXX
+
+        by_role = files.files
+        return Enclave(
+            files=files,
+            identity_ca=read[Role.IDENTITY_CA],
+            certificate=read[Role.CERTIFICATE],
+            key=self.private_key(by_role[Role.KEY]),
+            permissions_ca=read[Role.PERMISSIONS_CA],
+            governance=_document(by_role[Role.GOVERNANCE], self._governance, read_governance, candidates),
+            permissions=_document(by_role[Role.PERMISSIONS], self._permissions, read_permissions, candidates),
+            crl=_once(by_role[Role.CRL], self._crls, read_crl),
+        )
+
+    def certificates(self, file: File) -> CertificateFile | None:
+        return _once(file, self._certificates, read_certificates)
+
+    def private_key(self, file: File) -> PrivateKey | None:
+        return _once(file, self._keys, lambda sealed: read_private_key(self._root.unsealed(sealed)))
+
+
+def _once(file: File, done: dict[str, _Reading], read: Callable[[File], _Reading]) -> _Reading | None:
+    if file.status is not Status.PRESENT:
+        return None
+    found = done.get(file.place)
+    if found is None:
+        found = done[file.place] = read(file)
+    return found
+
+
+def _document(
+    file: File,
+    done: dict[str, _Document],
+    read: Callable[[File, tuple[Certificate, ...]], _Document],
+    candidates: tuple[Certificate, ...],
+) -> _Document | None:
+    """Verify a document; a copy of one that was verified has the same evidence at another place."""
+    if file.status is not Status.PRESENT or file.sha256 is None:
+        return None
+    found = done.get(file.sha256)
+    if found is None:
+        found = done[file.sha256] = read(file, candidates)
+    if found.signed.file.place == file.place:
+        return found
+    copy = f"{file.sha256} {file.place}"
+    if copy not in done:
+        done[copy] = _moved(found, file)
+    return done[copy]
+
+
+def _moved(document: _Document, file: File) -> _Document:
+    signed = document.signed
+    return replace(
+        document,
+        signed=replace(
+            signed,
+            file=file,
+            embedded=tuple(replace(certificate, path=file.place) for certificate in signed.embedded),
+            defects=tuple(replace(defect, path=file.place) for defect in signed.defects),
+        ),
+        defects=tuple(replace(defect, path=file.place) for defect in document.defects),
+    )
+
+
+def _distinct(readings: Iterable[_Reading | None]) -> tuple[_Reading, ...]:
+    """Leave out what is not there, and what several links lead to but once."""
+    return tuple({reading.file.place: reading for reading in readings if reading is not None}.values())
+
+
+def _candidates(
+    enclaves: list[_CertificatesOf], authorities: tuple[CertificateFile, ...]
+) -> tuple[Certificate, ...]:
+    """Return every certificate of the keystore once, those that are likely to have signed first."""
+    found: dict[str, Certificate] = {}
+    for role in (Role.PERMISSIONS_CA, Role.IDENTITY_CA, None, Role.CERTIFICATE):
+        files = authorities if role is None else [read[role] for read in enclaves]
+        for file in files:
+            for certificate in file.certificates if file is not None else ():
+                found.setdefault(certificate.sha256, certificate)
+    return tuple(found.values())
+
+
+def _with_subject_as_path(layout: Layout, certificates: list[_CertificatesOf]) -> Layout:
+    """Name a single enclave's folder, and what is below it, by its certificate (design section 3)."""
+    if layout.kind is not LayoutKind.ENCLAVE:
+        return layout
+    name = "/"
+    for files, read in zip(layout.enclaves, certificates, strict=True):
+        if files.directory == ".":
+            name = _common_name(read[Role.CERTIFICATE]) or "/"
+    if not name.startswith("/"):
+        return layout
+    named = tuple(
+        replace(files, path=name if files.path == "/" else name.rstrip("/") + files.path)
+        for files in layout.enclaves
+    )
+    return replace(layout, enclaves=named)
+
+
+def _common_name(file: CertificateFile | None) -> str | None:
+    if file is None or file.first is None:
+        return None
+    for attribute in file.first.parsed.subject.get_attributes_for_oid(NameOID.COMMON_NAME):
+        return attribute.value if isinstance(attribute.value, str) else None
+    return None
+
+
+def _digest(root: Root) -> str:
+    """Hash the tree: for each entry, in order of path, path, type and value, each ended by NUL.
+
+    The value is the SHA-256 of a file's content in hexadecimal (its status where it was not read), a link's
+    target, and nothing for a directory (its status where it was not listed). No modes and times: a copy has
+    the same digest.
+    """
+    digest = hashlib.sha256()
+    for record in sorted(_records(root)):
+        for part in record:
+            digest.update(part + b"\0")
+    return digest.hexdigest()
+
+
+def _records(root: Root) -> Iterator[tuple[bytes, bytes, bytes]]:
+    stack = [b""]
+    while stack:
+        place = stack.pop()
+        listing = root.entries(place)
+        status = listing.directory.status
+        yield place, b"directory", b"" if status is Status.DIRECTORY else status.value.encode()
+        for entry in listing.entries:
+            path = place + b"/" + entry.name if place else entry.name
+            if entry.kind is EntryKind.DIRECTORY:
+                stack.append(path)
+            else:
+                yield path, entry.kind.value.encode(), _value(root, path, entry)
+
+
+def _value(root: Root, path: bytes, entry: Entry) -> bytes:
+    if entry.kind is EntryKind.LINK:
+        return entry.target or b""
+    file = root.sealed(path)
+    return (file.sha256 or file.status.value).encode()

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
+from typing import Final
 
-from keystore_audit.keystore.files import File
+from keystore_audit.errors import NothingToAudit
+from keystore_audit.keystore.descent import display
+from keystore_audit.keystore.files import EntryKind, File, Listing, Status
+from keystore_audit.keystore.root import Root
 
 
 class LayoutKind(str, Enum):
@@ -35,10 +39,10 @@ class Role(str, Enum):
 class EnclaveFiles:
     """The files of one enclave.
 
-    `path` is its ROS name as untrusted text, `directory` relative as in `File.path` (`.` for the root
-    itself). `files` holds an entry for each role, MISSING ones too; Ardent's one `ca.cert.pem` serves both CA
-    roles. `pkcs11` are the `.p11` files beside; `unsigned` are `governance.xml` and `permissions.xml` by
-    role.
+    `path` is its ROS name as untrusted text (percent-encoded like a file's path where directories name it),
+    `directory` relative as in `File.path` (`.` for the root itself). `files` holds an entry for each role,
+    MISSING ones too; Ardent's one `ca.cert.pem` serves both CA roles. `pkcs11` are the `.p11` files beside,
+    without content, `unsigned` are `governance.xml` and `permissions.xml` by role: of both only what exists.
     """
 
     path: str
@@ -53,11 +57,15 @@ class Layout:
     """A keystore's directory as discovered.
 
     `authorities`: CA certificate files outside enclaves (`public/*.cert.pem`, a flat root's `ca.cert.pem`);
-    `authority_keys`: CA private key files anywhere (`private/*.key.pem`, `ca.key.pem`), links and their
-    targets listed once by resolved path; `unsigned_governance`: `governance.xml` beside a shared
-    governance.p7s; `governance`: the shared `governance.p7s`, if any; `directory_links`: links to
-    directories, never followed; `unreadable_directories`: directories that could not be listed; `expected`:
-    what a complete keystore of this kind would hold and this one lacks, in words.
+    `authority_keys`: CA private key files anywhere (`private/*key.pem`, `ca.key.pem`), links and their
+    targets listed once by resolved path, without content;
+    `unsigned_governance`: `governance.xml` beside a shared governance.p7s; `governance`: the shared
+    `governance.p7s`, if any;
+    `directory_links`: links to directories, never followed, and links out of the keystore that may be some
+    (status OUTSIDE) where an enclave could be; `unreadable_directories`: directories that could not be
+    listed, the one where the limit of entries was reached among them: nothing after it, in order of path,
+    was looked at;
+    `expected`: what a complete keystore of this kind would hold and this one lacks, in words.
     """
 
     kind: LayoutKind
@@ -69,3 +77,245 @@ class Layout:
     directory_links: tuple[File, ...]
     unreadable_directories: tuple[File, ...]
     expected: tuple[str, ...]
+
+
+_IN_PEM_OR_P11: Final = (Role.IDENTITY_CA, Role.CERTIFICATE, Role.KEY, Role.PERMISSIONS_CA)
+_SIGNED: Final = (Role.GOVERNANCE, Role.PERMISSIONS)
+
+_NAMES: Final = {role: f"{role.value}.{'p7s' if role in _SIGNED else 'pem'}".encode() for role in Role}
+_PKCS11_NAMES: Final = {role: f"{role.value}.p11".encode() for role in _IN_PEM_OR_P11}
+_UNSIGNED_NAMES: Final = {role: f"{role.value}.xml".encode() for role in _SIGNED}
+
+_RUN_TIME: Final = frozenset(_NAMES.values()) - {_NAMES[Role.CRL]} | frozenset(_PKCS11_NAMES.values())
+"""The six files that a run time requires (rmw_dds_common, security.cpp), four of them in either form."""
+
+_OWN: Final = frozenset({b"cert.pem", b"cert.p11", b"key.pem", b"key.p11", b"permissions.p7s"})
+"""Those that belong to one enclave; the others also stand in shared folders."""
+
+_AUTHORITIES: Final = frozenset(
+    {b"identity_ca.cert.pem", b"identity_ca.cert.p11", b"permissions_ca.cert.pem", b"permissions_ca.cert.p11"}
+)
+_ONE_AUTHORITY: Final = b"ca.cert.pem"
+_FLAT_ROOT: Final = frozenset({_ONE_AUTHORITY, b"ca.key.pem", b"governance.p7s", b"governance.xml"})
+"""What sros2 put into the root from Ardent to Eloquent."""
+
+_FILE_NAMES: Final = frozenset((*_RUN_TIME, _NAMES[Role.CRL], *_UNSIGNED_NAMES.values(), *_FLAT_ROOT))
+
+_ENCLAVE_WANTED: Final = (
+    "expected a folder with cert.pem, key.pem, identity_ca.cert.pem, permissions_ca.cert.pem, governance.p7s "
+    "and permissions.p7s"
+)
+
+
+def discover(root: Root) -> Layout:
+    """Find the enclaves and the shared files of a keystore, and read them, private keys sealed.
+
+    Raises NothingToAudit, with what was expected where, if there is no enclave at all.
+    """
+    tree = _Tree(root)
+    kind = tree.kind()
+    places = tree.enclaves(kind)
+    if not places:
+        raise NothingToAudit(tree.nothing(kind))
+    single = _has_one_authority(tree, places) and kind is not LayoutKind.SROS2
+    if single and kind is LayoutKind.FLAT:
+        kind = LayoutKind.ARDENT
+    shared = {LayoutKind.SROS2: b"enclaves/", LayoutKind.ENCLAVE: None}.get(kind, b"")
+    enclaves = [_enclave(tree, place, kind, one_authority=single) for place in places]
+    return Layout(
+        kind=kind,
+        enclaves=tuple(sorted(enclaves, key=lambda enclave: (enclave.path, enclave.directory))),
+        authorities=tuple(_authorities(tree, places)),
+        authority_keys=tuple(_authority_keys(tree)),
+        governance=_existing(root, shared, b"governance.p7s"),
+        unsigned_governance=_existing(root, shared, b"governance.xml"),
+        directory_links=tuple(_directory_links(tree, kind)),
+        unreadable_directories=tree.unreadable,
+        expected=tuple(_expected(tree, kind)),
+    )
+
+
+class _Tree:
+    """Every directory below the root, in order of path, with the names in it."""
+
+    def __init__(self, root: Root) -> None:
+        self.root = root
+        self.listings = dict(_walk(root))
+        self.unreadable = tuple(
+            listing.directory
+            for listing in self.listings.values()
+            if listing.directory.status is not Status.DIRECTORY
+        )
+        self.top = {entry.name: entry.kind for entry in self.listings[b""].entries}
+        self._names = {place: self._names_in(place, listing) for place, listing in self.listings.items()}
+
+    def _names_in(self, place: bytes, listing: Listing) -> frozenset[bytes]:
+        """Return the names in a directory; in one that cannot be listed, those that can be opened."""
+        if listing.directory.status is Status.DIRECTORY:
+            return frozenset(entry.name for entry in listing.entries)
+        sealed = self.root.sealed
+        return frozenset(name for name in _FILE_NAMES if sealed(_below(place, name)).status is Status.PRESENT)
+
+    def names(self, place: bytes) -> frozenset[bytes]:
+        """Return the names in a directory, none where there is no such directory."""
+        return self._names.get(place, frozenset())
+
+    def kind(self) -> LayoutKind:
+        """Return the layout as the root shows it; ARDENT is a FLAT one, to be told by its enclaves."""
+        if self.top.get(b"enclaves") is EntryKind.DIRECTORY and not self._has_namespace_called_enclaves():
+            return LayoutKind.SROS2
+        names = self.names(b"")
+        if names & _OWN:
+            return LayoutKind.ENCLAVE
+        return LayoutKind.FLAT if names & _FLAT_ROOT else LayoutKind.PARTIAL
+
+    def _has_namespace_called_enclaves(self) -> bool:
+        both = {_ONE_AUTHORITY, b"governance.p7s"} <= self.top.keys()
+        return both and b"public" not in self.top and b"private" not in self.top
+
+    def enclaves(self, kind: LayoutKind) -> list[bytes]:
+        """Return the directories that are enclaves (design section 3)."""
+        if self.top.get(b"enclaves") is EntryKind.LINK or (kind is LayoutKind.PARTIAL and self._keystores()):
+            return []
+        return [place for place in self.listings if self._is_enclave(place, kind)]
+
+    def _is_enclave(self, place: bytes, kind: LayoutKind) -> bool:
+        # Shared folders hold CA certificates or the governance too: they count only by what is an enclave's
+        # own.
+        if kind is LayoutKind.SROS2:
+            if not place.startswith(b"enclaves/") and place != b"enclaves":
+                return False
+            shared = place == b"enclaves"
+        else:
+            shared = place in (b"", b"public", b"private")
+        return bool(self.names(place) & (_OWN if shared else _RUN_TIME))
+
+    def _keystores(self) -> list[bytes]:
+        """Return directories below the root that are keystores themselves."""
+        return [place.rpartition(b"/")[0] for place in self.listings if place.endswith(b"/enclaves")]
+
+    def nothing(self, kind: LayoutKind) -> str:
+        """Say what was expected where, and what is there."""
+        where = self.root.path
+        keystores = self._keystores()
+        top = self.listings[b""].directory
+        if top.status is not Status.DIRECTORY:
+            text = f"{where} {top.detail}"
+        elif self.top.get(b"enclaves") is EntryKind.LINK:
+            text = f"{where}/enclaves is a link, and links to directories are not followed"
+        elif not self.top:
+            text = f"{where} is empty: expected a keystore, with a folder for each enclave below enclaves/"
+        elif kind is LayoutKind.SROS2:
+            half_made = b"public" in self.listings and not self.names(b"public")
+            made = "half-made keystore" if half_made else "keystore"
+            text = (
+                f"{where} is a {made} without any enclave: {_ENCLAVE_WANTED} for each below {where}/enclaves"
+            )
+        elif keystores and kind is LayoutKind.PARTIAL:
+            shown = ", ".join(display(place) for place in keystores[:3])
+            text = f"{where} is no keystore, but holds {len(keystores)}: name one of them ({shown})"
+        else:
+            text = f"{where} is no keystore: {_ENCLAVE_WANTED} for each enclave below {where}/enclaves"
+        if self.unreadable and top.status is Status.DIRECTORY:
+            first = self.unreadable[0]
+            text += (
+                f". Not looked at: {len(self.unreadable)} directories, {first.path} first ({first.detail})"
+            )
+        return text + "."
+
+
+def _walk(root: Root) -> Iterator[tuple[bytes, Listing]]:
+    """List every directory, in order of path; end at the limit of entries."""
+    stack = [b""]
+    while stack and not root.exhausted:
+        place = stack.pop()
+        listing = root.entries(place)
+        yield place, listing
+        below = [entry.name for entry in listing.entries if entry.kind is EntryKind.DIRECTORY]
+        stack.extend(_below(place, name) for name in reversed(below))
+
+
+def _below(place: bytes, name: bytes) -> bytes:
+    return place + b"/" + name if place else name
+
+
+def _enclave(tree: _Tree, place: bytes, kind: LayoutKind, *, one_authority: bool) -> EnclaveFiles:
+    root, names = tree.root, tree.names(place)
+    files: dict[Role, File] = {}
+    for role, name in _NAMES.items():
+        if one_authority and role in (Role.IDENTITY_CA, Role.PERMISSIONS_CA):
+            name = _ONE_AUTHORITY
+        path = _below(place, name)
+        files[role] = root.sealed(path) if role is Role.KEY else root.file(path)
+    pkcs11 = {role: root.sealed(_below(place, name)) for role, name in _PKCS11_NAMES.items() if name in names}
+    unsigned = {
+        role: root.file(_below(place, name)) for role, name in _UNSIGNED_NAMES.items() if name in names
+    }
+    named = place[len(b"enclaves/") :] if kind is LayoutKind.SROS2 else place
+    return EnclaveFiles(
+        path=f"/{display(named)}" if named else "/",
+        directory=display(place),
+        files=files,
+        pkcs11=pkcs11,
+        unsigned=unsigned,
+    )
+
+
+def _has_one_authority(tree: _Tree, places: list[bytes]) -> bool:
+    """Whether the enclaves are Ardent's or Bouncy's: `ca.cert.pem` for both roles."""
+    names = frozenset[bytes]().union(*(tree.names(place) for place in places))
+    return _ONE_AUTHORITY in names and not names & _AUTHORITIES
+
+
+def _authorities(tree: _Tree, enclaves: list[bytes]) -> Iterator[File]:
+    for place in (b"", b"public"):
+        if place not in enclaves:
+            for name in sorted(tree.names(place)):
+                if name.endswith(b".cert.pem" if place else b"ca.cert.pem"):
+                    yield tree.root.file(_below(place, name))
+
+
+def _authority_keys(tree: _Tree) -> list[File]:
+    found: dict[str, File] = {}
+    for place in tree.listings:
+        for name in sorted(tree.names(place)):
+            if name.endswith(b"key.pem" if place == b"private" else b"ca.key.pem"):
+                file = tree.root.sealed(_below(place, name))
+                if file.link is None or file.place not in found:
+                    found[file.place] = file
+    return [found[place] for place in sorted(found)]
+
+
+def _existing(root: Root, directory: bytes | None, name: bytes) -> File | None:
+    if directory is None:
+        return None
+    file = root.file(directory + name)
+    return None if file.status is Status.MISSING else file
+
+
+def _directory_links(tree: _Tree, kind: LayoutKind) -> Iterator[File]:
+    for place, listing in tree.listings.items():
+        may_hold_enclaves = kind is not LayoutKind.SROS2 or (place + b"/").startswith(b"enclaves/")
+        for entry in listing.entries:
+            if entry.kind is not EntryKind.LINK:
+                continue
+            file = tree.root.sealed(_below(place, entry.name))
+            unseen = file.status in (Status.OUTSIDE, Status.UNREADABLE) and entry.name not in _FILE_NAMES
+            if file.status is Status.DIRECTORY or (unseen and may_hold_enclaves):
+                yield file
+
+
+def _expected(tree: _Tree, kind: LayoutKind) -> Iterator[str]:
+    if kind is LayoutKind.SROS2:
+        for name in ("identity_ca.cert.pem", "permissions_ca.cert.pem"):
+            if name.encode() not in tree.names(b"public"):
+                yield f"public/{name}, the certificate that the enclaves link to"
+        if b"governance.p7s" not in tree.names(b"enclaves"):
+            yield "enclaves/governance.p7s, the governance that the enclaves share"
+    elif kind in (LayoutKind.FLAT, LayoutKind.ARDENT):
+        if _ONE_AUTHORITY not in tree.top:
+            yield "ca.cert.pem, the certificate of the authority, in the root"
+        if b"governance.p7s" not in tree.top:
+            yield "governance.p7s, the governance that the enclaves copy, in the root"
+    elif kind is LayoutKind.PARTIAL:
+        yield "enclaves/, where ROS 2 since Foxy looks, or the ca.cert.pem and governance.p7s of an older one"

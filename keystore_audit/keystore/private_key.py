@@ -2,10 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import warnings
+from dataclasses import dataclass, replace
+from typing import Final
 
-from keystore_audit.keystore.defect import Defect
+from cryptography.exceptions import UnsupportedAlgorithm
+from cryptography.hazmat.primitives.asymmetric.types import PublicKeyTypes
+from cryptography.hazmat.primitives.serialization import load_der_private_key
+from cryptography.utils import CryptographyDeprecationWarning
+
+from keystore_audit.keystore import public_key
+from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.files import File
+from keystore_audit.keystore.pem import Block, Problem, read_pem
+
+MAX_KEY_BYTES: Final = 64 * 1024
+"""Longest key that is parsed: an RSA key of 16,384 bits, the largest that OpenSSL uses, has 9,300 bytes."""
+
+_LABELS: Final = frozenset(
+    {"PRIVATE KEY", "ENCRYPTED PRIVATE KEY", "EC PRIVATE KEY", "RSA PRIVATE KEY", "DSA PRIVATE KEY"}
+)
+"""PKCS #8 and the traditional forms: what PEM_read_bio_PrivateKey takes; it skips every other block."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,3 +37,62 @@ class PrivateKey:
     key_kind: str | None
     encrypted: bool
     defects: tuple[Defect, ...]
+
+
+def read_private_key(file: File) -> PrivateKey:
+    """Read the first private key of a PEM file as OpenSSL would, without a password. Never raises or asks.
+
+    The words of a defect are ours alone: what the library says of a key is not repeated.
+    """
+    sealed = replace(file, content=None)
+    if file.content is None:
+        return _unread(sealed, Kind.KEY_UNREADABLE, None, f"expected a file with a key, found {file.detail}")
+    block = _first_key(file.content)
+    if isinstance(block, Problem):
+        return _unread(sealed, Kind.KEY_UNREADABLE, block.line, block.detail)
+    if block.encrypted:
+        detail = "expected a key without a password, found an encrypted one; ROS 2 hands over no password"
+        return _unread(sealed, Kind.KEY_ENCRYPTED, block.line, detail)
+    key = _public_half(block)
+    if key is None:
+        detail = f"expected a private key in DER, found other bytes in the block {block.label}"
+        return _unread(sealed, Kind.KEY_UNREADABLE, block.line, detail)
+    return PrivateKey(
+        file=sealed, key=public_key.identity(key), key_kind=public_key.kind(key), encrypted=False, defects=()
+    )
+
+
+def _first_key(content: bytes) -> Block | Problem:
+    for part in read_pem(content).parts:
+        if isinstance(part, Problem):
+            return Problem(line=part.line, detail=f"expected a PEM block PRIVATE KEY, found {part.detail}")
+        if part.label in _LABELS:
+            return part
+    if content.lstrip().lower().startswith(b"pkcs11:"):
+        detail = "expected a PEM block PRIVATE KEY, found a PKCS #11 address: it belongs into key.p11"
+        return Problem(line=1, detail=detail)
+    return Problem(line=1, detail="expected a PEM block PRIVATE KEY, found none")
+
+
+def _public_half(block: Block) -> PublicKeyTypes | None:
+    """Return the public half.
+
+    RSA keys are not tested for primality: 42 ms a key, and no run time does it either
+    (docs/security-model.md).
+    """
+    if block.der is None or len(block.der) > MAX_KEY_BYTES:
+        return None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", CryptographyDeprecationWarning)
+            private = load_der_private_key(block.der, None, unsafe_skip_rsa_key_validation=True)
+        return private.public_key()
+    except (ValueError, TypeError, UnsupportedAlgorithm):  # TypeError: encrypted after all
+        return None
+
+
+def _unread(file: File, kind: Kind, line: int | None, detail: str) -> PrivateKey:
+    defect = Defect(kind=kind, path=file.place, line=line, detail=detail)
+    return PrivateKey(
+        file=file, key=None, key_kind=None, encrypted=kind is Kind.KEY_ENCRYPTED, defects=(defect,)
+    )

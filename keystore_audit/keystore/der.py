@@ -1,0 +1,39 @@
+"""The parts of a DER structure byte for byte, where `cryptography` hands out only what they mean.
+
+Names are compared as bytes before they are compared by meaning, and the two statements of a signature
+algorithm have to be the same bytes. Only for structures that `cryptography` has parsed: nothing is
+validated here.
+"""
+
+from __future__ import annotations
+
+
+def parts(structure: bytes, count: int) -> list[bytes]:
+    """Return the first `count` elements inside a constructed element, each with tag and length.
+
+    Raises ValueError if there are fewer, or if the structure is cut off.
+    """
+    position, end = _content(structure, 0)
+    found: list[bytes] = []
+    while len(found) < count:
+        if position >= end:
+            raise ValueError("too few elements")
+        _, next_position = _content(structure, position)
+        found.append(structure[position:next_position])
+        position = next_position
+    return found
+
+
+def _content(structure: bytes, position: int) -> tuple[int, int]:
+    """Return where the content of the element at `position` begins and ends."""
+    if position + 2 > len(structure):
+        raise ValueError("cut off in a header")
+    length = structure[position + 1]
+    start = position + 2
+    if length & 0x80:
+        size = length & 0x7F
+        length = int.from_bytes(structure[start : start + size], "big")
+        start += size
+    if start + length > len(structure):
+        raise ValueError("cut off in an element")
+    return start, start + length

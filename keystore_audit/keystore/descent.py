@@ -1,0 +1,218 @@
+"""Finds names below one directory and never leaves it, whatever links say and whoever swaps them meanwhile.
+
+Nothing is opened by a path that the kernel would resolve. Links are read and followed here, as names, and
+what they lead to is reached from the root downwards, one component at a time, without following links: a
+component swapped in between gives a refusal, not a file outside. Outside the root nothing is even looked at
+(a hostile link could trigger an automount), so a link that leaves it may lead to anything.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from collections import OrderedDict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import lru_cache
+from typing import Final
+
+from keystore_audit.keystore.files import Status
+from keystore_audit.text import percent_path
+
+MAX_DEPTH: Final = 128
+"""Deepest directory entered: a ROS name of at most 255 characters has at most 127 parts."""
+
+MAX_LINKS: Final = 40
+"""Links followed for one name, as Linux does (path_resolution(7)): a robot gets ELOOP beyond it."""
+
+_OPEN_DIRECTORIES: Final = 64
+"""Directory descriptors kept open: those in use, far below the usual limits of 256 or 1,024 a process."""
+
+# O_PATH needs only the right to pass through a directory, as a robot that opens a file in it does; macOS
+# has none.
+_PASS_FLAGS: Final[int] = getattr(os, "O_PATH", os.O_RDONLY) | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
+
+Place = tuple[bytes, ...]
+"""Names from the root downwards."""
+
+
+class Refusal(Exception):
+    """Why a name was not read; caught where a File is made of it."""
+
+    def __init__(self, status: Status, detail: str) -> None:
+        """Keep the status and the sentence that a File will carry."""
+        super().__init__(detail)
+        self.status = status
+        self.detail = detail
+
+
+class Descent:
+    """Descriptors of the directories below a root, and where links in them lead."""
+
+    def __init__(self, descriptor: int, real: str, given: str) -> None:
+        """Take over `descriptor` of the root: `real` is its canonical absolute path, `given` another one."""
+        self._descriptor = descriptor
+        self._real = names(os.fsencode(real))
+        self._spellings = (self._real, names(os.fsencode(given)))
+        self._directories: OrderedDict[Place, int] = OrderedDict()
+
+    def close(self) -> None:
+        """Close every descriptor."""
+        while self._directories:
+            os.close(self._directories.popitem()[1])
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+    def open(self, place: Place, flags: int) -> int:
+        """Open what stands at `place` itself; `flags` has to have O_NOFOLLOW. Raises OSError or Refusal."""
+        return os.open(place[-1] if place else b".", flags, dir_fd=self._directory(place[:-1]))
+
+    def target(self, place: Place) -> bytes:
+        """Return what the link at `place` says; raises OSError or Refusal."""
+        return os.readlink(place[-1], dir_fd=self._directory(place[:-1]))
+
+    def entry(self, place: Place) -> os.stat_result:
+        """Describe the entry at `place`, itself not followed.
+
+        Raises Refusal where the way there leads out or over a link to a directory, and OSError.
+        """
+        if b".." in place:
+            raise Refusal(Status.OUTSIDE, "leads out of the keystore; it was not read")
+        try:
+            return self._lstat(place)
+        except OSError as error:
+            if error.errno in (errno.ENOTDIR, errno.ELOOP, errno.EMLINK):
+                self._refuse_directory_link(place)
+            raise
+
+    def follow(self, directory: Place, target: bytes) -> tuple[Place, os.stat_result]:
+        """Resolve a link in the real directory `directory`: the place where it ends, and what is there.
+
+        The way is kept as absolute names, `here`. All names of the root are real directories, so `..` is
+        exact on names there too, and a way that leaves the root and comes back needs no look outside.
+        Raises Refusal where it ends nowhere, outside or never.
+        """
+        shown = percent_path(target)
+        missing = (Status.DANGLING, f"links to {shown}, which does not exist")
+        with refused_by_system(f"links to {shown}, which cannot be read", missing=missing):
+            end, found = self._walk(directory, target)
+            if found is None:
+                found = self._lstat(end)
+        return end, found
+
+    def _walk(self, directory: Place, target: bytes) -> tuple[Place, os.stat_result | None]:
+        shown = percent_path(target)
+        outside = Refusal(Status.OUTSIDE, f"links to {shown}, outside the keystore; it was not read")
+        depth = len(self._real)
+        here = [*self._real, *directory]
+        pending = self._steps(target, here)
+        links = 1
+        found: os.stat_result | None = None  # of `here`, where it was looked at
+        while pending:
+            name = pending.pop()
+            if found is not None and not stat.S_ISDIR(found.st_mode):
+                raise Refusal(
+                    Status.DANGLING, f"links to {shown}, a way through something that is no directory"
+                )
+            if name == b".":
+                continue
+            found = None
+            if name == b"..":
+                del here[-1:]  # above `/` there is `/`
+                continue
+            here.append(name)
+            if len(here) <= depth:
+                if name != self._real[len(here) - 1]:
+                    raise outside
+                continue
+            found = self._lstat(tuple(here[depth:]))
+            if stat.S_ISLNK(found.st_mode):
+                found = None
+                links += 1
+                if links > MAX_LINKS:
+                    circle = f"links to {shown}: a circle, or a chain of more than {MAX_LINKS} links"
+                    raise Refusal(Status.LOOP, circle)
+                step = self.target(tuple(here[depth:]))
+                here.pop()
+                pending.extend(self._steps(step, here))
+        if len(here) < depth:
+            raise outside
+        return tuple(here[depth:]), found
+
+    def _steps(self, target: bytes, here: list[bytes]) -> list[bytes]:
+        """Return the names that a link's target goes through, last first; an absolute target moves `here`."""
+        steps = [name for name in target.split(b"/") if name]
+        if target.endswith(b"/"):
+            steps.append(b".")  # what it ends at has to be a directory
+        if target.startswith(b"/"):
+            here.clear()
+            for spelling in self._spellings:
+                if tuple(steps[: len(spelling)]) == spelling:
+                    here.extend(self._real)
+                    del steps[: len(spelling)]
+                    break
+        steps.reverse()
+        return steps
+
+    def _refuse_directory_link(self, place: Place) -> None:
+        for depth in range(1, len(place)):
+            if stat.S_ISLNK(self._lstat(place[:depth]).st_mode):
+                link = display(b"/".join(place[:depth]))
+                raise Refusal(Status.UNREADABLE, f"{link} is a link; links to directories are not followed")
+
+    def _lstat(self, place: Place) -> os.stat_result:
+        if not place:
+            return os.fstat(self._descriptor)
+        return os.stat(place[-1], dir_fd=self._directory(place[:-1]), follow_symlinks=False)
+
+    def _directory(self, place: Place) -> int:
+        """Return a descriptor of the real directory at `place`, valid until the next call."""
+        if not place:
+            return self._descriptor
+        known = self._directories.get(place)
+        if known is not None:
+            self._directories.move_to_end(place)
+            return known
+        if len(place) > MAX_DEPTH:
+            raise Refusal(Status.UNREADABLE, f"lies deeper than the limit of {MAX_DEPTH} directories")
+        descriptor = os.open(place[-1], _PASS_FLAGS, dir_fd=self._directory(place[:-1]))
+        self._directories[place] = descriptor
+        if len(self._directories) > _OPEN_DIRECTORIES:
+            os.close(self._directories.popitem(last=False)[1])
+        return descriptor
+
+
+@contextmanager
+def refused_by_system(failure: str, *, missing: tuple[Status, str]) -> Iterator[None]:
+    """Turn the system's errors into a Refusal: `missing` where there is nothing, else UNREADABLE."""
+    try:
+        yield
+    except (FileNotFoundError, NotADirectoryError):
+        raise Refusal(*missing) from None
+    except OSError as error:
+        raise Refusal(Status.UNREADABLE, f"{failure}: {reason(error)}") from None
+    except ValueError:  # a NUL character: no file has such a name
+        raise Refusal(*missing) from None
+
+
+def reason(error: OSError) -> str:
+    """Return the words of the operating system, without the path that `str(error)` has."""
+    return os.strerror(error.errno) if error.errno is not None else "unknown error"
+
+
+def names(path: bytes) -> Place:
+    """Split a path; empty names and `.` say nothing."""
+    return tuple(name for name in path.split(b"/") if name and name != b".")
+
+
+def display(relative: bytes) -> str:
+    """Return a path below the root in the form that `File.path` has; `.` for the root itself."""
+    directory, slash, name = relative.rpartition(b"/")
+    return f"{_display(directory)}/{_display(name)}" if slash else _display(name) or "."
+
+
+@lru_cache(maxsize=4096)
+def _display(path: bytes) -> str:
+    return percent_path(path)

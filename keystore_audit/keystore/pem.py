@@ -1,0 +1,156 @@
+"""Splits a file into PEM blocks (RFC 7468) so strictly that every reader of the file sees the same ones.
+
+OpenSSL (crypto/pem/pem_lib.c) reads lines in pieces of 254 characters, ignores whatever is no block, and is
+lenient inside one. Where its blocks and ours could differ, there is a `Problem` instead of a guess.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import re
+from dataclasses import dataclass, field
+from typing import Final
+
+MAX_BLOCKS: Final = 1_000
+"""Most blocks that are read of one file: a bundle of authorities has some hundred, an enclave's file one."""
+
+_BEGIN: Final = re.compile(rb"-----BEGIN ([A-Z0-9 ]{1,64})-----[\x00-\x20]*")
+_ENCRYPTED: Final = b"Proc-Type: 4,ENCRYPTED"  # RFC 1421, 4.6.1.1: the header of an encrypted traditional key
+
+BEGIN_CERTIFICATES: Final = frozenset({"CERTIFICATE", "X509 CERTIFICATE"})
+"""Labels of a certificate: RFC 7468, and the old one that OpenSSL takes for the same."""
+
+DUMP_OF_CERTIFICATE: Final = (b"Certificate:",)
+DUMP_OF_REVOCATION_LIST: Final = (
+    b"Certificate Revocation List (CRL):",
+    b"Revoked Certificates:",
+    b"No Revoked Certificates.",
+)
+"""Lines at the margin in what `openssl x509 -text` and `openssl crl -text` write before a block."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Block:
+    """A PEM block that begins at `line`; `der` is None for an encrypted traditional key."""
+
+    label: str
+    line: int
+    der: bytes | None = field(repr=False)
+
+    @property
+    def is_private_key(self) -> bool:
+        """Whether it holds, or says that it holds, a private key."""
+        return self.label.endswith("PRIVATE KEY")
+
+    @property
+    def encrypted(self) -> bool:
+        """Whether a password is needed."""
+        return self.der is None or self.label == "ENCRYPTED PRIVATE KEY"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Text:
+    """Text outside of blocks that begins at `line`."""
+
+    line: int
+    text: bytes = field(repr=False)
+
+    def is_dump(self, margin: tuple[bytes, ...]) -> bool:
+        """Whether it is openssl's readable form: first the first of `margin`, then any of it or indented lines."""
+        lines = [line.rstrip() for line in self.text.split(b"\n")]
+        written = [line for line in lines if line]
+        return written[:1] == [margin[0]] and all(
+            line.startswith(b"    ") or line in margin for line in written
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Problem:
+    """Why no block could be read at `line`, in words that quote nothing."""
+
+    line: int
+    detail: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pem:
+    """A file's blocks and problems in file order, and the text outside of them."""
+
+    parts: tuple[Block | Problem, ...]
+    texts: tuple[Text, ...]
+
+
+def read_pem(content: bytes) -> Pem:
+    """Split `content`; never raises."""
+    parts: list[Block | Problem] = []
+    texts: list[Text] = []
+    position = 0
+    line = 1
+    while True:
+        begin = content.find(b"-----BEGIN", position)
+        end_of_text = begin if begin >= 0 else len(content)
+        if content[position:end_of_text].strip():
+            texts.append(_text(content[position:end_of_text], line))
+        if begin < 0:
+            break
+        line += content.count(b"\n", position, begin)
+        if len(parts) >= MAX_BLOCKS:
+            parts.append(
+                Problem(line=line, detail=f"more than {MAX_BLOCKS} PEM blocks; the rest was not read")
+            )
+            break
+        part, end = _block(content, begin, line)
+        parts.append(part)
+        position = end
+        line += content.count(b"\n", begin, end)
+    return Pem(parts=tuple(parts), texts=tuple(texts))
+
+
+def _text(text: bytes, line: int) -> Text:
+    blank = len(text) - len(text.lstrip())
+    return Text(line=line + text.count(b"\n", 0, blank), text=text)
+
+
+def _block(content: bytes, begin: int, line: int) -> tuple[Block | Problem, int]:
+    """Read what begins with `-----BEGIN` at `begin`; also return where the rest of the file begins."""
+    end_of_line = _end_of_line(content, begin)
+    opening = _BEGIN.fullmatch(content, begin, end_of_line)
+    if opening is None or (begin > 0 and content[begin - 1] != 0x0A):
+        strange = "-----BEGIN that is not alone at the start of a line: parsers may differ here"
+        return Problem(line=line, detail=strange), end_of_line
+    closing = content.find(b"-----", end_of_line)
+    end_of_block = _end_of_line(content, closing) if closing >= 0 else len(content)
+    expected = b"-----END " + opening[1] + b"-----"
+    if closing < 0 or content[closing:end_of_block].rstrip(_BLANK) != expected:
+        return Problem(line=line, detail="a PEM block that does not end as it begins"), end_of_line
+    label = opening[1].decode("ascii")
+    body = content[end_of_line:closing]
+    if label.endswith("PRIVATE KEY") and body.lstrip().startswith(_ENCRYPTED):
+        return Block(label=label, line=line, der=None), end_of_block
+    der = _decoded(body)
+    if der is None:
+        return Problem(line=line, detail=f"a {label} block whose lines are not base64"), end_of_block
+    return Block(label=label, line=line, der=der), end_of_block
+
+
+_BLANK: Final = bytes(range(0x21))
+"""What OpenSSL removes from the end of a line: space and all below."""
+
+
+def _decoded(body: bytes) -> bytes | None:
+    """Decode base64 lines that nothing but an end of line separates; blank lines would be a header's end."""
+    *lines, rest = body.split(b"\n")
+    lines = [line.rstrip(_BLANK) for line in lines]
+    if rest or not all(lines):
+        return None
+    try:
+        return base64.b64decode(b"".join(lines), validate=True)
+    except binascii.Error:
+        return None
+
+
+def _end_of_line(content: bytes, position: int) -> int:
+    """Return where the line at `position` ends, its newline included."""
+    end = content.find(b"\n", position)
+    return end + 1 if end >= 0 else len(content)

@@ -1,0 +1,109 @@
+"""Public keys as evidence: which key, of what kind, and whether it made a signature."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from typing import Final
+
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric import dsa, ec, ed448, ed25519, padding, rsa, x448, x25519
+from cryptography.hazmat.primitives.asymmetric.types import PublicKeyTypes
+from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
+
+SIGNATURE_ALGORITHMS: Final[Mapping[str, str]] = {
+    # OpenSSL's names (crypto/objects/objects.txt), as `openssl x509 -text` prints them.
+    "1.2.840.113549.1.1.2": "md2WithRSAEncryption",
+    "1.2.840.113549.1.1.4": "md5WithRSAEncryption",
+    "1.2.840.113549.1.1.5": "sha1WithRSAEncryption",
+    "1.2.840.113549.1.1.10": "rsassaPss",
+    "1.2.840.113549.1.1.11": "sha256WithRSAEncryption",
+    "1.2.840.113549.1.1.12": "sha384WithRSAEncryption",
+    "1.2.840.113549.1.1.13": "sha512WithRSAEncryption",
+    "1.2.840.113549.1.1.14": "sha224WithRSAEncryption",
+    "1.2.840.10045.4.1": "ecdsa-with-SHA1",
+    "1.2.840.10045.4.3.1": "ecdsa-with-SHA224",
+    "1.2.840.10045.4.3.2": "ecdsa-with-SHA256",
+    "1.2.840.10045.4.3.3": "ecdsa-with-SHA384",
+    "1.2.840.10045.4.3.4": "ecdsa-with-SHA512",
+    "1.2.840.10040.4.3": "dsaWithSHA1",
+    "2.16.840.1.101.3.4.3.1": "dsa_with_SHA224",
+    "2.16.840.1.101.3.4.3.2": "dsa_with_SHA256",
+    "2.16.840.1.101.3.4.3.9": "ecdsa_with_SHA3-224",
+    "2.16.840.1.101.3.4.3.10": "ecdsa_with_SHA3-256",
+    "2.16.840.1.101.3.4.3.11": "ecdsa_with_SHA3-384",
+    "2.16.840.1.101.3.4.3.12": "ecdsa_with_SHA3-512",
+    "2.16.840.1.101.3.4.3.13": "RSA-SHA3-224",
+    "2.16.840.1.101.3.4.3.14": "RSA-SHA3-256",
+    "2.16.840.1.101.3.4.3.15": "RSA-SHA3-384",
+    "2.16.840.1.101.3.4.3.16": "RSA-SHA3-512",
+    "1.3.101.112": "ED25519",
+    "1.3.101.113": "ED448",
+}
+
+SignatureParameters = padding.PSS | padding.PKCS1v15 | ec.ECDSA | None
+"""What `signature_algorithm_parameters` of a certificate or revocation list returns."""
+
+
+def signature_algorithm(identifier: str) -> str:
+    """Return OpenSSL's name of a signature algorithm, the dotted identifier where we know none."""
+    return SIGNATURE_ALGORITHMS.get(identifier, identifier)
+
+
+def identity(key: PublicKeyTypes) -> str:
+    """Return the SHA-256 of the key's SubjectPublicKeyInfo, encoded anew so that one key has one identity."""
+    encoded = key.public_bytes(Encoding.DER, PublicFormat.SubjectPublicKeyInfo)
+    return hashlib.sha256(encoded).hexdigest()
+
+
+def kind(key: PublicKeyTypes) -> str:
+    """Return algorithm and size, as in `EC secp256r1`, `RSA 2048`, `Ed25519`."""
+    if isinstance(key, ec.EllipticCurvePublicKey):
+        return f"EC {key.curve.name}"
+    if isinstance(key, rsa.RSAPublicKey):
+        return f"RSA {key.key_size}"
+    if isinstance(key, dsa.DSAPublicKey):
+        return f"DSA {key.key_size}"
+    for kind_of_key, name in (
+        (ed25519.Ed25519PublicKey, "Ed25519"),
+        (ed448.Ed448PublicKey, "Ed448"),
+        (x25519.X25519PublicKey, "X25519"),
+        (x448.X448PublicKey, "X448"),
+    ):
+        if isinstance(key, kind_of_key):
+            return name
+    return type(key).__name__
+
+
+def verifies(
+    key: PublicKeyTypes,
+    signature: bytes,
+    data: bytes,
+    parameters: SignatureParameters,
+    digest: hashes.HashAlgorithm | None,
+) -> bool | None:
+    """Whether `key` made `signature` over `data`, weak digests included; None where the library cannot tell.
+
+    A signature algorithm of another kind of key than `key` is a signature that it did not make.
+    """
+    try:
+        if isinstance(key, rsa.RSAPublicKey):
+            if digest is None or not isinstance(parameters, padding.PSS | padding.PKCS1v15):
+                return False
+            key.verify(signature, data, parameters, digest)
+        elif isinstance(key, ec.EllipticCurvePublicKey):
+            if not isinstance(parameters, ec.ECDSA):
+                return False
+            key.verify(signature, data, parameters)
+        elif isinstance(key, ed25519.Ed25519PublicKey | ed448.Ed448PublicKey):
+            if digest is not None or parameters is not None:
+                return False
+            key.verify(signature, data)
+        else:  # DSA and the rest: DDS-Security has no use for them, and no run time was measured with them
+            return None
+    except InvalidSignature:
+        return False
+    except (UnsupportedAlgorithm, ValueError):  # a digest that OpenSSL was built without, odd PSS parameters
+        return None
+    return True

@@ -1,0 +1,275 @@
+"""Reads an untrusted directory: regular files only, bounded, each once, and none outside it."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import stat
+from dataclasses import dataclass, field, replace
+from types import TracebackType
+from typing import Final
+from urllib.parse import unquote_to_bytes
+
+from keystore_audit.errors import NothingToAudit
+from keystore_audit.keystore.descent import (
+    MAX_DEPTH,
+    Descent,
+    Place,
+    Refusal,
+    display,
+    names,
+    reason,
+    refused_by_system,
+)
+from keystore_audit.keystore.files import Entry, EntryKind, File, Listing, Status
+from keystore_audit.text import percent_path
+
+MAX_FILE_BYTES: Final = 4 * 1024 * 1024
+"""Largest file that is read: a permissions document of 20,000 topics has about 2 MB; no parser gets more."""
+
+MAX_TOTAL_BYTES: Final = 256 * 1024 * 1024
+"""Most that is read from one keystore: 10,000 enclaves of 20 kB, and it still fits into memory."""
+
+MAX_ENTRIES: Final = 200_000
+"""Most directory entries listed: 20,000 enclaves, each a directory and nine files, in about a second."""
+
+_LIST_FLAGS: Final = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
+_READ_FLAGS: Final = os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC
+
+_EXPECTED: Final = "expected the directory of an SROS2 keystore, as `ros2 security create_keystore` makes it"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Reading:
+    """One inode: its bytes and what can be said of them, or the reason why there are none."""
+
+    status: Status
+    detail: str = ""
+    content: bytes | None = field(default=None, repr=False)
+    sha256: str | None = None
+    mode: int | None = None
+
+
+class Root:
+    """An open keystore directory; a context manager, since it keeps descriptors.
+
+    Paths are relative to it, as bytes or as `os.fsencode` takes them. Each inode is read once, so that
+    everybody sees the same bytes even when the tree changes meanwhile (sealed files are read again to be
+    parsed).
+    """
+
+    def __init__(self, path: str, descent: Descent) -> None:
+        """Take over an open `descent`; use `Root.open`."""
+        self.path = path
+        self.exhausted = False
+        """Whether MAX_ENTRIES was reached: no further directory can be listed."""
+        self._descent = descent
+        self._readings: dict[tuple[int, int], _Reading] = {}
+        self._files: dict[bytes, File] = {}
+        self._listings: dict[bytes, Listing] = {}
+        self._entries_left = MAX_ENTRIES
+        self._bytes_left = MAX_TOTAL_BYTES
+
+    @classmethod
+    def open(cls, path: str | os.PathLike[str]) -> Root:
+        """Open the directory at `path`, links in `path` itself followed: the user chose it.
+
+        Raises NothingToAudit if it is missing, no directory or unreadable.
+        """
+        name = os.fspath(path)
+        try:
+            descriptor = os.open(name, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        except FileNotFoundError:
+            raise NothingToAudit(f"{name} does not exist: {_EXPECTED}.") from None
+        except NotADirectoryError:
+            raise NothingToAudit(f"{name} is not a directory: {_EXPECTED}.") from None
+        except OSError as error:
+            raise NothingToAudit(f"{name} cannot be read ({reason(error)}): {_EXPECTED}.") from None
+        except ValueError:  # a NUL character
+            raise NothingToAudit(f"{name!r} is not a path: {_EXPECTED}.") from None
+        return cls(name, Descent(descriptor, os.path.realpath(name), os.path.abspath(name)))
+
+    def __enter__(self) -> Root:
+        """Return the root itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close it."""
+        self.close()
+
+    def close(self) -> None:
+        """Close every descriptor."""
+        self._descent.close()
+
+    def file(self, relative: bytes | str) -> File:
+        """Read what is at `relative`. Never raises: a File that is not PRESENT says why."""
+        key = os.fsencode(relative)
+        found = self._files.get(key)
+        if found is None:
+            found = self._files[key] = self._file(key, keep=True, hand_out=True)
+        return found
+
+    def sealed(self, relative: bytes | str) -> File:
+        """Read and hash like `file`, but keep and hand out no content: private keys, what nobody parses."""
+        key = os.fsencode(relative)
+        found = self._files.get(key)
+        if found is not None:
+            return replace(found, content=None)
+        return self._file(key, keep=False, hand_out=False)
+
+    def unsealed(self, file: File) -> File:
+        """Read a sealed file once more and hand out its content, which is not kept here."""
+        return self._file(unquote_to_bytes(file.path), keep=False, hand_out=True)
+
+    def entries(self, relative: bytes | str) -> Listing:
+        """List the directory at `relative` (`b""`: the root itself), links not followed. Never raises."""
+        key = os.fsencode(relative)
+        found = self._listings.get(key)
+        if found is None:
+            found = self._listings[key] = self._list(key)
+        return found
+
+    def _file(self, relative: bytes, *, keep: bool, hand_out: bool) -> File:
+        path = display(relative)
+        target: bytes | None = None
+        try:
+            missing = (Status.MISSING, "there is no such file")
+            with refused_by_system("cannot be read", missing=missing):
+                place = names(relative)
+                found = self._descent.entry(place)
+                if stat.S_ISLNK(found.st_mode):
+                    target = self._descent.target(place)
+                    place, found = self._descent.follow(place[:-1], target)
+                reading = self._read(place, found, keep=keep, hand_out=hand_out)
+        except Refusal as refusal:
+            link = percent_path(target) if target is not None else None
+            return File(path=path, resolved=None, status=refusal.status, detail=refusal.detail, link=link)
+        return File(
+            path=path,
+            resolved=display(b"/".join(place)) if reading.status is Status.PRESENT else None,
+            status=reading.status,
+            detail=reading.detail,
+            content=reading.content if hand_out else None,
+            sha256=reading.sha256,
+            mode=reading.mode,
+            link=percent_path(target) if target is not None else None,
+        )
+
+    def _read(self, place: Place, found: os.stat_result, *, keep: bool, hand_out: bool) -> _Reading:
+        """Return what the inode that `found` describes held when it was read first."""
+        if stat.S_ISDIR(found.st_mode):
+            raise Refusal(Status.DIRECTORY, "a directory is here, not a file")
+        if not stat.S_ISREG(found.st_mode):
+            special = f"{_special(found.st_mode)} is here, not a regular file; it was not opened"
+            raise Refusal(Status.SPECIAL, special)
+        inode = (found.st_dev, found.st_ino)
+        known = self._readings.get(inode)
+        if known is not None and (
+            known.status is not Status.PRESENT or known.content is not None or not hand_out
+        ):
+            return known
+        reading = self._read_inode(place, inode)
+        self._readings[inode] = reading if keep else replace(reading, content=None)
+        return reading
+
+    def _read_inode(self, place: Place, inode: tuple[int, int]) -> _Reading:
+        missing = (Status.UNREADABLE, "was there, and gone when it was to be read")
+        try:
+            with refused_by_system("cannot be read", missing=missing):
+                descriptor = self._descent.open(place, _READ_FLAGS)
+                try:
+                    return self._read_descriptor(descriptor, inode)
+                finally:
+                    os.close(descriptor)
+        except Refusal as refusal:
+            return _Reading(status=refusal.status, detail=refusal.detail)
+
+    def _read_descriptor(self, descriptor: int, inode: tuple[int, int]) -> _Reading:
+        found = os.fstat(descriptor)
+        if not stat.S_ISREG(found.st_mode) or (found.st_dev, found.st_ino) != inode:
+            raise Refusal(Status.UNREADABLE, "was replaced by something else when it was to be read")
+        mode = stat.S_IMODE(found.st_mode)
+        too_large = ""
+        content = b""
+        if found.st_size > MAX_FILE_BYTES:
+            size = found.st_size
+            too_large = f"holds {size} bytes, more than the limit of {MAX_FILE_BYTES}; it was not read"
+        elif found.st_size > self._bytes_left:
+            too_large = f"was not read: with it, the keystore's files hold more than {MAX_TOTAL_BYTES} bytes"
+        else:
+            content = _read_at_most(descriptor, MAX_FILE_BYTES + 1)
+            self._bytes_left -= len(content)
+            if len(content) > MAX_FILE_BYTES:
+                too_large = f"holds more than the limit of {MAX_FILE_BYTES} bytes"
+        if too_large:
+            return _Reading(status=Status.TOO_LARGE, detail=too_large, mode=mode)
+        digest = hashlib.sha256(content).hexdigest()
+        return _Reading(status=Status.PRESENT, content=content, sha256=digest, mode=mode)
+
+    def _list(self, relative: bytes) -> Listing:
+        path = display(relative)
+        try:
+            missing = (Status.MISSING, "there is no such directory")
+            with refused_by_system("cannot be listed", missing=missing):
+                entries = self._scan(names(relative))
+        except Refusal as refusal:
+            refused = File(path=path, resolved=None, status=refusal.status, detail=refusal.detail)
+            return Listing(directory=refused, entries=())
+        return Listing(directory=File(path=path, resolved=None, status=Status.DIRECTORY), entries=entries)
+
+    def _scan(self, place: Place) -> tuple[Entry, ...]:
+        if not stat.S_ISDIR(self._descent.entry(place).st_mode):
+            raise Refusal(Status.UNREADABLE, "is no directory, or a link to one; those are not followed")
+        if len(place) > MAX_DEPTH:
+            raise Refusal(Status.UNREADABLE, f"lies deeper than the limit of {MAX_DEPTH} directories")
+        descriptor = self._descent.open(place, _LIST_FLAGS)
+        entries: list[Entry] = []
+        try:
+            with os.scandir(descriptor) as scanned:
+                for entry in scanned:
+                    if len(entries) >= self._entries_left:
+                        self.exhausted = True
+                        limit = f"with it, the keystore holds more than {MAX_ENTRIES} entries"
+                        raise Refusal(Status.UNREADABLE, f"was not listed, nor what comes after it: {limit}")
+                    entries.append(_described(entry, descriptor))
+        finally:
+            os.close(descriptor)
+        self._entries_left -= len(entries)
+        entries.sort(key=lambda entry: entry.name)
+        return tuple(entries)
+
+
+def _described(entry: os.DirEntry[str], directory: int) -> Entry:
+    name = os.fsencode(entry.name)
+    if entry.is_symlink():
+        return Entry(name=name, kind=EntryKind.LINK, target=os.readlink(name, dir_fd=directory))
+    if entry.is_dir(follow_symlinks=False):
+        return Entry(name=name, kind=EntryKind.DIRECTORY)
+    if entry.is_file(follow_symlinks=False):
+        return Entry(name=name, kind=EntryKind.FILE)
+    return Entry(name=name, kind=EntryKind.SPECIAL)
+
+
+def _read_at_most(descriptor: int, limit: int) -> bytes:
+    """Read to the end, but at most `limit` bytes: what a file says of its size need not be true."""
+    pieces: list[bytes] = []
+    left = limit
+    while left > 0:
+        piece = os.read(descriptor, min(left, 64 * 1024))
+        if not piece:
+            break
+        pieces.append(piece)
+        left -= len(piece)
+    return b"".join(pieces)
+
+
+def _special(mode: int) -> str:
+    if stat.S_ISFIFO(mode):
+        return "a named pipe"
+    if stat.S_ISSOCK(mode):
+        return "a socket"
+    if stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
+        return "a device"
+    return "neither a file nor a directory"
