@@ -1,0 +1,168 @@
+"""The report as JSON: the interface contract, key by key (docs/reference.md, `schemas/report.schema.json`).
+
+Pure ASCII, so that no name of a keystore steers whatever shows it, and the same bytes for the same value.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from datetime import datetime, timezone
+from typing import Any, Final
+
+from keystore_audit.findings import Finding, Location, Severity, Suppression
+from keystore_audit.properties.counterexample import Counterexample
+from keystore_audit.properties.result import EngineRun, ProfileResult, PropertyResult
+from keystore_audit.report.content import EnclaveEntry, Report
+
+SCHEMA_VERSION: Final = 1
+"""Rises when a key is removed or changes its meaning."""
+
+TOOL: Final = "keystore-audit"
+
+
+def render(report: Report) -> str:
+    """Return the report of one keystore, ending in a newline."""
+    return _dump(_report(report))
+
+
+def render_several(reports: Sequence[Report]) -> str:
+    """Return the reports of several keystores in the order given, with the sum of their counts.
+
+    A keystore that has no report (there was nothing to audit) is not in it: the exit code and stderr tell.
+    """
+    summary = dict.fromkeys(Severity, 0)
+    for report in reports:
+        for severity, count in report.summary.items():
+            summary[severity] += count
+    document = {"schema_version": SCHEMA_VERSION, "reports": [_report(report) for report in reports]}
+    return _dump({**document, "summary": _counts(summary)})
+
+
+def instant(moment: datetime) -> str:
+    """Return an aware instant as `YYYY-MM-DDThh:mm:ssZ`, fractions of a second cut off."""
+    utc = moment.astimezone(timezone.utc).replace(tzinfo=None)
+    return utc.isoformat(timespec="seconds") + "Z"
+
+
+def _dump(document: Mapping[str, Any]) -> str:
+    return json.dumps(_readable(document), ensure_ascii=True, allow_nan=False, indent=2) + "\n"
+
+
+def _readable(value: Any) -> Any:
+    r"""Replace lone surrogates (bytes that are no text) by a visible `\udc80`: strict readers refuse them."""
+    if isinstance(value, str):
+        return value if value.isascii() else value.encode("utf-8", "backslashreplace").decode("utf-8")
+    if isinstance(value, Mapping):
+        return {_readable(key): _readable(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_readable(item) for item in value]
+    return value
+
+
+def _report(report: Report) -> dict[str, Any]:
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "tool": {"name": TOOL, "version": report.version},
+        "keystore": {"path": report.keystore, "layout": report.layout, "digest": report.digest},
+        "settings": None,
+        "at": instant(report.at),
+        "safe_until": None if report.safe_until is None else instant(report.safe_until),
+        "verdict": report.verdict.value,
+        "exit_code": report.exit_code,
+        "weakened": list(report.weakened),
+        "assumptions": list(report.assumptions),
+        "engines": {run.name: _engine(run) for run in report.engines},
+        "engines_agree": report.engines_agree,
+        "enclaves": [_enclave(entry) for entry in report.enclaves],
+        "properties": [_property(result) for result in report.properties],
+        "findings": [_finding(finding) for finding in report.findings],
+        "summary": _counts(report.summary),
+        "outcomes": [
+            {"rule": outcome.rule, "subject": outcome.subject, "outcome": outcome.outcome.value}
+            for outcome in report.outcomes
+        ],
+    }
+
+
+def _counts(summary: Mapping[Severity, int]) -> dict[str, int]:
+    return {severity.value: summary[severity] for severity in Severity}
+
+
+def _engine(run: EngineRun) -> dict[str, Any]:
+    return {"version": run.version, "status": run.status.value, "reason": run.reason}
+
+
+def _enclave(entry: EnclaveEntry) -> dict[str, Any]:
+    return {
+        "path": entry.path,
+        "directory": entry.directory,
+        "subject": entry.subject,
+        "profiles": {
+            name: {"usable": usability.usable, "reasons": list(usability.reasons)}
+            for name, usability in entry.profiles.items()
+        },
+    }
+
+
+def _property(result: PropertyResult) -> dict[str, Any]:
+    return {
+        "id": result.prop.id,
+        "statement": result.prop.statement,
+        "status": result.status.value,
+        "profiles": {name: _answer(answer) for name, answer in result.profiles.items()},
+    }
+
+
+def _answer(answer: ProfileResult) -> dict[str, Any]:
+    return {
+        "status": answer.status.value,
+        "engines": {name: status.value for name, status in answer.engines.items()},
+        "counterexample": None if answer.counterexample is None else _counterexample(answer.counterexample),
+    }
+
+
+def _counterexample(counterexample: Counterexample) -> dict[str, Any]:
+    return {
+        "text": counterexample.text,
+        "steps": [
+            {
+                "enclave": step.enclave,
+                "channel": step.channel,
+                "witness": step.witness,
+                "path": step.path,
+                "line": step.line,
+            }
+            for step in counterexample.steps
+        ],
+    }
+
+
+def _finding(finding: Finding) -> dict[str, Any]:
+    return {
+        "code": finding.code,
+        "name": finding.name,
+        "severity": finding.severity.value,
+        "message": finding.message,
+        "remedy": finding.remedy,
+        "clause": finding.clause,
+        "enclave": finding.enclave,
+        "locations": [_location(location) for location in finding.locations],
+        "profiles": list(finding.profiles),
+        "explained_by": list(finding.explained_by),
+        "fingerprint": finding.fingerprint,
+        "suppressed": None if finding.suppressed is None else _suppression(finding.suppressed),
+    }
+
+
+def _location(location: Location) -> dict[str, Any]:
+    return {"path": location.path, "line": location.line, "message": location.message}
+
+
+def _suppression(suppression: Suppression) -> dict[str, Any]:
+    return {
+        "reason": suppression.reason,
+        "until": suppression.until,
+        "owner": suppression.owner,
+        "source": suppression.source,
+    }

@@ -1,0 +1,173 @@
+"""Reports built by hand: one that says everything that a report can say, with names of the test's choosing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import datetime, timezone
+
+import pytest
+
+from keystore_audit.findings import Finding, Location, Outcome, Result, Severity, Suppression, fingerprint
+from keystore_audit.model.meaning import Usability
+from keystore_audit.properties import BY_ID, Status
+from keystore_audit.properties.counterexample import Counterexample, Step
+from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
+from keystore_audit.report.content import EnclaveEntry, Report, Scope, Verdict
+
+PROFILES = ("spec", "fastdds-2.6", "cyclonedds-0.10")
+CAN_START = Usability(usable=True, reasons=())
+
+ReportMaker = Callable[..., Report]
+"""`name`: used wherever a keystore's author chooses the text. The rest: fields of Report to replace."""
+
+
+def _finding(code: str, name: str, severity: Severity, enclave: str | None, path: str, **more: object) -> Finding:
+    finding = Finding(
+        code=code,
+        name=name,
+        severity=severity,
+        message="",
+        remedy="",
+        clause="DDS-Security 1.1, 9.4.1.1",
+        enclave=enclave,
+        locations=(Location(path=path, line=1),),
+        fingerprint=fingerprint(code, enclave, path, ""),
+    )
+    return replace(finding, **more)  # type: ignore[arg-type]
+
+
+def _findings(name: str) -> tuple[Finding, ...]:
+    document = f"enclaves/{name}/permissions.p7s"
+    signed = _finding(
+        "KA302",
+        "signed-by-an-identity",
+        Severity.CRITICAL,
+        f"/{name}",
+        document,
+        message=f"permissions.p7s is signed by the identity CN=/{name}, not by the permissions CA "
+        "CN=permissionsCA. fastdds-2.6 refuses it, cyclonedds-0.10 accepts it.",
+        remedy="Sign the document again with the key of the permissions CA.",
+        locations=(Location(path=document, line=41, message="the signature"), Location(path=document)),
+        profiles=("cyclonedds-0.10",),
+    )
+    grants_itself = _finding(
+        "KA705",
+        "no-enclave-grants-itself-rights",
+        Severity.HIGH,
+        f"/{name}",
+        document,
+        message=f"/{name} signs itself permissions.",
+        remedy="Use a separate permissions CA.",
+        explained_by=(signed.fingerprint,),
+        profiles=("cyclonedds-0.10",),
+    )
+    expires = _finding(
+        "KA205",
+        "certificate-expires-soon",
+        Severity.MEDIUM,
+        "/listener",
+        "enclaves/listener/cert.pem",
+        message="The identity certificate of /listener expires at 2025-06-20T00:00:00Z, 19 days after the audit.",
+        remedy="Issue the identity again.",
+        clause="DDS-Security 1.1, 9.3.1; RFC 5280, 4.1.2.5",
+    )
+    ca_key = _finding(
+        "KA109",
+        "ca-private-key-in-tree",
+        Severity.INFO,
+        None,
+        "private/ca.key.pem",
+        message="The private key of the CA CN=sros2CA is in the tree.",
+        remedy="Leave it out of what goes on a robot.",
+        locations=tuple(Location(path=f"private/ca{number}.key.pem") for number in range(8)),
+    )
+    accepted = _finding(
+        "KA420",
+        "domain-above-230",
+        Severity.MEDIUM,
+        None,
+        "enclaves/governance.p7s",
+        message="The governance names domain 231.",
+        suppressed=Suppression(reason="no Cyclone", until="2026-01-01", owner="me", source="baseline.json"),
+    )
+    return (signed, grants_itself, expires, accepted, ca_key)
+
+
+def _answer(status: Status, counterexample: Counterexample | None = None) -> ProfileResult:
+    return ProfileResult(
+        status=status, engines={"alloy": status, "native": status}, counterexample=counterexample
+    )
+
+
+def _properties(name: str) -> tuple[PropertyResult, ...]:
+    step = Step(
+        enclave=f"/{name}",
+        channel=f"domain 0, topic rt/{name}",
+        witness=f"rt/{name}",
+        path=f"enclaves/{name}/permissions.p7s",
+        line=41,
+    )
+    counterexample = Counterexample(text=f"/{name} can sign a document for itself.", steps=(step,))
+    self_grant = {profile: _answer(Status.HOLDS) for profile in PROFILES}
+    self_grant["cyclonedds-0.10"] = _answer(Status.VIOLATED, counterexample)
+    return (
+        PropertyResult(
+            prop=BY_ID["documents-signed-by-the-permissions-ca"],
+            profiles={profile: _answer(Status.HOLDS) for profile in PROFILES},
+        ),
+        PropertyResult(prop=BY_ID["no-enclave-grants-itself-rights"], profiles=self_grant),
+    )
+
+
+def _full(name: str) -> Report:
+    refused = Usability(usable=False, reasons=("permissions.p7s is signed by no permissions CA",))
+    return Report(
+        version="0.1.0",
+        keystore=f"./keys/{name}",
+        layout="sros2",
+        digest="0" * 64,
+        at=datetime(2025, 6, 1, tzinfo=timezone.utc),
+        safe_until=datetime(2025, 6, 20, tzinfo=timezone.utc),
+        safe_until_why="the identity certificate of /listener expires",
+        verdict=Verdict.FAIL,
+        exit_code=1,
+        fail_on=Severity.HIGH,
+        weakened=("--at 2025-06-01T00:00:00Z",),
+        assumptions=("ROS_SECURITY_ENABLE=true and ROS_SECURITY_STRATEGY=Enforce on every robot.",),
+        engines=(
+            EngineRun(name="alloy", version="6.2.0", status=EngineStatus.OK, reason="", required=True),
+            EngineRun(name="native", version=None, status=EngineStatus.OK, reason="", required=True),
+        ),
+        engines_agree=True,
+        enclaves=(
+            EnclaveEntry(
+                path="/listener",
+                directory="enclaves/listener",
+                subject="CN=/listener",
+                profiles=dict.fromkeys(PROFILES, CAN_START),
+            ),
+            EnclaveEntry(
+                path=f"/{name}",
+                directory=f"enclaves/{name}",
+                subject=f"CN=/{name}",
+                profiles={"spec": refused, "fastdds-2.6": refused, "cyclonedds-0.10": CAN_START},
+            ),
+        ),
+        properties=_properties(name),
+        findings=_findings(name),
+        outcomes=(
+            Outcome(rule="KA205", subject="enclaves/listener/cert.pem", outcome=Result.FAIL),
+            Outcome(rule="KA205", subject=f"enclaves/{name}/cert.pem", outcome=Result.PASS),
+            Outcome(rule="KA302", subject=f"enclaves/{name}/permissions.p7s", outcome=Result.FAIL),
+        ),
+        scope=Scope(certificates=4, documents=3, channels=17, rules=72, not_checked=("Timing.", "The nodes.")),
+    )
+
+
+@pytest.fixture
+def make_report() -> ReportMaker:
+    def make(name: str = "talker", **changes: object) -> Report:
+        return replace(_full(name), **changes)  # type: ignore[arg-type]
+
+    return make
