@@ -28,16 +28,22 @@ from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import judge
 
 ASSUMPTIONS = (
-    "ROS_SECURITY_ENABLE=true and ROS_SECURITY_STRATEGY=Enforce on every robot: with Permissive, an enclave "
-    "that fails to load starts unsecured.",
-    "Every participant announces its enclave's name in clear, and the handshake shows its whole permissions "
-    "document to anybody who listens (DDS-Security 1.1, 8.3 and 9.3.2).",
+    (
+        "ROS_SECURITY_ENABLE=true and ROS_SECURITY_STRATEGY=Enforce on every robot: with Permissive, an enclave "
+        "that fails to load starts unsecured."
+    ),
+    (
+        "Every participant announces its enclave's name in clear, and the handshake shows its whole permissions "
+        "document to anybody who listens (DDS-Security 1.1, 8.3 and 9.3.2)."
+    ),
 )
 """What every verdict rests on; said first in every report."""
 
 NOT_CHECKED = (
-    "What differs between implementations beyond who may sign: rules, domains, partitions, defaults and dates are read as "
-    "DDS-Security 1.1 has them, for every profile.",
+    (
+        "What differs between implementations beyond who may sign: rules, domains, partitions, defaults and dates are"
+        " read as DDS-Security 1.1 has them, for every profile."
+    ),
     "Flows through several enclaves, and flows by timing, acknowledgements or matching.",
     "The policy that the keystore was generated from, and the nodes that will use it.",
 )
@@ -106,10 +112,8 @@ def audit(path: str | os.PathLike[str], options: Options, *, progress: Progress 
         deployed=options.deployed,
         profiles=profiles,
     )
-    judgement = judge(context, select=options.select, ignore=options.ignore)
-    return _report(
-        keystore, meaning, profiles, results, runs, judgement.findings, judgement.outcomes, options
-    )
+    judgement = judge(context, RULES, select=options.select, ignore=options.ignore)
+    return _report(keystore, meaning, profiles, results, runs, judgement.findings, judgement.outcomes, options)
 
 
 def _report(
@@ -152,7 +156,7 @@ def _report(
         properties=results,
         findings=findings,
         outcomes=outcomes,
-        scope=_scope(keystore, meaning),
+        scope=_scope(meaning),
     )
 
 
@@ -194,7 +198,7 @@ def _enclaves(keystore: Keystore, meaning: Meaning, profiles: Sequence[Profile])
     return tuple(entries)
 
 
-def _scope(keystore: Keystore, meaning: Meaning) -> Scope:
+def _scope(meaning: Meaning) -> Scope:
     system = meaning.systems[0] if meaning.systems else None
     return Scope(
         certificates=len(system.certificates) if system else 0,

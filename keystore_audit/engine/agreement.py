@@ -54,14 +54,11 @@ def _result(
     prop: Property, kind: tuple[int, ...], systems: Sequence[System], engines: Sequence[EngineAnswers]
 ) -> ProfileResult:
     statuses = {
-        engine.engine: _both_readings([engine.answers[number][prop.id].status for number in kind])
-        for engine in engines
+        engine.engine: _both_readings([engine.answers[number][prop.id].status for number in kind]) for engine in engines
     }
     distinct = set(statuses.values())
     status = distinct.pop() if len(distinct) == 1 else Status.UNKNOWN
-    return ProfileResult(
-        status=status, engines=statuses, counterexample=_counterexample(prop, kind, systems, engines)
-    )
+    return ProfileResult(status=status, engines=statuses, counterexample=_counterexample(prop, kind, systems, engines))
 
 
 def _both_readings(statuses: Sequence[Status]) -> Status:

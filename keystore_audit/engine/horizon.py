@@ -84,17 +84,11 @@ def _statuses(system: System, moment: int | None) -> dict[str, Status]:
     return {property_id: answer.status for property_id, answer in native.decide(system, moment).items()}
 
 
-def _usability_change(
-    before: Mapping[tuple[str, str], Usability], after: Mapping[tuple[str, str], Usability]
-) -> str:
-    changed = sorted(
-        {directory for (directory, profile), was in before.items() if after[directory, profile] != was}
-    )
+def _usability_change(before: Mapping[tuple[str, str], Usability], after: Mapping[tuple[str, str], Usability]) -> str:
+    changed = sorted({directory for (directory, profile), was in before.items() if after[directory, profile] != was})
     if not changed:
         return ""
-    reason = next(
-        (r for (d, _p), now in after.items() if d == changed[0] for r in now.reasons), "it starts again"
-    )
+    reason = next((r for (d, _p), now in after.items() if d == changed[0] for r in now.reasons), "it starts again")
     more = f" and {len(changed) - 1} more" if len(changed) > 1 else ""
     return f"{changed[0]}{more}: {reason}"
 

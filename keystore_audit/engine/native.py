@@ -64,9 +64,7 @@ class NativeEngine:
     def unvouched_identities(self) -> Iterator[Witness]:
         """Enclaves whose identity nobody vouches for now."""
         for enclave, atom in enumerate(self._system.enclaves):
-            known = atom.identity is not None and self._realms[atom.realm].authenticated(
-                enclave, in_force=True
-            )
+            known = atom.identity is not None and self._realms[atom.realm].authenticated(enclave, in_force=True)
             if atom.opaque or (atom.identity is not None and not known):
                 yield {Role.ENCLAVE: enclave}
 

@@ -36,6 +36,8 @@ class Kind(str, Enum):
     XML_AMBIGUOUS = "xml-ambiguous"
     SCHEMA_INVALID = "schema-invalid"
     VALUE_INVALID = "value-invalid"
+    EMPTY_TOPIC = "empty-topic"
+    RULE_WITHOUT_DOMAINS = "rule-without-domains"
     DDS_SECURITY_1_0 = "dds-security-1.0"
 
     @property
@@ -61,6 +63,8 @@ _OPAQUE = frozenset(
         Kind.XML_AMBIGUOUS,
         Kind.SCHEMA_INVALID,
         Kind.VALUE_INVALID,
+        Kind.EMPTY_TOPIC,
+        Kind.RULE_WITHOUT_DOMAINS,
     }
 )
 

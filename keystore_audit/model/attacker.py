@@ -52,9 +52,7 @@ class RealmView:
             return False
         for number in subject.issuers & pool:
             issuer = self._system.certificates[number]
-            if issuer.authority and (
-                not in_force or self._permissions.in_force(issuer.not_before, issuer.not_after)
-            ):
+            if issuer.authority and (not in_force or self._permissions.in_force(issuer.not_before, issuer.not_after)):
                 return True
         return False
 
@@ -172,8 +170,5 @@ class RealmView:
             may_write=writes,
             may_read=reads,
             overhears=reach & ~p.data_encrypts & (~p.metadata_encrypts | relays),
-            forges=reach
-            & ~origin
-            & (~p.metadata_authenticates | reads | relays)
-            & (~p.data_authenticates | reads),
+            forges=reach & ~origin & (~p.metadata_authenticates | reads | relays) & (~p.data_authenticates | reads),
         )

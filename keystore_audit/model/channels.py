@@ -82,9 +82,7 @@ def build_channels(
     hits: list[set[int]] = [set() for _ in range(len(topic_rules) + 3 * len(rules))]
     for number, is_governed in enumerate(governed):
         if not is_governed:
-            channels.append(
-                ChannelAtom(domain=number, topic=ANY_TOPIC, partition="", ros=True, infinite=True)
-            )
+            channels.append(ChannelAtom(domain=number, topic=ANY_TOPIC, partition="", ros=True, infinite=True))
             continue
         for column in columns:
             for hit in column.hits:

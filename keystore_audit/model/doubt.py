@@ -46,9 +46,7 @@ def enclave_doubts(enclave: Enclave, *, pins_signer: bool) -> Iterator[Doubt]:
             yield _document_doubt(enclave, read)
 
 
-def _unknown(
-    enclave: Enclave, read: GovernanceFile | PermissionsFile, *, readable: bool, pins_signer: bool
-) -> bool:
+def _unknown(enclave: Enclave, read: GovernanceFile | PermissionsFile, *, readable: bool, pins_signer: bool) -> bool:
     verdict = document_verdict(read.signed, enclave.permissions_ca, pins_signer=pins_signer)
     return verdict is Verdict.UNKNOWN or (verdict is Verdict.ACCEPTED and not readable)
 
@@ -57,9 +55,7 @@ def _document_doubt(enclave: Enclave, read: GovernanceFile | PermissionsFile) ->
     defects: tuple[Defect, ...] = read.signed.defects + read.defects
     defect = next((defect for defect in defects if defect.kind.opaque), None)
     if defect is None:
-        return _doubt(
-            enclave, read.signed.file.place, "the document has no meaning that every parser agrees on"
-        )
+        return _doubt(enclave, read.signed.file.place, "the document has no meaning that every parser agrees on")
     location = Location(path=defect.path, line=defect.line)
     return Doubt(enclave=enclave.path, location=location, reason=defect.detail)
 

@@ -18,9 +18,7 @@ from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.usability import Usabilities
 
 
-def interpret(
-    keystore: Keystore, profiles: Sequence[Profile], at: datetime, *, domain: int | None = None
-) -> Meaning:
+def interpret(keystore: Keystore, profiles: Sequence[Profile], at: datetime, *, domain: int | None = None) -> Meaning:
     """The meaning of a keystore under the profiles at `at` (aware UTC); `domain` narrows usability.
 
     Topic classes over budget leave `systems` empty and say why: nothing is decided then.
@@ -74,9 +72,7 @@ def _doubts(keystore: Keystore, profiles: Sequence[Profile]) -> tuple[Doubt, ...
     for pins_signer in {profile.pins_signer for profile in profiles}:
         for doubt in keystore_doubts(keystore, pins_signer=pins_signer):
             doubts.setdefault((doubt.enclave, doubt.location), doubt)
-    return tuple(
-        sorted(doubts.values(), key=lambda d: (d.location.path, d.location.line or 0, d.enclave or ""))
-    )
+    return tuple(sorted(doubts.values(), key=lambda d: (d.location.path, d.location.line or 0, d.enclave or "")))
 
 
 def _ungoverned(systems: tuple[System, ...]) -> tuple[UngovernedTopics, ...]:

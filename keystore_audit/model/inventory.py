@@ -26,13 +26,15 @@ class Document:
 
     @property
     def readable(self) -> bool:
+        """Whether it has a meaning."""
         return self.governance is not None or self.permissions is not None
 
 
 def dates_of(grant: Grant) -> tuple[datetime, datetime]:
     """The validity of a grant that `readable` has let through."""
     not_before, not_after = parse_instant(grant.not_before.text), parse_instant(grant.not_after.text)
-    assert not_before is not None and not_after is not None
+    if not_before is None or not_after is None:
+        raise ValueError("a grant whose dates do not parse is no part of a readable document")
     return not_before, not_after
 
 

@@ -56,10 +56,7 @@ class SystemBuilder:
     def _classes(self) -> Channels:
         """Domain classes and channels over all readable documents."""
         domain_rules = [
-            rule
-            for document in self._documents
-            if document.governance
-            for rule in document.governance.domain_rules
+            rule for document in self._documents if document.governance for rule in document.governance.domain_rules
         ]
         topic_rules = [topic for rule in domain_rules for topic in rule.topic_rules]
         rules = [
@@ -77,9 +74,7 @@ class SystemBuilder:
             topic_rules,
             rules,
         )
-        self._topic_matches = {
-            id(rule): found for rule, found in zip(topic_rules, channels.topic_rules, strict=True)
-        }
+        self._topic_matches = {id(rule): found for rule, found in zip(topic_rules, channels.topic_rules, strict=True)}
         self._rule_matches = {id(rule): found for rule, found in zip(rules, channels.rules, strict=True)}
         return channels
 
@@ -118,9 +113,7 @@ class SystemBuilder:
                     location=_place(enclave),
                     realm=realms.setdefault(realm, len(realms)),
                     identity=None if unknown else self._identity(enclave),
-                    permissions=number.get(enclave.permissions.signed.file.place)
-                    if enclave.permissions
-                    else None,
+                    permissions=number.get(enclave.permissions.signed.file.place) if enclave.permissions else None,
                     opaque=unknown,
                 )
             )
@@ -167,9 +160,7 @@ class SystemBuilder:
         if judged.verdict is Verdict.REFUSED or document.readable:
             return False
         return any(
-            all(
-                may_sign(signer, enclave.permissions_ca, pins_signer=pins_signer) for signer in judged.signers
-            )
+            all(may_sign(signer, enclave.permissions_ca, pins_signer=pins_signer) for signer in judged.signers)
             for enclave in self._keystore.enclaves
             if enclave.permissions_ca is not None
         )
@@ -181,15 +172,11 @@ class SystemBuilder:
             label=document.place,
             location=Location(path=document.place),
             intact=intact,
-            signers=frozenset(self._number[s.sha256] for s in judged.signers)
-            if intact and judged
-            else frozenset(),
+            signers=frozenset(self._number[s.sha256] for s in judged.signers) if intact and judged else frozenset(),
             opaque=opaque,
         )
 
-    def _realm(
-        self, enclave: Enclave, number: dict[str, int], atoms: list[DocumentAtom], *, may: bool
-    ) -> RealmAtom:
+    def _realm(self, enclave: Enclave, number: dict[str, int], atoms: list[DocumentAtom], *, may: bool) -> RealmAtom:
         """What the enclave's verdict on peers depends on."""
         doubt = realm_doubt(enclave)
         if doubt is not None:
@@ -202,11 +189,11 @@ class SystemBuilder:
             identity_ca=frozenset(self._number[c.sha256] for c in identity_ca),
             permissions_ca=frozenset(self._number[c.sha256] for c in permissions_ca),
             governance=number.get(place) if place else None,
-            revoked=frozenset(
-                n for n, c in enumerate(self._certificates) if (c.issuer_der, c.serial) in revoked
-            )
-            if revoked
-            else frozenset(),
+            revoked=(
+                frozenset(n for n, c in enumerate(self._certificates) if (c.issuer_der, c.serial) in revoked)
+                if revoked
+                else frozenset()
+            ),
         )
 
     def _identity(self, enclave: Enclave) -> int | None:
@@ -236,20 +223,7 @@ class SystemBuilder:
         topic_rules: list[TopicRuleAtom] = []
         for number, document in enumerate(documents):
             for rule in document.governance.domain_rules if document.governance else ():
-                for topic in rule.topic_rules:
-                    topic_rules.append(
-                        TopicRuleAtom(
-                            domain_rule=len(domain_rules),
-                            channels=self._topic_matches[id(topic)],
-                            enable_discovery_protection=topic.enable_discovery_protection,
-                            enable_liveliness_protection=topic.enable_liveliness_protection,
-                            enable_read_access_control=topic.enable_read_access_control,
-                            enable_write_access_control=topic.enable_write_access_control,
-                            metadata_protection_kind=topic.metadata_protection_kind,
-                            data_protection_kind=topic.data_protection_kind,
-                            location=Location(path=document.place, line=topic.line),
-                        )
-                    )
+                topic_rules += [self._topic_atom(topic, len(domain_rules), document) for topic in rule.topic_rules]
                 domain_rules.append(
                     DomainRuleAtom(
                         document=number,
@@ -264,9 +238,20 @@ class SystemBuilder:
                 )
         return tuple(domain_rules), tuple(topic_rules)
 
-    def _permission_atoms(
-        self, documents: Sequence[Document]
-    ) -> tuple[tuple[GrantAtom, ...], tuple[RuleAtom, ...]]:
+    def _topic_atom(self, topic: TopicRule, domain_rule: int, document: Document) -> TopicRuleAtom:
+        return TopicRuleAtom(
+            domain_rule=domain_rule,
+            channels=self._topic_matches[id(topic)],
+            enable_discovery_protection=topic.enable_discovery_protection,
+            enable_liveliness_protection=topic.enable_liveliness_protection,
+            enable_read_access_control=topic.enable_read_access_control,
+            enable_write_access_control=topic.enable_write_access_control,
+            metadata_protection_kind=topic.metadata_protection_kind,
+            data_protection_kind=topic.data_protection_kind,
+            location=Location(path=document.place, line=topic.line),
+        )
+
+    def _permission_atoms(self, documents: Sequence[Document]) -> tuple[tuple[GrantAtom, ...], tuple[RuleAtom, ...]]:
         by_subject: dict[str, set[int]] = {}
         for n, certificate in enumerate(self._certificates):
             by_subject.setdefault(certificate.subject, set()).add(n)
@@ -323,9 +308,7 @@ def _open_realm(atoms: list[DocumentAtom], place: str) -> RealmAtom:
     An opaque governance, so it accepts everything.
     """
     atoms.append(
-        DocumentAtom(
-            label=place, location=Location(path=place), intact=False, signers=frozenset(), opaque=True
-        )
+        DocumentAtom(label=place, location=Location(path=place), intact=False, signers=frozenset(), opaque=True)
     )
     return RealmAtom(
         identity_ca=frozenset(), permissions_ca=frozenset(), governance=len(atoms) - 1, revoked=frozenset()

@@ -51,9 +51,7 @@ def envelope(signed: SignedDocument) -> Envelope:
     signers = [_signer(signature) for signature in signed.signatures]
     if not signers or None in signers:
         return Envelope(verdict=Verdict.REFUSED, signers=())
-    return Envelope(
-        verdict=Verdict.ACCEPTED, signers=tuple(signer for signer in signers if signer is not None)
-    )
+    return Envelope(verdict=Verdict.ACCEPTED, signers=tuple(signer for signer in signers if signer is not None))
 
 
 def _signer(signature: Signature) -> Certificate | None:
@@ -80,9 +78,7 @@ def may_sign(signer: Certificate, permissions_ca: CertificateFile, *, pins_signe
     )
 
 
-def document_verdict(
-    signed: SignedDocument, permissions_ca: CertificateFile | None, *, pins_signer: bool
-) -> Verdict:
+def document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | None, *, pins_signer: bool) -> Verdict:
     """What an enclave with this permissions CA file does with the document's signatures."""
     judged = envelope(signed)
     if judged.verdict is not Verdict.ACCEPTED:
@@ -99,9 +95,7 @@ def is_authority(certificate: Certificate) -> bool:
 
     CA:TRUE and, where keyUsage is present, keyCertSign (RFC 5280, 4.2.1.3, 4.2.1.9).
     """
-    return bool(certificate.is_ca) and (
-        certificate.key_usage is None or "keyCertSign" in certificate.key_usage
-    )
+    return bool(certificate.is_ca) and (certificate.key_usage is None or "keyCertSign" in certificate.key_usage)
 
 
 def vouches(authority: Certificate, certificate: Certificate) -> bool:

@@ -59,9 +59,7 @@ class Usabilities:
             if read is not None and enclave.permissions_ca is not None:
                 verdict = document_verdict(read.signed, enclave.permissions_ca, pins_signer=pins_signer)
                 if verdict is Verdict.REFUSED:
-                    whom = (
-                        "the permissions CA" if pins_signer else "anybody whom the permissions CA vouches for"
-                    )
+                    whom = "the permissions CA" if pins_signer else "anybody whom the permissions CA vouches for"
                     yield f"{role.value}.p7s is not validly signed by {whom}"
         yield from self._permission_refusals(enclave)
 
@@ -123,8 +121,7 @@ class Usabilities:
         place = file.signed.file.place
         if place not in self._governed:
             rules = [
-                (covered(rule.domains), rule)
-                for rule in (file.governance.domain_rules if file.governance else ())
+                (covered(rule.domains), rule) for rule in (file.governance.domain_rules if file.governance else ())
             ]
             found = []
             for low, high in elementary(cover for cover, _rule in rules):

@@ -45,9 +45,8 @@ def parse_instant(text: str) -> datetime | None:
 
 def _offset(zone: str | None) -> timedelta:
     """The zone's distance from UTC. Raises ValueError beyond 14 hours, as xs:dateTime does."""
-    if zone in (None, "Z"):
+    if zone is None or zone == "Z":
         return timedelta()
-    assert zone is not None
     hours, minutes = int(zone[1:3]), int(zone[4:6])
     if minutes > 59 or hours * 60 + minutes > 14 * 60:
         raise ValueError(zone)
