@@ -89,9 +89,11 @@ def read_crl(file: File) -> CrlFile:
             lists.append(read)
         else:
             defects.append(_defect(file, Kind.CRL_UNREADABLE, read.line, f"found {read.detail}"))
-    for text in pem.texts:
-        if lists and not text.is_dump(DUMP_OF_REVOCATION_LIST):
-            defects.append(_defect(file, Kind.CERTIFICATE_FILE_EXTRA, text.line, "found other text"))
+    defects.extend(
+        _defect(file, Kind.CERTIFICATE_FILE_EXTRA, text.line, "found other text")
+        for text in pem.texts
+        if lists and not text.is_dump(DUMP_OF_REVOCATION_LIST)
+    )
     if not lists and not any(defect.kind is Kind.CRL_UNREADABLE for defect in defects):
         defects.append(_defect(file, Kind.CRL_UNREADABLE, None, "found none"))
     return CrlFile(file=file, revocation_lists=tuple(lists), defects=tuple(defects))

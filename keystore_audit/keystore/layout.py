@@ -241,12 +241,11 @@ def _below(place: bytes, name: bytes) -> bytes:
 
 def _enclave(tree: _Tree, place: bytes, kind: LayoutKind, *, one_authority: bool) -> EnclaveFiles:
     root, names = tree.root, tree.names(place)
-    files: dict[Role, File] = {}
-    for role, name in _NAMES.items():
-        if one_authority and role in (Role.IDENTITY_CA, Role.PERMISSIONS_CA):
-            name = _ONE_AUTHORITY
-        path = _below(place, name)
-        files[role] = root.sealed(path) if role is Role.KEY else root.file(path)
+    stand_in = (
+        {Role.IDENTITY_CA: _ONE_AUTHORITY, Role.PERMISSIONS_CA: _ONE_AUTHORITY} if one_authority else {}
+    )
+    paths = {role: _below(place, stand_in.get(role, name)) for role, name in _NAMES.items()}
+    files = {role: root.sealed(path) if role is Role.KEY else root.file(path) for role, path in paths.items()}
     pkcs11 = {role: root.sealed(_below(place, name)) for role, name in _PKCS11_NAMES.items() if name in names}
     unsigned = {
         role: root.file(_below(place, name)) for role, name in _UNSIGNED_NAMES.items() if name in names

@@ -57,7 +57,7 @@ class Text:
     text: bytes = field(repr=False)
 
     def is_dump(self, margin: tuple[bytes, ...]) -> bool:
-        """Whether it is openssl's readable form: first the first of `margin`, then any of it or indented lines."""
+        """Whether it is openssl's readable form: the first of `margin`, then any of it or indented lines."""
         lines = [line.rstrip() for line in self.text.split(b"\n")]
         written = [line for line in lines if line]
         return written[:1] == [margin[0]] and all(
