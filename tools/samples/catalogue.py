@@ -5,8 +5,32 @@ from __future__ import annotations
 from collections.abc import Iterator
 from fnmatch import fnmatchcase
 
-from . import healthy, stock
+from . import (
+    certificate_stories,
+    formal_stories,
+    governance_stories,
+    healthy,
+    identity_stories,
+    layout_stories,
+    permissions_stories,
+    signature_stories,
+    stock,
+    unknown_stories,
+)
 from .story import Story
+
+FAMILIES = (
+    healthy,
+    stock,
+    unknown_stories,
+    layout_stories,
+    certificate_stories,
+    identity_stories,
+    signature_stories,
+    governance_stories,
+    permissions_stories,
+    formal_stories,
+)
 
 
 def stories(only: str = "*") -> Iterator[Story]:
@@ -15,7 +39,7 @@ def stories(only: str = "*") -> Iterator[Story]:
     Raises ValueError if two share a directory.
     """
     seen: set[str] = set()
-    for family in (healthy, stock):
+    for family in FAMILIES:
         for story in family.stories():
             if story.directory in seen:
                 raise ValueError(f"two stories for {story.directory}")

@@ -109,15 +109,11 @@ class Certificate:
             constraints: dict[str, object] = {"ca": self.ca}
             if self.path_length is not None:
                 constraints["path_len_constraint"] = self.path_length
-            found.append(
-                _extension("basic_constraints", x509.BasicConstraints(constraints), critical=self.ca)
-            )
+            found.append(_extension("basic_constraints", x509.BasicConstraints(constraints), critical=self.ca))
         if self.key_usage:
             found.append(_extension("key_usage", x509.KeyUsage(set(self.key_usage)), critical=True))
         if self.unknown_critical_extension is not None:
-            found.append(
-                _extension(self.unknown_critical_extension, OctetString(b"sample").dump(), critical=True)
-            )
+            found.append(_extension(self.unknown_critical_extension, OctetString(b"sample").dump(), critical=True))
         return found
 
 

@@ -37,6 +37,9 @@ class SignedData:
     content: bytes | None = None
     """The content inside the message; None for a detached signature."""
 
+    trailing: bytes = b""
+    """What follows the structure, which then is no longer strict DER."""
+
     def der(self, signed: bytes) -> bytes:
         """The ContentInfo for the MIME entity `signed`, in DER."""
         embedded = self.embed_certificates and self.signers
@@ -51,7 +54,7 @@ class SignedData:
                 "signer_infos": [self._signer_info(signer, signed) for signer in self.signers],
             }
         )
-        return bytes(cms.ContentInfo({"content_type": "signed_data", "content": data}).dump())
+        return bytes(cms.ContentInfo({"content_type": "signed_data", "content": data}).dump()) + self.trailing
 
     def _signer_info(self, signer: Signer, signed: bytes) -> cms.SignerInfo:
         issuer = signer.certificate.issuer or signer.certificate
@@ -80,6 +83,4 @@ class SignedData:
             "signing_time": cms.Time({"utc_time": SIGNED_AT}),
             "message_digest": hashlib.new(self.digest, signed).digest(),
         }
-        return cms.CMSAttributes(
-            [cms.CMSAttribute({"type": kind, "values": [v]}) for kind, v in values.items()]
-        )
+        return cms.CMSAttributes([cms.CMSAttribute({"type": kind, "values": [v]}) for kind, v in values.items()])

@@ -58,9 +58,7 @@ def read_stock(message: bytes) -> Signed:
     data = cms.ContentInfo.load(der, strict=True)["content"]
     (info,) = data["signer_infos"]
     (certificate,) = (choice.chosen.dump() for choice in data["certificates"])
-    attributes = {
-        attribute["type"].native: attribute["values"][0].native for attribute in info["signed_attrs"]
-    }
+    attributes = {attribute["type"].native: attribute["values"][0].native for attribute in info["signed_attrs"]}
     if attributes["message_digest"] != hashlib.sha256(entity).digest():
         raise ValueError("the digest is not that of the content")
     key = x509.load_der_x509_certificate(certificate).public_key()

@@ -44,9 +44,7 @@ TALKER_LISTENER = {
 }
 
 TURTLESIM = {
-    "/multiplexer": Node(
-        name="multiplexer", subscribe=("high_priority", "low_priority"), publish=("move_turtle",)
-    ),
+    "/multiplexer": Node(name="multiplexer", subscribe=("high_priority", "low_priority"), publish=("move_turtle",)),
     "/turtlesim": Node(name="turtlesim", subscribe=("move_turtle",)),
     "/keyboard": Node(name="keyboard", publish=("high_priority",)),
     "/random": Node(name="random", publish=("low_priority",)),

@@ -31,9 +31,7 @@ def flat(store: Store) -> Tree:
             "permissions.p7s": store.signed_permissions(enclave),
             "permissions.xml": encoded(enclave.permissions),
         }
-        tree.update(
-            {posixpath.join(folder, name): entry for name, entry in changed(files, enclave.changes).items()}
-        )
+        tree.update({posixpath.join(folder, name): entry for name, entry in changed(files, enclave.changes).items()})
     return changed(tree, store.changes)
 
 

@@ -65,9 +65,7 @@ class Node:
         return tuple(f"{prefix}{self._qualified(name)}{suffix}" for name in names)
 
     def _goals(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        return tuple(
-            f"rq{self._qualified(n)}/_action/{part}Request" for n in names for part in ACTION_SERVICES
-        )
+        return tuple(f"rq{self._qualified(n)}/_action/{part}Request" for n in names for part in ACTION_SERVICES)
 
     def _answers(self, names: tuple[str, ...]) -> tuple[str, ...]:
         found: list[str] = []

@@ -42,8 +42,7 @@ class Message:
         signature = (
             b'Content-Type: application/x-pkcs7-signature; name="smime.p7s"\r\n'
             b"Content-Transfer-Encoding: base64\r\n"
-            b'Content-Disposition: attachment; filename="smime.p7s"\r\n\r\n'
-            + _base64(self.signature.der(entity))
+            b'Content-Disposition: attachment; filename="smime.p7s"\r\n\r\n' + _base64(self.signature.der(entity))
         )
         rule = b"--" + boundary
         parts = (top, rule, b"\r\n", entity, b"\r\n", rule, b"\r\n", signature, b"\r\n", rule, b"--\r\n")

@@ -55,9 +55,7 @@ def by_pyca(signer: Certificate) -> Seal:
     return seal
 
 
-def stock(
-    name: str, nodes: dict[str, Node], *, apart: timedelta = timedelta(0), zone: str = "+00:00"
-) -> Store:
+def stock(name: str, nodes: dict[str, Node], *, apart: timedelta = timedelta(0), zone: str = "+00:00") -> Store:
     """What sros2 makes of `nodes`: the authority at MADE_AT, then an enclave every `apart`.
 
     `zone` ends the dates of permissions: `+00:00` in Rolling, nothing up to Jazzy.
@@ -66,9 +64,7 @@ def stock(
     enclaves = []
     for number, (path, node) in enumerate(nodes.items(), start=1):
         certificate = _issued(path, Key(label=f"stock {name} {path}"), MADE_AT + number * apart, authority)
-        dates = [
-            f"{date:%Y-%m-%dT%H:%M:%S}{zone}" for date in (certificate.not_before, certificate.not_after)
-        ]
+        dates = [f"{date:%Y-%m-%dT%H:%M:%S}{zone}" for date in (certificate.not_before, certificate.not_after)]
         rights = grant(path, node, not_before=dates[0], not_after=dates[1])
         enclaves.append(
             Enclave(

@@ -74,9 +74,7 @@ class Store:
         for enclave in self.enclaves:
             folder = posixpath.join("enclaves", enclave.path.strip("/")).rstrip("/")
             tree.update(
-                changed(
-                    self._enclave(enclave, folder), {f"{folder}/{n}": e for n, e in enclave.changes.items()}
-                )
+                changed(self._enclave(enclave, folder), {f"{folder}/{n}": e for n, e in enclave.changes.items()})
             )
         return changed(tree, self.changes)
 

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from .store import Store, Tree
 
@@ -61,13 +61,23 @@ class Story:
         return "\n".join(lines) + "\n"
 
 
-def pair(
-    rule: str, name: str, bad: tuple[str, Store | Tree], good: tuple[str, Store | Tree], **both: Any
-) -> tuple[Story, Story]:
-    """The bad and the good sample of a rule; `both` are further fields of the two stories."""
+class Case(NamedTuple):
+    """One side of a pair: what to say of it, and the keystore."""
+
+    text: str
+    keystore: Store | Tree
+
+    def tree(self) -> Tree:
+        """The keystore's files."""
+        return self.keystore.tree() if isinstance(self.keystore, Store) else self.keystore
+
+
+def pair(rule: str, name: str, *, bad: Case, good: Case, options: tuple[str, ...] = ()) -> tuple[Story, Story]:
+    """The bad and the good sample of a rule, audited with the same `options`."""
+    folder = f"rules/{rule}-{name}"
     return (
-        Story(directory=f"rules/{rule}-{name}/bad", rule=rule, text=bad[0], tree=_tree(bad[1]), **both),
-        Story(directory=f"rules/{rule}-{name}/good", rule=rule, text=good[0], tree=_tree(good[1]), **both),
+        Story(directory=f"{folder}/bad", rule=rule, text=bad.text, tree=bad.tree(), options=options),
+        Story(directory=f"{folder}/good", rule=rule, text=good.text, tree=good.tree(), options=options),
     )
 
 
@@ -80,10 +90,6 @@ def read_description(sample: Path) -> dict[str, Any]:
     """The fields of the `.toml` beside `sample`; empty where there is none."""
     path = description_of(sample)
     return tomllib.loads(path.read_text("utf-8")) if path.is_file() else {}
-
-
-def _tree(store: Store | Tree) -> Tree:
-    return store.tree() if isinstance(store, Store) else store
 
 
 def _toml(value: object) -> str:

@@ -1,0 +1,157 @@
+"""Pairs for KA201 to KA211: certificates, their dates, their issuers and their keys."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import datetime, timezone
+
+from .base import IDENTITY_CA, ONE, TALKER_CERTIFICATE, with_talker
+from .keys import Key
+from .story import Case, Story, pair
+
+
+def stories() -> Iterator[Story]:
+    """The first pairs of KA2."""
+    yield from _files()
+    yield from _dates()
+    yield from _issuers()
+    yield from _keys()
+
+
+def _files() -> Iterator[Story]:
+    yield from pair(
+        "KA201",
+        "certificate-unreadable",
+        bad=Case(
+            "The talker's cert.pem lost its end: the block is there, the DER inside is cut short. What a "
+            "robot makes of it "
+            "cannot be said from here.",
+            with_talker(changes={"cert.pem": _armoured("CERTIFICATE", TALKER_CERTIFICATE.der()[:-20])}),
+        ),
+        good=Case("The whole certificate.", ONE),
+    )
+    yield from pair(
+        "KA202",
+        "certificate-file-holds-more",
+        bad=Case(
+            "cert.pem holds a chain, the identity and then the authority that issued it. The run times "
+            "read the first "
+            "certificate and no further, so that the second only looks as if it counted.",
+            with_talker(changes={"cert.pem": TALKER_CERTIFICATE.pem() + IDENTITY_CA.pem()}),
+        ),
+        good=Case("cert.pem holds one certificate.", ONE),
+    )
+
+
+def _dates() -> Iterator[Story]:
+    yield from pair(
+        "KA203",
+        "certificate-expired",
+        bad=Case(
+            "The talker's identity ended in June 2026: no peer has accepted a new session since.",
+            with_talker(certificate=replace(TALKER_CERTIFICATE, not_after=_day(2026, 6, 1))),
+        ),
+        good=Case("The identity is good until 2100.", ONE),
+    )
+    yield from pair(
+        "KA204",
+        "certificate-not-yet-valid",
+        bad=Case(
+            "The talker's identity begins in 2027, as after a signing machine whose clock ran ahead: "
+            "until then every "
+            "peer refuses it.",
+            with_talker(certificate=replace(TALKER_CERTIFICATE, not_before=_day(2027, 1, 1))),
+        ),
+        good=Case("The identity has been good since 2020.", ONE),
+    )
+    yield from pair(
+        "KA205",
+        "certificate-expires-soon",
+        bad=Case(
+            "The talker's identity ends on 5 December 2026, two weeks after the audit: time to issue it again.",
+            with_talker(certificate=replace(TALKER_CERTIFICATE, not_after=_day(2026, 12, 5))),
+        ),
+        good=Case("The identity is good until 2100.", ONE),
+    )
+    short = replace(IDENTITY_CA, not_after=_day(2099, 1, 1))
+    yield from pair(
+        "KA206",
+        "certificate-outlives-its-ca",
+        bad=Case(
+            "The identity CA ends a year before the identity that it issued: the last year of the "
+            "identity is worth "
+            "nothing, and whoever plans by its date is a year late.",
+            replace(with_talker(certificate=replace(TALKER_CERTIFICATE, issuer=short)), identity_ca=short),
+        ),
+        good=Case("Authority and identity end together.", ONE),
+    )
+
+
+def _issuers() -> Iterator[Story]:
+    yield from pair(
+        "KA207",
+        "not-issued-by-identity-ca",
+        bad=Case(
+            "The talker's identity names the identity CA as its issuer, but another key signed it: one "
+            "from a second "
+            "keystore, say, whose authority has the same name as every sros2 authority has. No peer "
+            "accepts it.",
+            with_talker(certificate=replace(TALKER_CERTIFICATE, signed_by=Key(label="another keystore's CA"))),
+        ),
+        good=Case("The same names and numbers, signed with the identity CA's key.", ONE),
+    )
+    no_ca = replace(IDENTITY_CA, ca=False, path_length=None)
+    yield from pair(
+        "KA208",
+        "authority-not-a-ca",
+        bad=Case(
+            "The identity CA's certificate says CA:FALSE: OpenSSL accepts nothing that it issued (RFC 5280, 6.1.4 k).",
+            replace(with_talker(certificate=replace(TALKER_CERTIFICATE, issuer=no_ca)), identity_ca=no_ca),
+        ),
+        good=Case("The same authority with CA:TRUE.", ONE),
+    )
+
+
+def _keys() -> Iterator[Story]:
+    yield from pair(
+        "KA209",
+        "key-does-not-match-certificate",
+        bad=Case(
+            "key.pem belongs to another certificate: Fast DDS refuses to start; Cyclone DDS starts and "
+            "never finishes a "
+            "handshake.",
+            with_talker(key=Key(label="rules, somebody else's")),
+        ),
+        good=Case("key.pem is the key that cert.pem certifies.", ONE),
+    )
+    yield from pair(
+        "KA210",
+        "private-key-unreadable",
+        bad=Case(
+            "key.pem is a PEM block whose content is no key. A build of OpenSSL with other providers "
+            "might read it; this "
+            "audit cannot.",
+            with_talker(changes={"key.pem": _armoured("PRIVATE KEY", b"\x30\x0bnot-a-key-at")}),
+        ),
+        good=Case("key.pem is PKCS#8.", ONE),
+    )
+    yield from pair(
+        "KA211",
+        "private-key-encrypted",
+        bad=Case(
+            "key.pem is under a password. ROS 2 passes none on to the run time, so that the participant is refused.",
+            with_talker(changes={"key.pem": TALKER_CERTIFICATE.key.encrypted_pem("sample")}),
+        ),
+        good=Case("key.pem is not encrypted, and readable only to its owner.", ONE),
+    )
+
+
+def _day(year: int, month: int, day: int) -> datetime:
+    return datetime(year, month, day, tzinfo=timezone.utc)
+
+
+def _armoured(label: str, der: bytes) -> bytes:
+    body = base64.encodebytes(der)
+    return b"-----BEGIN " + label.encode() + b"-----\n" + body + b"-----END " + label.encode() + b"-----\n"

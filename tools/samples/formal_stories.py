@@ -1,0 +1,208 @@
+"""Pairs for KA7: for each property a keystore that violates it for a reason of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from .base import (
+    IDENTITY_CA,
+    LISTENER,
+    LISTENER_CERTIFICATE,
+    LISTENER_GRANT,
+    PERMISSIONS_CA,
+    QUIET,
+    TALKER_CERTIFICATE,
+    TALKER_GRANT,
+    TWO,
+    domain,
+    governed,
+    talker,
+    with_listener,
+)
+from .documents import DISCOVERY, DomainRule, Permissions, Rule, TopicRule
+from .smime import signed_by
+from .story import Case, Story, pair
+
+CHATTER = TopicRule(expression="rt/chatter")
+"""A rule for /chatter alone, as strict as the stock rule for every topic."""
+
+
+def stories() -> Iterator[Story]:
+    """All pairs of KA7."""
+    yield from _participants()
+    yield from _documents()
+    yield from _outsiders()
+    yield from _grants()
+    yield from _insiders()
+
+
+def _participants() -> Iterator[Story]:
+    lax = DomainRule(domains=(5,), rtps="NONE", allow_unauthenticated=True)
+    yield from pair(
+        "KA701",
+        "only-authenticated-participants-join",
+        bad=Case(
+            "Domain 0 is strict; domain 5, opened for a demonstration, lets in participants that never "
+            "proved who they "
+            "are.",
+            governed(TWO, QUIET, lax),
+        ),
+        good=Case("Both domains ask for an identity.", governed(TWO, QUIET, replace(lax, allow_unauthenticated=False))),
+    )
+    yield from pair(
+        "KA702",
+        "identities-chain-to-the-identity-ca",
+        bad=Case(
+            "The listener's identity was issued by the permissions CA, the two authorities' keys having "
+            "been mixed up. Nobody "
+            "who trusts the identity CA accepts it.",
+            with_listener(certificate=replace(LISTENER_CERTIFICATE, issuer=PERMISSIONS_CA)),
+        ),
+        good=Case("The identity CA issued both identities.", TWO),
+    )
+    yield from pair(
+        "KA704",
+        "no-identity-serves-two-enclaves",
+        bad=Case(
+            "The listener has a certificate of its own over the talker's key, as when a request is signed "
+            "twice under two "
+            "names: whoever takes one robot's key is both.",
+            with_listener(certificate=replace(LISTENER_CERTIFICATE, key=TALKER_CERTIFICATE.key)),
+        ),
+        good=Case("Each enclave has a key of its own.", TWO),
+    )
+
+
+def _documents() -> Iterator[Story]:
+    shared = replace(TWO, permissions_ca=IDENTITY_CA)
+    every_topic = Permissions(grants=(replace(TALKER_GRANT, rules=(Rule(publish=("*",), subscribe=("*",)),)),))
+    yield from pair(
+        "KA703",
+        "documents-signed-by-the-permissions-ca",
+        bad=Case(
+            "CVE-2023-24010: one authority serves both roles, and the talker signed itself every right "
+            "with its own key. "
+            "`openssl smime -verify -CAfile` calls that valid, and so do Cyclone DDS up to 0.10 and Fast "
+            "DDS up to 2.6.4.",
+            replace(
+                shared,
+                enclaves=(talker(permissions=every_topic, seal=signed_by(TALKER_CERTIFICATE).smime), LISTENER),
+            ),
+        ),
+        good=Case(
+            "The same rights, signed by the authority: too much, but meant. One authority still serves both roles.",
+            replace(shared, enclaves=(talker(permissions=every_topic), LISTENER)),
+        ),
+    )
+    bundle = PERMISSIONS_CA.pem() + IDENTITY_CA.pem()
+    yield from pair(
+        "KA705",
+        "no-enclave-grants-itself-rights",
+        bad=Case(
+            "The authorities are separate, but permissions_ca.cert.pem holds both certificates, put "
+            "together by somebody who "
+            "knew bundles from web servers. Where the signer is not pinned, every identity can then sign "
+            "rights.",
+            replace(TWO, changes={"public/permissions_ca.cert.pem": bundle}),
+        ),
+        good=Case("permissions_ca.cert.pem holds the permissions CA alone.", TWO),
+    )
+
+
+def _outsiders() -> Iterator[Story]:
+    readable = replace(CHATTER, metadata="SIGN", data="NONE")
+    yield from pair(
+        "KA711",
+        "outsiders-cannot-read",
+        bad=Case(
+            "For speed, /chatter alone was taken out of encryption: it is signed, and whoever listens on "
+            "the network reads "
+            "it.",
+            governed(TWO, domain(readable)),
+        ),
+        good=Case(
+            "/chatter has a rule of its own that encrypts the payload.",
+            governed(TWO, domain(replace(readable, data="ENCRYPT"))),
+        ),
+    )
+    announced = replace(CHATTER, discovery_protection=False)
+    yield from pair(
+        "KA712",
+        "outsiders-cannot-learn-names",
+        bad=Case(
+            "/chatter alone is announced in clear: its data stays secret, its name, type and place do not.",
+            governed(TWO, domain(announced)),
+        ),
+        good=Case("/chatter is announced over the encrypted discovery.", governed(TWO, domain(CHATTER))),
+    )
+    bare = replace(CHATTER, metadata="NONE", data="NONE")
+    yield from pair(
+        "KA713",
+        "outsiders-cannot-inject",
+        bad=Case(
+            "Messages are not authenticated as a whole, and /chatter has no protection of its own: "
+            "whoever reaches the "
+            "network writes it.",
+            governed(TWO, domain(bare, rtps="NONE")),
+        ),
+        good=Case("/chatter is signed.", governed(TWO, domain(replace(bare, metadata="SIGN"), rtps="NONE"))),
+    )
+
+
+def _grants() -> Iterator[Story]:
+    yield from pair(
+        "KA721",
+        "grants-are-enforced",
+        bad=Case(
+            "Reading and writing take a grant, joining does not: an identity whose every right was "
+            "withdrawn still gets the "
+            "keys that participants share.",
+            governed(TWO, replace(QUIET, join_access_control=False)),
+        ),
+        good=Case("Joining takes a grant too.", TWO),
+    )
+    uncontrolled = replace(CHATTER, write_access_control=False)
+    yield from pair(
+        "KA722",
+        "nobody-writes-without-a-grant",
+        bad=Case(
+            "For /chatter alone, publish rules are not looked at: the listener, which may only read, writes.",
+            governed(TWO, replace(QUIET, topics=(uncontrolled, TopicRule()))),
+        ),
+        good=Case("To write /chatter takes a grant.", governed(TWO, replace(QUIET, topics=(CHATTER, TopicRule())))),
+    )
+
+
+def _insiders() -> Iterator[Story]:
+    shared_key = replace(CHATTER, metadata="SIGN", data="SIGN")
+    elsewhere = replace(LISTENER_GRANT, rules=(Rule(subscribe=("rt/rosout",)), DISCOVERY))
+    bystander = with_listener(permissions=Permissions(grants=(elsewhere,)))
+    yield from pair(
+        "KA723",
+        "nobody-reads-without-a-grant",
+        bad=Case(
+            "/chatter is encrypted as part of whole messages only, with the key that all participants "
+            "hold: the listener, "
+            "which has no grant for it, reads it all the same.",
+            governed(bystander, replace(QUIET, topics=(shared_key, TopicRule()))),
+        ),
+        good=Case(
+            "The payload is encrypted with a key that only readers of /chatter get.",
+            governed(bystander, replace(QUIET, topics=(replace(shared_key, data="ENCRYPT"), TopicRule()))),
+        ),
+    )
+    yield from pair(
+        "KA724",
+        "readers-cannot-forge",
+        bad=Case(
+            "sros2's own governance: who can check a message can make one, since the key is the same. The "
+            "listener can "
+            "write /chatter in the talker's name to any other reader.",
+            governed(TWO, DomainRule()),
+        ),
+        good=Case(
+            "Every message carries proof of which participant sent it.",
+            governed(TWO, DomainRule(rtps="SIGN_WITH_ORIGIN_AUTHENTICATION")),
+        ),
+    )

@@ -1,0 +1,248 @@
+"""Pairs for KA212 to KA225: revocation, algorithms, and identities that meet in one keystore."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import datetime, timezone
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.serialization import Encoding
+
+from .base import (
+    IDENTITY_CA,
+    LISTENER,
+    LISTENER_CERTIFICATE,
+    LISTENER_GRANT,
+    ONE,
+    PERMISSIONS_CA,
+    TALKER_CERTIFICATE,
+    TALKER_GRANT,
+    TWO,
+    talker,
+    with_listener,
+    with_talker,
+)
+from .certificates import Certificate
+from .documents import Permissions
+from .keys import Key
+from .smime import signed_by
+from .store import Store, encoded
+from .story import Case, Story, pair
+
+THIS_UPDATE = datetime(2026, 10, 1, tzinfo=timezone.utc)
+NEXT_UPDATE = datetime(2100, 1, 1, tzinfo=timezone.utc)
+
+
+def stories() -> Iterator[Story]:
+    """The other pairs of KA2."""
+    yield from _revocation()
+    yield from _algorithms()
+    yield from _names()
+    yield from _together()
+
+
+def revocation_list(
+    *revoked: Certificate, issuer: Certificate = IDENTITY_CA, next_update: datetime = NEXT_UPDATE
+) -> bytes:
+    """A CRL in PEM (RFC 5280, 5) by `issuer` that revokes `revoked`."""
+    name = x509.load_der_x509_certificate(issuer.der()).subject
+    builder = x509.CertificateRevocationListBuilder(issuer_name=name, last_update=THIS_UPDATE, next_update=next_update)
+    builder = builder.add_extension(x509.CRLNumber(1), critical=False)
+    for certificate in revoked:
+        entry = x509.RevokedCertificateBuilder(serial_number=certificate.serial_number(), revocation_date=THIS_UPDATE)
+        builder = builder.add_revoked_certificate(entry.build())
+    crl = builder.sign(issuer.key.private(), hashes.SHA256(), ecdsa_deterministic=True)
+    return crl.public_bytes(Encoding.PEM)
+
+
+STOLEN = Certificate(key=Key(label="rules, a stolen identity"), subject="/stolen", issuer=IDENTITY_CA)
+
+
+def _with_crl(crl: bytes) -> Store:
+    return with_talker(changes={"crl.pem": crl})
+
+
+def _revocation() -> Iterator[Story]:
+    yield from pair(
+        "KA212",
+        "identity-revoked",
+        bad=Case(
+            "The identity CA revoked the talker's certificate, and the keystore still ships it: whoever "
+            "holds the list "
+            "refuses the talker.",
+            _with_crl(revocation_list(TALKER_CERTIFICATE)),
+        ),
+        good=Case("The list revokes an identity that is not in this keystore.", _with_crl(revocation_list(STOLEN))),
+    )
+    yield from pair(
+        "KA213",
+        "crl-invalid",
+        bad=Case(
+            "The permissions CA signed the list, not the identity CA: it revokes nothing, and OpenSSL, "
+            "looking for a list "
+            "of the issuer and finding none, refuses every identity.",
+            _with_crl(revocation_list(STOLEN, issuer=PERMISSIONS_CA)),
+        ),
+        good=Case("The identity CA signed the list.", _with_crl(revocation_list(STOLEN))),
+    )
+    yield from pair(
+        "KA214",
+        "crl-stale",
+        bad=Case(
+            "The next list was due on 1 November 2026 and did not come: with a stale list every identity is refused.",
+            _with_crl(revocation_list(STOLEN, next_update=datetime(2026, 11, 1, tzinfo=timezone.utc))),
+        ),
+        good=Case("The list is current.", _with_crl(revocation_list(STOLEN))),
+    )
+    crl = {"crl.pem": revocation_list(STOLEN)}
+    yield from pair(
+        "KA215",
+        "crl-not-everywhere",
+        bad=Case(
+            "The talker refuses revoked identities, the listener has no list and accepts them: revocation "
+            "holds only "
+            "where the list is.",
+            replace(TWO, enclaves=(talker(changes=crl), LISTENER)),
+        ),
+        good=Case(
+            "Both enclaves carry the same list.",
+            replace(TWO, enclaves=(talker(changes=crl), replace(LISTENER, changes=crl))),
+        ),
+    )
+
+
+def _with_curve(curve: str) -> Store:
+    key = Key(label="rules /talker", curve=curve)
+    return with_talker(certificate=replace(TALKER_CERTIFICATE, key=key))
+
+
+def _algorithms() -> Iterator[Story]:
+    yield from pair(
+        "KA216",
+        "weak-key",
+        bad=Case(
+            "The talker's key is on a curve of 224 bits: below what NIST SP 800-57 allows beyond 2030.",
+            _with_curve("P-224"),
+        ),
+        good=Case("The key is on prime256v1.", ONE),
+    )
+    yield from pair(
+        "KA217",
+        "key-outside-dds-security",
+        bad=Case(
+            "The talker's key is on secp384r1: strong, but DDS-Security 1.1 (9.3.1) knows RSA 2048 and "
+            "prime256v1 only, and "
+            "Cyclone DDS refuses anything else.",
+            _with_curve("P-384"),
+        ),
+        good=Case("The key is on prime256v1.", ONE),
+    )
+    yield from pair(
+        "KA218",
+        "weak-signature-algorithm",
+        bad=Case(
+            "The identity CA signed the talker's certificate with SHA-1, for which collisions have been made.",
+            with_talker(certificate=replace(TALKER_CERTIFICATE, digest="sha1")),
+        ),
+        good=Case("It signed with SHA-256.", ONE),
+    )
+    yield from pair(
+        "KA221",
+        "unknown-critical-extension",
+        bad=Case(
+            "The talker's certificate holds a critical extension that no verifier knows: each must then "
+            "refuse it (RFC "
+            "5280, 4.2).",
+            with_talker(certificate=replace(TALKER_CERTIFICATE, unknown_critical_extension="1.3.6.1.4.1.99999.1")),
+        ),
+        good=Case("No such extension.", ONE),
+    )
+    yield from pair(
+        "KA224",
+        "irregular-serial-number",
+        bad=Case(
+            "The talker's serial number has 25 octets, RFC 5280 (4.1.2.2) allows 20: some tools cut it "
+            "off, and then a "
+            "revocation misses.",
+            with_talker(certificate=replace(TALKER_CERTIFICATE, serial=(1 << 199) - 1)),
+        ),
+        good=Case("The serial number has 20 octets.", ONE),
+    )
+
+
+def _names() -> Iterator[Story]:
+    renamed = replace(TALKER_CERTIFICATE, subject="/announcer")
+    yield from pair(
+        "KA220",
+        "subject-differs-from-enclave",
+        bad=Case(
+            "The enclave /talker has an identity called /announcer, and a grant for that name. It works, "
+            "and whoever reads "
+            "the rights of /announcer looks for a folder that is not there.",
+            with_talker(
+                certificate=renamed, permissions=Permissions(grants=(replace(TALKER_GRANT, path="/announcer"),))
+            ),
+        ),
+        good=Case("The identity is called as the enclave is.", ONE),
+    )
+    namesake = replace(LISTENER_CERTIFICATE, subject="/talker")
+    yield from pair(
+        "KA225",
+        "subject-shared-by-certificates",
+        bad=Case(
+            "Talker and listener have different keys and one name, /talker. Grants are for names: each "
+            "may present the "
+            "other's permissions, and the listener publishes.",
+            with_listener(
+                certificate=namesake, permissions=Permissions(grants=(replace(LISTENER_GRANT, path="/talker"),))
+            ),
+        ),
+        good=Case("Each has a name of its own.", TWO),
+    )
+
+
+def _together() -> Iterator[Story]:
+    yield from pair(
+        "KA219",
+        "identity-shared-by-enclaves",
+        bad=Case(
+            "The listener was given a copy of the talker's certificate and key: nobody can tell the two "
+            "apart, and taking "
+            "one takes both.",
+            with_listener(
+                certificate=TALKER_CERTIFICATE,
+                permissions=Permissions(grants=(replace(LISTENER_GRANT, path="/talker"),)),
+            ),
+        ),
+        good=Case("Each enclave has an identity of its own.", TWO),
+    )
+    yield from pair(
+        "KA222",
+        "one-ca-for-both-roles",
+        bad=Case(
+            "One authority issues identities and signs permissions. Where the run time does not pin the "
+            "signer, each "
+            "identity that it issued can sign itself any right (CVE-2023-24010, 24011, 24012).",
+            replace(ONE, permissions_ca=IDENTITY_CA),
+        ),
+        good=Case("Two authorities with different keys.", ONE),
+    )
+    other = replace(PERMISSIONS_CA, key=Key(label="rules, another permissions CA"), subject="otherCA")
+    seal = signed_by(other).smime
+    documents = {
+        "permissions_ca.cert.pem": other.pem(),
+        "governance.p7s": seal(encoded(TWO.governance)),
+    }
+    yield from pair(
+        "KA223",
+        "enclaves-trust-different-cas",
+        bad=Case(
+            "The listener trusts another permissions CA, which signed its documents. Each refuses the "
+            "other's rights, "
+            "so that the two never talk: the trace of an authority that was renewed for half of the fleet.",
+            with_listener(seal=seal, changes=documents),
+        ),
+        good=Case("Both trust the same authorities.", TWO),
+    )

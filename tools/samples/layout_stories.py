@@ -1,0 +1,113 @@
+"""Pairs for KA1, layout and files. What git cannot hold is in made_at_test_time.py."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from .base import IDENTITY_CA, ONE, TALKER_GRANT, with_talker
+from .certificates import Certificate
+from .documents import Permissions, edited
+from .keys import Key
+from .layouts import copied, flat
+from .store import Enclave, Store, Tree
+from .story import Case, Story, pair
+
+
+def stories() -> Iterator[Story]:
+    """All pairs of KA1."""
+    yield from pair(
+        "KA101",
+        "required-file-missing",
+        bad=Case(
+            "The talker's permissions.p7s was never copied to the robot. Under Enforce its nodes do not "
+            "start; under "
+            "Permissive they start without security.",
+            with_talker(changes={"permissions.p7s": None}),
+        ),
+        good=Case("All six files of the talker are there.", ONE),
+    )
+    yield from pair(
+        "KA109",
+        "ca-private-key-in-tree",
+        bad=Case(
+            "The tree that goes on the robot still has the authorities' private keys in private/: whoever "
+            "reads the "
+            "robot's disk can issue identities and rights for the whole fleet.",
+            replace(ONE, private_keys=True),
+        ),
+        good=Case("The same keystore as it should be shipped, without private/.", ONE),
+        options=("--deployed",),
+    )
+    yield from pair(
+        "KA110",
+        "unsigned-document-differs",
+        bad=Case(
+            "Somebody edited permissions.xml to take away a right and did not sign it again: a reviewer "
+            "reads /chat, the "
+            "robot allows /chatter.",
+            replace(with_talker(changes={"permissions.xml": _edited_permissions()}), unsigned=True),
+        ),
+        good=Case("permissions.xml says what permissions.p7s says.", replace(ONE, unsigned=True)),
+    )
+    yield from pair(
+        "KA111",
+        "pkcs11-reference",
+        bad=Case(
+            "A key.p11 beside key.pem points into a hardware module. Fast DDS takes the module's key, "
+            "Cyclone DDS the "
+            "file's, and nobody who has only the files can say whether the two are the same.",
+            with_talker(changes={"key.p11": b"pkcs11:token=robot;object=talker\n"}),
+        ),
+        good=Case("The key is the file key.pem and nothing else.", ONE),
+    )
+    yield from pair(
+        "KA112",
+        "incomplete-keystore",
+        bad=Case(
+            "An enclave with all its files, copied without links, but public/ and the shared governance "
+            "are gone: "
+            "`ros2 security` takes this for no keystore, and the next `create_keystore` makes new "
+            "authorities.",
+            _without_shared(ONE),
+        ),
+        good=Case("The same copies with public/ and the shared governance.", copied(ONE.tree())),
+    )
+    yield from pair(
+        "KA113",
+        "enclave-name-not-ros",
+        bad=Case(
+            "The folder is called front-camera: no ROS 2 enclave name may hold a hyphen, so that no node "
+            "can ever be "
+            "given this enclave by its name.",
+            _one_enclave("/front-camera"),
+        ),
+        good=Case("The same enclave called front_camera.", _one_enclave("/front_camera")),
+    )
+    yield from pair(
+        "KA115",
+        "deprecated-layout",
+        bad=Case(
+            "The flat layout of Crystal, Dashing and Eloquent: no supported distribution looks for "
+            "enclaves there, so "
+            "that nodes under Permissive start without security.",
+            flat(ONE),
+        ),
+        good=Case("The same enclave in the layout of Foxy and later.", ONE),
+    )
+
+
+def _edited_permissions() -> bytes:
+    return edited(Permissions(grants=(TALKER_GRANT,)).xml(), "rt/chatter", "rt/chat").encode()
+
+
+def _without_shared(store: Store) -> Tree:
+    gone = ("public/", "enclaves/governance.p7s")
+    return {path: entry for path, entry in copied(store.tree()).items() if not path.startswith(gone)}
+
+
+def _one_enclave(path: str) -> Store:
+    certificate = Certificate(key=Key(label=f"rules {path}"), subject=path, issuer=IDENTITY_CA)
+    grant = replace(TALKER_GRANT, path=path)
+    enclave = Enclave(path=path, certificate=certificate, permissions=Permissions(grants=(grant,)))
+    return replace(ONE, enclaves=(enclave,))

@@ -1,0 +1,125 @@
+"""Keystores that git or a source distribution cannot hold: modes, pipes, links that lead out, names that clash.
+
+Each recipe builds one keystore as the directory it is given, which must not be there yet; what lies outside of
+the keystore is put beside that directory.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from .base import IDENTITY_CA, ONE, TALKER_CERTIFICATE, TALKER_GRANT, talker, with_talker
+from .certificates import Certificate
+from .documents import Permissions
+from .keys import Key
+from .smime import Message, signed_by
+from .store import Enclave, Link, Store, write
+
+Recipe = Callable[[Path], None]
+
+TOO_LARGE = 4 * 1024 * 1024 + 1
+"""One byte over what is read of a file."""
+
+
+def _good(root: Path) -> None:
+    write(ONE.tree(), root)
+
+
+def _linked(name: str, target: str) -> Recipe:
+    """The talker's file `name` is a link to `target`."""
+    return lambda root: write(with_talker(changes={name: Link(target=target)}).tree(), root)
+
+
+def _dangling(root: Path) -> None:
+    write(replace(ONE, changes={"public/identity_ca.cert.pem": None}).tree(), root)
+
+
+def _outside(root: Path) -> None:
+    beside = root.with_name(root.name + "-outside")
+    beside.mkdir()
+    (beside / "cert.pem").write_bytes(TALKER_CERTIFICATE.pem())
+    _linked("cert.pem", f"../../../{beside.name}/cert.pem")(root)
+
+
+def _directory_link(root: Path) -> None:
+    write(ONE.tree(), root)
+    (root / "enclaves" / "fleet").symlink_to("talker", target_is_directory=True)
+
+
+def _pipe(root: Path) -> None:
+    write(with_talker(changes={"permissions.p7s": None}).tree(), root)
+    os.mkfifo(root / "enclaves" / "talker" / "permissions.p7s")
+
+
+def _too_large(root: Path) -> None:
+    """A valid message padded behind its last boundary, which OpenSSL does not read."""
+    message = signed_by(ONE.permissions_ca)
+    write(with_talker(seal=replace(message, epilogue=b"\r\n" * (TOO_LARGE // 2)).smime).tree(), root)
+
+
+def _almost_too_large(root: Path) -> None:
+    """The same with a padding that just fits: other rules may speak, this one must not."""
+    message: Message = signed_by(ONE.permissions_ca)
+    size = len(ONE.signed_permissions(talker()))
+    padded = replace(message, epilogue=b"\n" * (TOO_LARGE - 1 - size))
+    write(with_talker(seal=padded.smime).tree(), root)
+
+
+def _key_mode(mode: int) -> Recipe:
+    return lambda root: write(ONE.tree(), root, mode)
+
+
+def _authority_key_mode(mode: int) -> Recipe:
+    def build(root: Path) -> None:
+        write(replace(ONE, private_keys=True).tree(), root)
+        for key in (root / "private").iterdir():
+            key.chmod(mode)
+
+    return build
+
+
+def _named(*paths: str) -> Store:
+    """A keystore with an enclave for each of `paths`."""
+    enclaves = []
+    for path in paths:
+        certificate = Certificate(key=Key(label=f"rules {path}"), subject=path, issuer=IDENTITY_CA)
+        permissions = Permissions(grants=(replace(TALKER_GRANT, path=path),))
+        enclaves.append(Enclave(path=path, certificate=certificate, permissions=permissions))
+    return replace(ONE, enclaves=tuple(enclaves))
+
+
+def _name_not_utf8(root: Path) -> None:
+    write(ONE.tree(), root)
+    enclaves = os.fsencode(root / "enclaves")
+    os.rename(enclaves + b"/talker", enclaves + b"/talk\xe9r")
+
+
+def _names(*paths: str) -> Recipe:
+    return lambda root: write(_named(*paths).tree(), root)
+
+
+RECIPES: Mapping[str, tuple[Recipe, Recipe]] = {
+    "KA102": (_dangling, _good),
+    "KA103": (_outside, _good),
+    "KA104": (_directory_link, _good),
+    "KA105": (_pipe, _good),
+    "KA106": (_too_large, _almost_too_large),
+    # A name that no file system takes cannot be opened by root either, as a file without permissions can.
+    "KA107": (_linked("permissions.p7s", "x" * 300), _good),
+    "KA108": (_key_mode(0o644), _key_mode(0o600)),
+    "KA113": (_name_not_utf8, _good),
+    "KA114": (_names("/talker", "/Talker"), _names("/talker", "/talker2")),
+    "KA116": (_authority_key_mode(0o644), _authority_key_mode(0o600)),
+}
+"""For each code, what builds the bad keystore and what builds the good one."""
+
+VARIANTS: Mapping[str, tuple[str, Recipe]] = {
+    "loop": ("KA102", _linked("cert.pem", "cert.pem")),
+    "absolute-link": ("KA103", _linked("cert.pem", "/dev/null")),
+    "directory-instead-of-file": ("KA101", _linked("cert.pem", "..")),
+    "link-to-device": ("KA103", _linked("permissions.p7s", "/dev/zero")),
+}
+"""More bad keystores by name, each with the code that must find it."""

@@ -1,0 +1,223 @@
+"""Pairs for KA3: who signed a document, how, and what stands around it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import datetime, timezone
+
+from .base import ONE, PERMISSIONS_CA, TALKER_CERTIFICATE, with_talker
+from .cms import SignedData, Signer
+from .documents import edited
+from .keys import Key
+from .smime import Message, signed_by
+from .store import Seal, Store
+from .story import Case, Story, pair
+
+GENUINE = "permissions.p7s carries one detached signature of the permissions CA, as sros2 makes it."
+CA_SIGNER = Signer(certificate=PERMISSIONS_CA)
+
+
+def stories() -> Iterator[Story]:
+    """All pairs of KA3, each about the talker's permissions.p7s."""
+    yield from _signers()
+    yield from _envelopes()
+    yield from _forms()
+    yield from _numbers_of_signers()
+
+
+def _sealed(seal: Seal) -> Store:
+    return with_talker(seal=seal)
+
+
+def _signed(**fields: object) -> Seal:
+    """Signed by the permissions CA with `fields` of the SignedData replaced."""
+    return Message(signature=replace(SignedData(signers=(CA_SIGNER,)), **fields)).smime  # type: ignore[arg-type]
+
+
+def _signers() -> Iterator[Story]:
+    stranger = replace(PERMISSIONS_CA, key=Key(label="rules, a stranger"))
+    yield from pair(
+        "KA301",
+        "signer-not-permissions-ca",
+        bad=Case(
+            "A stranger signed the permissions with an authority of the same name and a key of his own. "
+            "The signature is "
+            "valid; it is only not the permissions CA's.",
+            _sealed(signed_by(stranger).smime),
+        ),
+        good=Case(GENUINE, ONE),
+    )
+    yield from pair(
+        "KA302",
+        "signed-by-an-identity",
+        bad=Case(
+            "The talker signed its permissions itself, with the identity that the identity CA gave it. "
+            "Here the authorities "
+            "are separate and every run time refuses; with one authority for both roles some accept it.",
+            _sealed(signed_by(TALKER_CERTIFICATE).smime),
+        ),
+        good=Case(GENUINE, ONE),
+    )
+    yield from pair(
+        "KA303",
+        "signature-invalid",
+        bad=Case(
+            "After signing, somebody put /cmd_vel where /chatter stood: the signature no longer fits the document.",
+            _sealed(_tampered),
+        ),
+        good=Case(GENUINE, ONE),
+    )
+    renewed = replace(PERMISSIONS_CA, not_before=datetime(2026, 1, 1, tzinfo=timezone.utc))
+    yield from pair(
+        "KA316",
+        "signed-by-renewed-ca",
+        bad=Case(
+            "The permissions CA was renewed with its old key; the document names the new certificate, the "
+            "enclave has the "
+            "old one. The key fits, but OpenSSL looks for issuer and serial number and finds no signer.",
+            _sealed(signed_by(renewed).smime),
+        ),
+        good=Case("The document names the certificate that the enclave has.", ONE),
+    )
+
+
+def _tampered(document: bytes) -> bytes:
+    return edited(signed_by(PERMISSIONS_CA).smime(document).decode(), "rt/chatter", "rt/cmd_vel").encode()
+
+
+def _envelopes() -> Iterator[Story]:
+    yield from pair(
+        "KA304",
+        "not-smime",
+        bad=Case(
+            "permissions.p7s is the plain XML: somebody copied permissions.xml over it. Nothing is signed.",
+            _sealed(lambda document: document),
+        ),
+        good=Case(GENUINE, ONE),
+    )
+    yield from pair(
+        "KA305",
+        "malformed-smime",
+        bad=Case(
+            "The last boundary of the message is missing, as after a copy that was cut short.",
+            _sealed(lambda document: signed_by(PERMISSIONS_CA).smime(document).rsplit(b"\r\n--", 1)[0]),
+        ),
+        good=Case(GENUINE, ONE),
+    )
+    yield from pair(
+        "KA306",
+        "cms-not-strict",
+        bad=Case(
+            "Four bytes follow the CMS structure inside its base64. OpenSSL ignores them, stricter "
+            "parsers do not: two "
+            "readers of one file may come to two answers.",
+            _sealed(_signed(trailing=bytes(4))),
+        ),
+        good=Case(GENUINE, ONE),
+    )
+    yield from pair(
+        "KA307",
+        "no-text-plain-header",
+        bad=Case(
+            "The document was signed by `openssl smime -sign` without -text: a good signature over a "
+            "content that no run "
+            "time accepts, since it does not begin with Content-Type: text/plain.",
+            _sealed(Message(signature=SignedData(signers=(CA_SIGNER,)), text=False).smime),
+        ),
+        good=Case(GENUINE, ONE),
+    )
+    yield from pair(
+        "KA308",
+        "unsigned-text",
+        bad=Case(
+            "Behind the signature stands a second grant in plain text. No run time reads it; whoever "
+            "reviews the file "
+            "might.",
+            _sealed(Message(signature=SignedData(signers=(CA_SIGNER,)), epilogue=_DECOY).smime),
+        ),
+        good=Case(GENUINE, ONE),
+    )
+
+
+_DECOY = b'<grant name="/talker"><subject_name>CN=/talker</subject_name></grant>\r\n'
+
+
+def _forms() -> Iterator[Story]:
+    yield from pair(
+        "KA309",
+        "weak-digest",
+        bad=Case(
+            "The permissions were signed over SHA-1, for which collisions have been made: whoever could "
+            "choose what was "
+            "signed may hold a second document with the same signature.",
+            _sealed(_signed(digest="sha1")),
+        ),
+        good=Case(GENUINE, ONE),
+    )
+    yield from pair(
+        "KA311",
+        "opaque-message",
+        bad=Case(
+            "The document stands inside the CMS structure (application/pkcs7-mime): valid, but nobody can "
+            "read it without "
+            "a tool, and debug builds of Cyclone DDS abort on it.",
+            _sealed(signed_by(PERMISSIONS_CA).opaque),
+        ),
+        good=Case(GENUINE, ONE),
+    )
+    yield from pair(
+        "KA312",
+        "two-contents",
+        bad=Case(
+            "The message carries two documents: the signed one beside the signature and another inside "
+            "it. Which one "
+            "counts depends on who reads.",
+            _sealed(_signed(content=b"Content-Type: text/plain\r\n\r\n<dds/>\r\n")),
+        ),
+        good=Case(GENUINE, ONE),
+    )
+    yield from pair(
+        "KA313",
+        "no-signed-attributes",
+        bad=Case(
+            "The signature covers the document itself, without signed attributes (openssl's -noattr): "
+            "valid, but it says "
+            "neither when it was made nor what kind of content it is for.",
+            _sealed(_signed(attributes=False)),
+        ),
+        good=Case(GENUINE, ONE),
+    )
+    yield from pair(
+        "KA314",
+        "unsupported-signature-algorithm",
+        bad=Case(
+            "The permissions were signed over SHA3-256. OpenSSL verifies it; this audit does not, and "
+            "says so rather than "
+            "calling it valid or invalid.",
+            _sealed(_signed(digest="sha3_256")),
+        ),
+        good=Case(GENUINE, ONE),
+    )
+
+
+def _numbers_of_signers() -> Iterator[Story]:
+    successor = replace(PERMISSIONS_CA, key=Key(label="rules permissions CA 2"), subject="permissionsCA2")
+    both = {"permissions_ca.cert.pem": PERMISSIONS_CA.pem() + successor.pem()}
+    yield from pair(
+        "KA310",
+        "several-signers",
+        bad=Case(
+            "While the permissions CA is being replaced, old and new authority both signed. Every "
+            "signature must verify, and "
+            "Cyclone DDS knows only the first certificate of the file: it refuses.",
+            with_talker(seal=signed_by(PERMISSIONS_CA, successor).smime, changes=both),
+        ),
+        good=Case("Only the old authority, first in the file, signed.", with_talker(changes=both)),
+    )
+    yield from pair(
+        "KA315",
+        "no-signer",
+        bad=Case("A CMS structure without any signature: form without substance.", _sealed(_signed(signers=()))),
+        good=Case(GENUINE, ONE),
+    )

@@ -1,0 +1,44 @@
+"""Keystores of which a part cannot be read, or can be read in two ways: nothing that it may change is
+called safe.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from .base import LISTENER_GRANT, PERMISSIONS_CA, TWO, with_listener
+from .documents import Permissions, edited
+from .smime import signed_by
+from .story import Case, Story, pair
+
+
+def stories() -> Iterator[Story]:
+    """The samples below unknown/ and the pair of KA906."""
+    document = Permissions(grants=(LISTENER_GRANT,)).xml()
+    whole = signed_by(PERMISSIONS_CA).smime(document.encode())
+    yield Story(
+        directory="unknown/unreadable_enclave",
+        text="The listener's permissions.p7s is cut off inside the signature. What a robot makes of it is "
+        "unknown, so that "
+        "no property which the listener's rights could change holds: the audit is incomplete, exit 4.",
+        tree=with_listener(changes={"permissions.p7s": whole[: len(whole) - 300]}).tree(),
+    )
+    ambiguous = edited(document, "rt/chatter", "rt/<!-- -->chatter")
+    yield Story(
+        directory="unknown/ambiguous_enclave",
+        text="The listener's permissions are validly signed and mean rt/ to Fast DDS, rt/chatter to "
+        "Cyclone DDS. Rather than "
+        "choosing one, the audit calls what depends on it unknown: incomplete, exit 4.",
+        tree=with_listener(permissions=ambiguous).tree(),
+    )
+    yield from pair(
+        "KA906",
+        "property-undecided",
+        bad=Case(
+            "A .p11 reference beside the listener's certificate: which identity the listener has is not "
+            "in the files, so "
+            "that no property of identities can be decided.",
+            with_listener(changes={"cert.p11": b"pkcs11:token=robot;object=listener\n"}),
+        ),
+        good=Case("The certificate is the file cert.pem and nothing else.", TWO),
+    )
