@@ -72,22 +72,12 @@ def terminal(text: str) -> str:
 
     Hidden are C0, DEL, C1, every space but U+0020, bidi controls, zero-width and other ignorable characters,
     line and paragraph separators, lone surrogates and noncharacters. A backslash stays as it is, so escaping
-    twice changes nothing; the escape is for eyes, not for reversing. Not safe as rich markup (`rich_markup`);
-    `rich.text.Text(terminal(name))` is.
+    twice changes nothing; the escape is for eyes, not for reversing. For rich, wrap it: `Text(terminal(name))`.
+    Never put it in markup, whose own escape is wrong for a name that ends in a backslash or in an open tag.
     """
     if text.isascii() and text.isprintable():
         return text
     return _HIDDEN.sub(_visible, text)
-
-
-def rich_markup(text: str) -> str:
-    """Return `text` for a string that rich reads as markup: `terminal`, and no `[tag]` in it is obeyed.
-
-    The console has to be made with `emoji=False`: rich has no escape for `:name:`.
-    """
-    from rich.markup import escape  # heavy, and only the text report needs it
-
-    return escape(terminal(text))
 
 
 def markdown(text: str) -> str:

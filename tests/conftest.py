@@ -1,0 +1,49 @@
+"""What every test shares: how hypothesis runs, where things are, and that CI lacks no oracle."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+IN_CI = os.environ.get("CI", "").lower() not in {"", "0", "false"}
+
+# No deadline: on two busy cores a pause says nothing about the code. CI repeats the same examples every time, so
+# that a red run is the change's fault; elsewhere each run looks at new ones.
+settings.register_profile("local", deadline=None, print_blob=True)
+settings.register_profile("ci", parent=settings.get_profile("local"), derandomize=True)
+settings.load_profile("ci" if IN_CI else "local")
+
+
+@pytest.fixture(scope="session")
+def repository() -> Path:
+    """The root of the source tree."""
+    return Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="session")
+def shared(repository: Path) -> Path:
+    """The workplace's folder of facts, which a user's clone does not have."""
+    folder = repository.parent / "shared"
+    if not folder.is_dir():
+        pytest.skip("no ../shared here")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def oracle() -> Callable[[str], str]:
+    """Gives the path of a program that we did not write and compare with; in CI its absence is a failure."""
+
+    def find(program: str) -> str:
+        path = shutil.which(program)
+        if path is None:
+            if IN_CI:
+                pytest.fail(f"{program} is missing, and CI has to ask it")
+            pytest.skip(f"no {program} here")
+        return path
+
+    return find
