@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from keystore_audit.findings import Finding
 from keystore_audit.properties.property import Status
@@ -12,34 +12,39 @@ from keystore_audit.properties.result import PropertyResult
 class Consequences:
     """The findings that `explained_by` hangs under others, for every format that people read.
 
-    `present` in each method are the fingerprints of the findings that the format shows at all: a violated
-    property whose causes are all hidden (`--min-severity`), accepted or unknown is told by itself, so that it
-    never disappears.
+    Each hangs under the first of its causes that the format shows: one whose causes are all hidden
+    (`--min-severity`), accepted or unknown is told by itself, so that it never disappears.
     """
 
-    def __init__(self, findings: Sequence[Finding], properties: Sequence[PropertyResult]) -> None:
-        """Index the findings by their causes, in the report's order."""
-        self._causes = frozenset(finding.fingerprint for finding in findings if finding.suppressed is None)
+    def __init__(self, shown: Sequence[Finding], properties: Sequence[PropertyResult]) -> None:
+        """Find the place of each finding among those `shown`, which come in the report's order, worst first."""
         self._results = {result.prop.id: result for result in properties}
-        self._by_cause: dict[str, list[Finding]] = {}
-        for finding in findings:
-            for cause in finding.explained_by:
-                self._by_cause.setdefault(cause, []).append(finding)
+        order = {
+            finding.fingerprint: place
+            for place, finding in enumerate(shown)
+            if not finding.suppressed and not finding.explained_by  # two that explain each other would vanish
+        }
+        self._under: dict[str, list[Finding]] = {}
+        self._hanging: set[str] = set()
+        for finding in shown:
+            causes = [cause for cause in finding.explained_by if cause in order]
+            if causes and not finding.suppressed:
+                self._under.setdefault(min(causes, key=order.__getitem__), []).append(finding)
+                self._hanging.add(finding.fingerprint)
 
-    def told_elsewhere(self, finding: Finding, present: frozenset[str]) -> bool:
-        """Whether `finding` appears under one that is shown."""
-        return any(cause in present and cause in self._causes for cause in finding.explained_by)
+    def told_elsewhere(self, finding: Finding) -> bool:
+        """Whether `finding` appears under another one."""
+        return finding.fingerprint in self._hanging
 
-    def of(self, finding: Finding, present: frozenset[str]) -> Iterable[tuple[Finding, str]]:
-        """The shown, unaccepted findings that `finding` explains, each with an example in words."""
-        for consequence in self._by_cause.get(finding.fingerprint, ()):
-            if consequence.fingerprint in present and consequence.suppressed is None:
-                yield consequence, self._example(consequence)
+    def of(self, finding: Finding) -> tuple[tuple[Finding, str], ...]:
+        """The findings that `finding` explains, each with an example in words."""
+        below = self._under.get(finding.fingerprint, ())
+        return tuple((consequence, self._example(consequence)) for consequence in below)
 
-    def rank(self, finding: Finding, present: frozenset[str]) -> int:
+    def rank(self, finding: Finding) -> int:
         """How early `finding` is shown: as early as the worst that hangs under it."""
-        below = (consequence.severity.rank for consequence, _ in self.of(finding, present))
-        return min((finding.severity.rank, *below))
+        told = [finding, *self._under.get(finding.fingerprint, ())]
+        return min(each.severity.rank for each in told)
 
     def _example(self, finding: Finding) -> str:
         """The counterexample under a profile that the finding holds for, else the finding's own words."""

@@ -78,7 +78,7 @@ class Page:
         margin = Text(" " * column)
         first = Text(" " * indent).append(terminal(label), style) if label else margin
         if label and first.cell_len >= column:
-            self._lines.append(first)
+            self.put((label, style), indent=indent)
             first = margin
         first = first + Text(" " * (column - first.cell_len))
         room = self._width - column

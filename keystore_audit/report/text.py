@@ -73,12 +73,11 @@ def render(report: Report, view: View | None = None) -> str:
     """Return the report of one keystore as text that ends in a newline."""
     view = view or View()
     page = Page(width=view.width, color=view.color)
-    consequences = Consequences(report.findings, report.properties)
     if view.quiet:
-        _findings(page, report, consequences, _decisive(report))
+        _findings(page, report, _decisive(report))
     else:
         _opening(page, report)
-        _findings(page, report, consequences, _shown(report, view.min_severity))
+        _findings(page, report, _shown(report, view.min_severity))
         if not report.findings:
             page.blank()
             page.put("No findings.")
@@ -157,14 +156,13 @@ def _decisive(report: Report) -> tuple[Finding, ...]:
     )
 
 
-def _findings(page: Page, report: Report, consequences: Consequences, shown: tuple[Finding, ...]) -> None:
+def _findings(page: Page, report: Report, shown: tuple[Finding, ...]) -> None:
     """Each enclave's findings, the enclave with the worst one first; the whole keystore is a group too."""
-    present = frozenset(finding.fingerprint for finding in shown)
+    consequences = Consequences(shown, report.properties)
     groups: dict[str | None, list[tuple[int, Finding]]] = {}
     for finding in shown:
-        if finding.suppressed is None and not consequences.told_elsewhere(finding, present):
-            rank = consequences.rank(finding, present)
-            groups.setdefault(finding.enclave, []).append((rank, finding))
+        if finding.suppressed is None and not consequences.told_elsewhere(finding):
+            groups.setdefault(finding.enclave, []).append((consequences.rank(finding), finding))
     profiles = frozenset(_chosen_profiles(report))
     ordered = sorted(groups.items(), key=lambda group: (min(rank for rank, _ in group[1]), group[0] or ""))
     for enclave, ranked in ordered:
@@ -172,7 +170,7 @@ def _findings(page: Page, report: Report, consequences: Consequences, shown: tup
         page.put((enclave or "The keystore as a whole", "bold underline"))
         for _, finding in sorted(ranked, key=lambda entry: entry[0]):  # stable: else the report's order
             page.blank()
-            _finding(page, finding, consequences.of(finding, present), profiles)
+            _finding(page, finding, consequences.of(finding), profiles)
     _suppressed(page, [finding for finding in shown if finding.suppressed is not None])
 
 

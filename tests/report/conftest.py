@@ -23,6 +23,7 @@ ReportMaker = Callable[..., Report]
 
 
 def _finding(code: str, name: str, severity: Severity, enclave: str | None, path: str, **more: object) -> Finding:
+    key = path.encode("utf-8", "backslashreplace").decode()
     finding = Finding(
         code=code,
         name=name,
@@ -32,7 +33,7 @@ def _finding(code: str, name: str, severity: Severity, enclave: str | None, path
         clause="DDS-Security 1.1, 9.4.1.1",
         enclave=enclave,
         locations=(Location(path=path, line=1),),
-        fingerprint=fingerprint(code, enclave, path, ""),
+        fingerprint=fingerprint(code, None, key, ""),
     )
     return replace(finding, **more)  # type: ignore[arg-type]
 
@@ -95,9 +96,7 @@ def _findings(name: str) -> tuple[Finding, ...]:
 
 
 def _answer(status: Status, counterexample: Counterexample | None = None) -> ProfileResult:
-    return ProfileResult(
-        status=status, engines={"alloy": status, "native": status}, counterexample=counterexample
-    )
+    return ProfileResult(status=status, engines={"alloy": status, "native": status}, counterexample=counterexample)
 
 
 def _properties(name: str) -> tuple[PropertyResult, ...]:
@@ -165,7 +164,7 @@ def _full(name: str) -> Report:
     )
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_report() -> ReportMaker:
     def make(name: str = "talker", **changes: object) -> Report:
         return replace(_full(name), **changes)  # type: ignore[arg-type]

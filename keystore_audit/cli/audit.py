@@ -1,0 +1,221 @@
+"""`keystore-audit [audit] KEYSTORE...`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+from difflib import get_close_matches
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from keystore_audit.cli import options as opt
+from keystore_audit.cli import output
+from keystore_audit.cli.progress import Watch
+from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, AuditError, NothingToAudit, UsageError
+from keystore_audit.findings import Severity
+from keystore_audit.text import terminal
+
+if TYPE_CHECKING:
+    from keystore_audit.audit import Options
+    from keystore_audit.report.content import Report
+
+ENGINES: Final = ("auto", "both", "alloy", "native")
+SEVERITIES: Final = tuple(severity.value for severity in Severity)
+NEVER: Final = "never"
+COLORS: Final = ("auto", "always", "never")
+
+WIDTH: Final = 80
+"""Columns of a text report that goes to no terminal: the same bytes everywhere."""
+
+MAX_WIDTH: Final = 110
+"""Columns on a wide terminal; longer lines are hard to read."""
+
+WORST_FIRST: Final = (EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, 1, 0)
+"""How exit codes of several keystores combine: the first of these that occurs."""
+
+
+@click.command("audit", short_help="Audit keystores: the default command.", context_settings={"show_default": True})
+@click.argument("keystores", metavar="KEYSTORE...", nargs=-1, required=True, type=opt.keystore_path)
+@click.option(
+    "-f",
+    "--format",
+    "kind",
+    type=opt.one_of(*output.FORMATS),
+    default="text",
+    metavar="[text|json]",
+    help="The report on standard output.",
+)
+@click.option(
+    "-o",
+    "--output",
+    "targets",
+    type=output.target,
+    multiple=True,
+    metavar="FORMAT=FILE",
+    help="Write a report to a file as well (repeatable).",
+)
+@click.option(
+    "--fail-on",
+    type=opt.one_of(*SEVERITIES, NEVER),
+    default="high",
+    metavar="[" + "|".join((*SEVERITIES, NEVER)) + "]",
+    help="The least severity that makes the exit code 1.",
+)
+@click.option(
+    "--min-severity",
+    type=opt.one_of(*SEVERITIES),
+    default="info",
+    metavar="[" + "|".join(SEVERITIES) + "]",
+    help="Hide findings below it in text; the exit code stays.",
+)
+@opt.interpretation_options
+@click.option(
+    "--expires-within",
+    type=click.IntRange(0, opt.MAX_DAYS),
+    default=30,
+    metavar="DAYS",
+    help="Report what expires in the days to come.",
+)
+@click.option("--deployed", is_flag=True, help="This tree goes on a robot: CA private keys in it are critical.")
+@click.option(
+    "--select", type=opt.rule_code, multiple=True, metavar="CODE", help="Only this rule or family (repeatable)."
+)
+@click.option(
+    "--ignore", type=opt.rule_code, multiple=True, metavar="CODE", help="Not this rule or family (repeatable)."
+)
+@click.option(
+    "--engine",
+    type=opt.one_of(*ENGINES),
+    default="auto",
+    metavar="[auto|both|alloy|native]",
+    help="Who decides the properties; auto: both, native alone where Alloy cannot be had.",
+)
+@click.option("--offline", is_flag=True, help="Never fetch the Alloy Analyzer.")
+@click.option(
+    "--alloy-jar",
+    type=click.Path(path_type=Path),
+    envvar="KEYSTORE_AUDIT_ALLOY_JAR",
+    show_envvar=True,
+    metavar="FILE",
+    help="Use this jar of the Alloy Analyzer.",
+)
+@click.option("--timeout", type=opt.seconds, default=120, metavar="SECONDS", help="The longest that Alloy may take.")
+@click.option("-q", "--quiet", is_flag=True, help="Only the verdict and the findings that decided it (text).")
+@opt.verbose_option("Every rule's outcome too (text); on stderr, how long each stage took.", to_command=True)
+@click.option(
+    "--color", type=opt.one_of(*COLORS), default="auto", metavar="[auto|always|never]", help="Colour on a terminal."
+)
+def command(keystores: tuple[str, ...], **given: Any) -> int:
+    """Audit each KEYSTORE directory and report what its signed artifacts really allow.
+
+    \b
+    Exit codes:
+      0    nothing at or above --fail-on
+      1    findings at or above --fail-on
+      2    wrong usage, or a report that cannot be written
+      3    nothing to audit there
+      4    incomplete: something could not be decided
+      130  interrupted
+    Over several keystores: the first of 4, 3, 1, 0 that occurs.
+    """  # noqa: D301 - click's mark for lines that stay as they are
+    if given["quiet"] and given["verbose"]:
+        raise click.UsageError("Choose --quiet or --verbose.")
+    output.check(given["targets"])
+    reports, code = _audit_all(keystores, _options(given), quiet=given["quiet"], verbose=given["verbose"])
+    _deliver(reports, given, several=len(keystores) > 1)
+    return code
+
+
+def _options(given: dict[str, Any]) -> Options:
+    from keystore_audit.audit import Options
+
+    at: datetime | None = given["at"]
+    return Options(
+        at=at or opt.now(),
+        at_given=at is not None,
+        profiles=given["profiles"],
+        domain=given["domain"],
+        engine=given["engine"],
+        offline=given["offline"],
+        alloy_jar=given["alloy_jar"],
+        timeout=given["timeout"],
+        fail_on=None if given["fail_on"] == NEVER else Severity(given["fail_on"]),
+        expires_within=timedelta(days=given["expires_within"]),
+        deployed=given["deployed"],
+        select=given["select"],
+        ignore=given["ignore"],
+    )
+
+
+def _audit_all(keystores: Sequence[str], options: Options, *, quiet: bool, verbose: bool) -> tuple[list[Report], int]:
+    """Audit one keystore after the other; one that cannot be audited is said on stderr and hides no other."""
+    from keystore_audit.audit import audit
+
+    reports: list[Report] = []
+    codes: list[int] = []
+    for keystore in keystores:
+        watch = Watch(visible=not quiet and sys.stderr.isatty())
+        try:
+            with watch:
+                report = audit(keystore, options, progress=watch)
+        except UsageError:
+            raise
+        except AuditError as error:
+            hint = _command_meant(keystore) if isinstance(error, NothingToAudit) else ""
+            click.echo(f"keystore-audit: {terminal(error.message)}{hint}", err=True)
+            codes.append(error.exit_code)
+        else:
+            reports.append(report)
+            codes.append(report.exit_code)
+        for stage, seconds in watch.durations if verbose else ():
+            click.echo(f"{seconds:8.3f} s  {terminal(stage)}", err=True)
+    return reports, min(codes, key=WORST_FIRST.index)
+
+
+def _command_meant(keystore: str) -> str:
+    """Return a hint where what is no directory looks like the misspelt name of a command."""
+    from keystore_audit.cli.program import COMMANDS
+
+    nearest = get_close_matches(keystore, COMMANDS, n=1)
+    return f" Did you mean the command {nearest[0]!r}?" if nearest and not Path(keystore).exists() else ""
+
+
+def _deliver(reports: Sequence[Report], given: dict[str, Any], *, several: bool) -> None:
+    """Write every report that was asked for; none where there was nothing to report on."""
+    if not reports:
+        for wanted in given["targets"]:
+            click.echo(f"keystore-audit: No report was written to {terminal(str(wanted.path))}.", err=True)
+        return
+    output.write_stdout(_render(given["kind"], reports, given, several=several, stdout=True))
+    for wanted in given["targets"]:
+        output.write(wanted, _render(wanted.format, reports, given, several=several, stdout=False))
+
+
+def _render(kind: str, reports: Sequence[Report], given: dict[str, Any], *, several: bool, stdout: bool) -> str:
+    if kind == "json":
+        from keystore_audit.report import json
+
+        return json.render_several(reports) if several else json.render(reports[0])
+    from keystore_audit.report import text
+
+    view = text.View(
+        width=_width() if stdout else WIDTH,
+        color=stdout and opt.use_color(given["color"], terminal=_is_terminal()),
+        quiet=given["quiet"],
+        verbose=given["verbose"],
+        min_severity=Severity(given["min_severity"]),
+    )
+    return text.render_several(reports, view) if several else text.render(reports[0], view)
+
+
+def _is_terminal() -> bool:
+    return sys.stdout is not None and sys.stdout.isatty()
+
+
+def _width() -> int:
+    from shutil import get_terminal_size
+
+    return min(get_terminal_size((WIDTH, 24)).columns, MAX_WIDTH) if _is_terminal() else WIDTH

@@ -1,0 +1,38 @@
+"""`keystore-audit model KEYSTORE -o DIR`."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+
+import click
+
+from keystore_audit.cli import options as opt
+from keystore_audit.errors import UsageError
+from keystore_audit.text import terminal
+
+
+@click.command("model", short_help="Write the Alloy model of a keystore.")
+@click.argument("keystore", metavar="KEYSTORE", type=opt.keystore_path)
+@click.option(
+    "-o",
+    "--output",
+    "directory",
+    type=click.Path(file_okay=False, path_type=Path),
+    required=True,
+    metavar="DIR",
+    help="Where to; made if it is not there.",
+)
+@opt.interpretation_options
+@opt.verbose_option("Say where a fault is.")
+def command(keystore: str, directory: Path, domain: int | None, profiles: tuple[str, ...], at: datetime | None) -> int:
+    """Write the Alloy model of KEYSTORE, ready for the Alloy Analyzer."""
+    from keystore_audit.audit import Options, export_model
+
+    options = Options(at=at or opt.now(), at_given=at is not None, profiles=profiles, domain=domain)
+    try:
+        export_model(keystore, directory, options)
+    except OSError as error:
+        raise UsageError(f"Cannot write the model to {directory}: {error.strerror or error}.") from error
+    click.echo(f"The model is in {terminal(str(directory))}.", err=True)
+    return 0

@@ -1,0 +1,174 @@
+"""Types and options that commands share."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Callable, Sequence
+from datetime import datetime, timezone
+from difflib import get_close_matches
+from typing import Any, Final, TypeVar
+
+import click
+
+from keystore_audit.cli.session import Session
+from keystore_audit.errors import UsageError
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+LAST_DOMAIN: Final = 232
+"""DDS domains are 0 to 232: beyond, the port number of RTPS 2.2 (9.6.1.1) does not fit into 16 bits."""
+
+FIRST_YEAR: Final = 1950
+"""X.509's first (RFC 5280, 4.1.2.5.1)."""
+
+LAST_YEAR: Final = 9800
+"""X.509's last is 9999 (RFC 5280, 4.1.2.5); the notice for expiry must stay within what a date can hold."""
+
+MAX_DAYS: Final = 36500
+"""Of notice for expiry: 100 years, as long as the certificates of a robot that is meant to outlive its makers."""
+
+MAX_SECONDS: Final = 86400.0
+"""For the solver: a day."""
+
+_INSTANT: Final = re.compile(
+    r"(?P<day>[0-9]{4}-[0-9]{2}-[0-9]{2})"
+    r"(?:[T ](?P<minute>[0-9]{2}:[0-9]{2})(?P<second>:[0-9]{2})?(?:\.[0-9]+)?(?P<zone>Z|[+-][0-9]{2}:[0-9]{2})?)?"
+)
+
+
+def instant(value: str) -> datetime:
+    """Return an ISO 8601 time as aware UTC; without a zone it is UTC, and fractions of a second are cut off."""
+    match = _INSTANT.fullmatch(value)
+    if match is None:
+        raise click.BadParameter(f"{value!r} is no time such as 2026-01-31T12:00:00Z (without a zone: UTC).")
+    zone = match["zone"] or "Z"
+    clock = (match["minute"] or "00:00") + (match["second"] or ":00")
+    try:
+        moment = datetime.fromisoformat(f"{match['day']}T{clock}{'+00:00' if zone == 'Z' else zone}")
+    except ValueError as error:
+        raise click.BadParameter(f"{value!r} is no time: {error}.") from error
+    if not FIRST_YEAR <= moment.year <= LAST_YEAR:
+        raise click.BadParameter(f"{value!r} is not between the years {FIRST_YEAR} and {LAST_YEAR}.")
+    return moment.astimezone(timezone.utc)
+
+
+def seconds(value: str | float) -> float:
+    """Return a duration greater than zero."""
+    try:
+        number = float(value)
+    except ValueError:
+        number = math.nan
+    if not 0 < number <= MAX_SECONDS:  # not true of NaN either
+        raise click.BadParameter(f"{value!r} is no number of seconds greater than 0, {MAX_SECONDS:g} at most.")
+    return number
+
+
+def one_of(*words: str) -> Callable[[str], str]:
+    """Return a type that takes one of `words`; a wrong one is answered with the nearest."""
+
+    def convert(value: str) -> str:
+        if value not in words:
+            raise click.BadParameter(unknown(f"{value!r} is not one of", value, words))
+        return value
+
+    return convert
+
+
+def profile_name(value: str) -> str:
+    """Return the name of a variant of an implementation, or an alias, as it was given."""
+    from keystore_audit.model.profiles import resolve
+
+    try:
+        resolve((value,))
+    except UsageError as error:
+        raise click.BadParameter(error.message) from error
+    return value
+
+
+def rule_code(value: str) -> str:
+    """Return the code of a rule or of a family (`KA2`); KA9, the audit itself, always runs."""
+    from keystore_audit.rules import RULES
+
+    code = value.upper()
+    known = sorted({rule.family for rule in RULES} | {rule.code for rule in RULES})
+    if code.startswith("KA9"):
+        raise click.BadParameter(f"{value!r}: KA9 says what became of the audit itself, and always runs.")
+    if code not in known:
+        nearest = get_close_matches(code, known, n=1)
+        hint = f" Did you mean {nearest[0]}?" if nearest else ""
+        raise click.BadParameter(f"{value!r} is no rule's code.{hint} `keystore-audit rules` lists them.")
+    return code
+
+
+def unknown(sentence: str, word: str, known: Sequence[str]) -> str:
+    """Return `sentence` continued with the `known` words and the nearest one to `word`."""
+    nearest = get_close_matches(word, known, n=1)
+    hint = f" Did you mean {nearest[0]!r}?" if nearest else ""
+    return f"{sentence} {', '.join(known)}.{hint}"
+
+
+def now() -> datetime:
+    """Return this instant, whole seconds, UTC: the one place where the program asks the clock."""
+    return datetime.now(timezone.utc).replace(microsecond=0)
+
+
+def keystore_path(value: str) -> str:
+    """Return the path of a keystore; raise UsageError for the bare name of a command.
+
+    `keystore-audit -q rules` would otherwise audit a directory called `rules`.
+    """
+    from keystore_audit.cli.program import COMMANDS
+
+    if value in COMMANDS:
+        raise click.UsageError(f"A command comes first; for a directory called {value!r}, write ./{value}.")
+    return value
+
+
+def _be_verbose(ctx: click.Context, _param: click.Parameter, value: bool) -> bool:
+    session = ctx.find_object(Session)
+    if session is not None and value:
+        session.verbose = True
+    return value
+
+
+def verbose_option(text: str, *, to_command: bool = False) -> Callable[[F], F]:
+    """Return the option `-v`, known to whoever reports a fault, and to the command itself if wanted."""
+    return click.option(
+        "-v", "--verbose", is_flag=True, is_eager=True, callback=_be_verbose, expose_value=to_command, help=text
+    )
+
+
+def interpretation_options(command: F) -> F:
+    """Add the options that decide what a keystore means."""
+    for option in (
+        click.option(
+            "--domain",
+            type=click.IntRange(0, LAST_DOMAIN),
+            metavar="N",
+            help="The DDS domain the robots use (default: any of 0 to 232).",
+        ),
+        click.option(
+            "--profile",
+            "profiles",
+            type=profile_name,
+            metavar="NAME",
+            multiple=True,
+            help="Judge as this implementation or distribution does (repeatable; e.g. humble, fastdds, all).",
+        ),
+        click.option(
+            "--at", type=instant, metavar="ISO-TIME", help="Audit as of this time instead of now; without a zone: UTC."
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def use_color(choice: str, *, terminal: bool) -> bool:
+    """Whether to colour: what `--color` says, else NO_COLOR, else FORCE_COLOR, else only a terminal that can."""
+    if choice != "auto":
+        return choice == "always"
+    if os.environ.get("NO_COLOR"):
+        return False
+    return bool(os.environ.get("FORCE_COLOR")) or (terminal and os.environ.get("TERM") != "dumb")

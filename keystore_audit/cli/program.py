@@ -1,0 +1,96 @@
+"""The program: finds the command, and turns whatever ends it into a sentence and an exit code."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Final
+
+import click
+
+from keystore_audit import __version__
+from keystore_audit.cli.session import Session
+from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_USAGE, AuditError
+from keystore_audit.text import terminal
+
+NAME: Final = "keystore-audit"
+DEFAULT_COMMAND: Final = "audit"
+COMMANDS: Final = ("audit", "rules", "explain", "engine", "model")
+"""Each is the module of this package of that name, imported only when it is asked for."""
+
+EXIT_INTERRUPTED: Final = 130
+"""128 + SIGINT, as a shell says it."""
+
+
+class Program(click.Group):
+    """The commands; a first argument that is none of them belongs to `audit`."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's signature
+        """Return the commands in the order of the help."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
+        """Import the command; None if there is none of that name."""
+        if cmd_name not in COMMANDS:
+            return None
+        command: click.Command = import_module(f"keystore_audit.cli.{cmd_name}").command
+        return command
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Put the default command where none is named."""
+        own = {name for option in self.get_params(ctx) for name in option.opts}
+        if not args:
+            raise click.UsageError(f"Name a keystore, e.g. `{NAME} ./keys`, or a command: {', '.join(COMMANDS)}.")
+        if args[0] not in own and args[0] not in COMMANDS:
+            args = [DEFAULT_COMMAND, *args]
+        return super().parse_args(ctx, args)
+
+
+@click.command(
+    NAME,
+    cls=Program,
+    subcommand_metavar="[COMMAND] [ARGS]...",
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 80},
+    epilog=f"`{NAME} ./keys` is `{NAME} audit ./keys`. Options of a command: `{NAME} COMMAND --help`.",
+)
+@click.version_option(__version__, prog_name=NAME, message="%(prog)s %(version)s")
+def program() -> None:
+    """Audit SROS2 keystores: what the signed artifacts on disk really allow."""
+
+
+def run(args: Sequence[str]) -> int:
+    """Run the command line `args` and return the exit code; no exception leaves this function but SystemExit."""
+    session = Session()
+    try:
+        code = program.main(list(args), prog_name=NAME, standalone_mode=False, obj=session)
+    except click.Abort:  # click's name for KeyboardInterrupt
+        return _end(EXIT_INTERRUPTED, "Interrupted: there is no verdict.")
+    except click.UsageError as error:
+        if error.ctx is not None:
+            click.echo(error.ctx.get_usage(), err=True)
+            click.echo(f"Try '{error.ctx.command_path} --help' for help.\n", err=True)
+        return _end(EXIT_USAGE, error.format_message())
+    except click.ClickException as error:
+        return _end(EXIT_USAGE, error.format_message())
+    except AuditError as error:
+        return _end(error.exit_code, error.message)
+    except Exception as error:  # noqa: BLE001 - the one place that keeps a traceback from the user
+        return _end(EXIT_INCOMPLETE, _fault(error, verbose=session.verbose))
+    return code if isinstance(code, int) else 0
+
+
+def _end(code: int, sentence: str) -> int:
+    click.echo(f"{NAME}: {terminal(sentence)}", err=True)
+    return code
+
+
+def _fault(error: Exception, *, verbose: bool) -> str:
+    """Say that this program is at fault; the error's text stays out, since it may quote what it was reading."""
+    sentence = "A fault in keystore-audit itself stopped it, so nothing is decided. Please report it."
+    if not verbose:
+        return f"{sentence} With -v it says where."
+    frames = traceback.extract_tb(error.__traceback__)
+    where = f" at {Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else ""
+    return f"{sentence} ({type(error).__name__}{where})"

@@ -1,0 +1,89 @@
+"""How far an audit is: on stderr, only on a terminal, and gone when the report comes."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Final
+
+from keystore_audit.text import terminal
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    from rich.console import Console
+    from rich.progress import Progress
+    from rich.status import Status
+
+BAR_FROM: Final = 20
+"""Enclaves; fewer are read before anybody could watch a bar."""
+
+READING: Final = "reading and verifying"
+
+
+class Watch:
+    """Shows the stages of an audit where `visible`, and keeps how long each took in `durations` (seconds)."""
+
+    def __init__(self, *, visible: bool) -> None:
+        """Start with the reading of the keystore."""
+        self.durations: list[tuple[str, float]] = []
+        self._visible = visible
+        self._name = READING
+        self._since = time.perf_counter()
+        self._console: Console | None = None
+        self._bar: Progress | None = None
+        self._line: Status | None = None
+
+    def __enter__(self) -> Watch:
+        """Watch until the block ends."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Clear what is shown."""
+        self._clear()
+        self._record()
+
+    def stage(self, name: str) -> None:
+        """End the stage before and show this one."""
+        self._record()
+        self._name = name
+        self._clear()
+        if self._visible:
+            self._line = self._stderr().status(f"{terminal(name)} …")
+            self._line.start()
+
+    def enclaves(self, done: int, total: int) -> None:
+        """Show how many enclaves are read."""
+        if not self._visible or total <= BAR_FROM:
+            return
+        if self._bar is None:
+            self._bar = self._new_bar(total)
+        self._bar.update(self._bar.task_ids[0], completed=done)
+
+    def _new_bar(self, total: int) -> Progress:
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        bar = Progress(*columns, console=self._stderr(), transient=True)
+        bar.add_task("enclaves", total=total)
+        bar.start()
+        return bar
+
+    def _stderr(self) -> Console:
+        from rich.console import Console
+
+        if self._console is None:
+            self._console = Console(stderr=True, markup=False, emoji=False, highlight=False)
+        return self._console
+
+    def _clear(self) -> None:
+        for shown in (self._bar, self._line):
+            if shown is not None:
+                shown.stop()
+        self._bar = self._line = None
+
+    def _record(self) -> None:
+        now = time.perf_counter()
+        self.durations.append((self._name, now - self._since))
+        self._since = now

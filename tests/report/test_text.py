@@ -1,0 +1,182 @@
+"""The text report: its exact form, what it must never leave out, and that no name steers the terminal."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rich.cells import cell_len
+
+from keystore_audit.findings import Finding, Outcome, Result, Severity
+from keystore_audit.properties import Status
+from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
+from keystore_audit.report.content import Report, Verdict
+from keystore_audit.report.text import View, render, render_several
+
+MakeReport = Callable[..., Report]
+
+EXPECTED = Path(__file__).with_name("expected_text.txt")
+COLOUR = re.compile(r"\x1b\[[0-9;]*m")
+NAMES = st.text(st.characters(), min_size=1, max_size=60) | st.sampled_from(
+    ["\x1b[2J", "\x9b31m", "\u202eevil", "[red]x[/red]", ":smile:", "a\nFAIL\rPASS", "車" * 50, "x" * 300, "\udcff"]
+)
+
+
+def flat(text: str) -> str:
+    """The text without its line breaks and indents."""
+    return " ".join(text.split())
+
+
+def test_the_report_at_80_columns(make_report: MakeReport) -> None:
+    assert render(make_report()) == EXPECTED.read_text()
+
+
+@settings(max_examples=60, deadline=None)
+@given(name=NAMES, width=st.sampled_from([20, 40, 80, 110]), verbose=st.booleans(), quiet=st.booleans())
+def test_no_name_steers_the_terminal(
+    name: str, width: int, verbose: bool, quiet: bool, make_report: MakeReport
+) -> None:
+    view = View(width=width, verbose=verbose, quiet=quiet)
+    plain = render(make_report(name), view)
+    assert COLOUR.sub("", render(make_report(name), replace(view, color=True))) == plain
+    for line in plain.split("\n"):
+        assert not {unicodedata.category(character) for character in line} & {"Cc", "Cs", "Zl", "Zp"}
+        assert not set(line) & set("\u202e\u2066\u200b\u00ad\ufeff")
+        assert cell_len(line) <= max(width, 40)
+        assert line == line.rstrip()
+    assert plain.encode()
+
+
+def test_markup_and_emoji_in_names_stay_as_they_are(make_report: MakeReport) -> None:
+    text = render(make_report("[red]x[/red]:smile:"))
+    assert "/[red]x[/red]:smile:" in text
+
+
+def test_colour_is_never_the_only_sign(make_report: MakeReport) -> None:
+    coloured, plain = (render(make_report(), View(color=color)) for color in (True, False))
+    assert coloured != plain
+    for word in ("CRITICAL", "MEDIUM", "INFO", "VIOLATED", "FAIL", "WARNING", "CANNOT START"):
+        assert word in plain
+
+
+def test_a_violated_property_is_told_once_under_its_cause(make_report: MakeReport) -> None:
+    text = flat(render(make_report()))
+    assert text.count("KA705") == 1
+    assert "so HIGH KA705: property no-enclave-grants-itself-rights is violated, e.g. /talker can sign" in text
+
+
+def test_a_violated_property_whose_cause_is_hidden_is_told_by_itself(make_report: MakeReport) -> None:
+    report = make_report()
+    signed, grants_itself, *rest = report.findings
+    milder = replace(signed, severity=Severity.LOW)
+    text = render(replace(report, findings=(grants_itself, *rest, milder)), View(min_severity=Severity.HIGH))
+    assert "KA302" not in text
+    assert "HIGH  KA705 no-enclave-grants-itself-rights" in text
+    assert "4 below high not shown (--min-severity)." in text
+
+
+def test_findings_that_explain_each_other_do_not_vanish(make_report: MakeReport) -> None:
+    report = make_report()
+    first, second = report.findings[:2]
+    first = replace(first, explained_by=(second.fingerprint,))
+    second = replace(second, explained_by=(first.fingerprint,))
+    text = render(replace(report, findings=(first, second)))
+    assert "KA302 signed-by-an-identity" in text
+    assert "KA705 no-enclave-grants-itself-rights" in text
+
+
+def test_the_worst_comes_first_and_a_cause_ranks_as_its_consequence(make_report: MakeReport) -> None:
+    report = make_report()
+    signed, grants_itself, expires, _accepted, ca_key = report.findings
+    low = replace(signed, severity=Severity.LOW)
+    high = replace(grants_itself, severity=Severity.CRITICAL)
+    text = render(replace(report, findings=(high, expires, low, ca_key)))
+    order = [text.index(word) for word in ("\n/talker\n", "KA302", "\n/listener\n", "The keystore as a whole")]
+    assert order == sorted(order)
+
+
+@pytest.mark.parametrize("status", [EngineStatus.MISSING, EngineStatus.OUT_OF_SCALE, EngineStatus.TIMEOUT])
+def test_an_engine_that_did_not_answer_is_said_before_any_finding(
+    make_report: MakeReport, status: EngineStatus
+) -> None:
+    report = make_report()
+    alloy = EngineRun(name="alloy", version=None, status=status, reason="no Java was found", required=False)
+    text = flat(render(replace(report, engines=(alloy, report.engines[1]), engines_agree=None)))
+    warning = text.index("no Java was found. The properties rest on native alone.")
+    assert warning < text.index("KA302")
+
+
+def test_no_engine_at_all_is_said(make_report: MakeReport) -> None:
+    failed = tuple(replace(run, status=EngineStatus.FAILED) for run in make_report().engines)
+    assert "No engine has answered: no property was decided." in flat(render(make_report(engines=failed)))
+
+
+def test_engines_that_disagree_are_shown_with_what_each_says(make_report: MakeReport) -> None:
+    report = make_report(engines_agree=False)
+    answer = ProfileResult(
+        status=Status.UNKNOWN, engines={"alloy": Status.HOLDS, "native": Status.VIOLATED}, counterexample=None
+    )
+    prop = PropertyResult(prop=report.properties[0].prop, profiles={"spec": answer})
+    text = flat(render(replace(report, properties=(prop,))))
+    assert "The engines disagree" in text
+    assert "UNKNOWN documents-signed-by-the-permissions-ca alloy says holds, native says violated" in text
+
+
+def test_incomplete_is_never_read_as_a_pass(make_report: MakeReport) -> None:
+    open_question = Outcome(rule="KA501", subject="enclaves/talker/permissions.p7s", outcome=Result.OPEN)
+    report = make_report(verdict=Verdict.INCOMPLETE, exit_code=4, findings=(), outcomes=(open_question,))
+    for view in (View(), View(quiet=True)):
+        last = flat(render(report, view).split("\n\n")[-1])
+        assert last.startswith("INCOMPLETE ./keys/talker: 0 critical")
+        assert "exit code 4 Something could not be decided (open: KA501): this is no pass" in last
+
+
+def test_quiet_shows_what_decided_and_nothing_else(make_report: MakeReport) -> None:
+    text = render(make_report(), View(quiet=True))
+    assert "KA302" in text
+    assert "so      HIGH KA705" in text
+    assert "KA205" not in text
+    assert "Properties" not in text
+    assert flat(text).endswith("exit code 1 Weakened gate: --at 2025-06-01T00:00:00Z.")
+
+
+def test_quiet_shows_milder_findings_that_leave_a_question_open(make_report: MakeReport) -> None:
+    open_question = Outcome(rule="KA205", subject="x", outcome=Result.OPEN)
+    text = render(make_report(outcomes=(open_question,), verdict=Verdict.INCOMPLETE), View(quiet=True))
+    assert "KA205" in text
+
+
+def test_verbose_adds_outcomes(make_report: MakeReport) -> None:
+    assert "  KA205  1 pass, 1 fail\n" in render(make_report(), View(verbose=True))
+
+
+def test_no_findings_are_said(make_report: MakeReport) -> None:
+    text = render(make_report(findings=(), verdict=Verdict.PASS, exit_code=0, weakened=()))
+    assert "\nNo findings.\n" in text
+    assert "WARNING" not in text
+    assert "Holds until 2025-06-20T00:00:00Z" in text
+
+
+def test_no_date_is_said(make_report: MakeReport) -> None:
+    assert "No date on these files changes this answer." in render(make_report(safe_until=None))
+
+
+def test_several_keystores_end_in_one_line(make_report: MakeReport) -> None:
+    text = render_several([make_report("a"), make_report("b", verdict=Verdict.PASS, exit_code=0)])
+    assert text.endswith("\n2 keystores: 1 pass, 1 fail, 0 incomplete\n")
+    assert text.count("keystore-audit 0.1.0") == 2
+
+
+def test_a_thousand_findings_keep_their_order(make_report: MakeReport) -> None:
+    report = make_report()
+    finding: Finding = report.findings[2]
+    many = tuple(replace(finding, enclave=f"/e{n:04}", fingerprint=f"{n:064x}") for n in range(1000))
+    text = render(replace(report, findings=many))
+    places = [text.index(f"\n/e{n:04}\n") for n in range(1000)]
+    assert places == sorted(places)
