@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from datetime import datetime, timezone
+from functools import cache
 
-from asn1crypto import x509
-from asn1crypto.algos import SignedDigestAlgorithm
-from asn1crypto.core import OctetBitString, OctetString
-from asn1crypto.keys import PublicKeyInfo
-from asn1crypto.pem import armor
+from asn1crypto import x509  # type: ignore[import-untyped]
+from asn1crypto.algos import SignedDigestAlgorithm  # type: ignore[import-untyped]
+from asn1crypto.core import OctetBitString, OctetString  # type: ignore[import-untyped]
+from asn1crypto.keys import PublicKeyInfo  # type: ignore[import-untyped]
+from asn1crypto.pem import armor  # type: ignore[import-untyped]
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec
 
@@ -74,52 +75,58 @@ class Certificate:
 
     def der(self) -> bytes:
         """The certificate in DER."""
-        issuer = self.issuer or self
-        signer = self.signed_by or issuer.key
-        algorithm = SignedDigestAlgorithm({"algorithm": f"{self.digest}_ecdsa"})
-        tbs = x509.TbsCertificate(
-            {
-                "version": "v3",
-                "serial_number": self.serial_number(),
-                "signature": algorithm,
-                "issuer": issuer.name(),
-                "validity": {"not_before": _time(self.not_before), "not_after": _time(self.not_after)},
-                "subject": self.name(),
-                "subject_public_key_info": PublicKeyInfo.load(self.key.public_der()),
-                "extensions": self._extensions() or None,
-            }
-        )
-        signature = sign(signer, tbs.dump(), self.digest)
-        whole = x509.Certificate(
-            {
-                "tbs_certificate": tbs,
-                "signature_algorithm": algorithm,
-                "signature_value": OctetBitString(signature),
-            }
-        )
-        return bytes(whole.dump())
+        return _issued(self)
 
     def pem(self) -> bytes:
         """The certificate in PEM."""
         return bytes(armor("CERTIFICATE", self.der()))
 
-    def _extensions(self) -> list[x509.Extension]:
-        found = []
-        if self.ca is not None:
-            constraints: dict[str, object] = {"ca": self.ca}
-            if self.path_length is not None:
-                constraints["path_len_constraint"] = self.path_length
-            found.append(_extension("basic_constraints", x509.BasicConstraints(constraints), critical=self.ca))
-        if self.key_usage:
-            found.append(_extension("key_usage", x509.KeyUsage(set(self.key_usage)), critical=True))
-        if self.unknown_critical_extension is not None:
-            found.append(_extension(self.unknown_critical_extension, OctetString(b"sample").dump(), critical=True))
-        return found
-
 
 def sign(key: Key, data: bytes, digest: str = "sha256") -> bytes:
     """ECDSA with the nonce of RFC 6979: the same input gives the same signature."""
     return key.private().sign(data, ec.ECDSA(DIGESTS[digest], deterministic_signing=True))
+
+
+@cache
+def _issued(certificate: Certificate) -> bytes:
+    issuer = certificate.issuer or certificate
+    signer = certificate.signed_by or issuer.key
+    algorithm = SignedDigestAlgorithm({"algorithm": f"{certificate.digest}_ecdsa"})
+    tbs = x509.TbsCertificate(
+        {
+            "version": "v3",
+            "serial_number": certificate.serial_number(),
+            "signature": algorithm,
+            "issuer": issuer.name(),
+            "validity": {"not_before": _time(certificate.not_before), "not_after": _time(certificate.not_after)},
+            "subject": certificate.name(),
+            "subject_public_key_info": PublicKeyInfo.load(certificate.key.public_der()),
+            "extensions": _extensions(certificate) or None,
+        }
+    )
+    signature = sign(signer, tbs.dump(), certificate.digest)
+    whole = x509.Certificate(
+        {
+            "tbs_certificate": tbs,
+            "signature_algorithm": algorithm,
+            "signature_value": OctetBitString(signature),
+        }
+    )
+    return bytes(whole.dump())
+
+
+def _extensions(certificate: Certificate) -> list[x509.Extension]:
+    found = []
+    if certificate.ca is not None:
+        constraints: dict[str, object] = {"ca": certificate.ca}
+        if certificate.path_length is not None:
+            constraints["path_len_constraint"] = certificate.path_length
+        found.append(_extension("basic_constraints", x509.BasicConstraints(constraints), critical=certificate.ca))
+    if certificate.key_usage:
+        found.append(_extension("key_usage", x509.KeyUsage(set(certificate.key_usage)), critical=True))
+    if certificate.unknown_critical_extension is not None:
+        found.append(_extension(certificate.unknown_critical_extension, OctetString(b"sample").dump(), critical=True))
+    return found
 
 
 def _extension(kind: str, value: object, *, critical: bool) -> x509.Extension:

@@ -6,8 +6,8 @@ import hashlib
 from dataclasses import dataclass
 from datetime import datetime, timezone
 
-from asn1crypto import cms, x509
-from asn1crypto.algos import DigestAlgorithm, SignedDigestAlgorithm
+from asn1crypto import cms, x509  # type: ignore[import-untyped]
+from asn1crypto.algos import DigestAlgorithm, SignedDigestAlgorithm  # type: ignore[import-untyped]
 
 from .certificates import Certificate, sign
 from .keys import Key

@@ -9,10 +9,10 @@ import hashlib
 from dataclasses import dataclass
 from functools import cache
 
-from asn1crypto.algos import EncryptionAlgorithm, Pbkdf2Salt
-from asn1crypto.core import OctetString
-from asn1crypto.keys import EncryptedPrivateKeyInfo
-from asn1crypto.pem import armor
+from asn1crypto.algos import EncryptionAlgorithm, Pbkdf2Salt  # type: ignore[import-untyped]
+from asn1crypto.core import OctetString  # type: ignore[import-untyped]
+from asn1crypto.keys import EncryptedPrivateKeyInfo  # type: ignore[import-untyped]
+from asn1crypto.pem import armor  # type: ignore[import-untyped]
 from cryptography.hazmat.primitives import padding
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.ciphers import Cipher, algorithms, modes

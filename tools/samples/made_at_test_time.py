@@ -39,7 +39,7 @@ def _dangling(root: Path) -> None:
 
 def _outside(root: Path) -> None:
     beside = root.with_name(root.name + "-outside")
-    beside.mkdir()
+    beside.mkdir(parents=True)
     (beside / "cert.pem").write_bytes(TALKER_CERTIFICATE.pem())
     _linked("cert.pem", f"../../../{beside.name}/cert.pem")(root)
 
@@ -47,6 +47,11 @@ def _outside(root: Path) -> None:
 def _directory_link(root: Path) -> None:
     write(ONE.tree(), root)
     (root / "enclaves" / "fleet").symlink_to("talker", target_is_directory=True)
+
+
+def _directory_as_file(root: Path) -> None:
+    write(with_talker(changes={"cert.pem": None}).tree(), root)
+    (root / "enclaves" / "talker" / "cert.pem").mkdir()
 
 
 def _pipe(root: Path) -> None:
@@ -119,7 +124,7 @@ RECIPES: Mapping[str, tuple[Recipe, Recipe]] = {
 VARIANTS: Mapping[str, tuple[str, Recipe]] = {
     "loop": ("KA102", _linked("cert.pem", "cert.pem")),
     "absolute-link": ("KA103", _linked("cert.pem", "/dev/null")),
-    "directory-instead-of-file": ("KA101", _linked("cert.pem", "..")),
+    "directory-instead-of-file": ("KA101", _directory_as_file),
     "link-to-device": ("KA103", _linked("permissions.p7s", "/dev/zero")),
 }
 """More bad keystores by name, each with the code that must find it."""
