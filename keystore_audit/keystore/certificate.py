@@ -50,9 +50,7 @@ _PROCESSED: Final = frozenset(
 )
 _EMAIL_PROTECTION: Final = "1.3.6.1.5.5.7.3.4"  # id-kp-emailProtection, RFC 5280, 4.2.1.12
 _NETSCAPE_TYPE: Final = x509.ObjectIdentifier("2.16.840.1.113730.1.1")
-_NETSCAPE_SMIME_OR_CLIENT: Final = (
-    0x20 | 0x80
-)  # SSL client too: "workaround for some buggy certificates" (v3_purp.c)
+_NETSCAPE_SMIME_OR_CLIENT: Final = 0x20 | 0x80  # SSL client too: "workaround for some buggy certificates" (v3_purp.c)
 
 _KEY_USAGES: Final = (
     ("digital_signature", "digitalSignature"),
@@ -213,9 +211,7 @@ def _read(part: Block | Problem, path: str) -> Certificate | RevocationList | De
         found = f"expected a revocation list, found {read.detail}"
         return _defect(path, Kind.CRL_UNREADABLE, read.line, found)
     if part.label == "TRUSTED CERTIFICATE":
-        trusted = (
-            "expected CERTIFICATE, found TRUSTED CERTIFICATE, OpenSSL's own form that not all readers take"
-        )
+        trusted = "expected CERTIFICATE, found TRUSTED CERTIFICATE, OpenSSL's own form that not all readers take"
         return _defect(path, Kind.CERTIFICATE_UNREADABLE, part.line, trusted)
     if part.label not in BEGIN_CERTIFICATES or part.der is None:
         what = "a private key" if part.is_private_key else "a block"
@@ -234,9 +230,7 @@ def _read_certificate(der: bytes, line: int, path: str) -> Certificate | Defect:
             warnings.simplefilter("ignore", CryptographyDeprecationWarning)
             return _evidence(x509.load_der_x509_certificate(der), der, line, path)
     except _MALFORMED:
-        malformed = (
-            "expected an X.509 certificate in DER (RFC 5280, 4.1), found a malformed one or other bytes"
-        )
+        malformed = "expected an X.509 certificate in DER (RFC 5280, 4.1), found a malformed one or other bytes"
         return _defect(path, Kind.CERTIFICATE_UNREADABLE, line, malformed)
 
 
@@ -327,8 +321,9 @@ def _signed_by(certificate: x509.Certificate, issuer: x509.Certificate) -> Issue
             key,
             certificate.signature,
             certificate.tbs_certificate_bytes,
-            certificate.signature_algorithm_parameters,
-            certificate.signature_hash_algorithm,
+            algorithm=certificate.signature_algorithm_oid.dotted_string,
+            parameters=certificate.signature_algorithm_parameters,
+            digest=certificate.signature_hash_algorithm,
         )
     except (ValueError, UnsupportedAlgorithm):
         verified = None

@@ -80,9 +80,7 @@ def read_crl(file: File) -> CrlFile:
     defects: list[Defect] = []
     for part in pem.parts:
         if isinstance(part, Block) and part.label != REVOCATION_LIST_LABEL:
-            defects.append(
-                _defect(file, Kind.CERTIFICATE_FILE_EXTRA, part.line, f"found a block {part.label}")
-            )
+            defects.append(_defect(file, Kind.CERTIFICATE_FILE_EXTRA, part.line, f"found a block {part.label}"))
             continue
         read = read_revocation_list(part, file.place) if isinstance(part, Block) else part
         if isinstance(read, RevocationList):
@@ -100,9 +98,7 @@ def read_crl(file: File) -> CrlFile:
 
 
 def _defect(file: File, kind: Kind, line: int | None, found: str) -> Defect:
-    return Defect(
-        kind=kind, path=file.place, line=line, detail=f"expected PEM blocks X509 CRL alone, {found}"
-    )
+    return Defect(kind=kind, path=file.place, line=line, detail=f"expected PEM blocks X509 CRL alone, {found}")
 
 
 def read_revocation_list(block: Block, path: str) -> RevocationList | Problem:
@@ -129,8 +125,9 @@ def crl_signed_by(crl: RevocationList, ca: Certificate) -> bool | None:
             ca.parsed.public_key(),
             parsed.signature,
             parsed.tbs_certlist_bytes,
-            parsed.signature_algorithm_parameters,
-            parsed.signature_hash_algorithm,
+            algorithm=parsed.signature_algorithm_oid.dotted_string,
+            parameters=parsed.signature_algorithm_parameters,
+            digest=parsed.signature_hash_algorithm,
         )
     except _MALFORMED:
         return None

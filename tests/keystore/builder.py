@@ -7,6 +7,7 @@ BasicConstraints); `tools/build_samples.py` builds the committed samples, which 
 from __future__ import annotations
 
 import os
+import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
@@ -124,6 +125,19 @@ def certificate(
     signing = issuer.key if issuer is not None else key
     edwards = isinstance(signing, ed25519.Ed25519PrivateKey | ed448.Ed448PrivateKey)
     return Signed(key, builder.sign(signing, None if edwards else digest or hashes.SHA256()))
+
+
+def issued_by_openssl(subject: str, issuer: Signed, directory: Path, *options: str) -> Signed:
+    """Make a certificate with the command line tool, for digests with which `cryptography` does not sign."""
+    key = ec.generate_private_key(ec.SECP256R1())
+    made = Signed(key, issuer.certificate)
+    for file, content in (("ca.pem", issuer.pem), ("ca.key", issuer.key_pem), ("key", made.key_pem)):
+        (directory / file).write_bytes(content)
+    request = ("req", "-new", "-key", "key", "-subj", f"/CN={subject}", "-out", "request")
+    signing = ("x509", "-req", "-in", "request", "-CA", "ca.pem", "-CAkey", "ca.key", "-days", "9", "-out", "leaf")
+    for arguments in (request, (*signing, *options)):
+        subprocess.run(["openssl", *arguments], cwd=directory, check=True, capture_output=True)
+    return Signed(key, x509.load_pem_x509_certificate((directory / "leaf").read_bytes()))
 
 
 def authority(subject: str | x509.Name = "sros2CA", **others: object) -> Signed:
