@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from asn1crypto import cms  # type: ignore[import-untyped]
 from cryptography import x509
+from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec
 
@@ -42,13 +43,16 @@ def same(path: str, left: Entry, right: Entry, *, by_meaning: bool) -> bool:
         return True
     if not by_meaning or not path.endswith(".p7s") or isinstance(left, Link) or isinstance(right, Link):
         return False
-    return read_stock(left) == read_stock(right)
+    try:
+        return read_stock(left) == read_stock(right)
+    except (ValueError, TypeError, IndexError, InvalidSignature):
+        return False
 
 
 def read_stock(message: bytes) -> Signed:
     """Read a message of sros2's signer and check its signature.
 
-    Raises ValueError or TypeError where it is not of that form, InvalidSignature where it does not verify.
+    Raises ValueError, TypeError or IndexError where it is not of that form, InvalidSignature where it does not verify.
     Only for messages that we built ourselves.
     """
     boundary = b"\r\n--" + message.split(b'boundary="')[1].split(b'"')[0]
