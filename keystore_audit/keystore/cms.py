@@ -1,0 +1,267 @@
+"""CMS SignedData (RFC 5652) as DDS documents carry it: strict DER, one reading, or an error.
+
+The subset is that of PKCS#7 1.5, which DDS implementations read: signers named by issuer and serial number, content
+of type id-data. What some run time may accept beyond it is refused here and becomes an opaque defect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from typing import Annotated, Final
+
+from cryptography import x509
+from cryptography.hazmat import asn1
+from cryptography.hazmat.asn1 import TLV, Explicit, GeneralizedTime, Implicit, SetOf, UTCTime
+
+from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.signature_algorithm import Problems, Scheme, read_digest, read_scheme
+
+MAX_SIGNERS: Final = 16
+"""SignerInfos whose signatures are checked: a real document has one, each costs a public-key operation per key."""
+
+MAX_EMBEDDED: Final = 64
+"""Certificates of a message that are read: real ones have at most a chain."""
+
+MAX_ELEMENTS: Final = 10_000
+"""Elements that are looked through for the reason of a failure: the signature of a DDS document has about 100."""
+
+_SIGNED_DATA: Final = x509.ObjectIdentifier("1.2.840.113549.1.7.2")
+_DATA: Final = x509.ObjectIdentifier("1.2.840.113549.1.7.1")
+_DATA_DER: Final = asn1.encode_der(_DATA)
+_OCTET_STRING: Final = b"\x04"
+_UTC_TIME: Final = b"\x17"
+_CONTENT_TYPE: Final = x509.ObjectIdentifier("1.2.840.113549.1.9.3")
+_MESSAGE_DIGEST: Final = x509.ObjectIdentifier("1.2.840.113549.1.9.4")
+_SIGNING_TIME: Final = x509.ObjectIdentifier("1.2.840.113549.1.9.5")
+
+
+class CmsError(ValueError):
+    """Why a structure has no single reading: `kind` and `detail` make a defect."""
+
+    def __init__(self, kind: Kind, detail: str) -> None:
+        super().__init__(detail)
+        self.kind = kind
+        self.detail = detail
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SignerInfo:
+    """One SignerInfo (RFC 5652, 5.3).
+
+    `digest` as in `smime.Signature`. `message_digest` and `signed` (the DER of the signed attributes) are None where
+    there are no signed attributes: the signature then covers the content.
+    """
+
+    issuer_der: bytes = field(repr=False)
+    serial: int
+    digest: str
+    message_digest: bytes | None
+    signed: bytes | None = field(repr=False)
+    signing_time: datetime | None
+    scheme: Scheme
+    signature: bytes = field(repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SignedData:
+    """A SignedData: the content inside it if any, the certificates in it as DER, and what is out of order."""
+
+    content: bytes | None = field(repr=False)
+    certificates: tuple[bytes, ...] = field(repr=False)
+    signers: tuple[SignerInfo, ...]
+    problems: Problems
+
+
+# --- the structures. Four hints for `hazmat.asn1`: an optional TLV is refused, so an AlgorithmIdentifier is a TLV that
+# is read afterwards; OpenSSL does not sort the certificates, so they are a list although the standard says SET; the
+# signed attributes are encoded anew, with the tag of a SET, for the signature; a name is compared as its DER bytes.
+
+
+@asn1.sequence
+class _ContentInfo:
+    content_type: x509.ObjectIdentifier
+    content: Annotated[TLV, Explicit(0)]
+
+
+@asn1.sequence
+class _EncapsulatedContent:
+    content_type: x509.ObjectIdentifier
+    content: Annotated[bytes | None, Explicit(0)]
+
+
+@asn1.sequence
+class _Attribute:
+    type: x509.ObjectIdentifier
+    values: SetOf[TLV]
+
+
+@asn1.sequence
+class _IssuerAndSerial:
+    issuer: TLV
+    serial: int
+
+
+@asn1.sequence
+class _SignerInfo:
+    version: int
+    identifier: _IssuerAndSerial
+    digest_algorithm: TLV
+    signed_attributes: Annotated[SetOf[_Attribute] | None, Implicit(0)]
+    signature_algorithm: TLV
+    signature: bytes
+    unsigned_attributes: Annotated[list[TLV] | None, Implicit(1)]
+
+
+@asn1.sequence
+class _SignedData:
+    version: int
+    digest_algorithms: SetOf[TLV]
+    content: _EncapsulatedContent
+    certificates: Annotated[list[TLV] | None, Implicit(0)]
+    revocation_lists: Annotated[list[TLV] | None, Implicit(1)]
+    signer_infos: SetOf[_SignerInfo]
+
+
+# --- reading
+
+
+def read_signed_data(der: bytes) -> SignedData:
+    """Read a ContentInfo that holds a SignedData; raise CmsError where it is not, or not strictly DER.
+
+    The kinds raised: NO_SIGNER (another content type, which every run time refuses), CMS_NOT_DER (BER, bytes behind
+    the structure: run times accept them), CMS_MALFORMED.
+    """
+    data = _parse(der)
+    problems = list(_envelope_problems(data))
+    infos = data.signer_infos.as_list()
+    if not infos:
+        problems.append((Kind.NO_SIGNER, "the message carries no signature at all"))
+    if len(infos) > MAX_SIGNERS:
+        problems.append((Kind.CMS_MALFORMED, f"{len(infos)} signatures, at most {MAX_SIGNERS} are checked"))
+        infos = []
+    try:
+        listed = {read_digest(asn1.encode_der(digest)).identifier for digest in data.digest_algorithms.as_list()}
+        signers = tuple(_signer(info, listed, problems) for info in infos)
+    except ValueError as error:
+        raise CmsError(Kind.CMS_MALFORMED, f"an algorithm identifier cannot be read: {error}") from None
+    certificates = tuple(asn1.encode_der(certificate) for certificate in data.certificates or ())
+    if len(certificates) > MAX_EMBEDDED:
+        problems.append((Kind.CMS_MALFORMED, f"{len(certificates)} certificates, at most {MAX_EMBEDDED} are read"))
+        certificates = ()
+    return SignedData(
+        content=data.content.content, certificates=certificates, signers=signers, problems=tuple(problems)
+    )
+
+
+def _parse(der: bytes) -> _SignedData:
+    try:
+        outer = asn1.decode_der(_ContentInfo, der)
+        data: _SignedData | None = outer.content.parse(_SignedData) if outer.content_type == _SIGNED_DATA else None
+    except ValueError as error:
+        departure = _departure_from_der(der)
+        if departure is not None:
+            raise CmsError(Kind.CMS_NOT_DER, f"expected strict DER, found {departure}; run times accept it") from None
+        raise CmsError(Kind.CMS_MALFORMED, f"the signature cannot be read as CMS signed data: {error}") from None
+    if data is None:
+        found = outer.content_type.dotted_string
+        raise CmsError(Kind.NO_SIGNER, f"expected signed data ({_SIGNED_DATA.dotted_string}), found type {found}")
+    return data
+
+
+def _envelope_problems(data: _SignedData) -> list[tuple[Kind, str]]:
+    """What PKCS#7 1.5 signed data of a DDS document never has, and run times ignore or read in their own way."""
+    problems = []
+    if data.version != 1:
+        problems.append(f"version {data.version} (RFC 5652, 5.1: 1)")
+    if data.content.content_type != _DATA:
+        problems.append(f"content of type {data.content.content_type.dotted_string} (id-data is 1.2.840.113549.1.7.1)")
+    if data.revocation_lists is not None:
+        problems.append("revocation lists, which no DDS implementation reads here")
+    return [(Kind.CMS_MALFORMED, f"expected plain signed data, found {problem}") for problem in problems]
+
+
+def _signer(info: _SignerInfo, listed: set[str], problems: list[tuple[Kind, str]]) -> SignerInfo:
+    """Read one SignerInfo and append what is out of order in it."""
+
+    def malformed(detail: str) -> None:
+        problems.append((Kind.CMS_MALFORMED, detail))
+
+    if info.version != 1:
+        malformed(f"a SignerInfo of version {info.version} (RFC 5652, 5.3: 1)")
+    if info.unsigned_attributes is not None:
+        malformed("unsigned attributes, which anybody can add or change")
+    digest = read_digest(asn1.encode_der(info.digest_algorithm))
+    scheme = read_scheme(asn1.encode_der(info.signature_algorithm), digest.name)
+    problems += digest.problems + scheme.problems
+    if digest.identifier not in listed:
+        malformed(f"the digest algorithm {digest.name} of a signature is not among those that the message lists")
+    message_digest, signing_time = None, None
+    if info.signed_attributes is None:
+        problems.append(
+            (Kind.NO_SIGNED_ATTRIBUTES, "the signature covers the text itself, there are no signed attributes")
+        )
+    else:
+        message_digest, signing_time = _attributes(info.signed_attributes.as_list(), malformed)
+    return SignerInfo(
+        issuer_der=asn1.encode_der(info.identifier.issuer),
+        serial=info.identifier.serial,
+        digest=digest.name,
+        message_digest=message_digest,
+        signed=None if info.signed_attributes is None else asn1.encode_der(info.signed_attributes),
+        signing_time=signing_time,
+        scheme=scheme,
+        signature=info.signature,
+    )
+
+
+def _attributes(attributes: list[_Attribute], malformed: Callable[[str], None]) -> tuple[bytes | None, datetime | None]:
+    """The message digest (None where it is not there exactly once) and the signing time of signed attributes."""
+    values: dict[x509.ObjectIdentifier, TLV | None] = {}
+    for attribute in attributes:
+        alternatives = attribute.values.as_list()
+        single = alternatives[0] if len(alternatives) == 1 and attribute.type not in values else None
+        if single is None:
+            malformed(f"the signed attribute {attribute.type.dotted_string} is there twice or has not one value")
+        values[attribute.type] = single
+    content_type, digest, time = (values.get(kind) for kind in (_CONTENT_TYPE, _MESSAGE_DIGEST, _SIGNING_TIME))
+    if content_type is None or asn1.encode_der(content_type) != _DATA_DER:
+        malformed("the signed attribute contentType does not say id-data once (RFC 5652, 11.1)")
+    if digest is None or digest.tag_bytes != _OCTET_STRING:
+        malformed("the signed attribute messageDigest is not one octet string (RFC 5652, 11.2)")
+        digest = None
+    return None if digest is None else bytes(digest.data), None if time is None else _time(time)
+
+
+def _time(value: TLV) -> datetime | None:
+    """The UTCTime or GeneralizedTime, aware UTC; None for anything else, since nothing rests on it."""
+    kind: type[UTCTime] | type[GeneralizedTime] = UTCTime if value.tag_bytes == _UTC_TIME else GeneralizedTime
+    try:
+        time: datetime = value.parse(kind).as_datetime()
+    except ValueError:
+        return None
+    return time.replace(tzinfo=timezone.utc)
+
+
+# --- why it could not be read
+
+
+def _departure_from_der(data: bytes) -> str | None:
+    """The first length that is not DER (X.690, 10.1) in reading order, or bytes behind the outermost element."""
+    position, outer_end = 0, len(data)
+    for _ in range(MAX_ELEMENTS):
+        if position + 2 >= len(data):
+            break
+        tag, first = data[position], data[position + 1]
+        size = first & 0x7F if first & 0x80 else 0
+        if first == 0x80:
+            return f"an indefinite length at byte {position} of the signature (BER)"
+        start = position + 2 + size
+        length = int.from_bytes(data[position + 2 : start], "big") if size else first
+        if size and (length < 0x80 or data[position + 2] == 0):
+            return f"a length in more bytes than needed at byte {position} of the signature (BER)"
+        if position == 0:
+            outer_end = start + length
+        position = start if tag & 0x20 else start + length
+    return f"{len(data) - outer_end} bytes behind the signature" if outer_end < len(data) else None
