@@ -16,7 +16,7 @@ audit: .venv/audit.stamp  ## audit KEYSTORE with both engines
 
 test: system lint types  ## everything that CI asks
 	$(BIN)/keystore-audit engine install
-	$(BIN)/pytest -n 2
+	$(BIN)/pytest -n 2 --dist loadgroup
 
 system:  ## the Debian packages that the tests need
 	@sh requirements/system.sh test $(PYTHON)

