@@ -19,7 +19,7 @@ venv)
     ;;
 test)
     command -v openssl >/dev/null || missing="$missing openssl"
-    command -v gcc >/dev/null || missing="$missing gcc libc6-dev"
+    command -v gcc >/dev/null || missing="$missing gcc"
     has_openssl_headers || missing="$missing libc6-dev libssl-dev"
     ;;
 *)
