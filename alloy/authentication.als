@@ -1,0 +1,38 @@
+/**
+ * Who a participant believes (DDS-Security 1.1, 8.3 and 9.3).
+ *
+ * That a signature verifies under a key is a fact that keystore-audit has established with real cryptography. Here
+ * such facts are composed. The certificates of a CA file are trust anchors each (9.3.1.1): one step is a chain.
+ */
+module authentication
+open precedence
+
+/** Realms whose governance document could not be read: it may say anything, so they keep nobody and nothing out. */
+fun open_realm: set Realm { governance.(opaque & Document) }
+
+/**
+ * What each realm accepts on the word of its certificates `pool`, if exactly the certificates `valid` are in force:
+ * certificates that an authority of the pool issued.
+ */
+fun vouched[pool: Realm -> Certificate, valid: set Certificate]: Realm -> Certificate {
+	(pool :> (authority & valid)).~issuer :> valid
+}
+
+/** Enclaves that each realm takes for members of the keystore, if exactly the certificates `valid` are in force. */
+fun authentic_among[valid: set Certificate]: Realm -> Enclave {
+	(vouched[identity_ca, valid] - revoked).~identity
+	+ Realm -> (opaque & Enclave)
+	+ open_realm -> Enclave
+}
+
+/**
+ * The same without regard to dates. Capabilities rest on this one: clocks on robots are wrong, and an expired CA
+ * would otherwise make each property of access hold for want of participants.
+ */
+fun authentic: Realm -> Enclave { authentic_among[Certificate] }
+
+/** The same at the audit instant. */
+fun authentic_in_force: Realm -> Enclave { authentic_among[in_force & Certificate] }
+
+/** Pairs of enclaves whose identities have one key, so that each can pass for the other. */
+fun one_key: Enclave -> Enclave { identity.public_key.~(identity.public_key) - iden }

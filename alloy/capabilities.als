@@ -1,0 +1,56 @@
+/**
+ * What enclaves can do, by what peers concede and by the keys that they then hold (DDS-Security 1.1, 8.4.2.9 and 9.5).
+ *
+ * Who joins a domain gets the keys of its messages (`rtps_protection_kind`). The key of a writer's submessages
+ * (`metadata_protection_kind`) goes to those that may read or relay, the key of its payloads
+ * (`data_protection_kind`) to those that may read. Keys are symmetric: whoever can check can also make, unless the
+ * kind authenticates the origin. An enclave is taken at its worst: it may use every key it holds in any way.
+ */
+module capabilities
+open permissions
+
+/** Domains that each enclave can join, as a participant that the realm has authenticated. */
+fun joins[realm: Realm]: Enclave -> Domain {
+	realm.authentic -> realm.join_uncontrolled
+	+ realm.authentic <: (held[realm.accepted].joining + unbounded[realm] -> Domain) :> realm.governed_domain
+}
+
+/** Channels in whose domain each enclave takes part, as far as they are governed. */
+fun within_reach[realm: Realm]: Enclave -> Channel { joins[realm].~in_domain :> realm.governed }
+
+/** Channels on which peers match a writer of the enclave. */
+fun may_write[realm: Realm]: Enclave -> Channel {
+	let reach = within_reach[realm] |
+		reach :> realm.write_uncontrolled + reach & presentable[realm, publish_allowed]
+}
+
+/** Channels on which peers match a reader of the enclave, and give it all keys. */
+fun may_read[realm: Realm]: Enclave -> Channel {
+	let reach = within_reach[realm] |
+		reach :> realm.read_uncontrolled + reach & presentable[realm, subscribe_allowed]
+}
+
+/** Channels whose submessage keys the enclave gets to relay them. */
+fun relays[realm: Realm]: Enclave -> Channel { within_reach[realm] & presentable[realm, relay_allowed] }
+
+/** Channels whose payloads an enclave recovers from packets, with the keys it holds without being a reader. */
+fun overhears[realm: Realm]: Enclave -> Channel {
+	let clear = within_reach[realm] :> (Channel - realm.(payload_protection[encrypting])) |
+		clear :> (Channel - realm.(submessage_protection[encrypting])) + clear & relays[realm]
+}
+
+/** Channels on which an enclave can make packets that readers take for those of a permitted writer. */
+fun forges[realm: Realm]: Enclave -> Channel {
+	let shared = within_reach[realm] :> (Channel
+			- realm.(message_protection[authenticating_origin])
+			- realm.(submessage_protection[authenticating_origin])),
+		submessage = shared :> realm.(submessage_protection[NONE]) + may_read[realm] + relays[realm],
+		payload = shared :> realm.(payload_protection[NONE]) + may_read[realm] |
+		shared & submessage & payload
+}
+
+/** Channels on which there may be something to read: some enclave may write. */
+fun written: Realm -> Channel { { realm: Realm, channel: Enclave.(may_write[realm]) } }
+
+/** Channels on which there may be somebody to deceive: some enclave may read. */
+fun read: Realm -> Channel { { realm: Realm, channel: Enclave.(may_read[realm]) } }

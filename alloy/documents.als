@@ -1,0 +1,33 @@
+/**
+ * Which signed documents a participant obeys (DDS-Security 1.1, 9.4.1.1).
+ *
+ * The signer must be the permissions CA. Some implementations take any certificate that the CA issued for a signer
+ * (CVE-2023-24010): realms of the others are `pins_signer`.
+ */
+module documents
+open authentication
+
+/** Documents that the permissions CA of a realm itself has signed, and nobody else. */
+fun genuine: Realm -> Document {
+	{ realm: Realm, document: intact - opaque |
+		some document.signer and document.signer in realm.permissions_ca }
+}
+
+/** Certificates whose signature on a document a realm takes. */
+fun accepted_signer: Realm -> Certificate {
+	permissions_ca
+	+ (Realm - pins_signer) <: vouched[permissions_ca, Certificate] :> fit_to_sign
+}
+
+/** Documents that a realm obeys. An unreadable one may be any document, so it counts. */
+fun accepted: Realm -> Document {
+	{ realm: Realm, document: intact | some document.signer and document.signer in realm.accepted_signer }
+	+ Realm -> (opaque & Document)
+}
+
+/** Enclaves whose own key signs documents that the realm obeys: they can give themselves any right. */
+fun self_granting: Realm -> Enclave {
+	authentic & (
+		Realm -> (opaque & Enclave)
+		+ ((Realm - pins_signer) <: vouched[permissions_ca, Certificate] :> fit_to_sign).~identity)
+}

@@ -1,0 +1,92 @@
+/**
+ * How a realm protects its domains and channels (DDS-Security 1.1, 9.4.1.2).
+ *
+ * The first domain rule that covers a domain decides about it, and of that rule the first topic rule that matches a
+ * topic. Where none does, endpoints cannot be created: such channels are not governed, and nothing happens there.
+ */
+module governance
+open documents
+
+/** The governance document that a realm obeys, if it does obey it and we could read it. */
+fun applied: Realm -> Document { (Realm - open_realm) <: governance & accepted }
+
+/** Where a domain rule decides: no sibling before it covers the domain. */
+fun deciding_domain_rule: DomainRule -> Domain {
+	let covers = DomainRule <: domains | covers - preceded_by.covers
+}
+
+/** Where a topic rule decides: its domain rule does, it matches, and no sibling before it does. */
+fun deciding_topic_rule: TopicRule -> Channel {
+	let matches = topic_expression & ~topic_rule.deciding_domain_rule.~in_domain |
+		matches - preceded_by.matches
+}
+
+/** Domains that one of `rules` decides, in each realm. */
+fun domains_under[rules: set DomainRule]: Realm -> Domain { applied.domain_rule.(rules <: deciding_domain_rule) }
+
+/** Channels of domains that one of `rules` decides, in each realm. */
+fun channels_within[rules: set DomainRule]: Realm -> Channel { domains_under[rules].~in_domain }
+
+/** Channels that one of `rules` decides, in each realm. */
+fun channels_under[rules: set TopicRule]: Realm -> Channel {
+	applied.domain_rule.topic_rule.(rules <: deciding_topic_rule)
+}
+
+/** Domains that have a domain rule; an open realm governs all. */
+fun governed_domain: Realm -> Domain { domains_under[DomainRule] + open_realm -> Domain }
+
+/** Channels that have a topic rule; an open realm governs all. */
+fun governed: Realm -> Channel { channels_under[TopicRule] + open_realm -> Channel }
+
+/** Domains that participants without an identity may join. */
+fun unauthenticated_allowed: Realm -> Domain {
+	domains_under[allow_unauthenticated_participants] + open_realm -> Domain
+}
+
+/** Domains that every authenticated participant may join, with or without a grant. */
+fun join_uncontrolled: Realm -> Domain {
+	domains_under[DomainRule - enable_join_access_control] + open_realm -> Domain
+}
+
+/** Channels that every participant of the domain may read, with or without a grant. */
+fun read_uncontrolled: Realm -> Channel {
+	channels_under[TopicRule - enable_read_access_control] + open_realm -> Channel
+}
+
+/** Channels that every participant of the domain may write, with or without a grant. */
+fun write_uncontrolled: Realm -> Channel {
+	channels_under[TopicRule - enable_write_access_control] + open_realm -> Channel
+}
+
+/** Kinds under which bytes cannot be read without the key. */
+fun encrypting: set ProtectionKind { ENCRYPT + ENCRYPT_WITH_ORIGIN_AUTHENTICATION }
+
+/** Kinds under which a receiver tells the sender from the other holders of the key (9.5.3.3). */
+fun authenticating_origin: set ProtectionKind {
+	SIGN_WITH_ORIGIN_AUTHENTICATION + ENCRYPT_WITH_ORIGIN_AUTHENTICATION
+}
+
+/** Channels, in open realms, of a protection that is one of `kinds`: all, if NONE is among them. */
+fun unprotected[kinds: set ProtectionKind]: Realm -> Channel {
+	NONE in kinds implies open_realm -> Channel else none -> none
+}
+
+/** Channels in whose domain whole messages are protected by one of `kinds`. */
+fun message_protection[kinds: set ProtectionKind]: Realm -> Channel {
+	channels_within[rtps_protection_kind.kinds] + unprotected[kinds]
+}
+
+/** Channels whose submessages are protected by one of `kinds`. */
+fun submessage_protection[kinds: set ProtectionKind]: Realm -> Channel {
+	channels_under[metadata_protection_kind.kinds] + unprotected[kinds]
+}
+
+/** Channels whose payloads are protected by one of `kinds`. */
+fun payload_protection[kinds: set ProtectionKind]: Realm -> Channel {
+	channels_under[data_protection_kind.kinds] + unprotected[kinds]
+}
+
+/** Channels whose endpoints are announced encrypted. */
+fun discovery_encrypted: Realm -> Channel {
+	channels_under[enable_discovery_protection] & channels_within[discovery_protection_kind.encrypting]
+}

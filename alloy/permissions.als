@@ -1,0 +1,53 @@
+/**
+ * What permissions documents grant (DDS-Security 1.1, 9.4.1.3 and 9.4.3).
+ *
+ * Of a document, the first grant that is in force and names the certificate decides; of the grant, the first rule
+ * that matches; else its default. Any enclave may present any document: peers look for a grant that names the
+ * presenter, so the rights of an enclave are the union over all documents, not those of the document it holds.
+ */
+module permissions
+open governance
+
+/** The grant of a document that counts for a certificate, of all documents. */
+fun chosen: Grant -> Certificate {
+	let eligible = in_force <: subject_name | eligible - preceded_by.eligible
+}
+
+/** Where a rule says something, by those of its criteria that are of one kind: only in its own domains. */
+fun matching[criteria: Rule -> Channel]: Rule -> Channel {
+	criteria & (Rule <: domains).~in_domain
+}
+
+/** What a grant allows by its criteria of one kind: where the first matching rule allows, or none matches. */
+fun allowed_by[criteria: Rule -> Channel]: Grant -> Channel {
+	let matches = matching[criteria], decides = matches - preceded_by.matches |
+		rule.(allow_rule <: decides) + (default_allow -> Channel - rule.matches)
+}
+
+/** Where a grant allows to publish. */
+fun publish_allowed: Grant -> Channel { allowed_by[publish] }
+
+/** Where a grant allows to subscribe. */
+fun subscribe_allowed: Grant -> Channel { allowed_by[subscribe] }
+
+/** Where a grant allows to relay. */
+fun relay_allowed: Grant -> Channel { allowed_by[relay] }
+
+/** Domains that a grant lets its subject join: those of its allow rules, or all where it allows by default. */
+fun joining: Grant -> Domain { rule.(allow_rule <: domains) + default_allow -> Domain }
+
+/** Grants that count for each enclave in a realm that obeys `documents`. */
+fun held[documents: set Document]: Enclave -> Grant { identity.~chosen :> documents.grant }
+
+/** What the permissions CA gave each enclave: rights of the kind `allowed`, by genuine documents alone. */
+fun granted[realm: Realm, allowed: Grant -> Channel]: Enclave -> Channel { held[realm.genuine].allowed }
+
+/** Enclaves that may have any right: by a document that we could not read, or by one that they sign themselves. */
+fun unbounded[realm: Realm]: set Enclave {
+	some opaque & Document implies Enclave else opaque & Enclave + realm.self_granting
+}
+
+/** What peers in a realm concede to each enclave: rights of the kind `allowed`, by whatever it can present. */
+fun presentable[realm: Realm, allowed: Grant -> Channel]: Enclave -> Channel {
+	held[realm.accepted].allowed + unbounded[realm] -> Channel
+}

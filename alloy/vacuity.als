@@ -1,0 +1,25 @@
+/**
+ * Whether the properties have anything to speak of: each family of checks with a `run`.
+ *
+ * A check that finds no counterexample because nothing exists proves nothing. `FactsAreConsistent` must have an
+ * instance, else every check would "hold", and keystore-audit trusts none of them. Where the situation of a family
+ * does not exist in this keystore, it reports that the family had nothing to check.
+ */
+module vacuity
+open properties
+
+/** The facts do not contradict each other: the one structure that the checks speak of exists. */
+pred FactsAreConsistent { one audit_instant }
+
+/** Somebody is there to be authenticated: an enclave with an identity, or one that may be anybody. */
+pred AuthenticationIsExercised { some enclave: Enclave | some enclave.identity or enclave in opaque }
+
+/** Something is there to be protected: a governed channel on which an enclave may write or read. */
+pred EncryptionIsExercised { some realm: Realm, channel: Channel | channel in realm.(governed & (written + read)) }
+
+/** Some right is there to be enforced: an enclave that takes part in a domain, and has a grant there. */
+pred AccessControlIsExercised {
+	some realm: Realm, enclave: Enclave, channel: Channel |
+		channel in enclave.(within_reach[realm]
+			& (granted[realm, publish_allowed] + granted[realm, subscribe_allowed]))
+}

@@ -1,0 +1,151 @@
+"""The atoms of a generated model: names that say what they are, made of an index and never of a keystore's text.
+
+An atom is called `T3_chatter`: the letters say its sig, the number is its index in the `System`, the rest is
+decoration that no program reads. An atom of the Analyzer's answer (`keystore/T3_chatter$0`) leads back by letters
+and number alone.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from keystore_audit.findings import Location
+from keystore_audit.model.system import ChannelAtom, System
+from keystore_audit.properties.property import Role
+
+MAX_DECORATION: Final = 24
+"""Characters of a name that an atom carries: enough to recognise it in the Analyzer's window."""
+
+ROLE_LETTERS: Final = {
+    Role.REALM: "R",
+    Role.DOMAIN: "D",
+    Role.ENCLAVE: "E",
+    Role.OTHER: "E",
+    Role.DOCUMENT: "P",
+    Role.CHANNEL: "T",
+}
+"""The letters of the sig that a role ranges over."""
+
+_ANSWER: Final = re.compile(r"(?:[\w$]+/)*([A-Z]{1,2})(\d{1,9})(?:_[A-Za-z0-9_]*)?\$0", re.ASCII)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Atom:
+    """`name`: the identifier; `comment`: raw text of what it stands for and where that is."""
+
+    name: str
+    comment: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sort:
+    """All atoms of one sig, by index."""
+
+    sig: str
+    atoms: tuple[Atom, ...]
+
+    def name(self, index: int) -> str:
+        """Return the identifier of the atom with this index."""
+        return self.atoms[index].name
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Atoms:
+    """The atoms of one system, by sig."""
+
+    certificates: Sort
+    keys: Sort
+    instants: Sort
+    documents: Sort
+    realms: Sort
+    enclaves: Sort
+    domains: Sort
+    channels: Sort
+    domain_rules: Sort
+    topic_rules: Sort
+    grants: Sort
+    rules: Sort
+    key_index: dict[int, int]
+    """From `CertificateAtom.key` to the index of the Key atom."""
+
+    def sorts(self) -> tuple[Sort, ...]:
+        """Return every sort, in the order of the generated module."""
+        return (
+            self.domains,
+            self.channels,
+            self.instants,
+            self.keys,
+            self.certificates,
+            self.documents,
+            self.realms,
+            self.enclaves,
+            self.domain_rules,
+            self.topic_rules,
+            self.grants,
+            self.rules,
+        )
+
+
+def name_atoms(system: System) -> Atoms:
+    """Return the atoms that stand for `system`."""
+    keys = sorted({certificate.key for certificate in system.certificates})
+    return Atoms(
+        certificates=_sort("Certificate", "C", [(c.label, _place(c.location)) for c in system.certificates]),
+        keys=_sort("Key", "K", [("", f"key {key}") for key in keys]),
+        instants=_sort("Instant", "I", [("", instant.isoformat()) for instant in system.instants]),
+        documents=_sort("Document", "P", [(d.label, _place(d.location)) for d in system.documents]),
+        realms=_sort("Realm", "R", [("", _members(system, realm)) for realm in range(len(system.realms))]),
+        enclaves=_sort("Enclave", "E", [(e.label, _place(e.location)) for e in system.enclaves]),
+        domains=_sort("Domain", "D", [("", _intervals(d.intervals)) for d in system.domains]),
+        channels=_sort("Channel", "T", [_channel(system, channel) for channel in system.channels]),
+        domain_rules=_sort("DomainRule", "DR", [("", _place(rule.location)) for rule in system.domain_rules]),
+        topic_rules=_sort("TopicRule", "TR", [("", _place(rule.location)) for rule in system.topic_rules]),
+        grants=_sort("Grant", "G", [("", _place(grant.location)) for grant in system.grants]),
+        rules=_sort("Rule", "PR", [("", _place(rule.location)) for rule in system.rules]),
+        key_index={key: index for index, key in enumerate(keys)},
+    )
+
+
+def index_of(answer: str, role: Role) -> int | None:
+    """Return the index that an atom of the Analyzer's answer has, or None if it cannot play `role`."""
+    match = _ANSWER.fullmatch(answer)
+    if match is None or match[1] != ROLE_LETTERS[role]:
+        return None
+    return int(match[2])
+
+
+def _sort(sig: str, letters: str, entries: Sequence[tuple[str, str]]) -> Sort:
+    return Sort(sig=sig, atoms=tuple(_atom(letters, index, *entry) for index, entry in enumerate(entries)))
+
+
+def _atom(letters: str, index: int, label: str, place: str) -> Atom:
+    decoration = _decoration(label)
+    name = f"{letters}{index}_{decoration}" if decoration else f"{letters}{index}"
+    return Atom(name=name, comment=f"{label}: {place}" if label else place)
+
+
+def _decoration(label: str) -> str:
+    """Return what is left of the last part of a name when all but ASCII letters, digits and `_` is taken out."""
+    last = label.rstrip("/").rpartition("/")[2]
+    return re.sub(r"[^A-Za-z0-9]+", "_", last[: 4 * MAX_DECORATION]).strip("_")[:MAX_DECORATION].rstrip("_")
+
+
+def _place(location: Location) -> str:
+    return location.path if location.line is None else f"{location.path}:{location.line}"
+
+
+def _members(system: System, realm: int) -> str:
+    return "realm of " + ", ".join(e.label for e in system.enclaves if e.realm == realm)
+
+
+def _intervals(intervals: tuple[tuple[int, int], ...]) -> str:
+    return "domains " + ", ".join(str(low) if low == high else f"{low} to {high}" for low, high in intervals)
+
+
+def _channel(system: System, channel: ChannelAtom) -> tuple[str, str]:
+    partition = f"partition {channel.partition!r}" if channel.partition else "no partition"
+    kind = "a ROS name" if channel.ros else "DDS only"
+    return channel.topic, f"{partition}, {system.domains[channel.domain].label}, {kind}"

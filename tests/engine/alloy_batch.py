@@ -1,0 +1,102 @@
+"""Decides many systems in one JVM: the shipped modules, facts and commands, through the Analyzer's own API.
+
+The product starts a process for each main file; a test of hundreds of systems cannot. The JVM lives in this process
+(JPype, a development dependency) and stays, because a process can start one only once.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import jpype
+import pytest
+
+from keystore_audit import resources
+from keystore_audit.engine.alloy import install
+from keystore_audit.engine.alloy.facts import CONSISTENCY, commands, facts
+from keystore_audit.errors import EngineMissing
+from keystore_audit.model.system import System
+from keystore_audit.properties import PROPERTIES
+
+_BY_ASSERTION = {prop.assertion: prop.id for prop in PROPERTIES}
+
+
+def engine() -> install.Engine:
+    """The Analyzer, fetched if need be; where it cannot be had, a failure in CI and a skip elsewhere."""
+    try:
+        return install.locate(None, offline=False, ci=False)
+    except EngineMissing as error:
+        if os.environ.get("CI"):
+            raise
+        pytest.skip(error.message)
+
+
+def decide_batch(systems: Sequence[System]) -> list[dict[str, bool]]:
+    """For each system, whether each property (by id) holds."""
+    with tempfile.TemporaryDirectory(prefix="alloy-batch-") as directory:
+        modules = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+        modules["audit.als"] = commands(PROPERTIES)
+        return [_decide(Path(directory), modules | {"keystore.als": facts(system)}) for system in systems]
+
+
+def outcomes(directory: Path, modules: dict[str, str], main: str = "audit.als") -> dict[str, bool]:
+    """For each command of `main`, whether it has an instance, with the files `modules` put into `directory`."""
+    for name, text in modules.items():
+        (directory / name).write_text(text)
+    analyzer = _analyzer()
+    world = analyzer.parse(analyzer.silent, None, str(directory / main))
+    sigs = world.getAllReachableSigs()
+    return {
+        str(command.label): bool(
+            analyzer.execute(analyzer.silent, sigs, command, analyzer.options).satisfiable()
+        )
+        for command in world.getAllCommands()
+    }
+
+
+def _decide(directory: Path, modules: dict[str, str]) -> dict[str, bool]:
+    found = outcomes(directory, modules)
+    assert found[CONSISTENCY]
+    return {identifier: not found[assertion] for assertion, identifier in _BY_ASSERTION.items()}
+
+
+class _Analyzer:
+    """The classes of the Analyzer that are used here, and options like those of the product's runner."""
+
+    def __init__(self) -> None:
+        start_jvm()
+        self.parse: Any = jpype.JClass("edu.mit.csail.sdg.parser.CompUtil").parseEverything_fromFile
+        self.execute: Any = jpype.JClass("edu.mit.csail.sdg.translator.TranslateAlloyToKodkod").execute_command
+        self.silent: Any = jpype.JClass("edu.mit.csail.sdg.alloy4.A4Reporter").NOP
+        self.options: Any = jpype.JClass("edu.mit.csail.sdg.translator.A4Options")()
+        self.options.solver = jpype.JClass("kodkod.engine.satlab.SATFactory").get("sat4j")
+        self.options.symmetry = 0
+        self.options.skolemDepth = 0
+
+
+@lru_cache(maxsize=1)
+def _analyzer() -> _Analyzer:
+    return _Analyzer()
+
+
+def start_jvm() -> None:
+    """Start the JVM of this process with the Analyzer in its class path, if it does not run yet."""
+    if jpype.isJVMStarted():
+        return
+    found = engine()
+    library = next(found.java.resolve().parent.parent.glob("lib/server/libjvm.*"))
+    jpype.startJVM(
+        str(library),
+        "-Xss64m",
+        "-Xmx1g",
+        "-XX:+UseSerialGC",
+        "-Dorg.slf4j.simpleLogger.defaultLogLevel=off",
+        "-Djava.awt.headless=true",
+        "--enable-native-access=ALL-UNNAMED",
+        classpath=[str(found.jar)],
+    )

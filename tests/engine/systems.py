@@ -1,0 +1,461 @@
+"""Systems made by hand or by chance, for tests of both engines.
+
+A `Builder` begins with nothing; `healthy()` is a small keystore in which every property holds and each has something
+to speak of, so that a test states only what it changes. `random_system(seed)` is a healthy one in which everything
+may be otherwise, to a degree that is drawn too: all-random keystores violate everything and prove little.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta, timezone
+
+from keystore_audit.findings import Location
+from keystore_audit.keystore.governance import ProtectionKind
+from keystore_audit.model.system import (
+    CertificateAtom,
+    ChannelAtom,
+    DocumentAtom,
+    DomainAtom,
+    DomainRuleAtom,
+    EnclaveAtom,
+    GrantAtom,
+    Reading,
+    RealmAtom,
+    RuleAtom,
+    System,
+    TopicRuleAtom,
+)
+
+INSTANTS = 5
+"""Instants of every system; the audit is at the middle one unless said."""
+
+STRONG = ProtectionKind.ENCRYPT_WITH_ORIGIN_AUTHENTICATION
+
+
+@dataclass
+class Builder:
+    """A system in the making: each method adds an atom and returns its index."""
+
+    pins_signer: bool = True
+    reading: Reading = Reading.MUST
+    now: int = 2
+    certificates: list[CertificateAtom] = field(default_factory=list)
+    documents: list[DocumentAtom] = field(default_factory=list)
+    realms: list[RealmAtom] = field(default_factory=list)
+    enclaves: list[EnclaveAtom] = field(default_factory=list)
+    domains: list[DomainAtom] = field(default_factory=list)
+    channels: list[ChannelAtom] = field(default_factory=list)
+    domain_rules: list[DomainRuleAtom] = field(default_factory=list)
+    topic_rules: list[TopicRuleAtom] = field(default_factory=list)
+    grants: list[GrantAtom] = field(default_factory=list)
+    rules: list[RuleAtom] = field(default_factory=list)
+
+    def certificate(
+        self,
+        issuers: Collection[int] | None = None,
+        *,
+        authority: bool = False,
+        fit_to_sign: bool = True,
+        key: int | None = None,
+        not_before: int = 0,
+        not_after: int = INSTANTS - 1,
+        label: str | None = None,
+    ) -> int:
+        """`issuers`: None for itself alone; `key`: None for one of its own."""
+        index = len(self.certificates)
+        self.certificates.append(
+            CertificateAtom(
+                label=label or f"certificate {index}",
+                location=Location(path=f"{index}.cert.pem"),
+                issuers=frozenset({index} if issuers is None else issuers),
+                authority=authority,
+                fit_to_sign=fit_to_sign,
+                key=100 + index if key is None else key,
+                not_before=not_before,
+                not_after=not_after,
+            )
+        )
+        return index
+
+    def document(
+        self, signers: Collection[int], *, intact: bool = True, opaque: bool = False, label: str | None = None
+    ) -> int:
+        index = len(self.documents)
+        self.documents.append(
+            DocumentAtom(
+                label=label or f"document {index}",
+                location=Location(path=f"{index}.p7s"),
+                intact=intact,
+                signers=frozenset(signers),
+                opaque=opaque,
+            )
+        )
+        return index
+
+    def realm(
+        self,
+        identity_ca: Collection[int],
+        permissions_ca: Collection[int],
+        governance: int | None,
+        revoked: Collection[int] = (),
+    ) -> int:
+        self.realms.append(
+            RealmAtom(
+                identity_ca=frozenset(identity_ca),
+                permissions_ca=frozenset(permissions_ca),
+                governance=governance,
+                revoked=frozenset(revoked),
+            )
+        )
+        return len(self.realms) - 1
+
+    def enclave(
+        self,
+        realm: int,
+        identity: int | None,
+        permissions: int | None,
+        *,
+        opaque: bool = False,
+        label: str | None = None,
+    ) -> int:
+        index = len(self.enclaves)
+        label = label or f"/enclave_{index}"
+        self.enclaves.append(
+            EnclaveAtom(
+                label=label,
+                location=Location(path=f"enclaves{label}"),
+                realm=realm,
+                identity=identity,
+                permissions=permissions,
+                opaque=opaque,
+            )
+        )
+        return index
+
+    def domain(self, low: int, high: int) -> int:
+        self.domains.append(DomainAtom(label=f"domains {low} to {high}", intervals=((low, high),)))
+        return len(self.domains) - 1
+
+    def channel(self, domain: int, topic: str, partition: str = "", *, infinite: bool = False) -> int:
+        self.channels.append(
+            ChannelAtom(
+                domain=domain, topic=topic, partition=partition, ros=topic.startswith("rt/"), infinite=infinite
+            )
+        )
+        return len(self.channels) - 1
+
+    def domain_rule(
+        self,
+        document: int,
+        domains: Collection[int],
+        *,
+        allow_unauthenticated_participants: bool = False,
+        enable_join_access_control: bool = True,
+        discovery: ProtectionKind = STRONG,
+        rtps: ProtectionKind = STRONG,
+    ) -> int:
+        index = len(self.domain_rules)
+        self.domain_rules.append(
+            DomainRuleAtom(
+                document=document,
+                domains=frozenset(domains),
+                allow_unauthenticated_participants=allow_unauthenticated_participants,
+                enable_join_access_control=enable_join_access_control,
+                discovery_protection_kind=discovery,
+                liveliness_protection_kind=STRONG,
+                rtps_protection_kind=rtps,
+                location=Location(path=f"{document}.p7s", line=10 + index),
+            )
+        )
+        return index
+
+    def topic_rule(
+        self,
+        domain_rule: int,
+        channels: Collection[int],
+        *,
+        enable_discovery_protection: bool = True,
+        enable_read_access_control: bool = True,
+        enable_write_access_control: bool = True,
+        metadata: ProtectionKind = STRONG,
+        data: ProtectionKind = ProtectionKind.ENCRYPT,
+    ) -> int:
+        index = len(self.topic_rules)
+        self.topic_rules.append(
+            TopicRuleAtom(
+                domain_rule=domain_rule,
+                channels=frozenset(channels),
+                enable_discovery_protection=enable_discovery_protection,
+                enable_liveliness_protection=True,
+                enable_read_access_control=enable_read_access_control,
+                enable_write_access_control=enable_write_access_control,
+                metadata_protection_kind=metadata,
+                data_protection_kind=data,
+                location=Location(path=f"{self.domain_rules[domain_rule].document}.p7s", line=100 + index),
+            )
+        )
+        return index
+
+    def grant(
+        self,
+        document: int,
+        names: Collection[int],
+        *,
+        not_before: int = 0,
+        not_after: int = INSTANTS - 1,
+        default_allow: bool = False,
+    ) -> int:
+        index = len(self.grants)
+        self.grants.append(
+            GrantAtom(
+                document=document,
+                names=frozenset(names),
+                not_before=not_before,
+                not_after=not_after,
+                default_allow=default_allow,
+                location=Location(path=f"{document}.p7s", line=10 + index),
+            )
+        )
+        return index
+
+    def rule(
+        self,
+        grant: int,
+        domains: Collection[int],
+        *,
+        publish: Collection[int] = (),
+        subscribe: Collection[int] = (),
+        relay: Collection[int] = (),
+        allow: bool = True,
+    ) -> int:
+        index = len(self.rules)
+        self.rules.append(
+            RuleAtom(
+                grant=grant,
+                allow=allow,
+                domains=frozenset(domains),
+                publish=frozenset(publish),
+                subscribe=frozenset(subscribe),
+                relay=frozenset(relay),
+                location=Location(path=f"{self.grants[grant].document}.p7s", line=100 + index),
+            )
+        )
+        return index
+
+    def system(self) -> System:
+        start = datetime(2020, 1, 1, tzinfo=timezone.utc)
+        return System(
+            profiles=("spec",),
+            pins_signer=self.pins_signer,
+            reading=self.reading,
+            instants=tuple(start + timedelta(days=365 * number) for number in range(INSTANTS)),
+            now=self.now,
+            certificates=tuple(self.certificates),
+            documents=tuple(self.documents),
+            realms=tuple(self.realms),
+            enclaves=tuple(self.enclaves),
+            domains=tuple(self.domains),
+            channels=tuple(self.channels),
+            domain_rules=tuple(self.domain_rules),
+            topic_rules=tuple(self.topic_rules),
+            grants=tuple(self.grants),
+            rules=tuple(self.rules),
+        )
+
+
+IDENTITY_CA, PERMISSIONS_CA, TALKER_IDENTITY, LISTENER_IDENTITY = range(4)
+GOVERNANCE, TALKER_PERMISSIONS, LISTENER_PERMISSIONS = range(3)
+TALKER, LISTENER = range(2)
+CHATTER, OTHER_TOPIC = range(2)
+
+
+def healthy_builder() -> Builder:
+    """The talker publishes rt/chatter, the listener subscribes to it; every property holds."""
+    b = Builder()
+    b.certificate(authority=True, label="public/identity_ca.cert.pem")
+    b.certificate(authority=True, label="public/permissions_ca.cert.pem")
+    b.certificate([IDENTITY_CA], label="/talker")
+    b.certificate([IDENTITY_CA], label="/listener")
+    b.document([PERMISSIONS_CA], label="enclaves/governance.p7s")
+    b.document([PERMISSIONS_CA], label="enclaves/talker/permissions.p7s")
+    b.document([PERMISSIONS_CA], label="enclaves/listener/permissions.p7s")
+    b.realm([IDENTITY_CA], [PERMISSIONS_CA], GOVERNANCE)
+    b.enclave(0, TALKER_IDENTITY, TALKER_PERMISSIONS, label="/talker")
+    b.enclave(0, LISTENER_IDENTITY, LISTENER_PERMISSIONS, label="/listener")
+    b.domain(0, 0)
+    b.channel(0, "rt/chatter")
+    b.channel(0, "any", infinite=True)
+    b.domain_rule(GOVERNANCE, [0])
+    b.topic_rule(0, [CHATTER, OTHER_TOPIC])
+    b.grant(TALKER_PERMISSIONS, [TALKER_IDENTITY])
+    b.rule(0, [0], publish=[CHATTER])
+    b.grant(LISTENER_PERMISSIONS, [LISTENER_IDENTITY])
+    b.rule(1, [0], subscribe=[CHATTER])
+    return b
+
+
+def healthy() -> System:
+    return healthy_builder().system()
+
+
+def random_system(seed: int) -> System:
+    """A small well-formed system drawn from `seed`: every kind of atom and fact of docs/model.md can occur."""
+    return _Chance(seed).system()
+
+
+class _Chance:
+    """Draws a system. `odd(p)` is how anything departs from a healthy keystore: more in some systems than in others."""
+
+    def __init__(self, seed: int) -> None:
+        self.random = random.Random(seed)
+        self.mess = self.random.choice([0.0, 0.05, 0.15, 0.4, 1.0])
+        may = self.random.random() < 0.5
+        self.b = Builder(
+            pins_signer=self.random.random() < 0.6,
+            reading=Reading.MAY if may else Reading.MUST,
+            now=2 if not self.odd() else self.random.randrange(INSTANTS),
+        )
+        self.opaque = 0.1 if may and self.random.random() < 0.4 else 0.0
+
+    def odd(self, probability: float = 0.5) -> bool:
+        return self.random.random() < self.mess * probability
+
+    def some(self, items: Sequence[int], probability: float = 0.5) -> list[int]:
+        return [item for item in items if self.random.random() < probability]
+
+    def system(self) -> System:
+        self.trust()
+        self.topics()
+        for document in sorted({realm.governance for realm in self.b.realms if realm.governance is not None}):
+            self.governance(document)
+        for document in range(len(self.b.documents)):
+            self.permissions(document)
+        return self.b.system()
+
+    def dates(self) -> tuple[int, int]:
+        if not self.odd(0.3):
+            return 0, INSTANTS - 1
+        low, high = self.random.randrange(INSTANTS), self.random.randrange(INSTANTS)
+        return (low, high) if self.odd(0.2) else (min(low, high), max(low, high))
+
+    def trust(self) -> None:
+        """Authorities, identities, documents, realms and enclaves."""
+        b = self.b
+        for _ in range(self.random.randint(1, 3)):
+            low, high = self.dates()
+            b.certificate(authority=not self.odd(0.2), fit_to_sign=not self.odd(), not_before=low, not_after=high)
+        authorities = list(range(len(b.certificates)))
+        governances = [self.document(authorities[-1:]) for _ in range(1 + self.odd(0.4))]
+        for _ in range(1 + self.odd() + self.odd()):
+            self.realm(authorities, governances)
+        for _ in range(self.random.randint(1, 4)):
+            self.member(authorities)
+        everybody = range(len(b.certificates))
+        if self.odd(0.4):
+            realm = b.realms[0]
+            b.realms[0] = RealmAtom(
+                identity_ca=realm.identity_ca,
+                permissions_ca=realm.permissions_ca,
+                governance=realm.governance,
+                revoked=frozenset(self.some(everybody, 0.3)),
+            )
+
+    def document(self, usual: Sequence[int]) -> int:
+        signers: Collection[int] = usual
+        if self.odd(0.4):
+            signers = self.some(range(len(self.b.certificates)))
+        opaque = self.random.random() < self.opaque
+        return self.b.document(signers, intact=not self.odd(0.2), opaque=opaque)
+
+    def realm(self, authorities: Sequence[int], governances: Sequence[int]) -> None:
+        identity_ca: Collection[int] = authorities[:1]
+        permissions_ca: Collection[int] = authorities[-1:]
+        if self.odd(0.4):
+            identity_ca, permissions_ca = self.some(authorities), self.some(authorities)
+        governance = None if self.odd(0.1) else self.random.choice(governances)
+        self.b.realm(identity_ca, permissions_ca, governance)
+
+    def member(self, authorities: Sequence[int]) -> None:
+        b = self.b
+        low, high = self.dates()
+        realm = self.random.randrange(len(b.realms))
+        issuers: Collection[int] = authorities[:1]
+        if self.odd(0.3):
+            issuers = self.some(range(len(b.certificates)))
+        identity = b.certificate(
+            issuers,
+            authority=self.odd(0.1),
+            fit_to_sign=self.random.random() < 0.6,
+            key=100 + self.random.randrange(len(b.certificates)) if self.odd(0.3) else None,
+            not_before=low,
+            not_after=high,
+        )
+        permissions = self.document(authorities[-1:])
+        if self.odd(0.1):
+            permissions = self.random.randrange(len(b.documents))
+        b.enclave(
+            realm,
+            None if self.odd(0.1) else identity,
+            None if self.odd(0.1) else permissions,
+            opaque=self.random.random() < self.opaque,
+        )
+
+    def topics(self) -> None:
+        b = self.b
+        for number in range(self.random.randint(1, 2)):
+            b.domain(number, number)
+        for number in range(self.random.randint(1, 4)):
+            b.channel(self.random.randrange(len(b.domains)), f"rt/topic_{number}")
+
+    def kind(self, usual: ProtectionKind) -> ProtectionKind:
+        return self.random.choice(list(ProtectionKind)) if self.odd(0.7) else usual
+
+    def governance(self, document: int) -> None:
+        b = self.b
+        domains, channels = range(len(b.domains)), range(len(b.channels))
+        origin = STRONG if self.random.random() < 0.5 else ProtectionKind.ENCRYPT
+        for _ in range(self.random.randint(1, 2)):
+            domain_rule = b.domain_rule(
+                document,
+                domains if not self.odd() else self.some(domains, 0.6),
+                allow_unauthenticated_participants=self.odd(0.3),
+                enable_join_access_control=not self.odd(0.4),
+                discovery=self.kind(ProtectionKind.ENCRYPT),
+                rtps=self.kind(origin),
+            )
+            for _ in range(self.random.randint(1, 3)):
+                b.topic_rule(
+                    domain_rule,
+                    channels if not self.odd() else self.some(channels, 0.6),
+                    enable_discovery_protection=not self.odd(0.3),
+                    enable_read_access_control=not self.odd(0.3),
+                    enable_write_access_control=not self.odd(0.3),
+                    metadata=self.kind(origin),
+                    data=self.random.choice([ProtectionKind.NONE, ProtectionKind.SIGN, ProtectionKind.ENCRYPT])
+                    if self.odd()
+                    else ProtectionKind.ENCRYPT,
+                )
+
+    def permissions(self, document: int) -> None:
+        """Grants of a document, and now and then of a governance document, where they must not matter."""
+        b = self.b
+        holders = [e.identity for e in b.enclaves if e.permissions == document and e.identity is not None]
+        if not holders and not self.odd(0.3):
+            return
+        domains, channels = range(len(b.domains)), range(len(b.channels))
+        for _ in range(1 + self.odd() + self.odd()):
+            low, high = self.dates()
+            names = holders if not self.odd(0.4) else self.some(range(len(b.certificates)))
+            grant = b.grant(document, names, not_before=low, not_after=high, default_allow=self.odd(0.2))
+            for _ in range(self.random.randint(0, 3)):
+                b.rule(
+                    grant,
+                    self.some(domains, 0.8),
+                    allow=self.random.random() < 0.7,
+                    publish=self.some(channels, 0.3),
+                    subscribe=self.some(channels, 0.3),
+                    relay=self.some(channels, 0.1),
+                )
