@@ -86,7 +86,7 @@ def test_openssl_takes_the_leaf_signed_document_that_the_run_times_refuse(oracle
     enclave = _bad("KA703") / "enclaves" / "talker"
     asked_by_hand = verify(openssl, enclave / "permissions.p7s", "-CAfile", enclave / "permissions_ca.cert.pem")
     assert asked_by_hand is not None
-    assert b"<topic>*</topic>" in asked_by_hand
+    assert b"<topic>rt/cmd_vel</topic>" in asked_by_hand
     assert pinned(openssl, enclave, "permissions") is None
 
 

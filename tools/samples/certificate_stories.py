@@ -26,8 +26,7 @@ def _files() -> Iterator[Story]:
         "certificate-unreadable",
         bad=Case(
             "The talker's cert.pem lost its end: the block is there, the DER inside is cut short. What a "
-            "robot makes of it "
-            "cannot be said from here.",
+            "robot makes of it cannot be said from here.",
             with_talker(changes={"cert.pem": _armoured("CERTIFICATE", TALKER_CERTIFICATE.der()[:-20])}),
         ),
         good=Case("The whole certificate.", ONE),
@@ -37,8 +36,7 @@ def _files() -> Iterator[Story]:
         "certificate-file-holds-more",
         bad=Case(
             "cert.pem holds a chain, the identity and then the authority that issued it. The run times "
-            "read the first "
-            "certificate and no further, so that the second only looks as if it counted.",
+            "read the first certificate and no further, so that the second only looks as if it counted.",
             with_talker(changes={"cert.pem": TALKER_CERTIFICATE.pem() + IDENTITY_CA.pem()}),
         ),
         good=Case("cert.pem holds one certificate.", ONE),
@@ -60,8 +58,7 @@ def _dates() -> Iterator[Story]:
         "certificate-not-yet-valid",
         bad=Case(
             "The talker's identity begins in 2027, as after a signing machine whose clock ran ahead: "
-            "until then every "
-            "peer refuses it.",
+            "until then every peer refuses it.",
             with_talker(certificate=replace(TALKER_CERTIFICATE, not_before=_day(2027, 1, 1))),
         ),
         good=Case("The identity has been good since 2020.", ONE),
@@ -81,8 +78,7 @@ def _dates() -> Iterator[Story]:
         "certificate-outlives-its-ca",
         bad=Case(
             "The identity CA ends a year before the identity that it issued: the last year of the "
-            "identity is worth "
-            "nothing, and whoever plans by its date is a year late.",
+            "identity is worth nothing, and whoever plans by its date is a year late.",
             replace(with_talker(certificate=replace(TALKER_CERTIFICATE, issuer=short)), identity_ca=short),
         ),
         good=Case("Authority and identity end together.", ONE),
@@ -95,9 +91,8 @@ def _issuers() -> Iterator[Story]:
         "not-issued-by-identity-ca",
         bad=Case(
             "The talker's identity names the identity CA as its issuer, but another key signed it: one "
-            "from a second "
-            "keystore, say, whose authority has the same name as every sros2 authority has. No peer "
-            "accepts it.",
+            "from a second keystore, say, whose authority has the same name as every sros2 authority has. "
+            "No peer accepts it.",
             with_talker(certificate=replace(TALKER_CERTIFICATE, signed_by=Key(label="another keystore's CA"))),
         ),
         good=Case("The same names and numbers, signed with the identity CA's key.", ONE),
@@ -120,8 +115,7 @@ def _keys() -> Iterator[Story]:
         "key-does-not-match-certificate",
         bad=Case(
             "key.pem belongs to another certificate: Fast DDS refuses to start; Cyclone DDS starts and "
-            "never finishes a "
-            "handshake.",
+            "never finishes a handshake.",
             with_talker(key=Key(label="rules, somebody else's")),
         ),
         good=Case("key.pem is the key that cert.pem certifies.", ONE),
@@ -131,8 +125,7 @@ def _keys() -> Iterator[Story]:
         "private-key-unreadable",
         bad=Case(
             "key.pem is a PEM block whose content is no key. A build of OpenSSL with other providers "
-            "might read it; this "
-            "audit cannot.",
+            "might read it; this audit cannot.",
             with_talker(changes={"key.pem": _armoured("PRIVATE KEY", b"\x30\x0bnot-a-key-at")}),
         ),
         good=Case("key.pem is PKCS#8.", ONE),

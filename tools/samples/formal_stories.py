@@ -44,8 +44,7 @@ def _participants() -> Iterator[Story]:
         "only-authenticated-participants-join",
         bad=Case(
             "Domain 0 is strict; domain 5, opened for a demonstration, lets in participants that never "
-            "proved who they "
-            "are.",
+            "proved who they are.",
             governed(TWO, QUIET, lax),
         ),
         good=Case("Both domains ask for an identity.", governed(TWO, QUIET, replace(lax, allow_unauthenticated=False))),
@@ -55,8 +54,7 @@ def _participants() -> Iterator[Story]:
         "identities-chain-to-the-identity-ca",
         bad=Case(
             "The listener's identity was issued by the permissions CA, the two authorities' keys having "
-            "been mixed up. Nobody "
-            "who trusts the identity CA accepts it.",
+            "been mixed up. Nobody who trusts the identity CA accepts it.",
             with_listener(certificate=replace(LISTENER_CERTIFICATE, issuer=PERMISSIONS_CA)),
         ),
         good=Case("The identity CA issued both identities.", TWO),
@@ -66,8 +64,7 @@ def _participants() -> Iterator[Story]:
         "no-identity-serves-two-enclaves",
         bad=Case(
             "The listener has a certificate of its own over the talker's key, as when a request is signed "
-            "twice under two "
-            "names: whoever takes one robot's key is both.",
+            "twice under two names: whoever takes one robot's key is both.",
             with_listener(certificate=replace(LISTENER_CERTIFICATE, key=TALKER_CERTIFICATE.key)),
         ),
         good=Case("Each enclave has a key of its own.", TWO),
@@ -76,23 +73,23 @@ def _participants() -> Iterator[Story]:
 
 def _documents() -> Iterator[Story]:
     shared = replace(TWO, permissions_ca=IDENTITY_CA)
-    every_topic = Permissions(grants=(replace(TALKER_GRANT, rules=(Rule(publish=("*",), subscribe=("*",)),)),))
+    more = Rule(publish=("rt/chatter", "rt/cmd_vel"))
+    permissions = Permissions(grants=(replace(TALKER_GRANT, rules=(more, DISCOVERY)),))
     yield from pair(
         "KA703",
         "documents-signed-by-the-permissions-ca",
         bad=Case(
-            "CVE-2023-24010: one authority serves both roles, and the talker signed itself every right "
-            "with its own key. "
-            "`openssl smime -verify -CAfile` calls that valid, and so do Cyclone DDS up to 0.10 and Fast "
-            "DDS up to 2.6.4.",
+            "CVE-2023-24010: one authority serves both roles, and the talker signed itself /cmd_vel with "
+            "its own key. `openssl smime -verify -CAfile` calls that valid, and so do Cyclone DDS up to "
+            "0.10 and Fast DDS up to 2.6.4.",
             replace(
                 shared,
-                enclaves=(talker(permissions=every_topic, seal=signed_by(TALKER_CERTIFICATE).smime), LISTENER),
+                enclaves=(talker(permissions=permissions, seal=signed_by(TALKER_CERTIFICATE).smime), LISTENER),
             ),
         ),
         good=Case(
-            "The same rights, signed by the authority: too much, but meant. One authority still serves both roles.",
-            replace(shared, enclaves=(talker(permissions=every_topic), LISTENER)),
+            "The same rights, signed by the authority. One authority still serves both roles.",
+            replace(shared, enclaves=(talker(permissions=permissions), LISTENER)),
         ),
     )
     bundle = PERMISSIONS_CA.pem() + IDENTITY_CA.pem()
@@ -101,9 +98,8 @@ def _documents() -> Iterator[Story]:
         "no-enclave-grants-itself-rights",
         bad=Case(
             "The authorities are separate, but permissions_ca.cert.pem holds both certificates, put "
-            "together by somebody who "
-            "knew bundles from web servers. Where the signer is not pinned, every identity can then sign "
-            "rights.",
+            "together by somebody who knew bundles from web servers. Where the signer is not pinned, "
+            "every identity can then sign rights.",
             replace(TWO, changes={"public/permissions_ca.cert.pem": bundle}),
         ),
         good=Case("permissions_ca.cert.pem holds the permissions CA alone.", TWO),
@@ -117,8 +113,7 @@ def _outsiders() -> Iterator[Story]:
         "outsiders-cannot-read",
         bad=Case(
             "For speed, /chatter alone was taken out of encryption: it is signed, and whoever listens on "
-            "the network reads "
-            "it.",
+            "the network reads it.",
             governed(TWO, domain(readable)),
         ),
         good=Case(
@@ -142,8 +137,7 @@ def _outsiders() -> Iterator[Story]:
         "outsiders-cannot-inject",
         bad=Case(
             "Messages are not authenticated as a whole, and /chatter has no protection of its own: "
-            "whoever reaches the "
-            "network writes it.",
+            "whoever reaches the network writes it.",
             governed(TWO, domain(bare, rtps="NONE")),
         ),
         good=Case("/chatter is signed.", governed(TWO, domain(replace(bare, metadata="SIGN"), rtps="NONE"))),
@@ -156,8 +150,7 @@ def _grants() -> Iterator[Story]:
         "grants-are-enforced",
         bad=Case(
             "Reading and writing take a grant, joining does not: an identity whose every right was "
-            "withdrawn still gets the "
-            "keys that participants share.",
+            "withdrawn still gets the keys that participants share.",
             governed(TWO, replace(QUIET, join_access_control=False)),
         ),
         good=Case("Joining takes a grant too.", TWO),
@@ -183,8 +176,7 @@ def _insiders() -> Iterator[Story]:
         "nobody-reads-without-a-grant",
         bad=Case(
             "/chatter is encrypted as part of whole messages only, with the key that all participants "
-            "hold: the listener, "
-            "which has no grant for it, reads it all the same.",
+            "hold: the listener, which has no grant for it, reads it all the same.",
             governed(bystander, replace(QUIET, topics=(shared_key, TopicRule()))),
         ),
         good=Case(
@@ -197,8 +189,7 @@ def _insiders() -> Iterator[Story]:
         "readers-cannot-forge",
         bad=Case(
             "sros2's own governance: who can check a message can make one, since the key is the same. The "
-            "listener can "
-            "write /chatter in the talker's name to any other reader.",
+            "listener can write /chatter in the talker's name to any other reader.",
             governed(TWO, DomainRule()),
         ),
         good=Case(

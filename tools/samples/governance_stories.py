@@ -29,8 +29,7 @@ def _documents() -> Iterator[Story]:
         "governance-schema-invalid",
         bad=Case(
             "Every topic rule of the governance lost its element for liveliness. DDS-Security 1.1 "
-            "requires it; an "
-            "implementation may refuse the document or put a default of its own.",
+            "requires it; an implementation may refuse the document or put a default of its own.",
             replace(
                 ONE,
                 governance=edited(
@@ -47,8 +46,7 @@ def _documents() -> Iterator[Story]:
         "governance-ambiguous",
         bad=Case(
             "A comment stands inside the topic expression. Fast DDS reads the text before it (rt/), "
-            "Cyclone DDS joins the "
-            "pieces (rt/*), so that one signed file protects different topics.",
+            "Cyclone DDS joins the pieces (rt/*), so that one signed file protects different topics.",
             replace(
                 ONE,
                 governance=edited(text, ">*</topic_expression>", ">rt/<!-- all -->*</topic_expression>"),
@@ -61,8 +59,7 @@ def _documents() -> Iterator[Story]:
         "governances-differ",
         bad=Case(
             "The listener carries an older governance, in which messages are signed, not encrypted. "
-            "Enclaves whose "
-            "protection differs never match, without a word in any log.",
+            "Enclaves whose protection differs never match, without a word in any log.",
             with_listener(changes={"governance.p7s": signed_by(ONE.permissions_ca).smime(Governance().xml().encode())}),
         ),
         good=Case("Both carry the same governance.", TWO),
@@ -72,8 +69,7 @@ def _documents() -> Iterator[Story]:
         "dds-security-1-0-document",
         bad=Case(
             "The governance has the form of DDS-Security 1.0, as Ardent wrote it: it cannot say whether "
-            "liveliness is "
-            "protected, and each implementation answers that for itself.",
+            "liveliness is protected, and each implementation answers that for itself.",
             replace(ONE, governance=Governance(rules=(QUIET,), version="20160303")),
         ),
         good=Case("The form of DDS-Security 1.1.", ONE),
@@ -87,8 +83,8 @@ def _access() -> Iterator[Story]:
         "unauthenticated-participants-allowed",
         bad=Case(
             "Participants that never proved who they are may join the domain. Topics are still encrypted, "
-            "so that they get "
-            "no data; they see who is there, and any topic added without protection is theirs.",
+            "so that they get no data; they see who is there, and any topic added without protection is "
+            "theirs.",
             governed(ONE, replace(bare, allow_unauthenticated=True)),
         ),
         good=Case("Everybody who joins proved an identity.", governed(ONE, bare)),
@@ -98,8 +94,7 @@ def _access() -> Iterator[Story]:
         "join-access-control-off",
         bad=Case(
             "Any identity of the CA may join the domain, whatever its permissions say: it holds the keys "
-            "that all "
-            "participants share.",
+            "that all participants share.",
             governed(ONE, replace(QUIET, join_access_control=False)),
         ),
         good=Case("To join takes a grant.", ONE),
@@ -127,8 +122,7 @@ def _access() -> Iterator[Story]:
         "unauthenticated-with-rtps-protection",
         bad=Case(
             "Unauthenticated participants are allowed, and every message must be protected by a key that "
-            "they cannot have. "
-            "Fast DDS refuses to start with that since 2.6.5.",
+            "they cannot have. Fast DDS refuses to start with that since 2.6.5.",
             governed(ONE, replace(QUIET, allow_unauthenticated=True)),
         ),
         good=Case("Messages are protected, and everybody who joins has the key.", ONE),
@@ -141,8 +135,7 @@ def _domain_kinds() -> Iterator[Story]:
         "rtps-protection-none",
         bad=Case(
             "Whole messages are not authenticated: outsiders can forge what is not a topic's payload, "
-            "such as the headers "
-            "that say from whom a message comes.",
+            "such as the headers that say from whom a message comes.",
             governed(ONE, replace(QUIET, rtps="NONE")),
         ),
         good=Case("Whole messages are encrypted.", ONE),
@@ -152,8 +145,7 @@ def _domain_kinds() -> Iterator[Story]:
         "rtps-protection-sign-only",
         bad=Case(
             "Whole messages are authenticated, not encrypted, as in sros2's own governance: outsiders see "
-            "who sends how "
-            "much to whom.",
+            "who sends how much to whom.",
             governed(ONE, STOCK),
         ),
         good=Case("Whole messages are encrypted.", governed(ONE, replace(STOCK, rtps="ENCRYPT"))),
@@ -206,8 +198,7 @@ def _topic_kinds() -> Iterator[Story]:
         "payload-open-to-insiders",
         bad=Case(
             "Only whole messages are encrypted, with a key that all participants share: whoever joined "
-            "reads every "
-            "topic, grant or not.",
+            "reads every topic, grant or not.",
             governed(ONE, quiet),
         ),
         good=Case(
@@ -220,8 +211,7 @@ def _topic_kinds() -> Iterator[Story]:
         "samples-unauthenticated",
         bad=Case(
             "Message, submessage and payload are all unprotected: anybody on the network writes any "
-            "topic, as if there "
-            "were no security.",
+            "topic, as if there were no security.",
             governed(ONE, replace(with_topic(metadata="NONE", data="NONE"), rtps="NONE")),
         ),
         good=Case(
@@ -234,8 +224,7 @@ def _topic_kinds() -> Iterator[Story]:
         "data-protection-none",
         bad=Case(
             "Submessages are encrypted and payloads are not: a relay or a durable store, which undoes the "
-            "first, holds the "
-            "data in clear.",
+            "first, holds the data in clear.",
             governed(ONE, with_topic(data="NONE")),
         ),
         good=Case("Payloads are encrypted too.", governed(ONE, STOCK)),
@@ -248,8 +237,7 @@ def _reach() -> Iterator[Story]:
         "topics-without-rule",
         bad=Case(
             "The governance has a rule for rt/* only. For services, actions and ros_discovery_info there "
-            "is none: no "
-            "implementation creates them, so that no node starts.",
+            "is none: no implementation creates them, so that no node starts.",
             governed(ONE, replace(QUIET, topics=(TopicRule(expression="rt/*"),))),
         ),
         good=Case("The last rule is for every topic.", ONE),
@@ -259,8 +247,7 @@ def _reach() -> Iterator[Story]:
         "domain-range-open",
         bad=Case(
             "The domain range has a minimum and no maximum: for the specification that is every domain, "
-            "for Fast DDS and "
-            "Cyclone DDS domain 0 alone.",
+            "for Fast DDS and Cyclone DDS domain 0 alone.",
             governed(ONE, replace(QUIET, domains=((0, None),))),
         ),
         good=Case("The range has both ends.", governed(ONE, replace(QUIET, domains=((0, 0),)))),

@@ -76,42 +76,36 @@ def stories() -> Iterator[Story]:
     yield Story(
         directory="healthy/talker_listener",
         text="The talker publishes /chatter and the listener subscribes to it, each with the parameter "
-        "services, log and "
-        "clock that every node needs. Identities and documents are signed by different authorities, so "
-        "that no enclave "
-        "can vouch for its own rights; the authorities' private keys are kept elsewhere.",
+        "services, log and clock that every node needs. Identities and documents are signed by different "
+        "authorities, so that no enclave can vouch for its own rights; the authorities' private keys are "
+        "kept elsewhere.",
         tree=healthy("talker_listener", TALKER_LISTENER).tree(),
     )
     yield Story(
         directory="healthy/turtlesim",
         text="The turtle obeys /move_turtle, which the multiplexer makes of /high_priority, written by "
-        "the keyboard, and "
-        "/low_priority, written by the random walker. Neither source can move the turtle but through the "
-        "multiplexer. "
-        "The authorities' keys are still in private/, as sros2 leaves them: a note here, critical on a "
-        "robot.",
+        "the keyboard, and /low_priority, written by the random walker. Neither source can move the "
+        "turtle but through the multiplexer. The authorities' keys are still in private/, as sros2 leaves "
+        "them: a note here, critical on a robot.",
         tree=healthy("turtlesim", TURTLESIM, private_keys=True).tree(),
     )
     yield Story(
         directory="healthy/vehicle",
         text="Brake and motor control each other; the gateway reads their state and passes it on to "
-        "infotainment and "
-        "telematics. The gateway reads nothing from the infotainment system, so that nothing of it "
-        "reaches the motor, "
-        "neither straight nor through the gateway.",
+        "infotainment and telematics. The gateway reads nothing from the infotainment system, so that "
+        "nothing of it reaches the motor, neither straight nor through the gateway.",
         tree=healthy("vehicle", VEHICLE).tree(),
     )
     yield Story(
         directory="healthy/service_action",
         text="A service and an action, each with a server and a client. On DDS a service is two topics "
-        "and an action "
-        "eight; each side may write its own half and read the other's.",
+        "and an action eight; each side may write its own half and read the other's.",
         tree=healthy("service_action", SERVICE_ACTION).tree(),
     )
     yield Story(
         directory="healthy/dashing_flat",
         text="The flat layout of Crystal to Eloquent: a folder for each node below the root, copies "
-        "instead of links, and "
-        "openssl's readable dump before the certificates. Nothing is wrong with it but its age.",
+        "instead of links, and openssl's readable dump before the certificates. Nothing is wrong with it "
+        "but its age.",
         tree=flat(healthy("dashing_flat", DASHING)),
     )

@@ -70,8 +70,7 @@ def _revocation() -> Iterator[Story]:
         "identity-revoked",
         bad=Case(
             "The identity CA revoked the talker's certificate, and the keystore still ships it: whoever "
-            "holds the list "
-            "refuses the talker.",
+            "holds the list refuses the talker.",
             _with_crl(revocation_list(TALKER_CERTIFICATE)),
         ),
         good=Case("The list revokes an identity that is not in this keystore.", _with_crl(revocation_list(STOLEN))),
@@ -81,8 +80,7 @@ def _revocation() -> Iterator[Story]:
         "crl-invalid",
         bad=Case(
             "The permissions CA signed the list, not the identity CA: it revokes nothing, and OpenSSL, "
-            "looking for a list "
-            "of the issuer and finding none, refuses every identity.",
+            "looking for a list of the issuer and finding none, refuses every identity.",
             _with_crl(revocation_list(STOLEN, issuer=PERMISSIONS_CA)),
         ),
         good=Case("The identity CA signed the list.", _with_crl(revocation_list(STOLEN))),
@@ -102,8 +100,7 @@ def _revocation() -> Iterator[Story]:
         "crl-not-everywhere",
         bad=Case(
             "The talker refuses revoked identities, the listener has no list and accepts them: revocation "
-            "holds only "
-            "where the list is.",
+            "holds only where the list is.",
             replace(TWO, enclaves=(talker(changes=crl), LISTENER)),
         ),
         good=Case(
@@ -133,8 +130,7 @@ def _algorithms() -> Iterator[Story]:
         "key-outside-dds-security",
         bad=Case(
             "The talker's key is on secp384r1: strong, but DDS-Security 1.1 (9.3.1) knows RSA 2048 and "
-            "prime256v1 only, and "
-            "Cyclone DDS refuses anything else.",
+            "prime256v1 only, and Cyclone DDS refuses anything else.",
             _with_curve("P-384"),
         ),
         good=Case("The key is on prime256v1.", ONE),
@@ -153,8 +149,7 @@ def _algorithms() -> Iterator[Story]:
         "unknown-critical-extension",
         bad=Case(
             "The talker's certificate holds a critical extension that no verifier knows: each must then "
-            "refuse it (RFC "
-            "5280, 4.2).",
+            "refuse it (RFC 5280, 4.2).",
             with_talker(certificate=replace(TALKER_CERTIFICATE, unknown_critical_extension="1.3.6.1.4.1.99999.1")),
         ),
         good=Case("No such extension.", ONE),
@@ -164,8 +159,7 @@ def _algorithms() -> Iterator[Story]:
         "irregular-serial-number",
         bad=Case(
             "The talker's serial number has 25 octets, RFC 5280 (4.1.2.2) allows 20: some tools cut it "
-            "off, and then a "
-            "revocation misses.",
+            "off, and then a revocation misses.",
             with_talker(certificate=replace(TALKER_CERTIFICATE, serial=(1 << 199) - 1)),
         ),
         good=Case("The serial number has 20 octets.", ONE),
@@ -179,8 +173,7 @@ def _names() -> Iterator[Story]:
         "subject-differs-from-enclave",
         bad=Case(
             "The enclave /talker has an identity called /announcer, and a grant for that name. It works, "
-            "and whoever reads "
-            "the rights of /announcer looks for a folder that is not there.",
+            "and whoever reads the rights of /announcer looks for a folder that is not there.",
             with_talker(
                 certificate=renamed, permissions=Permissions(grants=(replace(TALKER_GRANT, path="/announcer"),))
             ),
@@ -193,8 +186,7 @@ def _names() -> Iterator[Story]:
         "subject-shared-by-certificates",
         bad=Case(
             "Talker and listener have different keys and one name, /talker. Grants are for names: each "
-            "may present the "
-            "other's permissions, and the listener publishes.",
+            "may present the other's permissions, and the listener publishes.",
             with_listener(
                 certificate=namesake, permissions=Permissions(grants=(replace(LISTENER_GRANT, path="/talker"),))
             ),
@@ -209,8 +201,7 @@ def _together() -> Iterator[Story]:
         "identity-shared-by-enclaves",
         bad=Case(
             "The listener was given a copy of the talker's certificate and key: nobody can tell the two "
-            "apart, and taking "
-            "one takes both.",
+            "apart, and taking one takes both.",
             with_listener(
                 certificate=TALKER_CERTIFICATE,
                 permissions=Permissions(grants=(replace(LISTENER_GRANT, path="/talker"),)),
@@ -223,8 +214,8 @@ def _together() -> Iterator[Story]:
         "one-ca-for-both-roles",
         bad=Case(
             "One authority issues identities and signs permissions. Where the run time does not pin the "
-            "signer, each "
-            "identity that it issued can sign itself any right (CVE-2023-24010, 24011, 24012).",
+            "signer, each identity that it issued can sign itself any right (CVE-2023-24010, 24011, "
+            "24012).",
             replace(ONE, permissions_ca=IDENTITY_CA),
         ),
         good=Case("Two authorities with different keys.", ONE),
@@ -240,8 +231,8 @@ def _together() -> Iterator[Story]:
         "enclaves-trust-different-cas",
         bad=Case(
             "The listener trusts another permissions CA, which signed its documents. Each refuses the "
-            "other's rights, "
-            "so that the two never talk: the trace of an authority that was renewed for half of the fleet.",
+            "other's rights, so that the two never talk: the trace of an authority that was renewed for "
+            "half of the fleet.",
             with_listener(seal=seal, changes=documents),
         ),
         good=Case("Both trust the same authorities.", TWO),

@@ -21,8 +21,7 @@ def stories() -> Iterator[Story]:
         "required-file-missing",
         bad=Case(
             "The talker's permissions.p7s was never copied to the robot. Under Enforce its nodes do not "
-            "start; under "
-            "Permissive they start without security.",
+            "start; under Permissive they start without security.",
             with_talker(changes={"permissions.p7s": None}),
         ),
         good=Case("All six files of the talker are there.", ONE),
@@ -32,8 +31,7 @@ def stories() -> Iterator[Story]:
         "ca-private-key-in-tree",
         bad=Case(
             "The tree that goes on the robot still has the authorities' private keys in private/: whoever "
-            "reads the "
-            "robot's disk can issue identities and rights for the whole fleet.",
+            "reads the robot's disk can issue identities and rights for the whole fleet.",
             replace(ONE, private_keys=True),
         ),
         good=Case("The same keystore as it should be shipped, without private/.", ONE),
@@ -44,8 +42,7 @@ def stories() -> Iterator[Story]:
         "unsigned-document-differs",
         bad=Case(
             "Somebody edited permissions.xml to take away a right and did not sign it again: a reviewer "
-            "reads /chat, the "
-            "robot allows /chatter.",
+            "reads /chat, the robot allows /chatter.",
             replace(with_talker(changes={"permissions.xml": _edited_permissions()}), unsigned=True),
         ),
         good=Case("permissions.xml says what permissions.p7s says.", replace(ONE, unsigned=True)),
@@ -55,8 +52,8 @@ def stories() -> Iterator[Story]:
         "pkcs11-reference",
         bad=Case(
             "A key.p11 beside key.pem points into a hardware module. Fast DDS takes the module's key, "
-            "Cyclone DDS the "
-            "file's, and nobody who has only the files can say whether the two are the same.",
+            "Cyclone DDS the file's, and nobody who has only the files can say whether the two are the "
+            "same.",
             with_talker(changes={"key.p11": b"pkcs11:token=robot;object=talker\n"}),
         ),
         good=Case("The key is the file key.pem and nothing else.", ONE),
@@ -66,9 +63,8 @@ def stories() -> Iterator[Story]:
         "incomplete-keystore",
         bad=Case(
             "An enclave with all its files, copied without links, but public/ and the shared governance "
-            "are gone: "
-            "`ros2 security` takes this for no keystore, and the next `create_keystore` makes new "
-            "authorities.",
+            "are gone: `ros2 security` takes this for no keystore, and the next `create_keystore` makes "
+            "new authorities.",
             _without_shared(ONE),
         ),
         good=Case("The same copies with public/ and the shared governance.", copied(ONE.tree())),
@@ -78,8 +74,7 @@ def stories() -> Iterator[Story]:
         "enclave-name-not-ros",
         bad=Case(
             "The folder is called front-camera: no ROS 2 enclave name may hold a hyphen, so that no node "
-            "can ever be "
-            "given this enclave by its name.",
+            "can ever be given this enclave by its name.",
             _one_enclave("/front-camera"),
         ),
         good=Case("The same enclave called front_camera.", _one_enclave("/front_camera")),
@@ -89,8 +84,7 @@ def stories() -> Iterator[Story]:
         "deprecated-layout",
         bad=Case(
             "The flat layout of Crystal, Dashing and Eloquent: no supported distribution looks for "
-            "enclaves there, so "
-            "that nodes under Permissive start without security.",
+            "enclaves there, so that nodes under Permissive start without security.",
             flat(ONE),
         ),
         good=Case("The same enclave in the layout of Foxy and later.", ONE),

@@ -33,10 +33,6 @@ def _linked(name: str, target: str) -> Recipe:
     return lambda root: write(with_talker(changes={name: Link(target=target)}).tree(), root)
 
 
-def _dangling(root: Path) -> None:
-    write(replace(ONE, changes={"public/identity_ca.cert.pem": None}).tree(), root)
-
-
 def _outside(root: Path) -> None:
     beside = root.with_name(root.name + "-outside")
     beside.mkdir(parents=True)
@@ -107,7 +103,7 @@ def _names(*paths: str) -> Recipe:
 
 
 RECIPES: Mapping[str, tuple[Recipe, Recipe]] = {
-    "KA102": (_dangling, _good),
+    "KA102": (_linked("identity_ca.cert.pem", "../../public/identity.cert.pem"), _good),
     "KA103": (_outside, _good),
     "KA104": (_directory_link, _good),
     "KA105": (_pipe, _good),

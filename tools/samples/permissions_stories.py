@@ -55,8 +55,7 @@ def _documents() -> Iterator[Story]:
         "permissions-schema-invalid",
         bad=Case(
             "The grant's default is MAYBE, which the schema does not know: Cyclone DDS takes it for DENY, "
-            "Fast DDS refuses "
-            "the document.",
+            "Fast DDS refuses the document.",
             _text("<default>DENY</default>", "<default>MAYBE</default>"),
         ),
         good=Case("The default is DENY.", ONE),
@@ -66,8 +65,7 @@ def _documents() -> Iterator[Story]:
         "permissions-ambiguous",
         bad=Case(
             "A comment stands inside a topic's name: Fast DDS allows rt/, Cyclone DDS rt/chatter. One "
-            "signed file has two "
-            "meanings.",
+            "signed file has two meanings.",
             _text("rt/chatter", "rt/<!-- was: talk -->chatter"),
         ),
         good=Case("The name is one piece of text.", ONE),
@@ -77,8 +75,7 @@ def _documents() -> Iterator[Story]:
         "empty-topic-expression",
         bad=Case(
             "A topic is empty. The schema lets it pass; Cyclone DDS crashes on it, and since peers send "
-            "their permissions "
-            "to each other, one signed file takes others down.",
+            "their permissions to each other, one signed file takes others down.",
             _text("<topic>rt/chatter</topic>", "<topic></topic>"),
         ),
         good=Case("Every topic has a name.", ONE),
@@ -117,8 +114,7 @@ def _grants() -> Iterator[Story]:
         "second-grant-for-subject",
         bad=Case(
             "A second grant gives the talker /cmd_vel. Today every implementation stops at the first; "
-            "when that one expires, "
-            "Fast DDS goes on to the second.",
+            "when that one expires, Fast DDS goes on to the second.",
             with_talker(permissions=Permissions(grants=(TALKER_GRANT, wide))),
         ),
         good=Case("One grant.", ONE),
@@ -128,8 +124,7 @@ def _grants() -> Iterator[Story]:
         "grants-for-other-subjects",
         bad=Case(
             "The talker's document also holds a grant for the listener, to publish /cmd_vel. Peers take "
-            "any document that "
-            "the CA signed: the listener presents this one instead of its own.",
+            "any document that the CA signed: the listener presents this one instead of its own.",
             replace(
                 TWO,
                 enclaves=(
@@ -182,8 +177,7 @@ def _dates() -> Iterator[Story]:
         "grant-outlives-certificate",
         bad=Case(
             "The grant is good for a year longer than the identity: harmless until somebody issues the "
-            "name again, for "
-            "whom the old right then still stands.",
+            "name again, for whom the old right then still stands.",
             with_talker(certificate=shorter),
         ),
         good=Case("Grant and identity end together.", ONE),
@@ -206,8 +200,7 @@ def _domains() -> Iterator[Story]:
         "grant-outside-governance-domains",
         bad=Case(
             "The grant is for domain 7, the governance for domain 0: there is no domain in which the "
-            "talker may do "
-            "anything.",
+            "talker may do anything.",
             with_grant(rules=elsewhere),
         ),
         good=Case("Both are for domain 0.", ONE),
@@ -217,8 +210,7 @@ def _domains() -> Iterator[Story]:
         "rule-domain-range-open",
         bad=Case(
             "The rule's domain range has a minimum and no maximum: for the specification that is every "
-            "domain, for Fast "
-            "DDS and Cyclone DDS domain 0 alone.",
+            "domain, for Fast DDS and Cyclone DDS domain 0 alone.",
             with_grant(rules=(replace(TALKING, domains=((0, None),)), DISCOVERY)),
         ),
         good=Case("The range has both ends.", with_grant(rules=(replace(TALKING, domains=((0, 0),)), DISCOVERY))),
@@ -231,8 +223,7 @@ def _rights() -> Iterator[Story]:
         "default-allow",
         bad=Case(
             "What no rule mentions is allowed. Cyclone DDS obeys: the talker may do everything; Fast DDS "
-            "ignores the default, "
-            "which hides the fault where only it is tried.",
+            "ignores the default, which hides the fault where only it is tried.",
             with_grant(default="ALLOW"),
         ),
         good=Case("What no rule mentions is denied.", ONE),
@@ -252,8 +243,7 @@ def _rights() -> Iterator[Story]:
         "allow-everything-permissions",
         bad=Case(
             "The permissions are those that `ros2 security create_enclave` makes, before any policy was "
-            "applied: every "
-            "topic, service and action, both ways.",
+            "applied: every topic, service and action, both ways.",
             with_talker(permissions=Permissions(grants=(grant("/talker", EVERYTHING),))),
         ),
         good=Case("The permissions list what the talker needs.", ONE),

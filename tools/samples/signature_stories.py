@@ -42,8 +42,7 @@ def _signers() -> Iterator[Story]:
         "signer-not-permissions-ca",
         bad=Case(
             "A stranger signed the permissions with an authority of the same name and a key of his own. "
-            "The signature is "
-            "valid; it is only not the permissions CA's.",
+            "The signature is valid; it is only not the permissions CA's.",
             _sealed(signed_by(stranger).smime),
         ),
         good=Case(GENUINE, ONE),
@@ -53,8 +52,8 @@ def _signers() -> Iterator[Story]:
         "signed-by-an-identity",
         bad=Case(
             "The talker signed its permissions itself, with the identity that the identity CA gave it. "
-            "Here the authorities "
-            "are separate and every run time refuses; with one authority for both roles some accept it.",
+            "Here the authorities are separate and every run time refuses; with one authority for both "
+            "roles some accept it.",
             _sealed(signed_by(TALKER_CERTIFICATE).smime),
         ),
         good=Case(GENUINE, ONE),
@@ -74,8 +73,8 @@ def _signers() -> Iterator[Story]:
         "signed-by-renewed-ca",
         bad=Case(
             "The permissions CA was renewed with its old key; the document names the new certificate, the "
-            "enclave has the "
-            "old one. The key fits, but OpenSSL looks for issuer and serial number and finds no signer.",
+            "enclave has the old one. The key fits, but OpenSSL looks for issuer and serial number and "
+            "finds no signer.",
             _sealed(signed_by(renewed).smime),
         ),
         good=Case("The document names the certificate that the enclave has.", ONE),
@@ -110,8 +109,7 @@ def _envelopes() -> Iterator[Story]:
         "cms-not-strict",
         bad=Case(
             "Four bytes follow the CMS structure inside its base64. OpenSSL ignores them, stricter "
-            "parsers do not: two "
-            "readers of one file may come to two answers.",
+            "parsers do not: two readers of one file may come to two answers.",
             _sealed(_signed(trailing=bytes(4))),
         ),
         good=Case(GENUINE, ONE),
@@ -121,8 +119,7 @@ def _envelopes() -> Iterator[Story]:
         "no-text-plain-header",
         bad=Case(
             "The document was signed by `openssl smime -sign` without -text: a good signature over a "
-            "content that no run "
-            "time accepts, since it does not begin with Content-Type: text/plain.",
+            "content that no run time accepts, since it does not begin with Content-Type: text/plain.",
             _sealed(Message(signature=SignedData(signers=(CA_SIGNER,)), text=False).smime),
         ),
         good=Case(GENUINE, ONE),
@@ -132,8 +129,7 @@ def _envelopes() -> Iterator[Story]:
         "unsigned-text",
         bad=Case(
             "Behind the signature stands a second grant in plain text. No run time reads it; whoever "
-            "reviews the file "
-            "might.",
+            "reviews the file might.",
             _sealed(Message(signature=SignedData(signers=(CA_SIGNER,)), epilogue=_DECOY).smime),
         ),
         good=Case(GENUINE, ONE),
@@ -149,8 +145,7 @@ def _forms() -> Iterator[Story]:
         "weak-digest",
         bad=Case(
             "The permissions were signed over SHA-1, for which collisions have been made: whoever could "
-            "choose what was "
-            "signed may hold a second document with the same signature.",
+            "choose what was signed may hold a second document with the same signature.",
             _sealed(_signed(digest="sha1")),
         ),
         good=Case(GENUINE, ONE),
@@ -160,8 +155,7 @@ def _forms() -> Iterator[Story]:
         "opaque-message",
         bad=Case(
             "The document stands inside the CMS structure (application/pkcs7-mime): valid, but nobody can "
-            "read it without "
-            "a tool, and debug builds of Cyclone DDS abort on it.",
+            "read it without a tool, and debug builds of Cyclone DDS abort on it.",
             _sealed(signed_by(PERMISSIONS_CA).opaque),
         ),
         good=Case(GENUINE, ONE),
@@ -171,8 +165,7 @@ def _forms() -> Iterator[Story]:
         "two-contents",
         bad=Case(
             "The message carries two documents: the signed one beside the signature and another inside "
-            "it. Which one "
-            "counts depends on who reads.",
+            "it. Which one counts depends on who reads.",
             _sealed(_signed(content=b"Content-Type: text/plain\r\n\r\n<dds/>\r\n")),
         ),
         good=Case(GENUINE, ONE),
@@ -182,8 +175,7 @@ def _forms() -> Iterator[Story]:
         "no-signed-attributes",
         bad=Case(
             "The signature covers the document itself, without signed attributes (openssl's -noattr): "
-            "valid, but it says "
-            "neither when it was made nor what kind of content it is for.",
+            "valid, but it says neither when it was made nor what kind of content it is for.",
             _sealed(_signed(attributes=False)),
         ),
         good=Case(GENUINE, ONE),
@@ -193,8 +185,7 @@ def _forms() -> Iterator[Story]:
         "unsupported-signature-algorithm",
         bad=Case(
             "The permissions were signed over SHA3-256. OpenSSL verifies it; this audit does not, and "
-            "says so rather than "
-            "calling it valid or invalid.",
+            "says so rather than calling it valid or invalid.",
             _sealed(_signed(digest="sha3_256")),
         ),
         good=Case(GENUINE, ONE),
@@ -209,8 +200,8 @@ def _numbers_of_signers() -> Iterator[Story]:
         "several-signers",
         bad=Case(
             "While the permissions CA is being replaced, old and new authority both signed. Every "
-            "signature must verify, and "
-            "Cyclone DDS knows only the first certificate of the file: it refuses.",
+            "signature must verify, and Cyclone DDS knows only the first certificate of the file: it "
+            "refuses.",
             with_talker(seal=signed_by(PERMISSIONS_CA, successor).smime, changes=both),
         ),
         good=Case("Only the old authority, first in the file, signed.", with_talker(changes=both)),

@@ -88,8 +88,7 @@ def stories() -> Iterator[Story]:
     """All stock samples."""
     as_made = (
         "One authority, sros2CA, issues identities and signs documents: where the run time does not pin "
-        "the signer (Cyclone "
-        "DDS up to 0.10), every enclave can sign itself any right."
+        "the signer (Cyclone DDS up to 0.10), every enclave can sign itself any right."
     )
     yield Story(
         directory="stock/talker_listener",
@@ -100,19 +99,18 @@ def stories() -> Iterator[Story]:
     )
     yield Story(
         directory="stock/turtlesim",
-        text="The TurtleSim as `ros2 security create_keystore`, `create_enclave` and `create_permission`, "
-        "one after the "
-        "other, make it in Rolling; each identity was issued some seconds after the authority and "
-        f"outlives it by these. {as_made}",
+        text="The TurtleSim as `ros2 security create_keystore`, `create_enclave` and "
+        "`create_permission`, one after the other, make it in Rolling; each identity was issued some "
+        f"seconds after the authority and outlives it by these. {as_made}",
         tree=stock("turtlesim", TURTLESIM, apart=timedelta(seconds=2)).tree(),
         key_mode=0o644,
         by_meaning=True,
     )
     yield Story(
         directory="stock/sample_policy",
-        text="The seven enclaves of sros2's own sample policy as `ros2 security generate_artifacts` makes "
-        "them in Rolling: "
-        f"talker, listener, service, action, and an administrator who may do all of it. {as_made}",
+        text="The seven enclaves of sros2's own sample policy as `ros2 security generate_artifacts` "
+        "makes them in Rolling: talker, listener, service, action, and an administrator who may do all "
+        f"of it. {as_made}",
         tree=stock("sample_policy", SAMPLE_POLICY).tree(),
         key_mode=0o644,
         by_meaning=True,

@@ -19,16 +19,16 @@ def stories() -> Iterator[Story]:
     yield Story(
         directory="unknown/unreadable_enclave",
         text="The listener's permissions.p7s is cut off inside the signature. What a robot makes of it is "
-        "unknown, so that "
-        "no property which the listener's rights could change holds: the audit is incomplete, exit 4.",
+        "unknown, so that no property which the listener's rights could change holds: the audit is "
+        "incomplete, exit 4.",
         tree=with_listener(changes={"permissions.p7s": whole[: len(whole) - 300]}).tree(),
     )
     ambiguous = edited(document, "rt/chatter", "rt/<!-- -->chatter")
     yield Story(
         directory="unknown/ambiguous_enclave",
         text="The listener's permissions are validly signed and mean rt/ to Fast DDS, rt/chatter to "
-        "Cyclone DDS. Rather than "
-        "choosing one, the audit calls what depends on it unknown: incomplete, exit 4.",
+        "Cyclone DDS. Rather than choosing one, the audit calls what depends on it unknown: incomplete, "
+        "exit 4.",
         tree=with_listener(permissions=ambiguous).tree(),
     )
     yield from pair(
@@ -36,8 +36,7 @@ def stories() -> Iterator[Story]:
         "property-undecided",
         bad=Case(
             "A .p11 reference beside the listener's certificate: which identity the listener has is not "
-            "in the files, so "
-            "that no property of identities can be decided.",
+            "in the files, so that no property of identities can be decided.",
             with_listener(changes={"cert.p11": b"pkcs11:token=robot;object=listener\n"}),
         ),
         good=Case("The certificate is the file cert.pem and nothing else.", TWO),
