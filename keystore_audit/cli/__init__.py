@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import sys
-from typing import NoReturn
+from typing import Final, NoReturn
+
+EXIT_INTERRUPTED: Final = 130
+"""128 + SIGINT, as a shell says it."""
 
 
 def main() -> NoReturn:
     """Run `keystore-audit` with the arguments of this process and exit with its code."""
-    from keystore_audit.cli.program import run
+    try:
+        from keystore_audit.cli.program import run
 
-    sys.exit(run(sys.argv[1:]))
+        code = run(sys.argv[1:])
+    except KeyboardInterrupt:  # outside of what `run` watches: while it is imported, or says what went wrong
+        code = EXIT_INTERRUPTED
+    sys.exit(code)

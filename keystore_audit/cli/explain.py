@@ -19,27 +19,33 @@ def command(word: str) -> int:
 
     CODE-OR-NAME is a rule's code or name; a property's id is the name of its rule.
     """
-    from keystore_audit.cli.options import unknown
+    from keystore_audit.cli.options import rule_meant
     from keystore_audit.cli.output import write_stdout
     from keystore_audit.properties import BY_ID
     from keystore_audit.rules import RULES
 
-    rules = {key: rule for rule in RULES for key in (rule.code.lower(), rule.name)}
-    rule = rules.get(word.lower())
+    rules = {key: rule for rule in RULES for key in (rule.code, rule.name)}
+    rule = rules.get(word.upper()) or rules.get(word.lower())
     if rule is None:
-        known = [key.upper() if key.startswith("ka") else key for key in rules]
-        nearest = unknown("", word.upper() if word.lower().startswith("ka") else word.lower(), known)
-        hint = nearest[nearest.index(" Did you mean") :] if " Did you mean" in nearest else ""
+        hint = rule_meant(word, list(rules))
         raise click.UsageError(f"{word!r} is no rule and no property.{hint} `keystore-audit rules` lists them.")
     write_stdout(_explanation(rule, BY_ID.get(rule.name)))
     return 0
 
 
 def _explanation(rule: Rule[Any], prop: Property | None) -> str:
-    parts = [f"{rule.code} {rule.name} ({rule.severity.value})", rule.description]
+    parts = [f"{rule.code} {rule.name} ({rule.severity.value})"]
+    parts += [_paragraph(paragraph) for paragraph in rule.description.split("\n\n")]
     if prop is not None:
-        parts.append(fill(f"Property: {prop.statement}", 80) + "\n" + fill(f"Attacker: {prop.attacker}", 80))
-    parts.append(fill(f"Clause: {rule.clause}", 80) + "\n" + fill(f"Remedy: {rule.remedy}", 80))
+        parts.append(f"{_paragraph(f'Property: {prop.statement}')}\n{_paragraph(f'Attacker: {prop.attacker}')}")
+    parts.append(f"{_paragraph(f'Clause: {rule.clause}')}\n{_paragraph(f'Remedy: {rule.remedy}')}")
     if rule.explains:
-        parts.append(fill(f"May be why these are violated: {', '.join(sorted(rule.explains))}", 80))
+        parts.append(_paragraph(f"May be why these are violated: {', '.join(sorted(rule.explains))}"))
     return "\n\n".join(parts) + "\n"
+
+
+def _paragraph(text: str) -> str:
+    """Return the text in lines of 80 columns; lists and what is indented stay as they are."""
+    if any(line.startswith((" ", "- ")) for line in text.split("\n")):
+        return text
+    return fill(text, 80, break_on_hyphens=False, break_long_words=False)

@@ -96,10 +96,22 @@ def rule_code(value: str) -> str:
     if code.startswith("KA9"):
         raise click.BadParameter(f"{value!r}: KA9 says what became of the audit itself, and always runs.")
     if code not in known:
-        nearest = get_close_matches(code, known, n=1)
-        hint = f" Did you mean {nearest[0]}?" if nearest else ""
+        hint = rule_meant(value, known)
         raise click.BadParameter(f"{value!r} is no rule's code.{hint} `keystore-audit rules` lists them.")
     return code
+
+
+def rule_meant(word: str, known: Sequence[str]) -> str:
+    """Return " Did you mean …?" with the code or name among `known` that is nearest to `word`, or nothing.
+
+    Codes are compared place by place, from the left: the letters of all of them are alike.
+    """
+    places = {code: sum(a == b for a, b in zip(code, word.upper(), strict=False)) for code in known if code.isupper()}
+    code = max(places, key=places.__getitem__, default="")
+    if code and places[code] > len("KA"):
+        return f" Did you mean {code}?"
+    names = get_close_matches(word.lower(), [name for name in known if name.islower()], n=1)
+    return f" Did you mean {names[0]}?" if names else ""
 
 
 def unknown(sentence: str, word: str, known: Sequence[str]) -> str:

@@ -11,6 +11,7 @@ from typing import Final
 import click
 
 from keystore_audit import __version__
+from keystore_audit.cli import EXIT_INTERRUPTED
 from keystore_audit.cli.session import Session
 from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_USAGE, AuditError
 from keystore_audit.text import terminal
@@ -19,9 +20,6 @@ NAME: Final = "keystore-audit"
 DEFAULT_COMMAND: Final = "audit"
 COMMANDS: Final = ("audit", "rules", "explain", "engine", "model")
 """Each is the module of this package of that name, imported only when it is asked for."""
-
-EXIT_INTERRUPTED: Final = 130
-"""128 + SIGINT, as a shell says it."""
 
 
 class Program(click.Group):

@@ -43,7 +43,7 @@ class Consequences:
 
     def rank(self, finding: Finding) -> int:
         """How early `finding` is shown: as early as the worst that hangs under it."""
-        told = [finding, *self._under.get(finding.fingerprint, ())]
+        told = [finding, *self._under.get(finding.fingerprint, [])]
         return min(each.severity.rank for each in told)
 
     def _example(self, finding: Finding) -> str:

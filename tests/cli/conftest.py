@@ -1,0 +1,64 @@
+"""The program as a user starts it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+Run = Callable[..., subprocess.CompletedProcess[bytes]]
+
+CLEAN = {"NO_COLOR", "FORCE_COLOR", "COLUMNS", "CI", "KEYSTORE_AUDIT_ALLOY_JAR"}
+
+
+@pytest.fixture(scope="session")
+def environment(repository: Path) -> dict[str, str]:
+    """This process's variables, less those that the program heeds."""
+    kept = {name: value for name, value in os.environ.items() if name not in CLEAN}
+    return {**kept, "PYTHONPATH": str(repository)}
+
+
+@pytest.fixture(scope="session")
+def keystore_audit(environment: dict[str, str]) -> Run:
+    """Runs `keystore-audit` in a process of its own; whatever happens, no traceback comes out."""
+
+    def run(*args: str | Path, env: dict[str, str] | None = None, **more: object) -> subprocess.CompletedProcess[bytes]:
+        done: subprocess.CompletedProcess[bytes] = subprocess.run(
+            [sys.executable, "-m", "keystore_audit", *map(str, args)],
+            capture_output="stdout" not in more,
+            env={**environment, **(env or {})},
+            timeout=120,
+            check=False,
+            **more,  # type: ignore[call-overload]
+        )
+        assert b"Traceback" not in (done.stdout or b"") + (done.stderr or b""), done.stderr
+        return done
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def healthy(repository: Path) -> Path:
+    return repository / "sample_keystores/healthy/talker_listener"
+
+
+@pytest.fixture(scope="session")
+def stock(repository: Path) -> Path:
+    return repository / "sample_keystores/stock/talker_listener"
+
+
+@pytest.fixture
+def many_enclaves(healthy: Path, tmp_path: Path) -> Path:
+    """A keystore of 25 enclaves, which is enough for a progress bar."""
+    root = tmp_path / "many"
+    shutil.copytree(healthy, root, symlinks=True)
+    below = root / "enclaves"
+    enclave = next(path.parent for path in sorted(below.rglob("cert.pem")))
+    for number in range(25):
+        shutil.copytree(enclave, enclave.with_name(f"copy{number}"), symlinks=True)
+    return root

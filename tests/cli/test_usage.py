@@ -1,0 +1,192 @@
+"""A wrong call ends in exit code 2 and a sentence, before any work."""
+
+from __future__ import annotations
+
+import os
+from datetime import datetime, timezone
+from pathlib import Path
+
+import click
+import pytest
+
+from keystore_audit.cli import options, output
+from keystore_audit.cli.program import run
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        ([], "Name a keystore"),
+        (["--format", "jsn", "x"], "'jsn' is not one of text, json. Did you mean 'json'?"),
+        (["--format", "sarif", "x"], "'sarif' is not one of text, json."),
+        (["--fail-on", "hgih", "x"], "Did you mean 'high'?"),
+        (["--min-severity", "never", "x"], "'never' is not one of critical, high, medium, low, info."),
+        (["--engine", "allow", "x"], "Did you mean 'alloy'?"),
+        (["--color", "yes", "x"], "'yes' is not one of auto, always, never."),
+        (["--profile", "humbel", "x"], "Did you mean humble?"),
+        (["--at", "yesterday", "x"], "'yesterday' is no time such as 2026-01-31T12:00:00Z"),
+        (["--at", "2026-02-30", "x"], "'2026-02-30' is no time: day"),
+        (["--at", "9999-12-31", "x"], "is not between the years 1950 and 9800"),
+        (["--timeout", "nan", "x"], "'nan' is no number of seconds greater than 0"),
+        (["--timeout", "0", "x"], "greater than 0"),
+        (["--timeout", "inf", "x"], "86400 at most"),
+        (["--domain", "233", "x"], "233 is not in the range 0<=x<=232"),
+        (["--expires-within", "-1", "x"], "-1 is not in the range"),
+        (["--output", "json", "x"], "'json' is not FORMAT=FILE"),
+        (["--output", "jsn=f", "x"], "Did you mean 'json'?"),
+        (["--output", "json=-", "x"], "use --format"),
+        (["--fail", "high", "x"], "No such option"),
+        (["--minseverity", "high", "x"], "Did you mean"),
+        (["--quiet", "--verbose", "x"], "Choose --quiet or --verbose."),
+        (["--quiet", "rules"], "A command comes first; for a directory called 'rules', write ./rules."),
+        (["audit"], "Missing argument 'KEYSTORE...'"),
+        (["model", "x"], "Missing option '-o'"),
+        (["explain"], "Missing argument"),
+        (["engine", "instal"], "No such command"),
+        (["engine", "install", "--from", "/nowhere"], "'/nowhere' does not exist"),
+    ],
+)
+def test_wrong_usage(args: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(args) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert words in err
+
+
+@pytest.mark.parametrize("code", ["KA9", "KA901", "ka905"])
+@pytest.mark.parametrize("option", ["--select", "--ignore"])
+def test_the_audit_itself_is_never_left_out(option: str, code: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run([option, code, "x"]) == 2
+    assert "always runs" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("code", "nearest"), [("KA2O3", "KA203"), ("KA0", ""), ("K", ""), ("KA20", "KA201")])
+def test_unknown_rule_codes(code: str, nearest: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["--ignore", code, "x"]) == 2
+    err = capsys.readouterr().err
+    assert "is no rule's code." in err
+    assert f"Did you mean {nearest}" in err if nearest else "Did you mean" not in err
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [("ka99", "Did you mean KA90"), ("certificate-expird", "Did you mean certificate-expired?"), ("what", "")],
+)
+def test_explaining_what_is_not_there(word: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["explain", word]) == 2
+    err = capsys.readouterr().err
+    assert "is no rule and no property." in err
+    assert said in err if said else "Did you mean" not in err
+
+
+def test_an_option_with_escape_sequences_is_shown_escaped(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["--fail-on", "\x1b[31mhigh", "x"]) == 2
+    assert "\x1b" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("written", "meant"),
+    [
+        ("2026-01-31", datetime(2026, 1, 31)),
+        ("2026-01-31T12:30", datetime(2026, 1, 31, 12, 30)),
+        ("2026-01-31 12:30:15.75", datetime(2026, 1, 31, 12, 30, 15)),
+        ("2026-01-31T12:30:15Z", datetime(2026, 1, 31, 12, 30, 15)),
+        ("2026-01-31T12:30:15+02:00", datetime(2026, 1, 31, 10, 30, 15)),
+        ("1950-01-01T00:00:00+14:00", datetime(1949, 12, 31, 10)),
+    ],
+)
+def test_instants_without_a_zone_are_utc(written: str, meant: datetime) -> None:
+    assert options.instant(written) == meant.replace(tzinfo=timezone.utc)
+
+
+@pytest.mark.parametrize(
+    "written", ["", "2026", "20260131", "2026-01-31T", "2026-01-31T12", "٢٠٢٦-01-31", "2026-01-31T12:30Z\n", "-1-01-01"]
+)
+def test_other_times_are_refused(written: str) -> None:
+    with pytest.raises(click.BadParameter):
+        options.instant(written)
+
+
+class TestOutputs:
+    """Whether a report can be written is found out before anything is read."""
+
+    @pytest.fixture
+    def nowhere(self, tmp_path: Path) -> str:
+        """A keystore that is not there: reading it would be exit code 3."""
+        return str(tmp_path / "no-keystore")
+
+    def test_no_such_directory(self, nowhere: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        assert run([nowhere, "-o", f"json={tmp_path}/a/b.json"]) == 2
+        assert "No such file or directory" in capsys.readouterr().err
+
+    def test_a_directory(self, nowhere: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        assert run([nowhere, "-o", f"json={tmp_path}"]) == 2
+        assert "it is a directory" in capsys.readouterr().err
+
+    def test_below_a_file(self, nowhere: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        (tmp_path / "file").touch()
+        assert run([nowhere, "-o", f"json={tmp_path}/file/report"]) == 2
+        assert "Not a directory" in capsys.readouterr().err
+
+    def test_one_file_for_two_reports(self, nowhere: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        (tmp_path / "link").symlink_to("report")
+        assert run([nowhere, "-o", f"json={tmp_path}/report", "-o", f"text={tmp_path}/link"]) == 2
+        assert "Two reports cannot both be written" in capsys.readouterr().err
+
+    @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+    def test_no_permission(self, nowhere: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        tmp_path.chmod(0o500)
+        assert run([nowhere, "-o", f"json={tmp_path}/report"]) == 2
+        assert "Permission denied" in capsys.readouterr().err
+
+    def test_trying_leaves_nothing_behind(self, tmp_path: Path) -> None:
+        (tmp_path / "old").write_text("old")
+        output.check([output.target(f"json={tmp_path}/new"), output.target(f"text={tmp_path}/old")])
+        assert [path.name for path in tmp_path.iterdir()] == ["old"]
+        assert (tmp_path / "old").read_text() == "old"
+
+    def test_a_report_replaces_the_file_and_keeps_links_and_modes(self, tmp_path: Path) -> None:
+        file = tmp_path / "report"
+        file.write_text("old and longer")
+        file.chmod(0o640)
+        (tmp_path / "link").symlink_to("report")
+        output.write(output.target(f"json={tmp_path}/link"), "new \udc80")
+        assert file.read_bytes() == b"new \\udc80"
+        assert file.stat().st_mode & 0o777 == 0o640
+        assert (tmp_path / "link").is_symlink()
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["link", "report"]
+
+    def test_a_device_is_not_replaced(self) -> None:
+        wanted = output.target("json=/dev/null")
+        output.check([wanted])
+        output.write(wanted, "x")
+        assert Path("/dev/null").is_char_device()
+
+    def test_a_full_disk_leaves_the_old_report(self) -> None:
+        with pytest.raises(output.Unwritable, match="No space left on device"):
+            output.write(output.target("json=/dev/full"), "x")
+
+
+@pytest.mark.parametrize(
+    ("choice", "variables", "terminal", "coloured"),
+    [
+        ("auto", {}, True, True),
+        ("auto", {}, False, False),
+        ("auto", {"TERM": "dumb"}, True, False),
+        ("auto", {"NO_COLOR": "1"}, True, False),
+        ("auto", {"NO_COLOR": ""}, True, True),
+        ("auto", {"FORCE_COLOR": "1"}, False, True),
+        ("auto", {"FORCE_COLOR": "1", "NO_COLOR": "1"}, True, False),
+        ("always", {"NO_COLOR": "1"}, False, True),
+        ("never", {"FORCE_COLOR": "1"}, True, False),
+    ],
+)
+def test_colour(
+    choice: str, variables: dict[str, str], terminal: bool, coloured: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("NO_COLOR", "FORCE_COLOR"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    assert options.use_color(choice, terminal=terminal) is coloured
