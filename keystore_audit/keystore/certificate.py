@@ -12,9 +12,9 @@ from typing import Final, TypeVar
 
 from cryptography import x509
 from cryptography.exceptions import UnsupportedAlgorithm
-from cryptography.hazmat.primitives.asymmetric.types import CertificatePublicKeyTypes
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.utils import CryptographyDeprecationWarning
+from cryptography.x509.oid import PublicKeyAlgorithmOID
 
 from keystore_audit.keystore import public_key
 from keystore_audit.keystore.crl import REVOCATION_LIST_LABEL, RevocationList, read_revocation_list
@@ -312,19 +312,19 @@ def _netscape_type(parsed: x509.Certificate) -> int | None:
 
 @lru_cache(maxsize=4096)
 def _signed_by(certificate: x509.Certificate, issuer: x509.Certificate) -> Issue:
-    key: CertificatePublicKeyTypes
+    verified: bool | None = None
     try:
         if _signed_parts(certificate)[1] != parts(certificate.public_bytes(Encoding.DER), 2)[1]:
             return Issue.SIGNATURE_INVALID  # X509_verify compares both statements of the algorithm first
-        key = issuer.public_key()
-        verified = public_key.verifies(
-            key,
-            certificate.signature,
-            certificate.tbs_certificate_bytes,
-            algorithm=certificate.signature_algorithm_oid.dotted_string,
-            parameters=certificate.signature_algorithm_parameters,
-            digest=certificate.signature_hash_algorithm,
-        )
+        if issuer.public_key_algorithm_oid != PublicKeyAlgorithmOID.RSASSA_PSS:  # such a key restricts what it signs
+            verified = public_key.verifies(
+                issuer.public_key(),
+                certificate.signature,
+                certificate.tbs_certificate_bytes,
+                algorithm=certificate.signature_algorithm_oid.dotted_string,
+                parameters=certificate.signature_algorithm_parameters,
+                digest=certificate.signature_hash_algorithm,
+            )
     except (ValueError, UnsupportedAlgorithm):
         verified = None
     if verified is False:

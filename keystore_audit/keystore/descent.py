@@ -10,11 +10,9 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import stat
 from collections import OrderedDict
-from collections.abc import Iterator
-from contextlib import contextmanager
-from functools import lru_cache
 from typing import Final
 
 from keystore_audit.keystore.files import Status
@@ -32,6 +30,9 @@ _OPEN_DIRECTORIES: Final = 64
 # O_PATH needs only the right to pass through a directory, as a robot that opens a file in it does; macOS
 # has none.
 _PASS_FLAGS: Final[int] = getattr(os, "O_PATH", os.O_RDONLY) | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
+
+_PLAIN: Final = re.compile(rb"[A-Za-z0-9_./-]+")
+"""Paths that `percent_path` leaves as they are; nearly all."""
 
 Place = tuple[bytes, ...]
 """Names from the root downwards."""
@@ -56,6 +57,8 @@ class Descent:
         self._real = names(os.fsencode(real))
         self._spellings = (self._real, names(os.fsencode(given)))
         self._directories: OrderedDict[Place, int] = OrderedDict()
+        self._looked_at: dict[Place, os.stat_result] = {}
+        self._targets: dict[Place, bytes] = {}
 
     def close(self) -> None:
         """Close every descriptor."""
@@ -94,17 +97,15 @@ class Descent:
         exact on names there too, and a way that leaves the root and comes back needs no look outside.
         Raises Refusal where it ends nowhere, outside or never.
         """
-        shown = percent_path(target)
-        missing = (Status.DANGLING, f"links to {shown}, which does not exist")
-        with refused_by_system(f"links to {shown}, which cannot be read", missing=missing):
+        try:
             end, found = self._walk(directory, target)
-            if found is None:
-                found = self._lstat(end)
-        return end, found
+            return end, found if found is not None else self._look(end)
+        except (OSError, ValueError) as error:
+            shown = percent_path(target)
+            missing = (Status.DANGLING, f"links to {shown}, which does not exist")
+            raise refusal(error, f"links to {shown}, which cannot be read", missing=missing) from None
 
     def _walk(self, directory: Place, target: bytes) -> tuple[Place, os.stat_result | None]:
-        shown = percent_path(target)
-        outside = Refusal(Status.OUTSIDE, f"links to {shown}, outside the keystore; it was not read")
         depth = len(self._real)
         here = [*self._real, *directory]
         pending = self._steps(target, here)
@@ -113,9 +114,7 @@ class Descent:
         while pending:
             name = pending.pop()
             if found is not None and not stat.S_ISDIR(found.st_mode):
-                raise Refusal(
-                    Status.DANGLING, f"links to {shown}, a way through something that is no directory"
-                )
+                raise NotADirectoryError
             if name == b".":
                 continue
             found = None
@@ -125,21 +124,34 @@ class Descent:
             here.append(name)
             if len(here) <= depth:
                 if name != self._real[len(here) - 1]:
-                    raise outside
+                    raise _outside(target)
                 continue
-            found = self._lstat(tuple(here[depth:]))
+            place = tuple(here[depth:])
+            found = self._look(place)
             if stat.S_ISLNK(found.st_mode):
                 found = None
                 links += 1
                 if links > MAX_LINKS:
-                    circle = f"links to {shown}: a circle, or a chain of more than {MAX_LINKS} links"
-                    raise Refusal(Status.LOOP, circle)
-                step = self.target(tuple(here[depth:]))
+                    circle = f"a circle, or a chain of more than {MAX_LINKS} links"
+                    raise Refusal(Status.LOOP, f"links to {percent_path(target)}: {circle}")
                 here.pop()
-                pending.extend(self._steps(step, here))
+                pending.extend(self._steps(self._target(place), here))
         if len(here) < depth:
-            raise outside
+            raise _outside(target)
         return tuple(here[depth:]), found
+
+    def _look(self, place: Place) -> os.stat_result:
+        """Describe what links lead over, once: in a keystore they all lead to the same few files."""
+        found = self._looked_at.get(place)
+        if found is None:
+            found = self._looked_at[place] = self._lstat(place)
+        return found
+
+    def _target(self, place: Place) -> bytes:
+        target = self._targets.get(place)
+        if target is None:
+            target = self._targets[place] = self.target(place)
+        return target
 
     def _steps(self, target: bytes, here: list[bytes]) -> list[bytes]:
         """Return the names that a link's target goes through, last first; an absolute target moves `here`."""
@@ -184,17 +196,16 @@ class Descent:
         return descriptor
 
 
-@contextmanager
-def refused_by_system(failure: str, *, missing: tuple[Status, str]) -> Iterator[None]:
-    """Turn the system's errors into a Refusal: `missing` where there is nothing, else UNREADABLE."""
-    try:
-        yield
-    except (FileNotFoundError, NotADirectoryError):
-        raise Refusal(*missing) from None
-    except OSError as error:
-        raise Refusal(Status.UNREADABLE, f"{failure}: {reason(error)}") from None
-    except ValueError:  # a NUL character: no file has such a name
-        raise Refusal(*missing) from None
+def refusal(error: OSError | ValueError, failure: str, *, missing: tuple[Status, str]) -> Refusal:
+    """Turn the system's error into a Refusal: `missing` where there is nothing, else UNREADABLE."""
+    # ValueError: a NUL character, so no file has such a name.
+    if isinstance(error, FileNotFoundError | NotADirectoryError | ValueError):
+        return Refusal(*missing)
+    return Refusal(Status.UNREADABLE, f"{failure}: {reason(error)}")
+
+
+def _outside(target: bytes) -> Refusal:
+    return Refusal(Status.OUTSIDE, f"links to {percent_path(target)}, outside the keystore; it was not read")
 
 
 def reason(error: OSError) -> str:
@@ -209,10 +220,6 @@ def names(path: bytes) -> Place:
 
 def display(relative: bytes) -> str:
     """Return a path below the root in the form that `File.path` has; `.` for the root itself."""
-    directory, slash, name = relative.rpartition(b"/")
-    return f"{_display(directory)}/{_display(name)}" if slash else _display(name) or "."
-
-
-@lru_cache(maxsize=4096)
-def _display(path: bytes) -> str:
-    return percent_path(path)
+    if _PLAIN.fullmatch(relative):
+        return relative.decode("ascii")
+    return percent_path(relative) or "."

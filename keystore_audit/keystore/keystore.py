@@ -56,9 +56,7 @@ class Keystore:
     digest: str
 
 
-def read_keystore(
-    path: str | os.PathLike[str], *, progress: Callable[[int, int], None] | None = None
-) -> Keystore:
+def read_keystore(path: str | os.PathLike[str], *, progress: Callable[[int, int], None] | None = None) -> Keystore:
     """Read and verify everything in the directory `path`, enclaves in the order of their paths.
 
     `progress` is told how many enclaves are done, of how many. What cannot be read is evidence, not an error.
@@ -106,9 +104,7 @@ class _Reader:
         roles = (Role.IDENTITY_CA, Role.CERTIFICATE, Role.PERMISSIONS_CA)
         return {role: self.certificates(files.files[role]) for role in roles}
 
-    def enclave(
-        self, files: EnclaveFiles, read: _CertificatesOf, candidates: tuple[Certificate, ...]
-    ) -> Enclave:
+    def enclave(self, files: EnclaveFiles, read: _CertificatesOf, candidates: tuple[Certificate, ...]) -> Enclave:
         from keystore_audit.keystore.governance import read_governance  # XXX
         from keystore_audit.keystore.permissions import read_permissions  # XXX
 
@@ -179,9 +175,7 @@ def _distinct(readings: Iterable[_Reading | None]) -> tuple[_Reading, ...]:
     return tuple({reading.file.place: reading for reading in readings if reading is not None}.values())
 
 
-def _candidates(
-    enclaves: list[_CertificatesOf], authorities: tuple[CertificateFile, ...]
-) -> tuple[Certificate, ...]:
+def _candidates(enclaves: list[_CertificatesOf], authorities: tuple[CertificateFile, ...]) -> tuple[Certificate, ...]:
     """Return every certificate of the keystore once, those that are likely to have signed first."""
     found: dict[str, Certificate] = {}
     for role in (Role.PERMISSIONS_CA, Role.IDENTITY_CA, None, Role.CERTIFICATE):
@@ -203,8 +197,7 @@ def _with_subject_as_path(layout: Layout, certificates: list[_CertificatesOf]) -
     if not name.startswith("/"):
         return layout
     named = tuple(
-        replace(files, path=name if files.path == "/" else name.rstrip("/") + files.path)
-        for files in layout.enclaves
+        replace(files, path=name if files.path == "/" else name.rstrip("/") + files.path) for files in layout.enclaves
     )
     return replace(layout, enclaves=named)
 
@@ -249,5 +242,4 @@ def _records(root: Root) -> Iterator[tuple[bytes, bytes, bytes]]:
 def _value(root: Root, path: bytes, entry: Entry) -> bytes:
     if entry.kind is EntryKind.LINK:
         return entry.target or b""
-    file = root.sealed(path)
-    return (file.sha256 or file.status.value).encode()
+    return root.fingerprint(path).encode()

@@ -142,9 +142,7 @@ class _Tree:
         self.root = root
         self.listings = dict(_walk(root))
         self.unreadable = tuple(
-            listing.directory
-            for listing in self.listings.values()
-            if listing.directory.status is not Status.DIRECTORY
+            listing.directory for listing in self.listings.values() if listing.directory.status is not Status.DIRECTORY
         )
         self.top = {entry.name: entry.kind for entry in self.listings[b""].entries}
         self._names = {place: self._names_in(place, listing) for place, listing in self.listings.items()}
@@ -208,9 +206,7 @@ class _Tree:
         elif kind is LayoutKind.SROS2:
             half_made = b"public" in self.listings and not self.names(b"public")
             made = "half-made keystore" if half_made else "keystore"
-            text = (
-                f"{where} is a {made} without any enclave: {_ENCLAVE_WANTED} for each below {where}/enclaves"
-            )
+            text = f"{where} is a {made} without any enclave: {_ENCLAVE_WANTED} for each below {where}/enclaves"
         elif keystores and kind is LayoutKind.PARTIAL:
             shown = ", ".join(display(place) for place in keystores[:3])
             text = f"{where} is no keystore, but holds {len(keystores)}: name one of them ({shown})"
@@ -218,9 +214,7 @@ class _Tree:
             text = f"{where} is no keystore: {_ENCLAVE_WANTED} for each enclave below {where}/enclaves"
         if self.unreadable and top.status is Status.DIRECTORY:
             first = self.unreadable[0]
-            text += (
-                f". Not looked at: {len(self.unreadable)} directories, {first.path} first ({first.detail})"
-            )
+            text += f". Not looked at: {len(self.unreadable)} directories, {first.path} first ({first.detail})"
         return text + "."
 
 
@@ -241,15 +235,11 @@ def _below(place: bytes, name: bytes) -> bytes:
 
 def _enclave(tree: _Tree, place: bytes, kind: LayoutKind, *, one_authority: bool) -> EnclaveFiles:
     root, names = tree.root, tree.names(place)
-    stand_in = (
-        {Role.IDENTITY_CA: _ONE_AUTHORITY, Role.PERMISSIONS_CA: _ONE_AUTHORITY} if one_authority else {}
-    )
+    stand_in = {Role.IDENTITY_CA: _ONE_AUTHORITY, Role.PERMISSIONS_CA: _ONE_AUTHORITY} if one_authority else {}
     paths = {role: _below(place, stand_in.get(role, name)) for role, name in _NAMES.items()}
-    files = {role: root.sealed(path) if role is Role.KEY else root.file(path) for role, path in paths.items()}
+    files = {role: root.secret(path) if role is Role.KEY else root.file(path) for role, path in paths.items()}
     pkcs11 = {role: root.sealed(_below(place, name)) for role, name in _PKCS11_NAMES.items() if name in names}
-    unsigned = {
-        role: root.file(_below(place, name)) for role, name in _UNSIGNED_NAMES.items() if name in names
-    }
+    unsigned = {role: root.file(_below(place, name)) for role, name in _UNSIGNED_NAMES.items() if name in names}
     named = place[len(b"enclaves/") :] if kind is LayoutKind.SROS2 else place
     return EnclaveFiles(
         path=f"/{display(named)}" if named else "/",

@@ -60,9 +60,7 @@ class Text:
         """Whether it is openssl's readable form: the first of `margin`, then any of it or indented lines."""
         lines = [line.rstrip() for line in self.text.split(b"\n")]
         written = [line for line in lines if line]
-        return written[:1] == [margin[0]] and all(
-            line.startswith(b"    ") or line in margin for line in written
-        )
+        return written[:1] == [margin[0]] and all(line.startswith(b"    ") or line in margin for line in written)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,9 +94,7 @@ def read_pem(content: bytes) -> Pem:
             break
         line += content.count(b"\n", position, begin)
         if len(parts) >= MAX_BLOCKS:
-            parts.append(
-                Problem(line=line, detail=f"more than {MAX_BLOCKS} PEM blocks; the rest was not read")
-            )
+            parts.append(Problem(line=line, detail=f"more than {MAX_BLOCKS} PEM blocks; the rest was not read"))
             break
         part, end = _block(content, begin, line)
         parts.append(part)

@@ -93,6 +93,4 @@ def _public_half(block: Block) -> PublicKeyTypes | None:
 
 def _unread(file: File, kind: Kind, line: int | None, detail: str) -> PrivateKey:
     defect = Defect(kind=kind, path=file.place, line=line, detail=detail)
-    return PrivateKey(
-        file=file, key=None, key_kind=None, encrypted=kind is Kind.KEY_ENCRYPTED, defects=(defect,)
-    )
+    return PrivateKey(file=file, key=None, key_kind=None, encrypted=kind is Kind.KEY_ENCRYPTED, defects=(defect,))

@@ -19,10 +19,9 @@ from keystore_audit.keystore.descent import (
     display,
     names,
     reason,
-    refused_by_system,
+    refusal,
 )
 from keystore_audit.keystore.files import Entry, EntryKind, File, Listing, Status
-from keystore_audit.text import percent_path
 
 MAX_FILE_BYTES: Final = 4 * 1024 * 1024
 """Largest file that is read: a permissions document of 20,000 topics has about 2 MB; no parser gets more."""
@@ -66,6 +65,9 @@ class Root:
         self._descent = descent
         self._readings: dict[tuple[int, int], _Reading] = {}
         self._files: dict[bytes, File] = {}
+        self._sealed: dict[bytes, File] = {}
+        self._secrets: dict[str, bytes] = {}
+        self._entries: dict[bytes, Entry] = {}
         self._listings: dict[bytes, Listing] = {}
         self._entries_left = MAX_ENTRIES
         self._bytes_left = MAX_TOTAL_BYTES
@@ -105,101 +107,141 @@ class Root:
 
     def file(self, relative: bytes | str) -> File:
         """Read what is at `relative`. Never raises: a File that is not PRESENT says why."""
-        key = os.fsencode(relative)
-        found = self._files.get(key)
-        if found is None:
-            found = self._files[key] = self._file(key, keep=True, hand_out=True)
-        return found
+        key = relative if isinstance(relative, bytes) else os.fsencode(relative)
+        return self._files.get(key) or self._files.setdefault(key, self._file(key, keep=True))
 
     def sealed(self, relative: bytes | str) -> File:
-        """Read and hash like `file`, but keep and hand out no content: private keys, what nobody parses."""
-        key = os.fsencode(relative)
-        found = self._files.get(key)
-        if found is not None:
-            return replace(found, content=None)
-        return self._file(key, keep=False, hand_out=False)
+        """Read and hash like `file`, but keep and hand out no content: for what nobody parses."""
+        key = relative if isinstance(relative, bytes) else os.fsencode(relative)
+        found = self._sealed.get(key)
+        if found is None:
+            read = self._files.get(key) or self._file(key, keep=False, needed=False)
+            found = self._sealed[key] = replace(read, content=None)
+        return found
+
+    def secret(self, relative: bytes | str) -> File:
+        """Read like `sealed`, with the content held back here for one `unsealed`: private keys."""
+        key = relative if isinstance(relative, bytes) else os.fsencode(relative)
+        file = self._file(key, keep=False)
+        if file.content is not None:
+            self._secrets[file.place] = file.content
+        found = self._sealed[key] = replace(file, content=None)
+        return found
 
     def unsealed(self, file: File) -> File:
-        """Read a sealed file once more and hand out its content, which is not kept here."""
-        return self._file(unquote_to_bytes(file.path), keep=False, hand_out=True)
+        """Hand out the content of a secret file, which is not kept here any longer."""
+        content = self._secrets.pop(file.place, None)
+        if content is None:
+            return self._file(unquote_to_bytes(file.path), keep=False)
+        return replace(file, content=content)
+
+    def fingerprint(self, relative: bytes) -> str:
+        """Return the SHA-256 of the file at `relative` in hexadecimal, its status where it was not read."""
+        file = self._files.get(relative) or self.sealed(relative)
+        return file.sha256 or file.status.value
 
     def entries(self, relative: bytes | str) -> Listing:
         """List the directory at `relative` (`b""`: the root itself), links not followed. Never raises."""
-        key = os.fsencode(relative)
+        key = relative if isinstance(relative, bytes) else os.fsencode(relative)
         found = self._listings.get(key)
         if found is None:
             found = self._listings[key] = self._list(key)
+            below = key + b"/" if key else b""
+            self._entries.update((below + entry.name, entry) for entry in found.entries)
         return found
 
-    def _file(self, relative: bytes, *, keep: bool, hand_out: bool) -> File:
-        path = display(relative)
+    def _file(self, relative: bytes, *, keep: bool, needed: bool = True) -> File:
+        """Read a file; its content is None unless it is `needed`, and kept for others if `keep`."""
+        place: Place = ()
         target: bytes | None = None
+        missing = (Status.MISSING, "there is no such file")
+        if relative not in self._entries and self._is_listed(relative.rpartition(b"/")[0]):
+            return File(path=display(relative), resolved=None, status=missing[0], detail=missing[1])
         try:
-            missing = (Status.MISSING, "there is no such file")
-            with refused_by_system("cannot be read", missing=missing):
-                place = names(relative)
-                found = self._descent.entry(place)
-                if stat.S_ISLNK(found.st_mode):
-                    target = self._descent.target(place)
-                    place, found = self._descent.follow(place[:-1], target)
-                reading = self._read(place, found, keep=keep, hand_out=hand_out)
-        except Refusal as refusal:
-            link = percent_path(target) if target is not None else None
-            return File(path=path, resolved=None, status=refusal.status, detail=refusal.detail, link=link)
+            place, found, target = self._find(relative)
+            if target is not None:
+                place, found = self._descent.follow(place[:-1], target)
+            reading = self._read(place, found, keep=keep, needed=needed)
+        except (OSError, ValueError) as error:
+            refused = refusal(error, "cannot be read", missing=missing)
+            reading = _Reading(status=refused.status, detail=refused.detail)
+        except Refusal as refused:
+            reading = _Reading(status=refused.status, detail=refused.detail)
         return File(
-            path=path,
+            path=display(relative),
             resolved=display(b"/".join(place)) if reading.status is Status.PRESENT else None,
             status=reading.status,
             detail=reading.detail,
-            content=reading.content if hand_out else None,
+            content=reading.content,
             sha256=reading.sha256,
             mode=reading.mode,
-            link=percent_path(target) if target is not None else None,
+            link=display(target) if target is not None else None,
         )
 
-    def _read(self, place: Place, found: os.stat_result, *, keep: bool, hand_out: bool) -> _Reading:
-        """Return what the inode that `found` describes held when it was read first."""
-        if stat.S_ISDIR(found.st_mode):
-            raise Refusal(Status.DIRECTORY, "a directory is here, not a file")
-        if not stat.S_ISREG(found.st_mode):
-            special = f"{_special(found.st_mode)} is here, not a regular file; it was not opened"
-            raise Refusal(Status.SPECIAL, special)
-        inode = (found.st_dev, found.st_ino)
+    def _find(self, relative: bytes) -> tuple[Place, os.stat_result | None, bytes | None]:
+        """Return the place of an entry, what is there (None: a file, as its directory was listed), a link's target."""
+        entry = self._entries.get(relative)
+        if entry is not None and entry.kind in (EntryKind.FILE, EntryKind.LINK):
+            return tuple(relative.split(b"/")), None, entry.target
+        place = names(relative)
+        found = self._descent.entry(place)
+        return place, found, self._descent.target(place) if stat.S_ISLNK(found.st_mode) else None
+
+    def _is_listed(self, directory: bytes) -> bool:
+        listing = self._listings.get(directory)
+        return listing is not None and listing.directory.status is Status.DIRECTORY
+
+    def _read(self, place: Place, found: os.stat_result | None, *, keep: bool, needed: bool) -> _Reading:
+        """Return what the inode at `place` held when it was read first."""
+        inode: tuple[int, int] | None = None
+        if found is not None:
+            if stat.S_ISDIR(found.st_mode):
+                raise Refusal(Status.DIRECTORY, "a directory is here, not a file")
+            if not stat.S_ISREG(found.st_mode):
+                special = f"{_special(found.st_mode)} is here, not a regular file; it was not opened"
+                raise Refusal(Status.SPECIAL, special)
+            inode = (found.st_dev, found.st_ino)
+            known = self._known(inode, needed=needed)
+            if known is not None:
+                return known
+        try:
+            descriptor = self._descent.open(place, _READ_FLAGS)
+        except (FileNotFoundError, NotADirectoryError):
+            raise Refusal(Status.UNREADABLE, "was there, and gone when it was to be read") from None
+        try:
+            return self._read_descriptor(descriptor, inode, keep=keep, needed=needed)
+        finally:
+            os.close(descriptor)
+
+    def _known(self, inode: tuple[int, int], *, needed: bool) -> _Reading | None:
         known = self._readings.get(inode)
-        if known is not None and (
-            known.status is not Status.PRESENT or known.content is not None or not hand_out
-        ):
-            return known
-        reading = self._read_inode(place, inode)
-        self._readings[inode] = reading if keep else replace(reading, content=None)
+        if known is None or (needed and known.status is Status.PRESENT and known.content is None):
+            return None
+        return known
+
+    def _read_descriptor(
+        self, descriptor: int, expected: tuple[int, int] | None, *, keep: bool, needed: bool
+    ) -> _Reading:
+        found = os.fstat(descriptor)
+        inode = (found.st_dev, found.st_ino)
+        if not stat.S_ISREG(found.st_mode) or expected not in (None, inode):
+            raise Refusal(Status.UNREADABLE, "was replaced by something else when it was to be read")
+        reading = self._known(inode, needed=needed)
+        if reading is None:
+            reading = self._content(descriptor, found)
+            self._readings[inode] = reading if keep else replace(reading, content=None)
         return reading
 
-    def _read_inode(self, place: Place, inode: tuple[int, int]) -> _Reading:
-        missing = (Status.UNREADABLE, "was there, and gone when it was to be read")
-        try:
-            with refused_by_system("cannot be read", missing=missing):
-                descriptor = self._descent.open(place, _READ_FLAGS)
-                try:
-                    return self._read_descriptor(descriptor, inode)
-                finally:
-                    os.close(descriptor)
-        except Refusal as refusal:
-            return _Reading(status=refusal.status, detail=refusal.detail)
-
-    def _read_descriptor(self, descriptor: int, inode: tuple[int, int]) -> _Reading:
-        found = os.fstat(descriptor)
-        if not stat.S_ISREG(found.st_mode) or (found.st_dev, found.st_ino) != inode:
-            raise Refusal(Status.UNREADABLE, "was replaced by something else when it was to be read")
-        mode = stat.S_IMODE(found.st_mode)
+    def _content(self, descriptor: int, found: os.stat_result) -> _Reading:
+        mode, size = stat.S_IMODE(found.st_mode), found.st_size
         too_large = ""
         content = b""
-        if found.st_size > MAX_FILE_BYTES:
-            size = found.st_size
+        if size > MAX_FILE_BYTES:
             too_large = f"holds {size} bytes, more than the limit of {MAX_FILE_BYTES}; it was not read"
-        elif found.st_size > self._bytes_left:
+        elif size > self._bytes_left:
             too_large = f"was not read: with it, the keystore's files hold more than {MAX_TOTAL_BYTES} bytes"
         else:
-            content = _read_at_most(descriptor, MAX_FILE_BYTES + 1)
+            content = _read_at_most(descriptor, MAX_FILE_BYTES + 1, size)
             self._bytes_left -= len(content)
             if len(content) > MAX_FILE_BYTES:
                 too_large = f"holds more than the limit of {MAX_FILE_BYTES} bytes"
@@ -211,12 +253,12 @@ class Root:
     def _list(self, relative: bytes) -> Listing:
         path = display(relative)
         try:
+            entries = self._scan(names(relative))
+        except (OSError, ValueError) as error:
             missing = (Status.MISSING, "there is no such directory")
-            with refused_by_system("cannot be listed", missing=missing):
-                entries = self._scan(names(relative))
-        except Refusal as refusal:
-            refused = File(path=path, resolved=None, status=refusal.status, detail=refusal.detail)
-            return Listing(directory=refused, entries=())
+            return _unlisted(path, refusal(error, "cannot be listed", missing=missing))
+        except Refusal as refused:
+            return _unlisted(path, refused)
         return Listing(directory=File(path=path, resolved=None, status=Status.DIRECTORY), entries=entries)
 
     def _scan(self, place: Place) -> tuple[Entry, ...]:
@@ -241,6 +283,11 @@ class Root:
         return tuple(entries)
 
 
+def _unlisted(path: str, refused: Refusal) -> Listing:
+    directory = File(path=path, resolved=None, status=refused.status, detail=refused.detail)
+    return Listing(directory=directory, entries=())
+
+
 def _described(entry: os.DirEntry[str], directory: int) -> Entry:
     name = os.fsencode(entry.name)
     if entry.is_symlink():
@@ -252,16 +299,16 @@ def _described(entry: os.DirEntry[str], directory: int) -> Entry:
     return Entry(name=name, kind=EntryKind.SPECIAL)
 
 
-def _read_at_most(descriptor: int, limit: int) -> bytes:
-    """Read to the end, but at most `limit` bytes: what a file says of its size need not be true."""
-    pieces: list[bytes] = []
-    left = limit
-    while left > 0:
-        piece = os.read(descriptor, min(left, 64 * 1024))
-        if not piece:
-            break
-        pieces.append(piece)
-        left -= len(piece)
+def _read_at_most(descriptor: int, limit: int, size: int) -> bytes:
+    """Read to the end, but at most `limit` bytes: `size`, what the file says of itself, need not be true."""
+    content = os.read(descriptor, min(size + 1, limit))
+    if len(content) == size > 0:
+        return content  # the end came where it was said to be
+    pieces = [content]
+    left = limit - len(content)
+    while pieces[-1] and left > 0:
+        pieces.append(os.read(descriptor, min(left, 64 * 1024)))
+        left -= len(pieces[-1])
     return b"".join(pieces)
 
 

@@ -342,7 +342,10 @@ def test_any_name_has_an_answer(keystore: Path) -> None:
 
         check()
         assert opened.file("x/" * 3000 + "y").status is Status.UNREADABLE  # no robot can ask for it either
+    with Root.open(keystore) as opened:
         assert opened.file("x" * 5000).status is Status.UNREADABLE
+        assert opened.entries("").directory.status is Status.DIRECTORY
+        assert opened.file("x" * 4000).status is Status.MISSING  # as the list says
 
 
 def test_listing_tells_kinds_and_targets_and_follows_nothing(keystore: Path) -> None:
