@@ -13,19 +13,20 @@ from keystore_audit import __version__
 from keystore_audit.engine.agreement import combine
 from keystore_audit.engine.alloy.facts import write_model
 from keystore_audit.engine.engines import run_engines
-from keystore_audit.engine.horizon import horizon
+from keystore_audit.engine.horizon import Horizon, horizon
 from keystore_audit.errors import BudgetExceeded
-from keystore_audit.findings import Finding, Outcome, Result, Severity
-from keystore_audit.keystore.keystore import Keystore, read_keystore
+from keystore_audit.findings import Finding, Result, Severity
+from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.meaning import Meaning
-from keystore_audit.model.profiles import Profile, resolve
+from keystore_audit.model.profiles import resolve
+from keystore_audit.model.usability import Usabilities
 from keystore_audit.properties import Status
-from keystore_audit.properties.result import EngineRun, EngineStatus, PropertyResult
+from keystore_audit.properties.result import EngineStatus
 from keystore_audit.report.content import EnclaveEntry, Report, Scope, Verdict
 from keystore_audit.rules import RULES
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.judge import judge
+from keystore_audit.rules.judge import Judgement, judge
 
 ASSUMPTIONS = (
     (
@@ -92,7 +93,8 @@ def audit(path: str | os.PathLike[str], options: Options, *, progress: Progress 
     keystore = read_keystore(path, progress=progress.enclaves if progress else None)
     if progress:
         progress.stage("working out what the documents mean")
-    meaning = interpret(keystore, profiles, options.at, domain=options.domain)
+    usabilities = Usabilities(options.domain)
+    meaning = interpret(keystore, profiles, options.at, usabilities)
     runs, answers = run_engines(
         meaning.systems,
         choice=options.engine,
@@ -113,35 +115,19 @@ def audit(path: str | os.PathLike[str], options: Options, *, progress: Progress 
         profiles=profiles,
     )
     judgement = judge(context, RULES, select=options.select, ignore=options.ignore)
-    return _report(keystore, meaning, profiles, results, runs, judgement.findings, judgement.outcomes, options)
+    safe = horizon(keystore, meaning.systems, profiles, options.at, usabilities)
+    return _report(context, judgement, safe, options)
 
 
-def _report(
-    keystore: Keystore,
-    meaning: Meaning,
-    profiles: Sequence[Profile],
-    results: tuple[PropertyResult, ...],
-    runs: tuple[EngineRun, ...],
-    findings: tuple[Finding, ...],
-    outcomes: tuple[Outcome, ...],
-    options: Options,
-) -> Report:
-    complete = (
-        bool(results)
-        and not meaning.doubts
-        and meaning.over_budget is None
-        and all(run.status is EngineStatus.OK for run in runs if run.required)
-        and all(result.status is not Status.UNKNOWN for result in results)
-        and all(outcome.outcome is not Result.OPEN for outcome in outcomes)
-    )
-    verdict, exit_code = _verdict(findings, options.fail_on, complete=complete)
-    safe = horizon(keystore, meaning.systems, profiles, options.at, options.domain)
-    answered = [run for run in runs if run.status is EngineStatus.OK]
+def _report(context: Context, judgement: Judgement, safe: Horizon, options: Options) -> Report:
+    verdict, exit_code = _verdict(judgement.findings, options.fail_on, complete=_complete(context, judgement))
+    answered = [run for run in context.engines if run.status is EngineStatus.OK]
+    agree = all(result.engines_agree for result in context.results)
     return Report(
         version=__version__,
-        keystore=keystore.root,
-        layout=keystore.layout.kind.value,
-        digest=keystore.digest,
+        keystore=context.keystore.root,
+        layout=context.keystore.layout.kind.value,
+        digest=context.keystore.digest,
         at=options.at,
         safe_until=safe.instant,
         safe_until_why=safe.why,
@@ -150,13 +136,26 @@ def _report(
         fail_on=options.fail_on,
         weakened=_weakened(options),
         assumptions=ASSUMPTIONS,
-        engines=runs,
-        engines_agree=all(result.engines_agree for result in results) if len(answered) > 1 else None,
-        enclaves=_enclaves(keystore, meaning, profiles),
-        properties=results,
-        findings=findings,
-        outcomes=outcomes,
-        scope=_scope(meaning),
+        engines=context.engines,
+        engines_agree=agree if len(answered) > 1 else None,
+        enclaves=_enclaves(context),
+        properties=context.results,
+        findings=judgement.findings,
+        outcomes=judgement.outcomes,
+        scope=_scope(context.meaning),
+    )
+
+
+def _complete(context: Context, judgement: Judgement) -> bool:
+    """Whether everything was decided. Each way in which it was not is looked at by itself, whatever the rules say."""
+    meaning = context.meaning
+    return (
+        bool(context.results)
+        and not meaning.doubts
+        and meaning.over_budget is None
+        and all(run.status is EngineStatus.OK for run in context.engines if run.required)
+        and all(result.status is not Status.UNKNOWN for result in context.results)
+        and all(outcome.outcome is not Result.OPEN for outcome in judgement.outcomes)
     )
 
 
@@ -182,9 +181,9 @@ def _weakened(options: Options) -> tuple[str, ...]:
     return tuple(weakened)
 
 
-def _enclaves(keystore: Keystore, meaning: Meaning, profiles: Sequence[Profile]) -> tuple[EnclaveEntry, ...]:
+def _enclaves(context: Context) -> tuple[EnclaveEntry, ...]:
     entries = []
-    for enclave in keystore.enclaves:
+    for enclave in context.keystore.enclaves:
         first = enclave.certificate.first if enclave.certificate else None
         directory = enclave.files.directory
         entries.append(
@@ -192,7 +191,7 @@ def _enclaves(keystore: Keystore, meaning: Meaning, profiles: Sequence[Profile])
                 path=enclave.path,
                 directory=directory,
                 subject=first.subject if first else None,
-                profiles={p.name: meaning.usability[directory, p.name] for p in profiles},
+                profiles={p.name: context.meaning.usability[directory, p.name] for p in context.profiles},
             )
         )
     return tuple(entries)
@@ -216,7 +215,7 @@ def export_model(path: str | os.PathLike[str], directory: Path, options: Options
     errors.BudgetExceeded.
     """
     keystore = read_keystore(path)
-    meaning = interpret(keystore, resolve(options.profiles), options.at, domain=options.domain)
+    meaning = interpret(keystore, resolve(options.profiles), options.at, Usabilities(options.domain))
     if meaning.over_budget is not None:
         raise BudgetExceeded(meaning.over_budget)
     write_model(meaning.systems, directory)

@@ -12,6 +12,7 @@ from keystore_audit.model.interpret import usability_by_profile
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.system import System
+from keystore_audit.model.usability import Usabilities
 from keystore_audit.properties import Status
 
 MAX_MOMENTS = 64
@@ -40,20 +41,24 @@ def horizon(
     systems: Sequence[System],
     profiles: Sequence[Profile],
     at: datetime,
-    domain: int | None,
+    usabilities: Usabilities,
 ) -> Horizon:
     """Looks at each validity boundary after `at` in turn, with the native engine."""
     if not systems:
         return Horizon(instant=at, why="nothing could be decided")
-    usable = usability_by_profile(keystore, profiles, at, domain=domain)
-    answers = [_statuses(system, None) for system in systems]
-    instant: datetime | None = None
+    usable = usability_by_profile(keystore, profiles, at, usabilities)
+    answers: list[dict[str, Status]] = []
     for count, (moment, instant) in enumerate(_moments(keystore, systems[0], at)):
         if count == MAX_MOMENTS:
             return Horizon(instant=instant, why="later dates were not looked at")
-        why = _usability_change(usable, usability_by_profile(keystore, profiles, instant, domain=domain))
-        for system, before in zip(systems, answers, strict=True):
-            why = why or _status_change(before, _statuses(system, moment))
+        why = _usability_change(usable, usability_by_profile(keystore, profiles, instant, usabilities))
+        if not why:
+            answers = answers or [_statuses(system, None) for system in systems]
+            changes = (
+                _status_change(before, _statuses(system, moment))
+                for system, before in zip(systems, answers, strict=True)
+            )
+            why = next((change for change in changes if change), "")
         if why:
             return Horizon(instant=instant, why=why)
     return Horizon(instant=None, why="no date in the keystore changes anything")
@@ -67,7 +72,7 @@ def _moments(keystore: Keystore, system: System, at: datetime) -> Iterator[tuple
     found: dict[datetime, int] = {}
     for index, instant in enumerate(system.instants):
         if index > system.now:
-            found.setdefault(instant, 2 * index)
+            found[instant] = 2 * index
         if index >= system.now:
             found.setdefault(instant + _TICK, 2 * index + 1)
     for enclave in keystore.enclaves:

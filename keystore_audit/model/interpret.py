@@ -18,8 +18,8 @@ from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.usability import Usabilities
 
 
-def interpret(keystore: Keystore, profiles: Sequence[Profile], at: datetime, *, domain: int | None = None) -> Meaning:
-    """The meaning of a keystore under the profiles at `at` (aware UTC); `domain` narrows usability.
+def interpret(keystore: Keystore, profiles: Sequence[Profile], at: datetime, usabilities: Usabilities) -> Meaning:
+    """The meaning of a keystore under the profiles at `at` (aware UTC).
 
     Topic classes over budget leave `systems` empty and say why: nothing is decided then.
     """
@@ -31,7 +31,7 @@ def interpret(keystore: Keystore, profiles: Sequence[Profile], at: datetime, *, 
         over_budget = exceeded.message
     return Meaning(
         systems=systems,
-        usability=usability_by_profile(keystore, profiles, at, domain=domain),
+        usability=usability_by_profile(keystore, profiles, at, usabilities),
         doubts=_doubts(keystore, profiles),
         ungoverned=_ungoverned(systems),
         over_budget=over_budget,
@@ -39,16 +39,13 @@ def interpret(keystore: Keystore, profiles: Sequence[Profile], at: datetime, *, 
 
 
 def usability_by_profile(
-    keystore: Keystore, profiles: Sequence[Profile], at: datetime, *, domain: int | None
+    keystore: Keystore, profiles: Sequence[Profile], at: datetime, usabilities: Usabilities
 ) -> dict[tuple[str, str], Usability]:
     """Usability by (enclave directory, profile name)."""
-    judge = Usabilities(at, domain)
+    kinds = {profile.pins_signer for profile in profiles}
     found: dict[tuple[str, str], Usability] = {}
     for enclave in keystore.enclaves:
-        by_kind = {
-            pins_signer: judge.of(enclave, pins_signer=pins_signer)
-            for pins_signer in {profile.pins_signer for profile in profiles}
-        }
+        by_kind = {pins_signer: usabilities.of(enclave, at, pins_signer=pins_signer) for pins_signer in kinds}
         for profile in profiles:
             found[enclave.files.directory, profile.name] = by_kind[profile.pins_signer]
     return found

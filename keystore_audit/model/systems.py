@@ -10,6 +10,7 @@ from datetime import datetime
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import Issue, fit_to_sign, issued_by
+from keystore_audit.keystore.governance import TopicRule
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.channels import Channels, RuleMatches, build_channels, covers_of, domain_classes
 from keystore_audit.model.domains import Interval, contains, covered

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from datetime import datetime
 
-from keystore_audit.keystore.certificate import Certificate, CertificateFile
+from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.governance import DomainRule, GovernanceFile
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
-from keystore_audit.keystore.permissions import Grant, PermissionsFile
+from keystore_audit.keystore.permissions import Grant
 from keystore_audit.model.domains import Interval, contains, covered, elementary
 from keystore_audit.model.doubt import enclave_doubts
 from keystore_audit.model.meaning import Usability
@@ -28,95 +29,101 @@ REQUIRED = (
 )
 """Files without which rmw_dds_common hands no security to the implementation (its security.cpp)."""
 
+_Governed = tuple[tuple[Interval, DomainRule], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Dated:
+    """What depends on the instant: the identity, its issuers, and the enclave's own grants with their dates."""
+
+    certificate: Certificate | None
+    issuers: tuple[Certificate, ...]
+    grants: tuple[tuple[datetime, datetime, bool], ...] | None
+    """not_before, not_after and whether it lets the enclave join; None where the document has no meaning."""
+    stale_after: tuple[datetime, ...]
+
 
 class Usabilities:
-    """Answers for every enclave of one keystore at one instant; what enclaves share is worked out once."""
+    """Answers for the enclaves of one keystore; what does not depend on the instant is worked out once.
 
-    def __init__(self, at: datetime, domain: int | None) -> None:
-        self._at = at
+    `domain`: the domain that a participant is wanted in; None: some domain of 0..232.
+    """
+
+    def __init__(self, domain: int | None) -> None:
         self._domain = domain
-        self._governed: dict[str, tuple[tuple[Interval, DomainRule], ...]] = {}
+        self._governed: dict[str, _Governed] = {}
+        self._standing: dict[tuple[str, bool], tuple[tuple[str, ...], tuple[str, ...]]] = {}
+        self._dated: dict[str, _Dated] = {}
 
-    def of(self, enclave: Enclave, *, pins_signer: bool) -> Usability:
-        """Whether a participant of the enclave is created, in `domain` or (None) in some domain of 0..232.
+    def of(self, enclave: Enclave, at: datetime, *, pins_signer: bool) -> Usability:
+        """Whether a participant of the enclave is created at `at` (aware UTC).
 
         `usable` is None where something could not be read and nothing else already rules it out.
         """
-        reasons = tuple(self._refusals(enclave, pins_signer=pins_signer))
+        directory = enclave.files.directory
+        key = (directory, pins_signer)
+        if key not in self._standing:
+            self._standing[key] = (
+                tuple(self._refusals(enclave, pins_signer=pins_signer)),
+                tuple(doubt.reason for doubt in enclave_doubts(enclave, pins_signer=pins_signer)),
+            )
+        if directory not in self._dated:
+            self._dated[directory] = self._dates(enclave)
+        refusals, doubts = self._standing[key]
+        reasons = (*refusals, *_refusals_at(self._dated[directory], at))
         if reasons:
             return Usability(usable=False, reasons=reasons)
-        doubts = tuple(doubt.reason for doubt in enclave_doubts(enclave, pins_signer=pins_signer))
         return Usability(usable=None if doubts else True, reasons=doubts)
 
     def _refusals(self, enclave: Enclave, *, pins_signer: bool) -> Iterator[str]:
+        """Reasons that hold at every instant."""
         for role in REQUIRED:
             file = enclave.files.files[role]
             absent = file.status is not Status.PRESENT and not file.status.unknown
             if absent and role not in enclave.files.pkcs11:
                 yield f"{role.value}: {file.detail or file.status.value}"
-        yield from self._identity_refusals(enclave)
+        certificate = enclave.certificate.first if enclave.certificate else None
+        if certificate is not None:
+            yield from _identity_refusals(enclave, certificate)
         for role, read in ((Role.GOVERNANCE, enclave.governance), (Role.PERMISSIONS, enclave.permissions)):
             if read is not None and enclave.permissions_ca is not None:
                 verdict = document_verdict(read.signed, enclave.permissions_ca, pins_signer=pins_signer)
                 if verdict is Verdict.REFUSED:
                     whom = "the permissions CA" if pins_signer else "anybody whom the permissions CA vouches for"
                     yield f"{role.value}.p7s is not validly signed by {whom}"
-        yield from self._permission_refusals(enclave)
+        if enclave.governance is not None and enclave.governance.governance is not None:
+            if not self._governed_domains(enclave.governance):
+                yield "the governance covers " + ("no domain" if self._domain is None else f"not domain {self._domain}")
 
-    def _identity_refusals(self, enclave: Enclave) -> Iterator[str]:
+    def _dates(self, enclave: Enclave) -> _Dated:
         certificate = enclave.certificate.first if enclave.certificate else None
-        if certificate is None:
-            return
-        if enclave.key is not None:
-            if enclave.key.encrypted:
-                yield "the private key is encrypted, and no password is passed"
-            elif enclave.key.key is not None and enclave.key.key != certificate.key:
-                yield "the private key does not belong to the certificate"
-        if enclave.identity_ca is not None and not _has_doubt(enclave.identity_ca):
-            yield from self._chain_refusals(certificate, enclave.identity_ca)
-        if (certificate.issuer_der, certificate.serial) in revoked_serials(enclave):
-            yield "the identity certificate is revoked"
-        for revocations in enclave.crl.revocation_lists if enclave.crl else ():
-            if revocations.next_update is not None and revocations.next_update < self._at:
-                yield "the revocation list is stale, so every identity is refused"
+        authorities = enclave.identity_ca.certificates if enclave.identity_ca else ()
+        revocations = enclave.crl.revocation_lists if enclave.crl else ()
+        return _Dated(
+            certificate=certificate,
+            issuers=tuple(a for a in authorities if certificate is not None and vouches(a, certificate)),
+            grants=self._own_grants(enclave, certificate),
+            stale_after=tuple(r.next_update for r in revocations if r.next_update is not None),
+        )
 
-    def _chain_refusals(self, certificate: Certificate, identity_ca: CertificateFile) -> Iterator[str]:
-        if not certificate.not_before <= self._at <= certificate.not_after:
-            yield "the identity certificate is outside its validity"
-        issuers = [authority for authority in identity_ca.certificates if vouches(authority, certificate)]
-        if not issuers:
-            yield "the identity CA did not issue the identity certificate"
-        elif not any(issuer.not_before <= self._at <= issuer.not_after for issuer in issuers):
-            yield "the identity CA certificate is outside its validity"
-
-    def _permission_refusals(self, enclave: Enclave) -> Iterator[str]:
-        """What the enclave's own documents say against it: no grant, no domain, no right to join."""
-        certificate = enclave.certificate.first if enclave.certificate else None
-        grant: Grant | None = None
-        if certificate is not None and enclave.permissions is not None and enclave.permissions.permissions:
-            grant = self._own_grant(enclave.permissions, certificate)
-            if grant is None:
-                yield f"no grant in force names {certificate.subject}"
-        if enclave.governance is None or enclave.governance.governance is None:
-            return
-        governed = self._governed_domains(enclave.governance)
-        if not governed:
-            which = "no domain" if self._domain is None else f"not domain {self._domain}"
-            yield f"the governance covers {which}"
-        elif grant is not None and not _joins(governed, grant):
-            yield "the grant allows no domain that the governance covers"
-
-    def _own_grant(self, file: PermissionsFile, certificate: Certificate) -> Grant | None:
-        """The first grant in force of the enclave's own document that names its certificate."""
-        for grant in file.permissions.grants if file.permissions else ():
-            if grant.subject_name.text != certificate.subject:
-                continue
+    def _own_grants(
+        self, enclave: Enclave, certificate: Certificate | None
+    ) -> tuple[tuple[datetime, datetime, bool], ...] | None:
+        """The grants of the enclave's own document that name its certificate."""
+        permissions = enclave.permissions.permissions if enclave.permissions else None
+        if certificate is None or permissions is None:
+            return None
+        governance = enclave.governance
+        readable = governance is not None and governance.governance is not None
+        governed = self._governed_domains(governance) if governance is not None and readable else None
+        found = []
+        for grant in permissions.grants:
             not_before, not_after = parse_instant(grant.not_before.text), parse_instant(grant.not_after.text)
-            if not_before is not None and not_after is not None and not_before <= self._at <= not_after:
-                return grant
-        return None
+            if grant.subject_name.text == certificate.subject and not_before is not None and not_after is not None:
+                found.append((not_before, not_after, governed is None or not governed or _joins(governed, grant)))
+        return tuple(found)
 
-    def _governed_domains(self, file: GovernanceFile) -> tuple[tuple[Interval, DomainRule], ...]:
+    def _governed_domains(self, file: GovernanceFile) -> _Governed:
         """The domains in question with the first domain rule that covers each."""
         place = file.signed.file.place
         if place not in self._governed:
@@ -135,11 +142,37 @@ class Usabilities:
         return self._governed[place]
 
 
-def _has_doubt(file: CertificateFile) -> bool:
-    return any(defect.kind.opaque for defect in file.defects)
+def _identity_refusals(enclave: Enclave, certificate: Certificate) -> Iterator[str]:
+    if enclave.key is not None:
+        if enclave.key.encrypted:
+            yield "the private key is encrypted, and no password is passed"
+        elif enclave.key.key is not None and enclave.key.key != certificate.key:
+            yield "the private key does not belong to the certificate"
+    if enclave.identity_ca is not None and not any(d.kind.opaque for d in enclave.identity_ca.defects):
+        if not any(vouches(authority, certificate) for authority in enclave.identity_ca.certificates):
+            yield "the identity CA did not issue the identity certificate"
+    if (certificate.issuer_der, certificate.serial) in revoked_serials(enclave):
+        yield "the identity certificate is revoked"
 
 
-def _joins(governed: tuple[tuple[Interval, DomainRule], ...], grant: Grant) -> bool:
+def _refusals_at(dated: _Dated, at: datetime) -> Iterator[str]:
+    """Reasons that hold at `at`."""
+    certificate = dated.certificate
+    if certificate is not None and not certificate.not_before <= at <= certificate.not_after:
+        yield "the identity certificate is outside its validity"
+    if dated.issuers and not any(issuer.not_before <= at <= issuer.not_after for issuer in dated.issuers):
+        yield "the identity CA certificate is outside its validity"
+    if any(end < at for end in dated.stale_after):
+        yield "the revocation list is stale, so every identity is refused"
+    if certificate is not None and dated.grants is not None:
+        own = next((joins for start, end, joins in dated.grants if start <= at <= end), None)
+        if own is None:
+            yield f"no grant in force names {certificate.subject}"
+        elif not own:
+            yield "the grant allows no domain that the governance covers"
+
+
+def _joins(governed: _Governed, grant: Grant) -> bool:
     """Join control as `spec` has it, save that Table 63 taken to the letter would refuse every stock enclave."""
     if grant.default_allow:
         return True
