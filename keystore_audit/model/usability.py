@@ -91,9 +91,10 @@ class Usabilities:
                 if verdict is Verdict.REFUSED:
                     whom = "the permissions CA" if pins_signer else "anybody whom the permissions CA vouches for"
                     yield f"{role.value}.p7s is not validly signed by {whom}"
-        if enclave.governance is not None and enclave.governance.governance is not None:
-            if not self._governed_domains(enclave.governance):
-                yield "the governance covers " + ("no domain" if self._domain is None else f"not domain {self._domain}")
+        governance = enclave.governance
+        readable = governance is not None and governance.governance is not None
+        if governance is not None and readable and not self._governed_domains(governance):
+            yield "the governance covers " + ("no domain" if self._domain is None else f"not domain {self._domain}")
 
     def _dates(self, enclave: Enclave) -> _Dated:
         certificate = enclave.certificate.first if enclave.certificate else None
@@ -148,9 +149,10 @@ def _identity_refusals(enclave: Enclave, certificate: Certificate) -> Iterator[s
             yield "the private key is encrypted, and no password is passed"
         elif enclave.key.key is not None and enclave.key.key != certificate.key:
             yield "the private key does not belong to the certificate"
-    if enclave.identity_ca is not None and not any(d.kind.opaque for d in enclave.identity_ca.defects):
-        if not any(vouches(authority, certificate) for authority in enclave.identity_ca.certificates):
-            yield "the identity CA did not issue the identity certificate"
+    authorities = enclave.identity_ca
+    readable = authorities is not None and not any(defect.kind.opaque for defect in authorities.defects)
+    if authorities is not None and readable and not any(vouches(a, certificate) for a in authorities.certificates):
+        yield "the identity CA did not issue the identity certificate"
     if (certificate.issuer_der, certificate.serial) in revoked_serials(enclave):
         yield "the identity certificate is revoked"
 
