@@ -161,6 +161,7 @@ class Root:
             place, found, target = self._find(relative)
             if target is not None:
                 place, found = self._descent.follow(place[:-1], target)
+                _refuse_unless_file(found, f"links to {display(target)}: ")
             reading = self._read(place, found, keep=keep, needed=needed)
         except (OSError, ValueError) as error:
             refused = refusal(error, "cannot be read", missing=missing)
@@ -179,13 +180,16 @@ class Root:
         )
 
     def _find(self, relative: bytes) -> tuple[Place, os.stat_result | None, bytes | None]:
-        """Return the place of an entry, what is there (None: a file, as its directory was listed), a link's target."""
+        """Return the place of a file or link, a file's state unless its directory was listed, a link's target."""
         entry = self._entries.get(relative)
         if entry is not None and entry.kind in (EntryKind.FILE, EntryKind.LINK):
             return tuple(relative.split(b"/")), None, entry.target
         place = names(relative)
         found = self._descent.entry(place)
-        return place, found, self._descent.target(place) if stat.S_ISLNK(found.st_mode) else None
+        if stat.S_ISLNK(found.st_mode):
+            return place, None, self._descent.target(place)
+        _refuse_unless_file(found)
+        return place, found, None
 
     def _is_listed(self, directory: bytes) -> bool:
         listing = self._listings.get(directory)
@@ -195,11 +199,6 @@ class Root:
         """Return what the inode at `place` held when it was read first."""
         inode: tuple[int, int] | None = None
         if found is not None:
-            if stat.S_ISDIR(found.st_mode):
-                raise Refusal(Status.DIRECTORY, "a directory is here, not a file")
-            if not stat.S_ISREG(found.st_mode):
-                special = f"{_special(found.st_mode)} is here, not a regular file; it was not opened"
-                raise Refusal(Status.SPECIAL, special)
             inode = (found.st_dev, found.st_ino)
             known = self._known(inode, needed=needed)
             if known is not None:
@@ -281,6 +280,13 @@ class Root:
         self._entries_left -= len(entries)
         entries.sort(key=lambda entry: entry.name)
         return tuple(entries)
+
+
+def _refuse_unless_file(found: os.stat_result, way: str = "") -> None:
+    if stat.S_ISDIR(found.st_mode):
+        raise Refusal(Status.DIRECTORY, f"{way}a directory, where a file was expected")
+    if not stat.S_ISREG(found.st_mode):
+        raise Refusal(Status.SPECIAL, f"{way}{_special(found.st_mode)}, no regular file; it was not opened")
 
 
 def _unlisted(path: str, refused: Refusal) -> Listing:
