@@ -52,9 +52,7 @@ def outcomes(directory: Path, modules: dict[str, str], main: str = "audit.als") 
     world = analyzer.parse(analyzer.silent, None, str(directory / main))
     sigs = world.getAllReachableSigs()
     return {
-        str(command.label): bool(
-            analyzer.execute(analyzer.silent, sigs, command, analyzer.options).satisfiable()
-        )
+        str(command.label): bool(analyzer.execute(analyzer.silent, sigs, command, analyzer.options).satisfiable())
         for command in world.getAllCommands()
     }
 
@@ -95,7 +93,7 @@ def start_jvm() -> None:
         "-Xss64m",
         "-Xmx1g",
         "-XX:+UseSerialGC",
-        "-Dorg.slf4j.simpleLogger.defaultLogLevel=off",
+        "-Dorg.slf4j.simpleLogger.defaultLogLevel=error",
         "-Djava.awt.headless=true",
         "--enable-native-access=ALL-UNNAMED",
         classpath=[str(found.jar)],

@@ -141,9 +141,7 @@ class Builder:
 
     def channel(self, domain: int, topic: str, partition: str = "", *, infinite: bool = False) -> int:
         self.channels.append(
-            ChannelAtom(
-                domain=domain, topic=topic, partition=partition, ros=topic.startswith("rt/"), infinite=infinite
-            )
+            ChannelAtom(domain=domain, topic=topic, partition=partition, ros=topic.startswith("rt/"), infinite=infinite)
         )
         return len(self.channels) - 1
 
@@ -307,7 +305,7 @@ def random_system(seed: int) -> System:
 
 
 class _Chance:
-    """Draws a system. `odd(p)` is how anything departs from a healthy keystore: more in some systems than in others."""
+    """Draws a system. `odd(p)`: whether something departs from a healthy keystore; more so in some systems."""
 
     def __init__(self, seed: int) -> None:
         self.random = random.Random(seed)
@@ -319,6 +317,7 @@ class _Chance:
             now=2 if not self.odd() else self.random.randrange(INSTANTS),
         )
         self.opaque = 0.1 if may and self.random.random() < 0.4 else 0.0
+        self.weak = self.random.random() < 0.3
 
     def odd(self, probability: float = 0.5) -> bool:
         return self.random.random() < self.mess * probability
@@ -411,6 +410,8 @@ class _Chance:
             b.channel(self.random.randrange(len(b.domains)), f"rt/topic_{number}")
 
     def kind(self, usual: ProtectionKind) -> ProtectionKind:
+        if self.weak:
+            return self.random.choice([ProtectionKind.NONE, ProtectionKind.NONE, ProtectionKind.SIGN])
         return self.random.choice(list(ProtectionKind)) if self.odd(0.7) else usual
 
     def governance(self, document: int) -> None:
@@ -434,9 +435,7 @@ class _Chance:
                     enable_read_access_control=not self.odd(0.3),
                     enable_write_access_control=not self.odd(0.3),
                     metadata=self.kind(origin),
-                    data=self.random.choice([ProtectionKind.NONE, ProtectionKind.SIGN, ProtectionKind.ENCRYPT])
-                    if self.odd()
-                    else ProtectionKind.ENCRYPT,
+                    data=self.kind(ProtectionKind.ENCRYPT),
                 )
 
     def permissions(self, document: int) -> None:
@@ -455,7 +454,7 @@ class _Chance:
                     grant,
                     self.some(domains, 0.8),
                     allow=self.random.random() < 0.7,
-                    publish=self.some(channels, 0.3),
-                    subscribe=self.some(channels, 0.3),
+                    publish=self.some(channels, 0.4),
+                    subscribe=self.some(channels, 0.4),
                     relay=self.some(channels, 0.1),
                 )

@@ -20,6 +20,25 @@ from keystore_audit.properties.property import Property
 GROUP: Final = 50
 """Atoms under one abstract sig: 5,000 children of one overflow the translator's stack, groups do not."""
 
+MODULES: Final = (
+    "dds_security.als",
+    "precedence.als",
+    "authentication.als",
+    "documents.als",
+    "governance.als",
+    "permissions.als",
+    "capabilities.als",
+    "properties.als",
+    "vacuity.als",
+)
+"""The hand-written modules, each opening the one before (`keystore.als` stands after the first)."""
+
+KEYSTORE: Final = "keystore.als"
+"""The generated module of facts."""
+
+MAIN: Final = "audit.als"
+"""The generated main file: commands only."""
+
 CONSISTENCY: Final = "FactsAreConsistent"
 """The run that must have an instance: no check means anything without it."""
 
@@ -192,9 +211,7 @@ class _Facts:
         return function(name, f"set {sort.sig}", self._relations.atoms(sort, members))
 
     def _map(self, name: str, left: Sort, right: Sort, rows: Sequence[Iterable[int]]) -> str:
-        return self._relations.relation(
-            name, f"{left.sig} -> {right.sig}", self._relations.rows(left, right, rows)
-        )
+        return self._relations.relation(name, f"{left.sig} -> {right.sig}", self._relations.rows(left, right, rows))
 
     def _kind(self, name: str, sort: Sort, rules: Sequence[DomainRuleAtom] | Sequence[TopicRuleAtom]) -> str:
         kinds = [getattr(rule, name).value for rule in rules]

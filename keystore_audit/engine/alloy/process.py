@@ -1,0 +1,181 @@
+"""One run of the Alloy Analyzer: a child process in a directory, a process group and an environment of its own."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Final
+
+from keystore_audit.errors import EngineFailed, EngineMissing, EngineTimeout
+
+OUTPUT_DIRECTORY: Final = "solutions"
+"""Where the Analyzer puts instances, below the run's directory."""
+
+MAX_DIAGNOSTICS: Final = 1_000_000
+"""Bytes read of what the Analyzer writes to stderr: a line for each command, or a stack trace."""
+
+FIRST_COMPILER_ATOMS: Final = 1_000
+"""Atoms up to which the JVM's first compiler alone is faster (0.8 s against 1.3 s for a small keystore)."""
+
+STACK_MB: Final = 64
+"""MiB of stack: the translator recurses along unions."""
+
+_DIAGNOSTICS: Final = "diagnostics"
+_SCRATCH: Final = "scratch"
+
+_INHERITED: Final = ("PATH", "LANG", "LC_ALL", "SYSTEMROOT")
+"""All that the child gets of the environment: no JAVA_TOOL_OPTIONS, no class path, no home directory."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """`timeout`: seconds of wall clock; `memory_mb`: MiB of Java heap; `atoms`: size of the model, for the JVM."""
+
+    timeout: float
+    memory_mb: int
+    atoms: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Output:
+    """How a run ended: `status` as in `subprocess` (negative: the signal), `diagnostics` its stderr."""
+
+    status: int
+    diagnostics: str
+
+
+class AnalyzerProcess:
+    """The Analyzer at work in a directory of its own, on `files` (name to text), executing the one called `main`.
+
+    A context manager: entering it starts the process, leaving it ends the process group, whatever happened, and
+    removes the directory, in which everything stands that the Analyzer writes (natives that it unpacks,
+    preferences, instances).
+    """
+
+    def __init__(self, files: Mapping[str, str], main: str, *, java: Path, jar: Path, limits: Limits) -> None:
+        self._files = files
+        self._main = main
+        self._java = java.absolute()
+        self._jar = jar.absolute()
+        self._limits = limits
+        self._cleanup = ExitStack()
+
+    def __enter__(self) -> AnalyzerProcess:
+        """Start. Raises EngineMissing if Java cannot be started, EngineFailed if there is no place to write."""
+        with ExitStack() as stack:
+            self.directory = Path(stack.enter_context(_scratch_directory()))
+            self._write_files()
+            self._process = self._start()
+            stack.callback(self._end)
+            self._deadline = time.monotonic() + self._limits.timeout
+            _limit_processor_time(self._process.pid, self._limits.timeout)
+            self._cleanup = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the process group if it still runs, and remove the directory; a second time does nothing."""
+        self._cleanup.close()
+
+    def poll(self, seconds: float) -> Output | None:
+        """Wait at most `seconds`; return the output if the process has ended.
+
+        Raises EngineTimeout once its time is over.
+        """
+        try:
+            status = self._process.wait(timeout=seconds)
+        except subprocess.TimeoutExpired:
+            if time.monotonic() < self._deadline:
+                return None
+            raise EngineTimeout(
+                f"The Alloy Analyzer was still at work after {self._limits.timeout:g} seconds and was ended; "
+                "--timeout gives it more."
+            ) from None
+        with (self.directory / _DIAGNOSTICS).open("rb") as file:
+            diagnostics = file.read(MAX_DIAGNOSTICS).decode("utf-8", "replace")
+        return Output(status=status, diagnostics=diagnostics)
+
+    def _write_files(self) -> None:
+        try:
+            (self.directory / _SCRATCH).mkdir()
+            for name, content in self._files.items():
+                (self.directory / name).write_text(content, encoding="ascii")
+        except OSError as error:
+            raise EngineFailed(f"The model cannot be written: {error.strerror or error}.") from error
+
+    def _start(self) -> subprocess.Popen[bytes]:
+        command = [str(self._java), *_java_options(self._limits, self.directory / _SCRATCH), "-jar", str(self._jar)]
+        # No symmetry breaking and no deeper Skolem functions (-d 0): every atom is named, every witness outermost.
+        command += ["exec", "-f", "-t", "xml", "-d", "0", "-s", "sat4j", "-o", OUTPUT_DIRECTORY, self._main]
+        try:
+            with (self.directory / _DIAGNOSTICS).open("wb") as diagnostics:
+                return subprocess.Popen(
+                    command,
+                    cwd=self.directory,
+                    env={name: os.environ[name] for name in _INHERITED if name in os.environ},
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    stderr=diagnostics,
+                    start_new_session=True,
+                )
+        except OSError as error:
+            raise EngineMissing(f"Java cannot be started at {self._java}: {error.strerror or error}.") from error
+
+    def _end(self) -> None:
+        if self._process.poll() is not None:
+            return
+        if os.name == "posix":
+            os.killpg(self._process.pid, signal.SIGKILL)  # its children too, where `java` is a script
+        else:
+            self._process.kill()
+        self._process.wait()
+
+
+def _scratch_directory() -> tempfile.TemporaryDirectory[str]:
+    try:
+        return tempfile.TemporaryDirectory(prefix="keystore-audit-alloy-", ignore_cleanup_errors=True)
+    except OSError as error:
+        raise EngineFailed(f"There is no place for the model: {error.strerror or error}.") from error
+
+
+def _java_options(limits: Limits, scratch: Path) -> list[str]:
+    return [
+        *(["-XX:TieredStopAtLevel=1"] if limits.atoms <= FIRST_COMPILER_ATOMS else []),
+        "-XX:+UseSerialGC",
+        "-XX:-UsePerfData",
+        "-XX:+ExitOnOutOfMemoryError",
+        "-XX:-StackTraceInThrowable",  # the parser makes an exception for every name; nobody reads the traces
+        f"-Xmx{limits.memory_mb}m",
+        f"-Xss{STACK_MB}m",
+        "-Djava.awt.headless=true",
+        f"-Djava.io.tmpdir={scratch}",
+        f"-Duser.home={scratch}",
+        f"-Djava.util.prefs.userRoot={scratch}",
+        "--enable-native-access=ALL-UNNAMED",
+    ]
+
+
+def _limit_processor_time(pid: int, timeout: float) -> None:
+    """Bound the child's processor time, in case this process dies and nobody is left to end it (Linux only)."""
+    try:
+        from resource import RLIMIT_CPU, prlimit
+    except ImportError:
+        return
+    seconds = math.ceil(timeout) * (os.cpu_count() or 1) + 10
+    try:
+        prlimit(pid, RLIMIT_CPU, (seconds, seconds))
+    except (ProcessLookupError, PermissionError):  # ended already
+        return
