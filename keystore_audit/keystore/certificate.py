@@ -28,9 +28,8 @@ MAX_CERTIFICATE_BYTES: Final = 64 * 1024
 """Longest certificate that is parsed: one of sros2 has 400 bytes, one with a 16,384-bit RSA key has 5,000."""
 
 _PROCESSED: Final = frozenset(
-    # Critical extensions that `openssl verify` 3.0 takes as understood (measured,
-    # tests/keystore/test_certificate.py). A proxyCertInfo is understood and then refused, so it is not
-    # among them.
+    # Critical extensions that `openssl verify` 3.0 takes as understood (measured in test_certificate.py);
+    # a proxyCertInfo is understood and then refused, so it is not among them.
     {
         "2.5.29.15",  # keyUsage
         "2.5.29.17",  # subjectAltName

@@ -24,6 +24,10 @@ MAX_DEPTH: Final = 128
 MAX_LINKS: Final = 40
 """Links followed for one name, as Linux does (path_resolution(7)): a robot gets ELOOP beyond it."""
 
+MAX_STEPS: Final = 2_000_000
+"""Names that links may lead over in one keystore: 10,000 enclaves need 150,000, each a microsecond. A link can have
+2,000 names and lead to 40 others."""
+
 _OPEN_DIRECTORIES: Final = 64
 """Directory descriptors kept open: those in use, far below the usual limits of 256 or 1,024 a process."""
 
@@ -59,6 +63,7 @@ class Descent:
         self._directories: OrderedDict[Place, int] = OrderedDict()
         self._looked_at: dict[Place, os.stat_result] = {}
         self._targets: dict[Place, bytes] = {}
+        self._steps_left = MAX_STEPS
 
     def close(self) -> None:
         """Close every descriptor."""
@@ -113,6 +118,10 @@ class Descent:
         found: os.stat_result | None = None  # of `here`, where it was looked at
         while pending:
             name = pending.pop()
+            self._steps_left -= 1
+            if self._steps_left < 0:
+                limit = f"the keystore's links lead over more than {MAX_STEPS} names"
+                raise Refusal(Status.UNREADABLE, f"links to {percent_path(target)}, which was not followed: {limit}")
             if found is not None and not stat.S_ISDIR(found.st_mode):
                 raise NotADirectoryError
             if name == b".":

@@ -56,15 +56,14 @@ class EnclaveFiles:
 class Layout:
     """A keystore's directory as discovered.
 
-    `authorities`: CA certificate files outside enclaves (`public/*.cert.pem`, a flat root's `ca.cert.pem`);
-    `authority_keys`: CA private key files anywhere (`private/*key.pem`, `ca.key.pem`), links and their
-    targets listed once by resolved path, without content;
-    `unsigned_governance`: `governance.xml` beside a shared governance.p7s; `governance`: the shared
-    `governance.p7s`, if any;
-    `directory_links`: links to directories, never followed, and links out of the keystore that may be some
-    (status OUTSIDE) where an enclave could be; `unreadable_directories`: directories that could not be
-    listed, the one where the limit of entries was reached among them: nothing after it, in order of path,
-    was looked at;
+    `authorities`: CA certificate files outside enclaves (`public/*.cert.pem`, a flat root's `ca.cert.pem`).
+    `authority_keys`: CA private key files anywhere (`private/*key.pem`, `ca.key.pem`), without content, links and
+    their targets listed once by resolved path.
+    `governance`: the shared `governance.p7s`, if any; `unsigned_governance`: the `governance.xml` beside it.
+    `directory_links`: links to directories, never followed, and links that leave the keystore where an enclave could
+    be (status OUTSIDE: nobody looked whether to a directory).
+    `unreadable_directories`: those that could not be listed. Where the limit of entries was reached, the last one is
+    the directory that went beyond it, and nothing after it in order of path was looked at.
     `expected`: what a complete keystore of this kind would hold and this one lacks, in words.
     """
 
@@ -178,8 +177,7 @@ class _Tree:
         return [place for place in self.listings if self._is_enclave(place, kind)]
 
     def _is_enclave(self, place: bytes, kind: LayoutKind) -> bool:
-        # Shared folders hold CA certificates or the governance too: they count only by what is an enclave's
-        # own.
+        # Shared folders hold CA certificates and the governance too: they count by what is an enclave's own.
         if kind is LayoutKind.SROS2:
             if not place.startswith(b"enclaves/") and place != b"enclaves":
                 return False

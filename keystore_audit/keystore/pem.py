@@ -15,6 +15,9 @@ from typing import Final
 MAX_BLOCKS: Final = 1_000
 """Most blocks that are read of one file: a bundle of authorities has some hundred, an enclave's file one."""
 
+MAX_DUMP_BYTES: Final = 256 * 1024
+"""Longest text that is looked at line by line: the dump of a certificate has 2 to 20 kB."""
+
 _BEGIN: Final = re.compile(rb"-----BEGIN ([A-Z0-9 ]{1,64})-----[\x00-\x20]*")
 _ENCRYPTED: Final = b"Proc-Type: 4,ENCRYPTED"  # RFC 1421, 4.6.1.1: the header of an encrypted traditional key
 
@@ -58,6 +61,8 @@ class Text:
 
     def is_dump(self, margin: tuple[bytes, ...]) -> bool:
         """Whether it is openssl's readable form: the first of `margin`, then any of it or indented lines."""
+        if len(self.text) > MAX_DUMP_BYTES:
+            return False
         lines = [line.rstrip() for line in self.text.split(b"\n")]
         written = [line for line in lines if line]
         return written[:1] == [margin[0]] and all(line.startswith(b"    ") or line in margin for line in written)

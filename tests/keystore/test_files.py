@@ -501,3 +501,13 @@ def test_nothing_outside_is_opened(keystore: Path) -> None:
     os.symlink("../outside", keystore / "private")
     run = subprocess.run([sys.executable, "-c", WATCHED, keystore], capture_output=True, text=True, check=False)
     assert (run.stdout, run.stderr) == ("[] []\n", "")
+
+
+def test_links_lead_over_a_bounded_number_of_names(keystore: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a limit, links of 2,000 names that lead to one another take a minute for each thousand."""
+    for number in range(20):
+        os.symlink("public/../" * 300 + "public/ca.cert.pem", keystore / f"link{number:02}")
+    monkeypatch.setattr(descent, "MAX_STEPS", 3000)
+    with Root.open(keystore) as opened:
+        statuses = [opened.file(f"link{number:02}").status for number in range(20)]
+    assert statuses == [Status.PRESENT] * 4 + [Status.UNREADABLE] * 16
