@@ -4,23 +4,50 @@ from __future__ import annotations
 
 from typing import Any
 
+from keystore_audit.rules.algorithm import ALGORITHM
 from keystore_audit.rules.audit import AUDIT
+from keystore_audit.rules.authority import AUTHORITY
+from keystore_audit.rules.breadth import BREADTH
 from keystore_audit.rules.certificate import CERTIFICATE
+from keystore_audit.rules.domain import DOMAIN
+from keystore_audit.rules.envelope import ENVELOPE
 from keystore_audit.rules.formal import FORMAL
 from keystore_audit.rules.governance import GOVERNANCE
+from keystore_audit.rules.identity import IDENTITY
 from keystore_audit.rules.layout import LAYOUT
 from keystore_audit.rules.permissions import PERMISSIONS
 from keystore_audit.rules.private_key import PRIVATE_KEY
+from keystore_audit.rules.protection import PROTECTION
 from keystore_audit.rules.registry import Rule
+from keystore_audit.rules.revocation import REVOCATION
 from keystore_audit.rules.signature import SIGNATURE
+from keystore_audit.rules.validity import VALIDITY
 
 RULES: tuple[Rule[Any], ...] = tuple(
     sorted(
-        (*LAYOUT, *CERTIFICATE, *PRIVATE_KEY, *SIGNATURE, *GOVERNANCE, *PERMISSIONS, *FORMAL, *AUDIT),
+        (
+            *LAYOUT,
+            *PRIVATE_KEY,
+            *CERTIFICATE,
+            *ALGORITHM,
+            *IDENTITY,
+            *AUTHORITY,
+            *REVOCATION,
+            *SIGNATURE,
+            *ENVELOPE,
+            *GOVERNANCE,
+            *PROTECTION,
+            *DOMAIN,
+            *PERMISSIONS,
+            *VALIDITY,
+            *BREADTH,
+            *FORMAL,
+            *AUDIT,
+        ),
         key=lambda rule: rule.code,
     )
 )
-"""In report order."""
+"""Every rule, in report order."""
 
-BY_CODE = {rule.code: rule for rule in RULES}
+BY_CODE: dict[str, Rule[Any]] = {rule.code: rule for rule in RULES}
 """Rules by code."""

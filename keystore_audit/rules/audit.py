@@ -1,40 +1,44 @@
-"""KA9: the audit itself. What could not be decided is said, and never passes."""
+"""KA9: the audit itself. What could not be decided is said, and never passes; nothing leaves these rules out."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any, Final
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.model.meaning import Doubt
 from keystore_audit.properties.property import Status
-from keystore_audit.properties.result import EngineRun, EngineStatus, PropertyResult
+from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.subjects import Crash
+from keystore_audit.rules.wording import MAX_LISTED, listed, places, sentence
 
-_CLAUSE = "keystore-audit: an audit that could not finish never passes"
+_CLAUSE: Final = "keystore-audit, docs/reference.md: an audit that could not decide everything never passes"
 
 
 @rule(
     "KA901",
     "undecided",
     Severity.HIGH,
-    on=Keystore,
+    on=Doubt,
     clause=_CLAUSE,
-    remedy="Make the file readable for the audit, in the form that the other findings about it ask for.",
+    remedy="Put the file into the form that the message asks for, and run the audit again.",
 )
-def undecided(_keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """Something could not be read that a robot might act on, so it counts as able to do anything.
+def undecided(doubt: Doubt, _context: Context) -> Iterator[Violation]:
+    """Something could not be read that a robot might act on, and no other rule says so at that place.
 
-    Safety is then unknown, not given: the properties that it could affect are undecided.
+    It counts as able to do and to grant anything, so that what it could affect is unknown. Where another finding leaves
+    the same place open, that one is enough.
     """
-    for doubt in context.meaning.doubts:
-        yield Violation(
-            message=f"Not read, so it may grant or do anything: {doubt.reason}.",
-            locations=(doubt.location,),
-            enclave=doubt.enclave,
-            undecided=True,
-            key=doubt.reason,
-        )
+    yield Violation(
+        message=f"{sentence(doubt.reason)}: it may do or grant anything.",
+        locations=(doubt.location,),
+        enclave=doubt.enclave,
+        undecided=True,
+        key=doubt.reason,
+    )
 
 
 @rule(
@@ -43,16 +47,25 @@ def undecided(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     Severity.INFO,
     on=EngineRun,
     clause=_CLAUSE,
-    remedy="Install the extra [alloy] and run: keystore-audit engine install",
+    remedy="Install keystore-audit with its extra [alloy] and run `keystore-audit engine install`.",
 )
 def engine_missing(run: EngineRun, _context: Context) -> Iterator[Violation]:
-    """The Alloy Analyzer could not be had, so the native engine decided alone and nothing checked it."""
+    """An engine could not be had, and nobody asked for it by name: the other decided alone, and nothing checked it."""
     if run.status is EngineStatus.MISSING and not run.required:
         yield Violation(
-            message=f"The {run.name} engine is not there ({run.reason}): the native engine decided alone.",
+            message=f"The engine {run.name} is not there ({sentence(run.reason)}): the properties were decided "
+            "without it.",
             locations=(),
             key=run.name,
         )
+
+
+_NO_ANSWER: Final = {
+    EngineStatus.MISSING: "is not there",
+    EngineStatus.FAILED: "failed",
+    EngineStatus.TIMEOUT: "was ended when its time was over",
+    EngineStatus.NOT_RUN: "was not run",
+}
 
 
 @rule(
@@ -61,18 +74,27 @@ def engine_missing(run: EngineRun, _context: Context) -> Iterator[Violation]:
     Severity.HIGH,
     on=EngineRun,
     clause=_CLAUSE,
-    remedy="Mend the engine (keystore-audit engine), give it more time (--timeout), or decide with --engine native.",
+    remedy="Look at it with `keystore-audit engine`, give it more time with --timeout, or decide with --engine native.",
 )
-def engine_failed(run: EngineRun, _context: Context) -> Iterator[Violation]:
-    """An engine that was asked for, or that was started, did not answer. No answer is never "holds"."""
-    scale = run.status is EngineStatus.OUT_OF_SCALE
-    if run.required and not scale and run.status not in (EngineStatus.OK, EngineStatus.NOT_RUN):
+def engine_failed(run: EngineRun, context: Context) -> Iterator[Violation]:
+    """An engine that was asked for by name, or that was started, gave no answer. No answer never reads as "holds".
+
+    That nothing was run where there was nothing to run, for topic-classes-over-budget, is said there.
+    """
+    failed = run.status in (EngineStatus.FAILED, EngineStatus.TIMEOUT)
+    absent = run.status in (EngineStatus.MISSING, EngineStatus.NOT_RUN) and run.required
+    nothing_to_run = run.status is EngineStatus.NOT_RUN and context.meaning.over_budget is not None
+    if (failed or absent) and not nothing_to_run:
         yield Violation(
-            message=f"The {run.name} engine gave no answer ({run.status.value}): {run.reason}",
+            message=f"The engine {run.name} {_NO_ANSWER[run.status]}: {sentence(run.reason) or 'no reason was given'}.",
             locations=(),
             undecided=True,
             key=run.name,
         )
+
+
+def _disagree(answer: ProfileResult) -> bool:
+    return len(set(answer.engines.values())) > 1
 
 
 @rule(
@@ -81,37 +103,47 @@ def engine_failed(run: EngineRun, _context: Context) -> Iterator[Violation]:
     Severity.CRITICAL,
     on=PropertyResult,
     clause=_CLAUSE,
-    remedy="Report this as a defect of keystore-audit, with the output of: keystore-audit model KEYSTORE -o DIR",
+    remedy="Report this as a fault of keystore-audit, with what `keystore-audit model KEYSTORE -o DIR` writes.",
+    applies=lambda result, _context: any(len(answer.engines) > 1 for answer in result.profiles.values()),
 )
 def engines_disagree(result: PropertyResult, _context: Context) -> Iterator[Violation]:
-    """The two engines give different answers, so one of them is wrong and neither may be believed."""
-    for profile, answer in result.profiles.items():
-        if len(set(answer.engines.values())) > 1:
-            said = ", ".join(f"{name}: {status.value}" for name, status in answer.engines.items())
-            yield Violation(
-                message=f"The engines disagree on {result.prop.id} under {profile}: {said}.",
-                locations=(),
-                profiles=(profile,),
-                undecided=True,
-                key=f"{result.prop.id} {profile}",
-            )
+    """The engines give different answers: one of them is wrong, and neither is believed."""
+    profiles = tuple(name for name, answer in result.profiles.items() if _disagree(answer))
+    if profiles:
+        said = "; ".join(
+            f"under {name} " + ", ".join(f"{engine} says {status.value}" for engine, status in answer.engines.items())
+            for name, answer in result.profiles.items()
+            if name in profiles[:MAX_LISTED]
+        )
+        yield Violation(
+            message=f"The engines disagree about {result.prop.id}: {said}.",
+            locations=(),
+            profiles=profiles,
+            undecided=True,
+            key=result.prop.id,
+        )
 
 
 @rule(
     "KA905",
     "rule-crashed",
     Severity.HIGH,
-    on=Keystore,
+    on=Crash,
     clause=_CLAUSE,
-    remedy="Report this as a defect of keystore-audit; the audit counts as incomplete until then.",
-    applies=lambda _keystore, _context: False,
+    remedy="Report this as a fault of keystore-audit, with the command and, where it may be shared, the keystore.",
 )
-def rule_crashed(_keystore: Keystore, _context: Context) -> Iterator[Violation]:
-    """A rule ended in an error, so that what it checks is undecided. `judge` makes these findings."""
-    yield from ()
+def rule_crashed(crash: Crash, _context: Context) -> Iterator[Violation]:
+    """A rule ended in an error, so that what it asks is undecided.
 
-
-RULE_CRASHED = rule_crashed
+    Only the type of the error is told: its words may quote what was read, a key among it.
+    """
+    yield Violation(
+        message=f"Rule {crash.rule} ended in an error ({crash.exception}) on {crash.subject}: what it asks is "
+        "undecided.",
+        locations=(),
+        undecided=True,
+        key=f"{crash.rule} {crash.subject}",
+    )
 
 
 @rule(
@@ -120,21 +152,32 @@ RULE_CRASHED = rule_crashed
     Severity.HIGH,
     on=PropertyResult,
     clause=_CLAUSE,
-    remedy="Mend what the other findings call unread, and audit again.",
+    remedy="Mend what the other findings call unread or unknown, and run the audit again.",
 )
-def property_undecided(result: PropertyResult, _context: Context) -> Iterator[Violation]:
-    """A property holds if what was not read is harmless, and is violated if it is not; or no engine answered."""
-    profiles = tuple(name for name, r in result.profiles.items() if r.status is Status.UNKNOWN)
-    disagreement = any(len(set(r.engines.values())) > 1 for r in result.profiles.values())
-    if (profiles or not result.profiles) and not disagreement:
-        everywhere = len(profiles) == len(result.profiles)
-        yield Violation(
-            message=f"Undecided: {result.prop.statement} It depends on what could not be read, or no engine answered.",
-            locations=(),
-            profiles=() if everywhere else profiles,
-            undecided=True,
-            key=result.prop.id,
-        )
+def property_undecided(result: PropertyResult, context: Context) -> Iterator[Violation]:
+    """Whether a property holds depends on what could not be read, or no engine gave an answer.
+
+    "Holds" and "violated" are said only where both hold, whatever the unread parts are. A disagreement of the "
+    "engines is
+    engines-disagree, and only that.
+    """
+    profiles = tuple(
+        name for name, answer in result.profiles.items() if answer.status is Status.UNKNOWN and not _disagree(answer)
+    )
+    if not profiles and result.profiles:
+        return
+    doubts = context.meaning.doubts
+    if any(answer.engines for answer in result.profiles.values()) and doubts:
+        why = f"it depends on what is in {listed(dict.fromkeys(doubt.location.path for doubt in doubts))}"
+    else:
+        why = "no engine gave an answer"
+    yield Violation(
+        message=f"Undecided, since {why}: {result.prop.statement}",
+        locations=places(doubt.location for doubt in doubts),
+        profiles=() if len(profiles) == len(result.profiles) else profiles,
+        undecided=True,
+        key=result.prop.id,
+    )
 
 
 @rule(
@@ -143,15 +186,17 @@ def property_undecided(result: PropertyResult, _context: Context) -> Iterator[Vi
     Severity.INFO,
     on=EngineRun,
     clause=_CLAUSE,
-    remedy="Nothing is wrong with the keystore; ask for --engine native where Alloy is not wanted.",
+    remedy="Nothing is wrong with the keystore; run with --engine native, or audit parts of it.",
 )
 def engine_out_of_scale(run: EngineRun, _context: Context) -> Iterator[Violation]:
-    """The model is larger than Alloy can take: the native engine decided alone, unless Alloy was asked for by name."""
+    """The model is larger than an engine is known to decide, so that it was not started: the other decided alone.
+
+    Where it was asked for by name, that leaves the audit open.
+    """
     if run.status is EngineStatus.OUT_OF_SCALE:
         yield Violation(
-            message=f"The model is too large for the {run.name} engine: {run.reason}",
+            message=f"The model is too large for the engine {run.name}: {sentence(run.reason)}.",
             locations=(),
-            severity=Severity.HIGH if run.required else None,
             undecided=run.required,
             key=run.name,
         )
@@ -163,15 +208,17 @@ def engine_out_of_scale(run: EngineRun, _context: Context) -> Iterator[Violation
     Severity.HIGH,
     on=Keystore,
     clause=_CLAUSE,
-    remedy="Use fewer expressions with a literal between two *; each such infix can double the number of classes.",
+    remedy="Use fewer expressions with text between two *: each can double the number of classes of names.",
 )
 def topic_classes_over_budget(_keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """The topic expressions make more classes of names than can be worked out, so no right could be decided exactly."""
+    """The expressions tell apart more classes of names than can be worked out, so that no right was decided at all."""
     if context.meaning.over_budget is not None:
-        yield Violation(message=context.meaning.over_budget, locations=(), undecided=True, key="budget")
+        yield Violation(
+            message=f"No right could be decided: {sentence(context.meaning.over_budget)}.", locations=(), undecided=True
+        )
 
 
-AUDIT: tuple[Rule[Keystore] | Rule[EngineRun] | Rule[PropertyResult], ...] = (
+AUDIT: tuple[Rule[Any], ...] = (
     undecided,
     engine_missing,
     engine_failed,

@@ -1,58 +1,77 @@
-"""KA4: the governance document (DDS-Security 1.1, 9.4.1.2)."""
+"""KA4: the governance document, its form and its access control (DDS-Security 1.1, 9.4.1.2).
+
+Protection kinds are in `protection.py`, domains in `domain.py`. Rules about what a document says apply where somebody
+may take it: what a document says that every implementation refuses is of no consequence.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.keystore.governance import DomainRule, ProtectionKind, TopicRule
-from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.model.domains import HIGHEST_DOMAIN, covered, describe
+from keystore_audit.keystore.governance import DomainRule, GovernanceFile, TopicRule
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.permissions import PermissionsFile
+from keystore_audit.model.domains import Interval, contains, covered, describe, elementary
+from keystore_audit.rules.acceptance import governs, may_be_accepted
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.places import acceptable, from_defect, of_kinds, sole
 from keystore_audit.rules.registry import Rule, Violation, rule
-from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, governance_uses
+from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse
+from keystore_audit.rules.wording import defective, of_kinds, paths, places, quoted, sole
 
-SIGN_AGAIN = (
-    "Correct governance.xml and sign it again with the permissions CA: openssl smime -sign -text -in "
-    "governance.xml -out governance.p7s -signer permissions_ca.cert.pem -inkey permissions_ca.key.pem"
+CORRECT: Final = (
+    "in governance.xml and sign it again with the permissions CA: `openssl smime -sign -text -in governance.xml -out "
+    "governance.p7s -signer permissions_ca.cert.pem -inkey permissions_ca.key.pem`."
 )
 
-CYCLONE_HIGHEST_DOMAIN = 230
-"""Cyclone DDS refuses the whole document above it (measured, 0.10.2 and 11.0.1)."""
+AMBIGUOUS: Final = (Kind.XML_AMBIGUOUS, Kind.XML_MALFORMED, Kind.VALUE_INVALID)
 
 
-def domain_rules(use: GovernanceUse) -> tuple[DomainRule, ...]:
-    """The domain rules, none where the document has no single meaning."""
-    return use.document.governance.domain_rules if use.document.governance else ()
+def domain_rules(use: GovernanceUse) -> Iterator[DomainRule]:
+    """The domain rules that decide for some domain: the first that covers a domain is the one for it."""
+    rules = use.document.governance.domain_rules if use.document.governance else ()
+    before: list[tuple[Interval, ...]] = []
+    for domain_rule in rules:
+        cover = covered(domain_rule.domains)
+        left = (
+            low
+            for low, _high in elementary([cover, *before])
+            if contains(cover, low) and not any(contains(earlier, low) for earlier in before)
+        )
+        if next(left, None) is not None or not cover:
+            yield domain_rule
+        before.append(cover)
 
 
 def topic_rules(use: GovernanceUse) -> Iterator[tuple[DomainRule, TopicRule]]:
-    """Every topic rule with its domain rule."""
-    return ((domain, topic) for domain in domain_rules(use) for topic in domain.topic_rules)
+    """The topic rules of those: none after a rule for `*`, since the first that matches a topic is the one for it.
+
+    So it is everywhere but in OpenDDS, which lets any matching rule without access control allow (read in its source).
+    """
+    for domain_rule in domain_rules(use):
+        for topic_rule in domain_rule.topic_rules:
+            yield domain_rule, topic_rule
+            if topic_rule.expression.text and not topic_rule.expression.text.strip("*"):
+                break
 
 
-def _at(use: GovernanceUse, rule_: DomainRule | TopicRule, element: str, message: str, **more: Any) -> Violation:
-    """A violation at the line of an element of a rule."""
-    line = rule_.lines.get(element, rule_.line)
-    name = rule_.expression.text if isinstance(rule_, TopicRule) else describe(covered(rule_.domains))
+def violates(
+    use: GovernanceUse, domain_rule: DomainRule, topic_rule: TopicRule | None, element: str, message: str
+) -> Violation:
+    """A violation at `element` of the topic rule, or else of the domain rule; `message` goes on after where it is."""
+    where = f"Domain {describe(covered(domain_rule.domains))}"
+    lines, line = domain_rule.lines, domain_rule.line
+    if topic_rule is not None:
+        where += f", topics {quoted(topic_rule.expression.text)}"
+        lines, line = topic_rule.lines, topic_rule.line
     return Violation(
-        message=message,
-        locations=(Location(path=use.signed.file.place, line=line),),
+        message=f"{where}: {message}",
+        locations=(Location(path=use.signed.file.place, line=lines.get(element, line)),),
         enclave=sole(use.enclaves),
-        key=f"{element} {name}",
-        **more,
+        key=f"{element} {where}",
     )
-
-
-def _domains(rule_: DomainRule) -> str:
-    return f"domain {describe(covered(rule_.domains))}"
-
-
-def _topics(topic: TopicRule) -> str:
-    return f"topics {topic.expression.text!r}"
 
 
 @rule(
@@ -60,17 +79,21 @@ def _topics(topic: TopicRule) -> str:
     "governance-schema-invalid",
     Severity.HIGH,
     on=GovernanceUse,
-    clause="DDS-Security 1.1, 9.4.1.2.3 and its governance XSD",
-    remedy=SIGN_AGAIN,
+    clause="DDS-Security 1.1, 9.4.1.2 and its governance XSD",
+    remedy="Correct what the schema forbids " + CORRECT,
 )
 def governance_schema_invalid(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
-    """The document breaks the governance schema of DDS-Security 1.0 and 1.1.
+    """The document breaks the governance schema of DDS-Security.
 
-    Implementations differ in what they make of such a file: Fast DDS refuses unknown or missing elements, Cyclone DDS
-    takes elements in any order. Its meaning is unknown unless nobody accepts its signature.
+    Fast DDS refuses unknown, missing and reordered elements, Cyclone DDS takes any order, and an empty boolean is false
+    there (measured): what it means is unknown, unless nobody takes its signature.
     """
-    for defect in of_kinds(use.document.defects, {Kind.SCHEMA_INVALID}):
-        yield from_defect(defect, use.enclaves, undecided=acceptable(use))
+    yield from defective(
+        of_kinds(use.document.defects, Kind.SCHEMA_INVALID),
+        use.enclaves,
+        "implementations differ in what they make of it.",
+        undecided=may_be_accepted(use),
+    )
 
 
 @rule(
@@ -78,18 +101,22 @@ def governance_schema_invalid(use: GovernanceUse, _context: Context) -> Iterator
     "governance-ambiguous",
     Severity.HIGH,
     on=GovernanceUse,
-    clause="DDS-Security 1.1, 9.4.1.2; XML 1.0",
-    remedy=SIGN_AGAIN,
+    clause="DDS-Security 1.1, 9.4.1.2; XML 1.0; measured on tinyxml2, Cyclone DDS and libxml2",
+    remedy="Write plain XML, without comments, CDATA, entities and blanks in values, " + CORRECT,
 )
 def governance_ambiguous(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
-    """The document lies outside the plain XML that every parser reads alike, or holds a value without a meaning.
+    """The document is outside the plain XML that every parser reads alike, or holds a value without a meaning.
 
-    Fast DDS (tinyxml2), Cyclone DDS (its own parser) and libxml2 read comments, CDATA, entities and blanks inside
-    values differently (measured), so one signed file has several meanings.
+    Fast DDS, Cyclone DDS and libxml2 read comments, CDATA, entities and blanks in values differently (measured), so
+    that one signed file has several meanings. Which of them a robot takes is not guessed here.
     """
-    kinds = {Kind.XML_AMBIGUOUS, Kind.XML_MALFORMED, Kind.VALUE_INVALID}
-    for defect in of_kinds(use.document.defects, kinds):
-        yield from_defect(defect, use.enclaves, undecided=acceptable(use))
+    for kind in AMBIGUOUS:
+        yield from defective(
+            of_kinds(use.document.defects, kind),
+            use.enclaves,
+            "implementations differ in what they make of it.",
+            undecided=may_be_accepted(use),
+        )
 
 
 @rule(
@@ -98,315 +125,103 @@ def governance_ambiguous(use: GovernanceUse, _context: Context) -> Iterator[Viol
     Severity.HIGH,
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 (allow_unauthenticated_participants)",
-    remedy="Set <allow_unauthenticated_participants> to false. " + SIGN_AGAIN,
+    remedy="Set <allow_unauthenticated_participants> to false " + CORRECT,
     explains=("only-authenticated-participants-join",),
+    applies=governs,
 )
 def unauthenticated_participants_allowed(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
     """A participant without any certificate is matched in the domain.
 
-    With every protection kind NONE, plain peers then read and write topics under access control (measured on Cyclone
-    DDS).
+    On Cyclone DDS such a peer reads and writes even topics under access control, where every protection kind is NONE
+    (measured); what it reaches beside that depends on the implementation.
     """
-    for domain in domain_rules(use):
-        if domain.allow_unauthenticated_participants:
-            yield _at(
+    for domain_rule in domain_rules(use):
+        if domain_rule.allow_unauthenticated_participants:
+            yield violates(
                 use,
-                domain,
+                domain_rule,
+                None,
                 "allow_unauthenticated_participants",
-                f"{_domains(domain)}: allow_unauthenticated_participants is true (expected false): "
-                "whoever reaches the network is matched without a certificate.",
+                "allow_unauthenticated_participants is true, expected false: whoever reaches the network is matched "
+                "without a certificate.",
             )
 
 
-def _flag(
-    code: str, name: str, element: str, on_domain: bool, explains: tuple[str, ...], what: str, why: str
-) -> Rule[GovernanceUse]:
-    """The rule that an access control flag is on."""
-
-    def check(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
-        found: Iterator[tuple[DomainRule | TopicRule, str]]
-        if on_domain:
-            found = ((domain, _domains(domain)) for domain in domain_rules(use))
-        else:
-            found = ((topic, f"{_domains(domain)}, {_topics(topic)}") for domain, topic in topic_rules(use))
-        for rule_, where in found:
-            if not getattr(rule_, element):
-                yield _at(use, rule_, element, f"{where}: {element} is false (expected true): {what}.")
-
-    check.__doc__ = why
-    register: Callable[[Callable[[GovernanceUse, Context], Iterator[Violation]]], Rule[GovernanceUse]] = rule(
-        code,
-        name,
-        Severity.HIGH,
-        on=GovernanceUse,
-        clause=f"DDS-Security 1.1, {'9.4.1.2.4' if on_domain else '9.4.1.2.6'} ({element})",
-        remedy=f"Set <{element}> to true. " + SIGN_AGAIN,
-        explains=explains,
-    )
-    return register(check)
-
-
-_GRANTS = ("grants-are-enforced", "nobody-writes-without-a-grant", "nobody-reads-without-a-grant")
-
-join_access_control_off = _flag(
+@rule(
     "KA404",
     "join-access-control-off",
-    "enable_join_access_control",
-    True,
-    ("grants-are-enforced",),
-    "every enclave that authenticates joins, whatever its permissions",
-    "Peers do not ask for a grant before they let an authenticated participant join. Fast DDS demands one allow rule of"
-    " its own participant in any case; remote ones are what counts here.",
-)
-
-read_access_control_off = _flag(
-    "KA405",
-    "read-access-control-off",
-    "enable_read_access_control",
-    False,
-    _GRANTS,
-    "whoever joins reads, and can write as well, because the keys it gets are symmetric",
-    "Subscribe permissions are not consulted. Since readers get the keys that samples are authenticated with, write"
-    " access control is defeated too, unless a kind authenticates the origin.",
-)
-
-write_access_control_off = _flag(
-    "KA406",
-    "write-access-control-off",
-    "enable_write_access_control",
-    False,
-    ("grants-are-enforced", "nobody-writes-without-a-grant"),
-    "whoever joins writes",
-    "Publish permissions are not consulted.",
-)
-
-
-@rule(
-    "KA407",
-    "rtps-protection-none",
-    Severity.MEDIUM,
-    on=GovernanceUse,
-    clause="DDS-Security 1.1, 9.4.1.2.4 (rtps_protection_kind)",
-    remedy="Set <rtps_protection_kind> to SIGN, as sros2 does. " + SIGN_AGAIN,
-    explains=("outsiders-cannot-inject",),
-)
-def rtps_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
-    """Whole messages are neither authenticated nor encrypted.
-
-    Message headers and the submessages that carry no topic, time stamps among them, can then be forged from outside,
-    whatever protects the topics.
-    """
-    for domain in domain_rules(use):
-        if domain.rtps_protection_kind is ProtectionKind.NONE:
-            yield _at(
-                use,
-                domain,
-                "rtps_protection_kind",
-                f"{_domains(domain)}: rtps_protection_kind is NONE (expected SIGN or more): headers, time stamps and "
-                "control messages can be forged from outside.",
-            )
-
-
-@rule(
-    "KA408",
-    "rtps-protection-sign-only",
-    Severity.INFO,
-    on=GovernanceUse,
-    clause="DDS-Security 1.1, 9.4.1.2.4 (rtps_protection_kind)",
-    remedy="Set <rtps_protection_kind> to ENCRYPT where traffic analysis matters; it costs computing time. "
-    + SIGN_AGAIN,
-)
-def rtps_protection_sign_only(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
-    """Message headers are authenticated but readable: who talks to whom and when can be seen. sros2 ships it so."""
-    for domain in domain_rules(use):
-        kind = domain.rtps_protection_kind
-        if kind.authenticates and not kind.encrypts:
-            yield _at(
-                use,
-                domain,
-                "rtps_protection_kind",
-                f"{_domains(domain)}: rtps_protection_kind is {kind.value}: message headers are readable on the"
-                " network.",
-            )
-
-
-@rule(
-    "KA409",
-    "discovery-unprotected",
-    Severity.MEDIUM,
-    on=GovernanceUse,
-    clause="DDS-Security 1.1, 9.4.1.2.4 (discovery_protection_kind) and 9.4.1.2.6 (enable_discovery_protection)",
-    remedy="Set <enable_discovery_protection> to true and <discovery_protection_kind> to ENCRYPT. " + SIGN_AGAIN,
-    explains=("outsiders-cannot-learn-names",),
-)
-def discovery_unprotected(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
-    """Topic names and types can be read from discovery by whoever listens.
-
-    SIGN hides nothing: only an encrypting kind does, or an encrypting rtps_protection_kind.
-    """
-    for domain, topic in topic_rules(use):
-        if domain.rtps_protection_kind.encrypts:
-            continue
-        where = f"{_domains(domain)}, {_topics(topic)}"
-        if not topic.enable_discovery_protection:
-            yield _at(
-                use,
-                topic,
-                "enable_discovery_protection",
-                f"{where}: enable_discovery_protection is false (expected true): names are readable in discovery.",
-            )
-        elif not domain.discovery_protection_kind.encrypts:
-            kind = domain.discovery_protection_kind.value
-            yield _at(
-                use,
-                domain,
-                "discovery_protection_kind",
-                f"{where}: discovery_protection_kind is {kind} (expected ENCRYPT): names are readable in discovery.",
-            )
-
-
-@rule(
-    "KA410",
-    "liveliness-unprotected",
-    Severity.LOW,
-    on=GovernanceUse,
-    clause="DDS-Security 1.1, 9.4.1.2.4 (liveliness_protection_kind) and 9.4.1.2.6 (enable_liveliness_protection)",
-    remedy="Set <enable_liveliness_protection> to true and <liveliness_protection_kind> to SIGN or more. " + SIGN_AGAIN,
-)
-def liveliness_unprotected(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
-    """Liveliness can be asserted from outside for a writer that is gone, unless whole messages are authenticated."""
-    for domain, topic in topic_rules(use):
-        protected = topic.enable_liveliness_protection and domain.liveliness_protection_kind.authenticates
-        if not protected and not domain.rtps_protection_kind.authenticates:
-            element = "enable_liveliness_protection"
-            yield _at(
-                use,
-                topic,
-                element,
-                f"{_domains(domain)}, {_topics(topic)}: liveliness is not protected: a dead writer can be kept alive"
-                " from outside.",
-            )
-
-
-@rule(
-    "KA411",
-    "metadata-protection-none",
-    Severity.MEDIUM,
-    on=GovernanceUse,
-    clause="DDS-Security 1.1, 9.4.1.2.6 (metadata_protection_kind)",
-    remedy="Set <metadata_protection_kind> to SIGN or ENCRYPT. " + SIGN_AGAIN,
-)
-def metadata_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
-    """Submessages are not protected for those outside the topic.
-
-    Sequence numbers, heartbeats and acknowledgements can be forged by any participant, and from outside if
-    rtps_protection_kind is NONE; samples can be replayed.
-    """
-    for domain, topic in topic_rules(use):
-        if topic.metadata_protection_kind is ProtectionKind.NONE:
-            whom = "any participant" if domain.rtps_protection_kind.authenticates else "anybody on the network"
-            yield _at(
-                use,
-                topic,
-                "metadata_protection_kind",
-                f"{_domains(domain)}, {_topics(topic)}: metadata_protection_kind is NONE (expected SIGN or more):"
-                f" {whom} can forge heartbeats and acknowledgements and replay samples.",
-            )
-
-
-@rule(
-    "KA412",
-    "payload-in-clear",
     Severity.HIGH,
     on=GovernanceUse,
-    clause="DDS-Security 1.1, 9.4.1.2.6 (metadata_ and data_protection_kind)",
-    remedy="Set <data_protection_kind> or <metadata_protection_kind> to ENCRYPT. " + SIGN_AGAIN,
-    explains=("outsiders-cannot-read", "nobody-reads-without-a-grant"),
+    clause="DDS-Security 1.1, 9.4.1.2.4 (enable_join_access_control)",
+    remedy="Set <enable_join_access_control> to true " + CORRECT,
+    explains=("grants-are-enforced",),
+    applies=governs,
 )
-def payload_in_clear(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
-    """No protection kind encrypts the samples: whoever listens reads them."""
-    for domain, topic in topic_rules(use):
-        kinds = (domain.rtps_protection_kind, topic.metadata_protection_kind, topic.data_protection_kind)
-        if not any(kind.encrypts for kind in kinds):
-            said = ", ".join(
-                f"{name} {kind.value}" for name, kind in zip(("rtps", "metadata", "data"), kinds, strict=True)
-            )
-            yield _at(
-                use,
-                topic,
-                "data_protection_kind",
-                f"{_domains(domain)}, {_topics(topic)}: nothing encrypts ({said}): whoever listens reads the samples.",
-            )
+def join_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+    """Peers let every participant join that authenticates, whatever its permissions.
 
-
-@rule(
-    "KA413",
-    "payload-open-to-insiders",
-    Severity.MEDIUM,
-    on=GovernanceUse,
-    clause="DDS-Security 1.1, 9.5.3.3; 9.4.1.2.4 (rtps_protection_kind)",
-    remedy="Set <metadata_protection_kind> or <data_protection_kind> to ENCRYPT. " + SIGN_AGAIN,
-    explains=("nobody-reads-without-a-grant", "nobody-writes-without-a-grant"),
-)
-def payload_open_to_insiders(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
-    """Only whole messages are encrypted, with keys that every participant of the domain holds.
-
-    A participant without a grant then reads the topic off the network, and forges on it if metadata and data kind are
-    both NONE.
+    Fast DDS demands an allow rule of its own participant all the same (measured); what counts are the others.
     """
-    for domain, topic in topic_rules(use):
-        inside = topic.metadata_protection_kind.encrypts or topic.data_protection_kind.encrypts
-        if domain.rtps_protection_kind.encrypts and not inside:
-            yield _at(
+    for domain_rule in domain_rules(use):
+        if not domain_rule.enable_join_access_control:
+            yield violates(
                 use,
-                topic,
-                "data_protection_kind",
-                f"{_domains(domain)}, {_topics(topic)}: only rtps_protection_kind encrypts: every participant of the"
-                " domain holds the key, granted or not.",
+                domain_rule,
+                None,
+                "enable_join_access_control",
+                "enable_join_access_control is false, expected true: every identity joins, granted or not.",
             )
 
 
 @rule(
-    "KA414",
-    "samples-unauthenticated",
-    Severity.CRITICAL,
+    "KA405",
+    "read-access-control-off",
+    Severity.HIGH,
     on=GovernanceUse,
-    clause="DDS-Security 1.1, 9.4.1.2.6",
-    remedy="Set <metadata_protection_kind> or <data_protection_kind> to SIGN or ENCRYPT. " + SIGN_AGAIN,
-    explains=("outsiders-cannot-inject", "nobody-writes-without-a-grant"),
+    clause="DDS-Security 1.1, 9.4.1.2.6 (enable_read_access_control)",
+    remedy="Set <enable_read_access_control> to true " + CORRECT,
+    explains=("grants-are-enforced", "nobody-reads-without-a-grant", "nobody-writes-without-a-grant"),
+    applies=governs,
 )
-def samples_unauthenticated(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
-    """No protection kind authenticates the samples: access control is void against whoever reaches the network."""
-    for domain, topic in topic_rules(use):
-        kinds = (domain.rtps_protection_kind, topic.metadata_protection_kind, topic.data_protection_kind)
-        if not any(kind.authenticates for kind in kinds):
-            yield _at(
+def read_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+    """Whoever joined reads the topics: nobody asks for subscribe permissions.
+
+    Readers get the keys by which samples are checked, and with symmetric keys whoever checks can make: unless a kind
+    authenticates the origin, write access control is void as well.
+    """
+    for domain_rule, topic_rule in topic_rules(use):
+        if not topic_rule.enable_read_access_control:
+            yield violates(
                 use,
-                topic,
-                "metadata_protection_kind",
-                f"{_domains(domain)}, {_topics(topic)}: rtps, metadata and data protection are all NONE: whoever"
-                " reaches the network can write.",
+                domain_rule,
+                topic_rule,
+                "enable_read_access_control",
+                "enable_read_access_control is false, expected true: whoever joined reads them, and with a reader's "
+                "keys "
+                "can write.",
             )
 
 
 @rule(
-    "KA415",
-    "data-protection-none",
-    Severity.LOW,
+    "KA406",
+    "write-access-control-off",
+    Severity.HIGH,
     on=GovernanceUse,
-    clause="DDS-Security 1.1, 9.4.1.2.6 (data_protection_kind)",
-    remedy="Set <data_protection_kind> to ENCRYPT. " + SIGN_AGAIN,
+    clause="DDS-Security 1.1, 9.4.1.2.6 (enable_write_access_control)",
+    remedy="Set <enable_write_access_control> to true " + CORRECT,
+    explains=("grants-are-enforced", "nobody-writes-without-a-grant"),
+    applies=governs,
 )
-def data_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
-    """Submessages are encrypted but the payload inside is not: durable stores and relays see it in clear."""
-    for domain, topic in topic_rules(use):
-        if topic.metadata_protection_kind.encrypts and not topic.data_protection_kind.encrypts:
-            yield _at(
+def write_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+    """Whoever joined writes the topics: nobody asks for publish permissions."""
+    for domain_rule, topic_rule in topic_rules(use):
+        if not topic_rule.enable_write_access_control:
+            yield violates(
                 use,
-                topic,
-                "data_protection_kind",
-                f"{_domains(domain)}, {_topics(topic)}: data_protection_kind is {topic.data_protection_kind.value}:"
-                " relays and durable stores see the payload in clear.",
+                domain_rule,
+                topic_rule,
+                "enable_write_access_control",
+                "enable_write_access_control is false, expected true: whoever joined writes them.",
             )
 
 
@@ -415,54 +230,59 @@ def data_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Viol
     "governances-differ",
     Severity.HIGH,
     on=Keystore,
-    clause="DDS-Security 1.1, 9.4.1.2 (all participants of a domain share one governance)",
-    remedy="Give every enclave the same governance.p7s: a link to enclaves/governance.p7s, as sros2 makes it.",
+    clause="DDS-Security 1.1, 9.4.1.2 (participants of a domain share its governance); measured",
+    remedy="Give every enclave the same governance.p7s, a link to enclaves/governance.p7s as sros2 makes it.",
 )
 def governances_differ(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     """Enclaves carry governance documents that say different things.
 
-    Endpoints whose protection kinds differ never match, silently; and an attacker's endpoint declares what it likes.
+    Endpoints whose protection kinds or access control flags differ never match, and nobody is told (measured). An
+    attacker's endpoint declares what it likes, so the difference protects nothing. Compared is what the documents say
+    where that could be read, else their bytes.
     """
-    contents: dict[object, list[GovernanceUse]] = {}
-    for use in governance_uses(keystore):
-        said: object = use.signed.content if use.signed.content is not None else use.signed.file.sha256
-        contents.setdefault(said, []).append(use)
-    if len(contents) > 1:
-        uses = [group[0] for group in contents.values()]
-        names = "; ".join(
-            f"{use.signed.file.place}"
-            f" ({', '.join(e.path for e in use.enclaves[:3])}{', …' if len(use.enclaves) > 3 else ''})"
-            for use in uses
+    said: dict[object, list[tuple[Enclave, GovernanceFile]]] = {}
+    for enclave in keystore.enclaves:
+        if enclave.governance is not None:
+            said.setdefault(_meaning(enclave.governance), []).append((enclave, enclave.governance))
+    if len(said) > 1:
+        groups = sorted(said.values(), key=len, reverse=True)
+        words = "; ".join(
+            f"{group[0][1].signed.file.place} for {paths(enclave for enclave, _ in group)}" for group in groups[:3]
         )
         yield Violation(
-            message=f"{len(contents)} different governance documents are in use: {names}.",
-            locations=tuple(Location(path=use.signed.file.place) for use in uses),
-            key="governance",
+            message=f"Enclaves carry {len(groups)} governance documents that say different things: {words}.",
+            # The minority first: it is what has to change.
+            locations=places(Location(path=file.signed.file.place) for group in reversed(groups) for _, file in group),
         )
 
 
-@rule(
-    "KA417",
-    "unauthenticated-with-rtps-protection",
-    Severity.HIGH,
-    on=GovernanceUse,
-    clause="DDS-Security 1.1, 9.4.1.2.4 (allow_unauthenticated_participants, rtps_protection_kind)",
-    remedy="Set <allow_unauthenticated_participants> to false. " + SIGN_AGAIN,
-)
-def unauthenticated_with_rtps_protection(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
-    """Unauthenticated participants are allowed, though whole messages are protected with keys that they cannot have.
-
-    Fast DDS from 2.6.5 and 2.14 on refuses to start with it; Cyclone DDS starts (measured).
-    """
-    for domain in domain_rules(use):
-        if domain.allow_unauthenticated_participants and domain.rtps_protection_kind.authenticates:
-            yield _at(
-                use,
-                domain,
-                "rtps_protection_kind",
-                f"{_domains(domain)}: allow_unauthenticated_participants is true although rtps_protection_kind is "
-                f"{domain.rtps_protection_kind.value}: Fast DDS refuses to start with it.",
-            )
+def _meaning(file: GovernanceFile) -> object:
+    """What the document says, without lines and layout; its bytes where it has no single meaning."""
+    if file.governance is None:
+        return file.signed.content if file.signed.content is not None else file.signed.file.sha256
+    return tuple(
+        (
+            covered(domain_rule.domains),
+            domain_rule.allow_unauthenticated_participants,
+            domain_rule.enable_join_access_control,
+            domain_rule.discovery_protection_kind,
+            domain_rule.liveliness_protection_kind,
+            domain_rule.rtps_protection_kind,
+            tuple(
+                (
+                    topic_rule.expression.text,
+                    topic_rule.enable_discovery_protection,
+                    topic_rule.enable_liveliness_protection,
+                    topic_rule.enable_read_access_control,
+                    topic_rule.enable_write_access_control,
+                    topic_rule.metadata_protection_kind,
+                    topic_rule.data_protection_kind,
+                )
+                for topic_rule in domain_rule.topic_rules
+            ),
+        )
+        for domain_rule in file.governance.domain_rules
+    )
 
 
 @rule(
@@ -471,75 +291,23 @@ def unauthenticated_with_rtps_protection(use: GovernanceUse, _context: Context) 
     Severity.MEDIUM,
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.5 (topic_access_rules)",
-    remedy="Add a last <topic_rule> with <topic_expression>*</topic_expression>. " + SIGN_AGAIN,
+    remedy="Add a last <topic_rule> with <topic_expression>*</topic_expression> " + CORRECT,
+    applies=governs,
 )
 def topics_without_rule(use: GovernanceUse, context: Context) -> Iterator[Violation]:
-    """Topics of a governed domain match no topic rule, so that they cannot be created.
+    """Topics of a governed domain match no topic rule, so that nobody can create them.
 
-    OpenDDS goes on to the permissions instead (read in its source).
+    Fast DDS and Cyclone DDS refuse them; OpenDDS goes on to the permissions (read in its source).
     """
-    for ungoverned in context.meaning.ungoverned:
-        if ungoverned.location.path == use.signed.file.place:
+    for topics in context.meaning.ungoverned:
+        if topics.location.path == use.signed.file.place:
             yield Violation(
-                message=(
-                    f"No topic rule of {ungoverned.domains} matches, for example, {ungoverned.witness!r}: such topics"
-                    " cannot be created."
-                ),
-                locations=(ungoverned.location,),
+                message=f"{topics.domains[:1].upper()}{topics.domains[1:]}: no topic rule matches, for example, "
+                f"{quoted(topics.witness)}: such topics cannot be created.",
+                locations=(topics.location,),
                 enclave=sole(use.enclaves),
-                key=ungoverned.domains,
+                key=topics.domains,
             )
-
-
-@rule(
-    "KA419",
-    "domain-range-open",
-    Severity.MEDIUM,
-    on=GovernanceUse,
-    clause="DDS-Security 1.1, 9.4.1.2.4 (domains)",
-    remedy="Write both <min> and <max>. " + SIGN_AGAIN,
-)
-def domain_range_open(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
-    """An <id_range> lacks <min> or <max>.
-
-    Without <max>, Fast DDS and Cyclone DDS read the single id <min>, the specification and OpenDDS everything from it
-    on; without <min>, Cyclone DDS refuses the file (measured).
-    """
-    for domain in domain_rules(use):
-        for range_ in domain.domains:
-            if range_.low is None or range_.high is None:
-                missing = "min" if range_.low is None else "max"
-                yield Violation(
-                    message=f"An <id_range> has no <{missing}>: implementations read different domains in it.",
-                    locations=(Location(path=use.signed.file.place, line=range_.line),),
-                    enclave=sole(use.enclaves),
-                    key=f"{range_.low} {range_.high}",
-                )
-
-
-@rule(
-    "KA420",
-    "domain-above-230",
-    Severity.MEDIUM,
-    on=GovernanceUse,
-    clause="RTPS 2.5, 9.6.2.3; measured on Cyclone DDS 0.10.2",
-    remedy="Use domain ids up to 230. " + SIGN_AGAIN,
-)
-def domain_above_230(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
-    """A domain id above 230 makes Cyclone DDS refuse the whole document; above 232 there are no ports."""
-    for domain in domain_rules(use):
-        for range_ in domain.domains:
-            highest = max(range_.low or 0, range_.high or 0)
-            if highest > CYCLONE_HIGHEST_DOMAIN:
-                yield Violation(
-                    message=(
-                        f"Domain {highest} is above {CYCLONE_HIGHEST_DOMAIN} (highest with ports: {HIGHEST_DOMAIN}):"
-                        " Cyclone DDS refuses the whole document."
-                    ),
-                    locations=(Location(path=use.signed.file.place, line=range_.line),),
-                    enclave=sole(use.enclaves),
-                    key=str(highest),
-                )
 
 
 @rule(
@@ -548,13 +316,17 @@ def domain_above_230(use: GovernanceUse, _context: Context) -> Iterator[Violatio
     Severity.INFO,
     on=DocumentUse,
     clause="DDS-Security 1.0 (20160303) against 1.1 (20170901)",
-    remedy="Make the keystore anew with a supported distribution of ROS 2.",
+    remedy="Make the keystore again with a supported distribution of ROS 2: `ros2 security create_keystore KEYSTORE`.",
 )
 def dds_security_1_0_document(use: DocumentUse, _context: Context) -> Iterator[Violation]:
-    """The document has the form of DDS-Security 1.0, which Ardent and Bouncy wrote; newer implementations refuse it."""
-    defects = getattr(getattr(use, "document", None), "defects", ())
-    for defect in of_kinds(defects, {Kind.DDS_SECURITY_1_0}):
-        yield from_defect(defect, use.enclaves, undecided=False)
+    """The document has the form of DDS-Security 1.0, which Ardent and Bouncy wrote.
+
+    It lacks what 1.1 demands, so that implementations of today refuse it; it is read here in its own terms.
+    """
+    document: GovernanceFile | PermissionsFile | None = None
+    if isinstance(use, (GovernanceUse, PermissionsUse)):
+        document = use.document
+    yield from defective(of_kinds(document.defects if document else (), Kind.DDS_SECURITY_1_0), use.enclaves)
 
 
 GOVERNANCE: tuple[Rule[Any], ...] = (
@@ -564,19 +336,7 @@ GOVERNANCE: tuple[Rule[Any], ...] = (
     join_access_control_off,
     read_access_control_off,
     write_access_control_off,
-    rtps_protection_none,
-    rtps_protection_sign_only,
-    discovery_unprotected,
-    liveliness_unprotected,
-    metadata_protection_none,
-    payload_in_clear,
-    payload_open_to_insiders,
-    samples_unauthenticated,
-    data_protection_none,
     governances_differ,
-    unauthenticated_with_rtps_protection,
     topics_without_rule,
-    domain_range_open,
-    domain_above_230,
     dds_security_1_0_document,
 )

@@ -1,28 +1,40 @@
 """Runs every rule on every subject and makes findings of what they say.
 
-Messages hold untrusted text as it is: whoever renders them escapes it (`keystore_audit.text`).
+Messages hold untrusted text as it is, bounded but not escaped: whoever renders them escapes it (`keystore_audit.text`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
 
-from keystore_audit.findings import Finding, Location, Outcome, Result, fingerprint
-from keystore_audit.rules.audit import RULE_CRASHED
+from keystore_audit.findings import Finding, Outcome, Result, fingerprint
+from keystore_audit.model.meaning import Doubt
+from keystore_audit.properties.result import PropertyResult
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation
 from keystore_audit.rules.subjects import (
+    Crash,
     certificate_uses,
     governance_uses,
     permissions_uses,
+    revocation_uses,
 )
+from keystore_audit.text import shorten
+
+MAX_MESSAGE: Final = 2000
+"""Characters of a message, the last guard: the rules bound what they quote, counterexamples come from the engines."""
+
+_ALWAYS: Final = "KA9"
+"""The family that nothing leaves out: what could not be decided is said in every report."""
+
+_Found = tuple[Rule[Any], Violation]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judgement:
-    """Findings, worst first, and the outcome of every rule on every subject."""
+    """Findings, worst first, and the outcome of every rule on every subject that it is about."""
 
     findings: tuple[Finding, ...]
     outcomes: tuple[Outcome, ...]
@@ -35,37 +47,37 @@ def judge(
     select: Collection[str] = (),
     ignore: Collection[str] = (),
 ) -> Judgement:
-    """What the rules say. `select` and `ignore` hold codes or families (`KA2`); KA9 is never left out."""
-    chosen = [rule for rule in rules if _wanted(rule, select, ignore)]
-    subjects = list(_subjects(context))
-    found: list[tuple[Rule[Any], Violation]] = []
-    outcomes: list[Outcome] = []
-    for rule in chosen:
-        for name, subject in subjects:
-            if not isinstance(subject, rule.on):
-                continue
-            violations, outcome = _apply(rule, subject, context)
-            found += violations
-            outcomes.append(Outcome(rule=rule.code, subject=name, outcome=outcome))
-    return Judgement(findings=_findings(found), outcomes=tuple(outcomes))
+    """What the rules say, in their order. `select`, `ignore`: codes or families (`KA203`, `KA2`), never of KA9.
+
+    Doubts and crashes are the subjects of the last rules: only then is known which doubts another rule speaks for.
+    """
+    chosen = [rule for rule in rules if _chosen(rule, select, ignore)]
+    run = _Run(context)
+    run.over(chosen, list(_subjects(context)))
+    run.over(chosen, [*run.crashes(), *run.unspoken()])
+    order = {rule.code: number for number, rule in enumerate(chosen)}
+    return Judgement(
+        findings=_findings(run.found),
+        outcomes=tuple(sorted(run.outcomes, key=lambda outcome: order[outcome.rule])),
+    )
 
 
-def _wanted(rule: Rule[Any], select: Collection[str], ignore: Collection[str]) -> bool:
-    if rule.family == "KA9":
-        return True
-    if select and not any(rule.code.startswith(code) for code in select):
-        return False
-    return not any(rule.code.startswith(code) for code in ignore)
+def _chosen(rule: Rule[Any], select: Collection[str], ignore: Collection[str]) -> bool:
+    names = {rule.code, rule.family}
+    return rule.family == _ALWAYS or ((not select or bool(names & {*select})) and not names & {*ignore})
 
 
 def _subjects(context: Context) -> Iterator[tuple[str, object]]:
     """Every subject with the name by which outcomes call it."""
-    yield "keystore", context.keystore
-    for enclave in context.keystore.enclaves:
+    keystore = context.keystore
+    yield "keystore", keystore
+    for enclave in keystore.enclaves:
         yield enclave.path, enclave
-    for use in certificate_uses(context.keystore):
-        yield f"{use.certificates.file.place} as {use.role.value}", use
-    for document in (*governance_uses(context.keystore), *permissions_uses(context.keystore)):
+    for certificates in certificate_uses(keystore):
+        yield certificates.certificates.file.place, certificates
+    for revocations in revocation_uses(keystore):
+        yield revocations.file.place, revocations
+    for document in (*governance_uses(keystore), *permissions_uses(keystore)):
         yield document.signed.file.place, document
     for result in context.results:
         yield result.prop.id, result
@@ -73,76 +85,118 @@ def _subjects(context: Context) -> Iterator[tuple[str, object]]:
         yield run.name, run
 
 
-def _apply(rule: Rule[Any], subject: Any, context: Context) -> tuple[list[tuple[Rule[Any], Violation]], Result]:
-    """What one rule says of one subject. A crash leaves the question open: it is a finding, and never a pass."""
-    try:
-        if not rule.applies(subject, context):
-            return [], Result.NOT_APPLICABLE
-        violations = list(rule.check(subject, context))
-    except Exception as error:  # noqa: BLE001 - one bad rule must not hide the findings of the others
-        crash = Violation(
-            message=f"Rule {rule.code} {rule.name} crashed ({type(error).__name__}): what it checks is undecided.",
-            locations=(),
-            undecided=True,
-            key=rule.code,
-        )
-        return [(RULE_CRASHED, crash)], Result.OPEN
-    if not violations:
-        return [], Result.PASS
-    undecided = any(violation.undecided for violation in violations)
-    return [(rule, violation) for violation in violations], Result.OPEN if undecided else Result.FAIL
+def _is_about(rule: Rule[Any], subject: object) -> bool:
+    """Whether the rule takes such a subject; a rule of KA7 is about the one property whose id is its name."""
+    if rule.family == "KA7" and isinstance(subject, PropertyResult):
+        return subject.prop.id == rule.name
+    return isinstance(subject, rule.on)
 
 
-def _findings(found: Iterable[tuple[Rule[Any], Violation]]) -> tuple[Finding, ...]:
-    """Findings with fingerprints that differ, the causes of violated properties named, worst first."""
+class _Run:
+    """What the rules have said so far."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._crashes: list[Crash] = []
+        self.found: list[_Found] = []
+        self.outcomes: list[Outcome] = []
+
+    def over(self, rules: Iterable[Rule[Any]], subjects: Sequence[tuple[str, object]]) -> None:
+        """Put every rule to every subject that it is about."""
+        for rule in rules:
+            for name, subject in subjects:
+                if _is_about(rule, subject):
+                    outcome = self._put(rule, name, subject)
+                    self.outcomes.append(Outcome(rule=rule.code, subject=name, outcome=outcome))
+
+    def _put(self, rule: Rule[Any], name: str, subject: object) -> Result:
+        try:
+            if not rule.applies(subject, self._context):
+                return Result.NOT_APPLICABLE
+            violations = list(rule.check(subject, self._context))
+        except Exception as error:  # noqa: BLE001 - whatever a rule raises, the others still speak, and it is no pass
+            self._crashes.append(Crash(rule=rule.code, subject=name, exception=type(error).__name__))
+            return Result.OPEN
+        self.found += ((rule, violation) for violation in violations)
+        if any(violation.undecided for violation in violations):
+            return Result.OPEN
+        return Result.FAIL if violations else Result.PASS
+
+    def crashes(self) -> Iterator[tuple[str, Crash]]:
+        """The rules that raised, as subjects."""
+        return ((crash.subject, crash) for crash in self._crashes)
+
+    def unspoken(self) -> Iterator[tuple[str, Doubt]]:
+        """Doubts about places of which no violation says that they stay open, as subjects."""
+        spoken = {
+            location.path
+            for rule, violation in self.found
+            if violation.undecided and rule.family != _ALWAYS
+            for location in violation.locations
+        }
+        doubts = self._context.meaning.doubts
+        return ((doubt.location.path, doubt) for doubt in doubts if doubt.location.path not in spoken)
+
+
+def _findings(found: Sequence[_Found]) -> tuple[Finding, ...]:
+    """Findings with fingerprints of their own, the causes of violated properties named, worst first."""
+    made = sorted(
+        ((rule, violation, _fingerprint(rule, violation)) for rule, violation in found),
+        key=lambda item: _order(item[0], item[1]),
+    )
     seen: dict[str, int] = {}
-    made: list[tuple[Rule[Any], Finding]] = []
-    for rule, violation in found:
-        path = violation.locations[0].path if violation.locations else None
-        print_ = fingerprint(rule.code, violation.enclave, path, violation.key)
-        count = seen[print_] = seen.get(print_, 0) + 1
-        if count > 1:
-            print_ = fingerprint(rule.code, violation.enclave, path, f"{violation.key}\0{count}")
-        made.append((rule, _finding(rule, violation, print_)))
-    explained = [_explained(rule, finding, made) for rule, finding in made]
-    return tuple(sorted(explained, key=_order))
+    named: list[tuple[Rule[Any], Violation, str]] = []
+    for rule, violation, mark in made:
+        seen[mark] = seen.get(mark, 0) + 1
+        again = f"{violation.key}\0{seen[mark]}"
+        named.append((rule, violation, mark if seen[mark] == 1 else _fingerprint(rule, violation, again)))
+    return tuple(_finding(rule, violation, mark, _causes(rule, violation, named)) for rule, violation, mark in named)
 
 
-def _finding(rule: Rule[Any], violation: Violation, print_: str) -> Finding:
+def _fingerprint(rule: Rule[Any], violation: Violation, key: str | None = None) -> str:
+    path = violation.locations[0].path if violation.locations else None
+    return fingerprint(rule.code, violation.enclave, path, violation.key if key is None else key)
+
+
+def _order(rule: Rule[Any], violation: Violation) -> tuple[object, ...]:
+    """Worst first, then by enclave, place and code; the rest makes the order of equals the same in every run."""
+    first = violation.locations[0] if violation.locations else None
+    return (
+        (violation.severity or rule.severity).rank,
+        violation.enclave or "",
+        first.path if first is not None else "",
+        (first.line if first is not None else None) or 0,
+        rule.code,
+        violation.key,
+        violation.message,
+    )
+
+
+def _causes(
+    rule: Rule[Any], violation: Violation, named: Sequence[tuple[Rule[Any], Violation, str]]
+) -> tuple[str, ...]:
+    """Of a violated property, the findings that explain it under a profile of its own (no profiles: all of them)."""
+    if rule.family != "KA7":
+        return ()
+    return tuple(
+        mark
+        for other, cause, mark in named
+        if rule.name in (other.explains if cause.explains is None else cause.explains)
+        and (not cause.profiles or not violation.profiles or {*cause.profiles} & {*violation.profiles})
+    )
+
+
+def _finding(rule: Rule[Any], violation: Violation, mark: str, causes: tuple[str, ...]) -> Finding:
     return Finding(
         code=rule.code,
         name=rule.name,
         severity=violation.severity or rule.severity,
-        message=violation.message,
+        message=shorten(violation.message, MAX_MESSAGE),
         remedy=violation.remedy or rule.remedy,
         clause=rule.clause,
         enclave=violation.enclave,
         locations=violation.locations,
         profiles=violation.profiles,
-        fingerprint=print_,
-    )
-
-
-def _explained(rule: Rule[Any], finding: Finding, made: list[tuple[Rule[Any], Finding]]) -> Finding:
-    """A finding of KA7 with its causes: their rule explains the property, and they share a profile with it."""
-    if rule.family != "KA7":
-        return finding
-    causes = tuple(
-        cause.fingerprint
-        for other, cause in made
-        if rule.name in other.explains
-        and (not cause.profiles or not finding.profiles or set(cause.profiles) & set(finding.profiles))
-    )
-    return replace(finding, explained_by=causes)
-
-
-def _order(finding: Finding) -> tuple[object, ...]:
-    place = finding.locations[0] if finding.locations else Location(path="")
-    return (
-        finding.severity.rank,
-        finding.enclave or "",
-        place.path,
-        place.line or 0,
-        finding.code,
-        finding.fingerprint,
+        explained_by=causes,
+        fingerprint=mark,
     )

@@ -1,37 +1,57 @@
-"""KA1: the directory and its files (sros2; rmw_dds_common security.cpp)."""
+"""KA1: the directory and its files, as sros2 writes them and rmw_dds_common's security.cpp looks for them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from typing import Any
+import re
+from collections.abc import Iterator
+from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
-from keystore_audit.keystore.smime import SignedDocument
-from keystore_audit.model.names import is_ros_name
+from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.usability import REQUIRED
+from keystore_audit.rules.acceptance import genuine
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.subjects import DocumentUse, GovernanceUse
+from keystore_audit.rules.wording import listed, paths, quoted, sole
 
-_SOURCE = "ros2/rmw_dds_common security.cpp (files of an enclave)"
-_OTHERS = 0o077
-"""Permission bits for group and others."""
+RUN_TIME_FILES = "ros2/rmw_dds_common, security.cpp: the files that an enclave must have"
+_UNREAD = "keystore-audit, docs/model.md: what is not read counts as able to do anything"
+
+_MAKE_AGAIN = (
+    "Run `ros2 security create_enclave KEYSTORE ENCLAVE`, which makes what is missing, then "
+    "`ros2 security create_permission KEYSTORE ENCLAVE policy.xml` for its rights."
+)
 
 
-def _required(enclave: Enclave, status: Status) -> Iterator[tuple[Role, File]]:
-    """Required files of the enclave in this state, unless a .p11 file stands in for them."""
+def _about(enclave: Enclave, file: File, message: str, *, undecided: bool = False) -> Violation:
+    return Violation(message=message, locations=(Location(path=file.path),), enclave=enclave.path, undecided=undecided)
+
+
+def _required(enclave: Enclave, *statuses: Status) -> Iterator[File]:
+    """Required files in these states, each path once; a `.p11` file may stand in for the `.pem`."""
+    seen: set[str] = set()
     for role in REQUIRED:
         file = enclave.files.files[role]
-        if file.status is status and role not in enclave.files.pkcs11:
-            yield role, file
+        if file.status in statuses and role not in enclave.files.pkcs11 and file.path not in seen:
+            seen.add(file.path)
+            yield file
 
 
-def _file(enclave: Enclave, file: File, message: str, **more: Any) -> Violation:
-    return Violation(
-        message=message, locations=(Location(path=file.path),), enclave=enclave.path, key=file.path, **more
-    )
+def _unread(enclave: Enclave, status: Status) -> Iterator[File]:
+    """Run-time files in this state, each path once."""
+    seen: set[str] = set()
+    for file in (*enclave.files.files.values(), *enclave.files.pkcs11.values()):
+        if file.status is status and file.path not in seen:
+            seen.add(file.path)
+            yield file
+
+
+def _name(file: File) -> str:
+    return file.path.rpartition("/")[2]
 
 
 @rule(
@@ -39,21 +59,18 @@ def _file(enclave: Enclave, file: File, message: str, **more: Any) -> Violation:
     "required-file-missing",
     Severity.HIGH,
     on=Enclave,
-    clause=_SOURCE,
-    remedy="Make the enclave's files again: ros2 security create_enclave KEYSTORE ENCLAVE, then create_permission.",
+    clause=RUN_TIME_FILES,
+    remedy=_MAKE_AGAIN,
 )
 def required_file_missing(enclave: Enclave, _context: Context) -> Iterator[Violation]:
     """A file that every run time needs is not there.
 
-    Under Enforce the node does not start; under Permissive it starts unsecured.
+    Under Enforce the enclave's nodes do not start; under any other strategy they start without security. The check
+    cannot know which strategy the robot uses.
     """
-    for status in (Status.MISSING, Status.DIRECTORY):
-        for role, file in _required(enclave, status):
-            message = (
-                f"{role.value} is {'a directory' if status is Status.DIRECTORY else 'missing'}: the enclave cannot"
-                " start."
-            )
-            yield _file(enclave, file, message)
+    for file in _required(enclave, Status.MISSING, Status.DIRECTORY):
+        got = "a directory" if file.status is Status.DIRECTORY else "nothing"
+        yield _about(enclave, file, f"{enclave.path} cannot start: expected a file {_name(file)}, there is {got}.")
 
 
 @rule(
@@ -61,59 +78,42 @@ def required_file_missing(enclave: Enclave, _context: Context) -> Iterator[Viola
     "dangling-link",
     Severity.HIGH,
     on=Enclave,
-    clause=_SOURCE,
-    remedy="Point the link at the file: links of an enclave lead to public/ and to enclaves/governance.p7s.",
+    clause=RUN_TIME_FILES,
+    remedy="Restore the file that the link names (public/ and enclaves/governance.p7s belong to a copy), or make the "
+    "link again with `ros2 security create_enclave KEYSTORE ENCLAVE`.",
 )
 def dangling_link(enclave: Enclave, _context: Context) -> Iterator[Violation]:
-    """A required file is a link that leads nowhere, so the enclave cannot start.
+    """A run-time file is a link that leads nowhere: its target is missing, or the links go in a circle.
 
-    Copying a part of a keystore does that.
+    Copying a part of a keystore does that. A revocation list that is such a link revokes nothing, and nobody is told.
     """
-    for status in (Status.DANGLING, Status.LOOP):
-        for role, file in _required(enclave, status):
-            yield _file(enclave, file, f"{role.value} is a link that leads nowhere: {file.detail}.")
+    for file in _required(enclave, Status.DANGLING, Status.LOOP):
+        yield _about(
+            enclave, file, f"{enclave.path} cannot start: {_name(file)} is a link that leads nowhere ({file.detail})."
+        )
+    crl = enclave.files.files[Role.CRL]
+    if crl.status in (Status.DANGLING, Status.LOOP):
+        yield _about(enclave, crl, f"{_name(crl)} is a link that leads nowhere ({crl.detail}): nothing is revoked.")
 
 
-def _unread(code: str, name: str, status: Status, remedy: str, why: str) -> Rule[Enclave]:
-    """The rule that no run-time file is in a state in which we do not read it."""
-
-    def check(enclave: Enclave, _context: Context) -> Iterator[Violation]:
-        for role, file in (*enclave.files.files.items(), *enclave.files.pkcs11.items()):
-            if file.status is status:
-                yield _file(enclave, file, f"{role.value} was not read: {file.detail}.", undecided=True)
-
-    check.__doc__ = why
-    register: Callable[[Callable[[Enclave, Context], Iterator[Violation]]], Rule[Enclave]] = rule(
-        code, name, Severity.HIGH, on=Enclave, clause=_SOURCE, remedy=remedy
-    )
-    return register(check)
-
-
-link_leaves_keystore = _unread(
+@rule(
     "KA103",
     "link-leaves-keystore",
-    Status.OUTSIDE,
-    "Copy the file into the keystore, or link within it.",
-    "A run-time file is a link out of the keystore. What it leads to is not part of what is audited and is not read,"
-    " though a robot would read it, so the enclave may be able to do anything.",
+    Severity.HIGH,
+    on=Enclave,
+    clause=_UNREAD,
+    remedy="Copy the file into the keystore, or let the link end within it.",
 )
+def link_leaves_keystore(enclave: Enclave, _context: Context) -> Iterator[Violation]:
+    """A run-time file is a link out of the keystore.
 
-not_a_regular_file = _unread(
-    "KA105",
-    "not-a-regular-file",
-    Status.SPECIAL,
-    "Put a regular file in its place.",
-    "A run-time file is a pipe, a device or a socket. It is not opened: reading could hang or give other bytes each"
-    " time.",
-)
-
-file_too_large = _unread(
-    "KA106",
-    "file-too-large",
-    Status.TOO_LARGE,
-    "Find out what the file is; a keystore's files have some kilobytes.",
-    "A run-time file is over 4 MB and is not read, though a robot might read it.",
-)
+    What it leads to is no part of what is audited and was not read; a robot reads it, so that the enclave may be able
+    to do anything.
+    """
+    for file in _unread(enclave, Status.OUTSIDE):
+        yield _about(
+            enclave, file, f"{_name(file)} was not read: a link out of the keystore ({file.detail}).", undecided=True
+        )
 
 
 @rule(
@@ -121,21 +121,51 @@ file_too_large = _unread(
     "directory-link-not-followed",
     Severity.HIGH,
     on=Keystore,
-    clause="design section 4 (links to directories are never followed)",
-    remedy="Replace the link by a directory, or audit its target on its own.",
+    clause=_UNREAD,
+    remedy="Put the directory in the place of the link, or audit its target as a keystore of its own.",
 )
 def directory_link_not_followed(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     """A link leads to a directory in which enclaves may lie.
 
-    It is never followed, so what is behind it may be able to do anything.
+    Links to directories are never followed: they may leave the keystore or go in a circle. A robot follows them.
     """
     for file in keystore.layout.directory_links:
         yield Violation(
-            message=f"A link to a directory was not followed: {file.detail}.",
+            message=f"A link to a directory was not followed ({file.detail}): enclaves may lie behind it.",
             locations=(Location(path=file.path),),
             undecided=True,
-            key=file.path,
         )
+
+
+@rule(
+    "KA105",
+    "not-a-regular-file",
+    Severity.HIGH,
+    on=Enclave,
+    clause=_UNREAD,
+    remedy="Put a regular file in its place.",
+)
+def not_a_regular_file(enclave: Enclave, _context: Context) -> Iterator[Violation]:
+    """A run-time file is a pipe, a device or a socket.
+
+    It is not opened: reading could hang, or give other bytes to each reader.
+    """
+    for file in _unread(enclave, Status.SPECIAL):
+        yield _about(enclave, file, f"{_name(file)} was not read: {file.detail}.", undecided=True)
+
+
+@rule(
+    "KA106",
+    "file-too-large",
+    Severity.HIGH,
+    on=Enclave,
+    clause=_UNREAD,
+    remedy="Find out what the file is: those of a keystore have some kilobytes.",
+)
+def file_too_large(enclave: Enclave, _context: Context) -> Iterator[Violation]:
+    """A run-time file is over 4 MB, or all files together over their limit. A robot may read it all the same."""
+    for file in _unread(enclave, Status.TOO_LARGE):
+        yield _about(enclave, file, f"{_name(file)} was not read: {file.detail}.", undecided=True)
 
 
 @rule(
@@ -143,111 +173,79 @@ def directory_link_not_followed(keystore: Keystore, _context: Context) -> Iterat
     "unreadable",
     Severity.HIGH,
     on=Keystore,
-    clause="keystore-audit: what cannot be read counts as able to do anything",
-    remedy="Run the audit as a user who may read the keystore.",
+    clause=_UNREAD,
+    remedy="Run the audit as a user who may read the whole keystore.",
 )
 def unreadable(keystore: Keystore, _context: Context) -> Iterator[Violation]:
-    """A file or directory could not be read."""
-    for file in keystore.layout.unreadable_directories:
+    """A run-time file or a directory could not be read, for want of permission or by an error of the file system."""
+    for directory in keystore.layout.unreadable_directories:
         yield Violation(
-            message=f"The directory could not be read: {file.detail}.",
-            locations=(Location(path=file.path),),
+            message=f"The directory could not be read ({directory.detail}): enclaves may lie in it.",
+            locations=(Location(path=directory.path),),
             undecided=True,
-            key=file.path,
         )
     for enclave in keystore.enclaves:
-        for role, file in (*enclave.files.files.items(), *enclave.files.pkcs11.items()):
-            if file.status is Status.UNREADABLE:
-                yield _file(enclave, file, f"{role.value} could not be read: {file.detail}.", undecided=True)
-
-
-@rule(
-    "KA108",
-    "private-key-readable-by-others",
-    Severity.MEDIUM,
-    on=Enclave,
-    clause="DDS-Security 1.1, 9.3.1 (private keys are kept secret); CWE-732",
-    remedy="chmod 600 key.pem (sros2 writes private keys with mode 644)",
-)
-def private_key_readable_by_others(enclave: Enclave, context: Context) -> Iterator[Violation]:
-    """Other users of the machine can read the private key and be the enclave. High on a robot (--deployed)."""
-    key = enclave.key
-    if key is not None and key.file.mode is not None and key.file.mode & _OTHERS:
-        severity = Severity.HIGH if context.deployed else None
-        message = f"The private key has mode {key.file.mode & 0o777:o} (expected 600): other users can read it."
-        yield Violation(
-            message=message,
-            locations=(Location(path=key.file.place),),
-            enclave=enclave.path,
-            severity=severity,
-            key="mode",
-        )
-
-
-@rule(
-    "KA109",
-    "ca-private-key-in-tree",
-    Severity.INFO,
-    on=Keystore,
-    clause="ROS 2 design, ROS 2 security enclaves (private/ is not deployed); ros2/ros2_documentation#3318",
-    remedy="Keep CA keys off the robot: deploy enclaves/ and public/ only.",
-)
-def ca_private_key_in_tree(keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """A CA's private key lies in the tree: whoever has it makes any identity or signs any right.
-
-    A note where keystores are made; critical in a tree that goes on a robot (--deployed).
-    """
-    for key in keystore.authority_keys:
-        yield Violation(
-            message="The private key of a CA is in the tree"
-            + (", which goes on a robot." if context.deployed else "."),
-            locations=(Location(path=key.file.place),),
-            severity=Severity.CRITICAL if context.deployed else None,
-            key="ca key",
-        )
+        for file in _unread(enclave, Status.UNREADABLE):
+            yield _about(enclave, file, f"{_name(file)} was not read: {file.detail}.", undecided=True)
 
 
 @rule(
     "KA110",
     "unsigned-document-differs",
     Severity.MEDIUM,
-    on=Keystore,
-    clause="DDS-Security 1.1, 9.4.1.2 and 9.4.1.3 (the signed document counts)",
-    remedy="Sign the XML again if it is what is meant, else write it anew from the signed one.",
+    on=DocumentUse,
+    clause="DDS-Security 1.1, 9.4.1.2 and 9.4.1.3 (the signed document counts); measured: the .xml is never read",
+    remedy="Sign the .xml again if it says what is meant; else replace it by what `openssl smime -verify -text "
+    "-noverify "
+    "-in DOCUMENT.p7s` prints.",
+    applies=lambda use, _context: use.signed.content is not None and genuine(use),
 )
-def unsigned_document_differs(keystore: Keystore, _context: Context) -> Iterator[Violation]:
-    """The XML beside a signed document says something else: what is reviewed is not what runs.
+def unsigned_document_differs(use: DocumentUse, context: Context) -> Iterator[Violation]:
+    """The .xml beside a signed document says something else: what is reviewed is not what runs.
 
-    Compared after turning CRLF into LF, since S/MIME changes line ends.
+    Compared after turning CRLF into LF, since S/MIME changes line ends. Whether the difference changes the meaning is
+    not judged. A document that the permissions CA did not sign is the business of KA3.
     """
-    pairs: list[tuple[str | None, File | None, SignedDocument | None]] = []
-    for enclave in keystore.enclaves:
-        signed = {
-            Role.GOVERNANCE: enclave.governance.signed if enclave.governance else None,
-            Role.PERMISSIONS: enclave.permissions.signed if enclave.permissions else None,
-        }
-        pairs += [(enclave.path, file, signed.get(role)) for role, file in enclave.files.unsigned.items()]
-    shared = keystore.layout.governance
-    if shared is not None:
-        carried = (e.governance.signed for e in keystore.enclaves if e.governance)
-        document = next((s for s in carried if s.file.place == shared.place), None)
-        pairs.append((None, keystore.layout.unsigned_governance, document))
-    seen: set[str] = set()
-    for path, file, document in pairs:
-        if file is None or file.content is None or document is None or document.content is None:
-            continue
-        if file.place not in seen and _lines(file.content) != _lines(document.content):
-            seen.add(file.place)
+    role = Role.GOVERNANCE if isinstance(use, GovernanceUse) else Role.PERMISSIONS
+    layout = context.keystore.layout
+    beside: dict[str, tuple[File, str | None]] = {}
+    for enclave in use.enclaves:
+        if role in enclave.files.unsigned:
+            file = enclave.files.unsigned[role]
+            beside.setdefault(file.place, (file, enclave.path))
+    shared = layout.governance is not None and layout.governance.place == use.signed.file.place
+    if role is Role.GOVERNANCE and shared and layout.unsigned_governance is not None:
+        beside.setdefault(layout.unsigned_governance.place, (layout.unsigned_governance, sole(use.enclaves)))
+    for file, path in beside.values():
+        first = _first_difference(file.content, use.signed.content)
+        if first is not None:
             yield Violation(
-                message=f"{file.place} differs from what is signed in {document.file.place}.",
-                locations=(Location(path=file.place), Location(path=document.file.place, message="what counts")),
+                message=f"{_name(file)} is not what {use.signed.file.place} says: they differ from line {first} of the "
+                "document on, and only the signed one counts.",
+                locations=(
+                    Location(path=file.place, line=first),
+                    Location(path=use.signed.file.place, line=use.signed.line(first), message="what counts"),
+                ),
                 enclave=path,
-                key="differs",
             )
 
 
-def _lines(content: bytes) -> bytes:
-    return content.replace(b"\r\n", b"\n").rstrip(b"\n")
+def _first_difference(unsigned: bytes | None, signed: bytes | None) -> int | None:
+    """The first line, from 1, in which the two differ apart from line ends and blank lines at the end."""
+    if unsigned is None or signed is None:
+        return None
+    ours, theirs = (text.replace(b"\r\n", b"\n").rstrip(b"\n").split(b"\n") for text in (unsigned, signed))
+    if ours == theirs:
+        return None
+    common = sum(1 for _ in _while_equal(ours, theirs))
+    return common + 1
+
+
+def _while_equal(ours: list[bytes], theirs: list[bytes]) -> Iterator[bytes]:
+    for our, their in zip(ours, theirs, strict=False):
+        if our != their:
+            return
+        yield our
 
 
 @rule(
@@ -255,13 +253,23 @@ def _lines(content: bytes) -> bytes:
     "pkcs11-reference",
     Severity.MEDIUM,
     on=Enclave,
-    clause=_SOURCE + "; DDS-Security 1.1, 9.3.1 (pkcs11: URI)",
-    remedy="Audit where the token is, or use .pem files.",
+    clause=f"{RUN_TIME_FILES}; DDS-Security 1.1, 9.3.1 (pkcs11 URIs)",
+    remedy="Compare the token's content on the robot with what the keystore should hold, or use .pem files.",
 )
 def pkcs11_reference(enclave: Enclave, _context: Context) -> Iterator[Violation]:
-    """A .p11 file refers to a token. Fast DDS takes it before the .pem file; what it holds cannot be read here."""
+    """A .p11 file refers to a token.
+
+    Fast DDS takes it before the .pem file; what is on the token cannot be read here. Cyclone DDS reads the .pem file.
+    """
+    fast_dds = tuple(name for name in VARIANTS if name.startswith("fastdds"))
     for role, file in enclave.files.pkcs11.items():
-        yield _file(enclave, file, f"{role.value} is on a PKCS#11 token, which was not read.", undecided=True)
+        yield Violation(
+            message=f"Fast DDS takes {role.value} from the token that {_name(file)} names: it could not be read here.",
+            locations=(Location(path=file.path),),
+            enclave=enclave.path,
+            profiles=fast_dds,
+            undecided=True,
+        )
 
 
 @rule(
@@ -269,16 +277,25 @@ def pkcs11_reference(enclave: Enclave, _context: Context) -> Iterator[Violation]
     "incomplete-keystore",
     Severity.MEDIUM,
     on=Keystore,
-    clause="ros2/sros2 keystore layout (public/, private/, enclaves/)",
-    remedy="Run ros2 security create_keystore again, or restore the missing parts.",
+    clause="ros2/sros2, keystore layout (public/, private/, enclaves/)",
+    remedy="Restore what is missing from the keystore that this one was copied from; `ros2 security create_keystore` "
+    "would make new authorities.",
 )
 def incomplete_keystore(keystore: Keystore, _context: Context) -> Iterator[Violation]:
-    """Parts of the keystore are missing, as after a create_keystore that died half-way."""
-    if keystore.layout.kind is LayoutKind.PARTIAL:
-        missing = "; ".join(keystore.layout.expected) or "a part"
+    """Parts of the keystore are missing though it has enclaves: a creation that died half-way, or half a copy.
+
+    The private keys of the authorities are not among the parts: they do not belong on a robot.
+    """
+    if keystore.layout.expected:
         yield Violation(
-            message=f"The keystore is incomplete: {missing}.", locations=(Location(path="."),), key="partial"
+            message=f"The keystore is incomplete: it lacks {'; '.join(keystore.layout.expected)}.",
+            locations=(Location(path="."),),
         )
+
+
+_NAME_TOKEN: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_MAX_NAME: Final = 255
+"""rcl's limit of a fully qualified enclave name, RCL_ENCLAVE_NAME_MAX_LENGTH (rcl/validate_enclave_name.h)."""
 
 
 @rule(
@@ -286,17 +303,22 @@ def incomplete_keystore(keystore: Keystore, _context: Context) -> Iterator[Viola
     "enclave-name-not-ros",
     Severity.MEDIUM,
     on=Enclave,
-    clause="ROS 2 design, topic and service names; rcl validate_enclave_name",
-    remedy="Rename the enclave: letters, digits and underscores, not beginning with a digit.",
+    clause="rcl, rcl_validate_enclave_name; ROS 2 design, topic and service names",
+    remedy="Make the enclave again under a name of letters, digits and underscores that begins with no digit.",
 )
 def enclave_name_not_ros(enclave: Enclave, _context: Context) -> Iterator[Violation]:
-    """The enclave's path is no valid name, so no node can ask for it; the directory may be there to mislead."""
-    if enclave.path != "/" and not is_ros_name(enclave.path):
+    """The directory's name is no ROS 2 name, so that no node can ask for this enclave by it.
+
+    It may be a typing error, or be there to mislead. ROS_SECURITY_ENCLAVE_OVERRIDE is not validated and reaches it.
+    """
+    tokens = enclave.path.split("/")[1:]
+    well_formed = enclave.path == "/" or all(_NAME_TOKEN.fullmatch(token) for token in tokens)
+    if not well_formed or len(enclave.path) > _MAX_NAME:
         yield Violation(
-            message=f"{enclave.path!r} is no valid enclave name: no node can use it.",
+            message=f"{quoted(enclave.path)} is no enclave name (expected letters, digits and underscores, no digit "
+            f"first, at most {_MAX_NAME} in all): no node can use it.",
             locations=(Location(path=enclave.files.directory),),
             enclave=enclave.path,
-            key="name",
         )
 
 
@@ -305,20 +327,19 @@ def enclave_name_not_ros(enclave: Enclave, _context: Context) -> Iterator[Violat
     "enclave-names-differ-by-case",
     Severity.LOW,
     on=Keystore,
-    clause="ros2/sros2 keystore layout (an enclave is a directory)",
-    remedy="Rename one of the enclaves.",
+    clause="ros2/sros2, keystore layout (an enclave is a directory)",
+    remedy="Give one of the enclaves another name.",
 )
 def enclave_names_differ_by_case(keystore: Keystore, _context: Context) -> Iterator[Violation]:
-    """Two enclaves differ only in case: on some file systems they are one directory."""
+    """Enclaves differ in nothing but case: on a file system that ignores case they are one directory."""
     names: dict[str, list[Enclave]] = {}
     for enclave in keystore.enclaves:
         names.setdefault(enclave.files.directory.casefold(), []).append(enclave)
-    for group in names.values():
-        if len(group) > 1:
+    for alike in names.values():
+        if len(alike) > 1:
             yield Violation(
-                message=f"Enclaves differ only in case: {', '.join(e.path for e in group)}.",
-                locations=tuple(Location(path=e.files.directory) for e in group),
-                key=group[0].files.directory.casefold(),
+                message=f"The names of {paths(alike)} differ in nothing but case.",
+                locations=tuple(Location(path=enclave.files.directory) for enclave in alike),
             )
 
 
@@ -327,43 +348,20 @@ def enclave_names_differ_by_case(keystore: Keystore, _context: Context) -> Itera
     "deprecated-layout",
     Severity.LOW,
     on=Keystore,
-    clause="REP 2000 (end of life of Ardent to Eloquent)",
-    remedy="Make the keystore again with a supported distribution; Foxy and later do not find enclaves in this layout.",
+    clause="REP 2000 (Ardent to Eloquent are past their end of life)",
+    remedy="Make the keystore again with a supported distribution: `ros2 security create_keystore KEYSTORE`.",
 )
 def deprecated_layout(keystore: Keystore, _context: Context) -> Iterator[Violation]:
-    """The layout is that of a distribution which is no longer supported: Ardent to Eloquent."""
-    wrote = {LayoutKind.FLAT: "Crystal, Dashing or Eloquent", LayoutKind.ARDENT: "Ardent or Bouncy"}
-    if keystore.layout.kind in wrote:
+    """The layout is that of a distribution which nobody supports: no run time since Foxy finds enclaves in it."""
+    wrote = {LayoutKind.FLAT: "Crystal, Dashing and Eloquent", LayoutKind.ARDENT: "Ardent and Bouncy"}
+    distributions = wrote.get(keystore.layout.kind)
+    if distributions is not None:
         yield Violation(
-            message=f"The layout is that of {wrote[keystore.layout.kind]}, which are no longer supported.",
+            message=f"The layout is that of {distributions} (expected public/ and enclaves/, since Foxy): supported "
+            f"distributions do not find {listed(enclave.path for enclave in keystore.enclaves)} in it.",
             locations=(Location(path="."),),
             key=keystore.layout.kind.value,
         )
-
-
-@rule(
-    "KA116",
-    "ca-key-readable-by-others",
-    Severity.MEDIUM,
-    on=Keystore,
-    clause="CWE-732",
-    remedy="chmod 600 on the CA's private key",
-)
-def ca_key_readable_by_others(keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """Other users of the machine can read a CA's private key and make any identity or sign any right.
-
-    High in a tree that goes on a robot (--deployed).
-    """
-    for key in keystore.authority_keys:
-        if key.file.mode is not None and key.file.mode & _OTHERS:
-            yield Violation(
-                message=(
-                    f"The CA's private key has mode {key.file.mode & 0o777:o} (expected 600): other users can read it."
-                ),
-                locations=(Location(path=key.file.place),),
-                severity=Severity.HIGH if context.deployed else None,
-                key="mode",
-            )
 
 
 LAYOUT: tuple[Rule[Any], ...] = (
@@ -374,13 +372,10 @@ LAYOUT: tuple[Rule[Any], ...] = (
     not_a_regular_file,
     file_too_large,
     unreadable,
-    private_key_readable_by_others,
-    ca_private_key_in_tree,
     unsigned_document_differs,
     pkcs11_reference,
     incomplete_keystore,
     enclave_name_not_ros,
     enclave_names_differ_by_case,
     deprecated_layout,
-    ca_key_readable_by_others,
 )

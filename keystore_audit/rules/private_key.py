@@ -1,21 +1,127 @@
-"""KA2, continued: private keys and revocation (DDS-Security 1.1, 9.3; RFC 5280, 5)."""
+"""KA1 and KA2: private keys, of enclaves and of authorities. Only facts about them, never a byte."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
-from keystore_audit.keystore.crl import RevocationList, crl_signed_by
 from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
-from keystore_audit.model.revocation import revoked_serials
 from keystore_audit.rules.certificate import ISSUE_AGAIN
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.places import from_defect, of_kinds
 from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.wording import defective, listed, of_kinds, quoted
 
-NEW_CRL = "Write the list again with the identity CA: openssl ca -gencrl -crldays 30 -out crl.pem"
+_OTHERS: Final = 0o077
+"""Permission bits of group and others."""
+
+_UNREAD_BUT_THERE: Final = frozenset({Status.PRESENT, Status.UNREADABLE, Status.TOO_LARGE})
+"""A key that we could not read is in the tree all the same; one outside, by a link, is not."""
+
+
+def _open_to_others(file: File) -> bool:
+    """Whether other users may read it. Unknown where there are no modes: then nothing is said."""
+    return file.mode is not None and bool(file.mode & _OTHERS)
+
+
+def _octal(file: File) -> str:
+    return f"{(file.mode or 0) & 0o777:04o}"
+
+
+@rule(
+    "KA108",
+    "private-key-readable-by-others",
+    Severity.MEDIUM,
+    on=Enclave,
+    clause="DDS-Security 1.1, 9.3.1 (the private key is the identity); CWE-732",
+    remedy="Run `chmod 600` on the enclave's key.pem, as the user who runs its nodes; sros2 writes keys with mode "
+    "0644.",
+    applies=lambda enclave, _context: enclave.key is not None and enclave.key.file.mode is not None,
+)
+def private_key_readable_by_others(enclave: Enclave, context: Context) -> Iterator[Violation]:
+    """Other users of the machine may read the private key, and then be the enclave.
+
+    High in a tree that goes on a robot (--deployed). Directories above it, owners and access control lists are not
+    looked at.
+    """
+    if enclave.key is not None and _open_to_others(enclave.key.file):
+        file = enclave.key.file
+        yield Violation(
+            message=f"The private key of {enclave.path} has mode {_octal(file)} (expected 0600): other users may "
+            "read it.",
+            locations=(Location(path=file.place),),
+            enclave=enclave.path,
+            severity=Severity.HIGH if context.deployed else None,
+        )
+
+
+@rule(
+    "KA109",
+    "ca-private-key-in-tree",
+    Severity.INFO,
+    on=Keystore,
+    clause="ROS 2 design, ROS 2 security enclaves (private/ does not leave the machine where keystores are made)",
+    remedy="Ship enclaves/ and public/ only, and keep private/ where identities are issued.",
+)
+def ca_private_key_in_tree(keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """The private key of an authority lies in the tree: whoever has it issues identities or signs rights.
+
+    A note where keystores are made; critical in a tree that goes on a robot (--deployed), and always where it is an
+    enclave's own key. Backups and other copies outside the tree are not seen.
+    """
+    subjects = {
+        certificate.key: certificate.subject
+        for enclave in keystore.enclaves
+        for file in (enclave.identity_ca, enclave.permissions_ca)
+        for certificate in (file.certificates if file else ())
+    }
+    known = {key.file.place: key.key for key in keystore.authority_keys}
+    for file in keystore.layout.authority_keys:
+        if file.status in _UNREAD_BUT_THERE:
+            subject = subjects.get(known.get(file.place) or "")
+            whose = f"of {quoted(subject)}" if subject is not None else "of an authority"
+            where = "a tree that goes on a robot" if context.deployed else "the tree; keep it off robots"
+            yield Violation(
+                message=f"The private key {whose} is in {where}.",
+                locations=(Location(path=file.place),),
+                severity=Severity.CRITICAL if context.deployed else None,
+            )
+    for enclave in keystore.enclaves:
+        if enclave.key is not None and enclave.key.key is not None and enclave.key.key in subjects:
+            yield Violation(
+                message=f"{enclave.path} has the private key of the authority {quoted(subjects[enclave.key.key])}: it "
+                "can issue any identity or sign any right.",
+                locations=(Location(path=enclave.key.file.place),),
+                enclave=enclave.path,
+                severity=Severity.CRITICAL,
+                remedy=f"Make a new authority, and for {enclave.path} a key of its own. {ISSUE_AGAIN}",
+            )
+
+
+@rule(
+    "KA116",
+    "ca-key-readable-by-others",
+    Severity.HIGH,
+    on=Keystore,
+    clause="CWE-732",
+    remedy="Run `chmod 600` on the authority's private key; sros2 writes keys with mode 0644.",
+)
+def ca_key_readable_by_others(keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """Other users of the machine may read an authority's private key, and then issue identities or sign rights.
+
+    Medium where keystores are made, high in a tree that goes on a robot (--deployed). Directories above it, owners and
+    access control lists are not looked at.
+    """
+    for file in keystore.layout.authority_keys:
+        if _open_to_others(file):
+            yield Violation(
+                message=f"The private key of an authority has mode {_octal(file)} (expected 0600): other users may "
+                "read it.",
+                locations=(Location(path=file.place),),
+                severity=None if context.deployed else Severity.MEDIUM,
+            )
 
 
 @rule(
@@ -23,11 +129,12 @@ NEW_CRL = "Write the list again with the identity CA: openssl ca -gencrl -crlday
     "key-does-not-match-certificate",
     Severity.HIGH,
     on=Enclave,
-    clause="DDS-Security 1.1, 9.3.2.1",
-    remedy=ISSUE_AGAIN + ".",
+    clause="DDS-Security 1.1, 9.3.1 (dds.sec.auth.private_key is the certificate's); measured",
+    remedy=ISSUE_AGAIN,
+    applies=lambda enclave, _context: enclave.key is not None and enclave.key.key is not None,
 )
 def key_does_not_match_certificate(enclave: Enclave, _context: Context) -> Iterator[Violation]:
-    """key.pem belongs to another certificate.
+    """key.pem belongs to another certificate than cert.pem.
 
     Fast DDS refuses the participant; Cyclone DDS starts it and never completes a handshake (measured).
     """
@@ -35,16 +142,13 @@ def key_does_not_match_certificate(enclave: Enclave, _context: Context) -> Itera
     key = enclave.key
     if first is not None and key is not None and key.key is not None and key.key != first.key:
         yield Violation(
-            message=(
-                f"The private key ({key.key_kind}) does not belong to the certificate {first.subject!r}"
-                f" ({first.key_kind})."
-            ),
+            message=f"The private key of {enclave.path} ({key.key_kind}) is not that of its certificate "
+            f"({first.key_kind}, {quoted(first.subject)}): no handshake succeeds.",
             locations=(
-                Location(path=key.file.place, line=1),
+                Location(path=key.file.place),
                 Location(path=first.path, line=first.line, message="the certificate"),
             ),
             enclave=enclave.path,
-            key="key",
         )
 
 
@@ -53,13 +157,19 @@ def key_does_not_match_certificate(enclave: Enclave, _context: Context) -> Itera
     "private-key-unreadable",
     Severity.HIGH,
     on=Enclave,
-    clause="RFC 5958; RFC 7468",
-    remedy=ISSUE_AGAIN + ".",
+    clause="RFC 5958; RFC 7468, 10",
+    remedy=ISSUE_AGAIN,
+    applies=lambda enclave, _context: enclave.key is not None,
 )
 def private_key_unreadable(enclave: Enclave, _context: Context) -> Iterator[Violation]:
-    """The private key does not parse, so whether the enclave can start is unknown."""
-    for defect in of_kinds(enclave.key.defects if enclave.key else (), {Kind.KEY_UNREADABLE}):
-        yield from_defect(defect, (enclave,), undecided=True)
+    """The private key is in a form that we do not read, so whether the enclave can start is unknown.
+
+    A build of OpenSSL with other providers may read it.
+    """
+    defects = enclave.key.defects if enclave.key else ()
+    yield from defective(
+        of_kinds(defects, Kind.KEY_UNREADABLE), (enclave,), "whether the enclave can start is unknown.", undecided=True
+    )
 
 
 @rule(
@@ -67,137 +177,27 @@ def private_key_unreadable(enclave: Enclave, _context: Context) -> Iterator[Viol
     "private-key-encrypted",
     Severity.HIGH,
     on=Enclave,
-    clause="DDS-Security 1.1, 9.3.1 (dds.sec.auth.password)",
-    remedy="Write the key without a password, readable by its owner only: openssl pkey -in key.pem -out key.pem.new",
+    clause="DDS-Security 1.1, 9.3.1 (dds.sec.auth.password); measured: ROS 2 passes none",
+    remedy="Take the password off with `openssl pkey -in key.pem -out key.pem.new`, put the new file in its place and "
+    "run `chmod 600 key.pem`.",
+    applies=lambda enclave, _context: enclave.key is not None,
 )
 def private_key_encrypted(enclave: Enclave, _context: Context) -> Iterator[Violation]:
-    """The private key needs a password.
-
-    ROS 2 passes none to the implementation, so the enclave cannot start (measured).
-    """
-    for defect in of_kinds(enclave.key.defects if enclave.key else (), {Kind.KEY_ENCRYPTED}):
-        yield from_defect(defect, (enclave,), undecided=False)
-
-
-@rule(
-    "KA212",
-    "identity-revoked",
-    Severity.HIGH,
-    on=Enclave,
-    clause="RFC 5280, 6.3; DDS-Security 1.1, 9.3.2.1",
-    remedy=ISSUE_AGAIN + ".",
-    explains=("identities-chain-to-the-identity-ca",),
-)
-def identity_revoked(enclave: Enclave, context: Context) -> Iterator[Violation]:
-    """A revocation list in the keystore names the enclave's identity: enclaves that carry the list refuse it."""
-    first = enclave.certificate.first if enclave.certificate else None
-    if first is None:
-        return
-    for holder in context.keystore.enclaves:
-        if (first.issuer_der, first.serial) in revoked_serials(holder):
-            place = holder.crl.file.place if holder.crl else ""
-            yield Violation(
-                message=f"The identity {first.subject!r} is revoked by {place}.",
-                locations=(
-                    Location(path=first.path, line=first.line),
-                    Location(path=place, line=1, message="the revocation list"),
-                ),
-                enclave=enclave.path,
-                key=first.sha256,
-            )
-            return
-
-
-def _lists(enclave: Enclave) -> tuple[RevocationList, ...]:
-    return enclave.crl.revocation_lists if enclave.crl else ()
-
-
-@rule(
-    "KA213",
-    "crl-invalid",
-    Severity.HIGH,
-    on=Enclave,
-    clause="RFC 5280, 5 and 6.3.3",
-    remedy=NEW_CRL + ".",
-)
-def crl_invalid(enclave: Enclave, _context: Context) -> Iterator[Violation]:
-    """crl.pem does not parse, or no identity CA of the enclave signed it.
-
-    Implementations then refuse every identity, or revoke nothing.
-    """
-    for defect in of_kinds(enclave.crl.defects if enclave.crl else (), {Kind.CRL_UNREADABLE}):
-        yield from_defect(defect, (enclave,), undecided=True)
-    authorities = enclave.identity_ca.certificates if enclave.identity_ca else ()
-    for revocations in _lists(enclave):
-        if authorities and not any(crl_signed_by(revocations, authority) for authority in authorities):
-            yield Violation(
-                message=f"The revocation list of {revocations.issuer!r} is not signed by the enclave's identity CA.",
-                locations=(Location(path=revocations.path, line=revocations.line),),
-                enclave=enclave.path,
-                key=revocations.issuer,
-            )
-
-
-@rule(
-    "KA214",
-    "crl-stale",
-    Severity.HIGH,
-    on=Enclave,
-    clause="RFC 5280, 5.1.2.5 (nextUpdate)",
-    remedy=NEW_CRL + ".",
-)
-def crl_stale(enclave: Enclave, context: Context) -> Iterator[Violation]:
-    """The revocation list is past its nextUpdate: implementations then refuse every identity (measured)."""
-    for revocations in _lists(enclave):
-        if revocations.next_update is not None and revocations.next_update < context.at:
-            yield Violation(
-                message=(
-                    f"The revocation list ended at {revocations.next_update:%Y-%m-%dT%H:%M:%SZ} (audit: "
-                    f"{context.at:%Y-%m-%dT%H:%M:%SZ}): every identity is refused."
-                ),
-                locations=(Location(path=revocations.path, line=revocations.line),),
-                enclave=enclave.path,
-                key=revocations.issuer,
-            )
-
-
-@rule(
-    "KA215",
-    "crl-not-everywhere",
-    Severity.MEDIUM,
-    on=Keystore,
-    clause="DDS-Security 1.1, 9.3.1; ros2/rmw_dds_common#52",
-    remedy="Put the same crl.pem into every enclave.",
-)
-def crl_not_everywhere(keystore: Keystore, _context: Context) -> Iterator[Violation]:
-    """Some enclaves carry a revocation list and others none, or another one.
-
-    Only its holders refuse a revoked peer (measured).
-    """
-    lists: dict[str | None, list[Enclave]] = {}
-    for enclave in keystore.enclaves:
-        lists.setdefault(enclave.crl.file.sha256 if enclave.crl else None, []).append(enclave)
-    if len(lists) > 1:
-        without = lists.get(None, [])
-        holders = [enclave for digest, group in lists.items() if digest is not None for enclave in group]
-        said = (
-            f"{len(without)} of {len(keystore.enclaves)} enclaves carry no revocation list"
-            if without
-            else "enclaves carry different revocation lists"
-        )
+    """The private key needs a password. ROS 2 passes none to the implementation, so that the enclave cannot start."""
+    if enclave.key is not None and enclave.key.encrypted:
+        found = listed(dict.fromkeys(d.detail for d in of_kinds(enclave.key.defects, Kind.KEY_ENCRYPTED)))
         yield Violation(
-            message=f"Of the enclaves, {said}: only holders refuse a revoked peer.",
-            locations=tuple(Location(path=e.crl.file.place, line=1) for e in holders if e.crl),
-            key="crl",
+            message=f"{enclave.path} cannot start: its private key needs a password{f' ({found})' if found else ''}.",
+            locations=(Location(path=enclave.key.file.place),),
+            enclave=enclave.path,
         )
 
 
 PRIVATE_KEY: tuple[Rule[Any], ...] = (
+    private_key_readable_by_others,
+    ca_private_key_in_tree,
+    ca_key_readable_by_others,
     key_does_not_match_certificate,
     private_key_unreadable,
     private_key_encrypted,
-    identity_revoked,
-    crl_invalid,
-    crl_stale,
-    crl_not_everywhere,
 )

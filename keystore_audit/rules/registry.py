@@ -20,7 +20,8 @@ class Violation:
     `locations`: the primary place first. `severity`: where it depends on profile or option, else the rule's.
     `profiles`: canonical variants that it holds for (empty: all). `undecided`: something stays unknown
     because of it, so the audit is incomplete. `key` tells apart violations of one rule in one file and
-    enclave; it holds no line numbers, so that the fingerprint survives reformatting.
+    enclave; it holds no line numbers, so that the fingerprint survives reformatting. `explains`: the
+    properties that this one is a cause of, where they are not the rule's (None: the rule's).
     """
 
     message: str
@@ -31,6 +32,7 @@ class Violation:
     undecided: bool = False
     key: str = ""
     remedy: str | None = None
+    explains: frozenset[str] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

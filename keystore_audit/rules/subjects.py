@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from keystore_audit.keystore.certificate import CertificateFile
+from keystore_audit.keystore.certificate import Certificate, CertificateFile
+from keystore_audit.keystore.crl import RevocationList
+from keystore_audit.keystore.defect import Defect
+from keystore_audit.keystore.files import File
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
@@ -15,15 +18,45 @@ from keystore_audit.keystore.smime import SignedDocument
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CertificateUse:
-    """A certificate file in a role (IDENTITY_CA, CERTIFICATE or PERMISSIONS_CA) and the enclaves that use it
-    so.
+    """A certificate file that enclaves carry, and every role in which they do.
 
-    No enclaves: an authority's file that no enclave carries.
+    Roles are IDENTITY_CA, CERTIFICATE and PERMISSIONS_CA; several where one authority serves for both.
     """
 
-    role: Role
+    roles: frozenset[Role]
     certificates: CertificateFile
     enclaves: tuple[Enclave, ...]
+
+    @property
+    def authority(self) -> bool:
+        """Whether it is the file of a certificate authority."""
+        return bool(self.roles & {Role.IDENTITY_CA, Role.PERMISSIONS_CA})
+
+    @property
+    def in_use(self) -> tuple[Certificate, ...]:
+        """The certificates that some run time takes from it: of an identity the first, of an authority all."""
+        return self.certificates.certificates if self.authority else self.certificates.certificates[:1]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RevocationUse:
+    """Revocation lists that enclaves carry: a `crl.pem`, or lists inside an identity CA file (`in_ca_file`).
+
+    Of a `crl.pem` run times read the first list; lists in a CA file are read by Fast DDS alone.
+    `authorities`: the certificates of the identity CA files of the enclaves.
+    """
+
+    file: File
+    lists: tuple[RevocationList, ...]
+    defects: tuple[Defect, ...]
+    in_ca_file: bool
+    authorities: tuple[Certificate, ...]
+    enclaves: tuple[Enclave, ...]
+
+    @property
+    def in_use(self) -> tuple[RevocationList, ...]:
+        """The lists that some run time reads."""
+        return self.lists if self.in_ca_file else self.lists[:1]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,9 +81,18 @@ class PermissionsUse(DocumentUse):
     document: PermissionsFile
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Crash:
+    """A rule that raised `exception` on `subject`: the type's name alone, since messages may quote what was read."""
+
+    rule: str
+    subject: str
+    exception: str
+
+
 def certificate_uses(keystore: Keystore) -> Iterator[CertificateUse]:
-    """Every certificate file in every role, by resolved path."""
-    uses: dict[tuple[Role, str], tuple[CertificateFile, list[Enclave]]] = {}
+    """Every certificate file that an enclave carries, by resolved path."""
+    uses: dict[str, tuple[CertificateFile, set[Role], dict[str, Enclave]]] = {}
     for enclave in keystore.enclaves:
         for role, read in (
             (Role.IDENTITY_CA, enclave.identity_ca),
@@ -58,9 +100,38 @@ def certificate_uses(keystore: Keystore) -> Iterator[CertificateUse]:
             (Role.PERMISSIONS_CA, enclave.permissions_ca),
         ):
             if read is not None:
-                uses.setdefault((role, read.file.place), (read, []))[1].append(enclave)
-    for (role, _place), (read, enclaves) in sorted(uses.items(), key=lambda item: item[0]):
-        yield CertificateUse(role=role, certificates=read, enclaves=tuple(enclaves))
+                _, roles, enclaves = uses.setdefault(read.file.place, (read, set(), {}))
+                roles.add(role)
+                enclaves.setdefault(enclave.files.directory, enclave)
+    for place in sorted(uses):
+        read, roles, enclaves = uses[place]
+        yield CertificateUse(roles=frozenset(roles), certificates=read, enclaves=tuple(enclaves.values()))
+
+
+def revocation_uses(keystore: Keystore) -> Iterator[RevocationUse]:
+    """Every `crl.pem` of an enclave and every identity CA file with revocation lists in it, by resolved path."""
+    uses: dict[tuple[str, bool], list[Enclave]] = {}
+    for enclave in keystore.enclaves:
+        if enclave.crl is not None:
+            uses.setdefault((enclave.crl.file.place, False), []).append(enclave)
+        if enclave.identity_ca is not None and enclave.identity_ca.revocation_lists:
+            uses.setdefault((enclave.identity_ca.file.place, True), []).append(enclave)
+    for (_place, in_ca_file), enclaves in sorted(uses.items(), key=lambda item: item[0]):
+        read = enclaves[0].identity_ca if in_ca_file else enclaves[0].crl
+        if read is not None:
+            authorities = {
+                certificate.sha256: certificate
+                for enclave in enclaves
+                for certificate in (enclave.identity_ca.certificates if enclave.identity_ca else ())
+            }
+            yield RevocationUse(
+                file=read.file,
+                lists=read.revocation_lists,
+                defects=() if in_ca_file else read.defects,  # those of a CA file are the certificates' rules'
+                in_ca_file=in_ca_file,
+                authorities=tuple(authorities.values()),
+                enclaves=tuple(enclaves),
+            )
 
 
 def governance_uses(keystore: Keystore) -> Iterator[GovernanceUse]:
@@ -70,7 +141,8 @@ def governance_uses(keystore: Keystore) -> Iterator[GovernanceUse]:
         if enclave.governance is not None:
             place = enclave.governance.signed.file.place
             uses.setdefault(place, (enclave.governance, []))[1].append(enclave)
-    for _place, (document, enclaves) in sorted(uses.items()):
+    for place in sorted(uses):
+        document, enclaves = uses[place]
         yield GovernanceUse(signed=document.signed, document=document, enclaves=tuple(enclaves))
 
 
@@ -81,5 +153,6 @@ def permissions_uses(keystore: Keystore) -> Iterator[PermissionsUse]:
         if enclave.permissions is not None:
             place = enclave.permissions.signed.file.place
             uses.setdefault(place, (enclave.permissions, []))[1].append(enclave)
-    for _place, (document, enclaves) in sorted(uses.items()):
+    for place in sorted(uses):
+        document, enclaves = uses[place]
         yield PermissionsUse(signed=document.signed, document=document, enclaves=tuple(enclaves))

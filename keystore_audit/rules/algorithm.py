@@ -1,0 +1,100 @@
+"""KA2: the algorithms of keys and certificates (DDS-Security 1.1, 9.3.1; NIST SP 800-57 and 800-131A)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any, Final
+
+from keystore_audit.findings import Severity
+from keystore_audit.rules.certificate import ISSUE_AGAIN, at, remedy, what
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.identity import is_identity
+from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.subjects import CertificateUse
+
+MINIMUM_BITS: Final = {"RSA": 2048, "DSA": 2048, "EC": 256}
+"""NIST SP 800-57 Part 1: 2,048 bits of RSA are the least, and DDS-Security has no curve below 256 bits."""
+
+
+def _is_weak(key_kind: str) -> bool:
+    kind, _, rest = key_kind.partition(" ")
+    digits = re.search(r"\d+", rest)
+    return digits is not None and int(digits.group()) < MINIMUM_BITS.get(kind, 0)
+
+
+@rule(
+    "KA216",
+    "weak-key",
+    Severity.HIGH,
+    on=CertificateUse,
+    clause="NIST SP 800-57 Part 1, 5.6; DDS-Security 1.1, 9.3.1",
+    remedy="Use keys on prime256v1, as sros2 does. " + ISSUE_AGAIN,
+)
+def weak_key(use: CertificateUse, _context: Context) -> Iterator[Violation]:
+    """The key is shorter than RSA 2048 or EC 256: whoever breaks it is this identity or this authority.
+
+    How the key was made, and whether it is one of the known bad ones, is not looked at.
+    """
+    for certificate in use.in_use:
+        if _is_weak(certificate.key_kind):
+            message = (
+                f"{what(use, certificate)} has a weak key: got {certificate.key_kind}, expected RSA 2048 or EC 256."
+            )
+            yield at(use, certificate, message)
+
+
+@rule(
+    "KA217",
+    "key-outside-dds-security",
+    Severity.MEDIUM,
+    on=CertificateUse,
+    clause="DDS-Security 1.1, 9.3.1 (RSA with 2,048 bits or EC on prime256v1); measured",
+    remedy="Use keys on prime256v1, as sros2 does. " + ISSUE_AGAIN,
+    applies=is_identity,
+)
+def key_outside_dds_security(use: CertificateUse, _context: Context) -> Iterator[Violation]:
+    """The identity's key is strong enough but of a kind that the specification does not name.
+
+    Cyclone DDS takes RSA with 2,048 bits and any curve of 256 bits and refuses the rest; Fast DDS starts (measured).
+    """
+    for certificate in use.in_use[:1]:
+        if certificate.key_kind not in ("RSA 2048", "EC secp256r1") and not _is_weak(certificate.key_kind):
+            other_curve = certificate.key_kind.startswith("EC ") and "256" in certificate.key_kind
+            refused = "the specification does not know it" if other_curve else "Cyclone DDS refuses it"
+            yield at(
+                use,
+                certificate,
+                f"{what(use, certificate)} has a key that {refused}: got {certificate.key_kind}, expected EC secp256r1 "
+                "or RSA 2048.",
+                profiles=("spec",) if other_curve else ("spec", "cyclonedds-0.10", "cyclonedds-11"),
+            )
+
+
+_WEAK_DIGEST: Final = re.compile(r"(md2|md4|md5|sha1)(?!\d)", re.IGNORECASE)
+
+
+@rule(
+    "KA218",
+    "weak-signature-algorithm",
+    Severity.HIGH,
+    on=CertificateUse,
+    clause="NIST SP 800-131A; DDS-Security 1.1, 9.3.1 (SHA-256)",
+    remedy=ISSUE_AGAIN,
+)
+def weak_signature_algorithm(use: CertificateUse, _context: Context) -> Iterator[Violation]:
+    """The certificate is signed over SHA-1 or MD5, for which two contents with one digest have been made.
+
+    Of an authority's own signature over itself nothing depends, but what makes it signs the rest alike. Fast DDS takes
+    sha1WithRSAEncryption, Cyclone DDS any digest (measured).
+    """
+    for certificate in use.in_use:
+        if _WEAK_DIGEST.search(certificate.signature_algorithm):
+            message = (
+                f"{what(use, certificate)} is signed with {certificate.signature_algorithm}, expected SHA-256 as in "
+                "ecdsa-with-SHA256."
+            )
+            yield at(use, certificate, message, remedy=remedy(use))
+
+
+ALGORITHM: tuple[Rule[Any], ...] = (weak_key, key_outside_dds_security, weak_signature_algorithm)

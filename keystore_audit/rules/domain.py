@@ -1,0 +1,168 @@
+"""KA4 and KA5: the domains that documents name (DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.3; RTPS 2.5, 9.6.2.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+from keystore_audit.findings import Location, Severity
+from keystore_audit.keystore.governance import DomainRange
+from keystore_audit.keystore.permissions import Grant
+from keystore_audit.model.domains import HIGHEST_DOMAIN, covered, describe
+from keystore_audit.rules import acceptance
+from keystore_audit.rules.acceptance import governs, may_be_accepted
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.governance import CORRECT
+from keystore_audit.rules.permissions import WRITE_AGAIN, about, all_grants
+from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse
+from keystore_audit.rules.wording import sole
+
+
+def _open_range(domains: DomainRange) -> str | None:
+    """What an `<id_range>` with one bound means to whom, None where it has both."""
+    if domains.high is None and domains.low is not None:
+        return (
+            f"<id_range> has no <max>: Fast DDS and Cyclone DDS read domain {domains.low} alone, the specification and "
+            "OpenDDS everything from it on"
+        )
+    if domains.low is None and domains.high is not None:
+        return f"<id_range> has no <min>: Cyclone DDS refuses the document, the others read 0 to {domains.high}"
+    return "<id_range> has no bounds: implementations differ in what they read" if domains.low is None else None
+
+
+@rule(
+    "KA419",
+    "domain-range-open",
+    Severity.MEDIUM,
+    on=GovernanceUse,
+    clause="DDS-Security 1.1, 9.4.1.2.4 and its governance XSD (id_range); measured",
+    remedy="Write both <min> and <max> " + CORRECT,
+    applies=governs,
+)
+def domain_range_open(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+    """An <id_range> lacks <min> or <max>, and implementations read different domains in it (measured)."""
+    for domain_rule in use.document.governance.domain_rules if use.document.governance else ():
+        for domains in domain_rule.domains:
+            why = _open_range(domains)
+            if why is not None:
+                yield Violation(
+                    message=f"{why}.",
+                    locations=(Location(path=use.signed.file.place, line=domains.line),),
+                    enclave=sole(use.enclaves),
+                    key=f"{domains.low} {domains.high}",
+                )
+
+
+CYCLONE_HIGHEST_DOMAIN: Final = 230
+"""Cyclone DDS, access_control_parser.c: it refuses the whole document above it (measured)."""
+
+
+@rule(
+    "KA420",
+    "domain-above-230",
+    Severity.MEDIUM,
+    on=DocumentUse,
+    clause="RTPS 2.5, 9.6.2.3 (ports of a domain); measured on Cyclone DDS",
+    remedy="Use domain ids up to 230 and sign the document again with the permissions CA.",
+    applies=lambda use, _context: may_be_accepted(use),
+)
+def domain_above_230(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+    """A governance or permissions document names a domain above 230.
+
+    Cyclone DDS refuses the whole document, so that its enclaves start in no domain; above 232 there are no ports.
+    """
+    for domains in _ranges(use):
+        highest = max(domains.low or 0, domains.high or 0)
+        if highest > CYCLONE_HIGHEST_DOMAIN:
+            yield Violation(
+                message=f"Domain {highest}, expected at most {CYCLONE_HIGHEST_DOMAIN} (ports end at {HIGHEST_DOMAIN}): "
+                "Cyclone DDS refuses the whole document.",
+                locations=(Location(path=use.signed.file.place, line=domains.line),),
+                enclave=sole(use.enclaves),
+                profiles=("cyclonedds-0.10", "cyclonedds-11") if highest <= HIGHEST_DOMAIN else (),
+                key=f"{domains.low} {domains.high}",
+            )
+
+
+def _ranges(use: DocumentUse) -> Iterator[DomainRange]:
+    """Every range of domains of the document."""
+    if isinstance(use, GovernanceUse) and use.document.governance is not None:
+        for domain_rule in use.document.governance.domain_rules:
+            yield from domain_rule.domains
+    if isinstance(use, PermissionsUse) and use.document.permissions is not None:
+        for grant in use.document.permissions.grants:
+            for permission_rule in grant.rules:
+                yield from permission_rule.domains
+
+
+@rule(
+    "KA508",
+    "grant-outside-governance-domains",
+    Severity.HIGH,
+    on=PermissionsUse,
+    clause="DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.3 (domains)",
+    remedy=f"Let governance and permissions name one domain, with ROS_DOMAIN_ID set as on the robot: {WRITE_AGAIN}",
+    applies=acceptance.grants,
+)
+def grant_outside_governance_domains(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+    """No allow rule of the enclave's grant names a domain that its governance covers: it can take part in none.
+
+    Fast DDS creates the participant all the same, and peers refuse its endpoints (measured).
+    """
+    grants: dict[str, Grant] = {}
+    for grant in all_grants(use):
+        grants.setdefault(grant.subject_name.text, grant)
+    for enclave in use.enclaves:
+        governance = enclave.governance.governance if enclave.governance else None
+        first = enclave.certificate.first if enclave.certificate else None
+        own = grants.get(first.subject) if first is not None else None
+        if governance is None or own is None or own.default_allow:
+            continue
+        governed = covered(ids for domain_rule in governance.domain_rules for ids in domain_rule.domains)
+        allowed = covered(
+            ids for permission_rule in own.rules if permission_rule.allow for ids in permission_rule.domains
+        )
+        if allowed and not any(low <= top and bottom <= high for low, high in governed for bottom, top in allowed):
+            yield Violation(
+                message=f"The grant of {enclave.path} allows domain {describe(allowed)}, its governance covers "
+                f"{describe(governed)}: it can take part in none.",
+                locations=(
+                    Location(path=use.signed.file.place, line=own.line),
+                    Location(
+                        path=enclave.governance.signed.file.place if enclave.governance else "",
+                        line=governance.line,
+                        message="the governance",
+                    ),
+                ),
+                enclave=enclave.path,
+                key=own.subject_name.text,
+            )
+
+
+@rule(
+    "KA515",
+    "rule-domain-range-open",
+    Severity.MEDIUM,
+    on=PermissionsUse,
+    clause="DDS-Security 1.1, 9.4.1.3 and its permissions XSD (id_range); measured",
+    remedy=f"Write both <min> and <max>: {WRITE_AGAIN}",
+    applies=acceptance.grants,
+)
+def rule_domain_range_open(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+    """An <id_range> of a rule lacks <min> or <max>, and implementations read different domains in it (measured)."""
+    for grant in all_grants(use):
+        for permission_rule in grant.rules:
+            for domains in permission_rule.domains:
+                why = _open_range(domains)
+                if why is not None:
+                    key = f"{grant.subject_name.text} {domains.low} {domains.high}"
+                    yield about(use, grant, domains.line, f"{why}.", key=key)
+
+
+DOMAIN: tuple[Rule[Any], ...] = (
+    domain_range_open,
+    domain_above_230,
+    grant_outside_governance_domains,
+    rule_domain_range_open,
+)

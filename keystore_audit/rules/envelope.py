@@ -1,0 +1,238 @@
+"""KA3: the form of signed documents, S/MIME and CMS (RFC 8551, RFC 5652). Who signed them is in `signature.py`.
+
+The reader names each defect; here it gets its code, severity and consequence. What we refuse to interpret is
+undecided as long as some implementation may take the document.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from keystore_audit.findings import Severity
+from keystore_audit.keystore.defect import Kind
+from keystore_audit.model.trust import Verdict, envelope
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.signature import SIGN_AGAIN
+from keystore_audit.rules.subjects import DocumentUse
+from keystore_audit.rules.wording import defective, of_kinds
+
+
+def _has(use: DocumentUse, says: str, *kinds: Kind) -> Iterator[Violation]:
+    return defective(of_kinds(use.signed.defects, *kinds), use.enclaves, says)
+
+
+def _leaves_open(use: DocumentUse, says: str, *kinds: Kind) -> Iterator[Violation]:
+    """As `_has`; undecided unless something else makes every implementation refuse the document."""
+    undecided = envelope(use.signed).verdict is Verdict.UNKNOWN
+    return defective(of_kinds(use.signed.defects, *kinds), use.enclaves, says, undecided=undecided)
+
+
+@rule(
+    "KA304",
+    "not-smime",
+    Severity.HIGH,
+    on=DocumentUse,
+    clause="DDS-Security 1.1, 9.4.1.2 and 9.4.1.3 (S/MIME version 3.2, multipart/signed); measured",
+    remedy=SIGN_AGAIN,
+    explains=("documents-signed-by-the-permissions-ca",),
+)
+def not_smime(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+    """The file is no S/MIME message: plain XML, PEM or DER. Every implementation refuses it (measured)."""
+    yield from _has(use, "every implementation refuses it.", Kind.NOT_SMIME)
+
+
+@rule(
+    "KA305",
+    "malformed-smime",
+    Severity.HIGH,
+    on=DocumentUse,
+    clause="RFC 8551, 3.5.3; RFC 2046, 5.1; OpenSSL, crypto/asn1/asn_mime.c",
+    remedy=SIGN_AGAIN,
+)
+def malformed_smime(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+    """The message can be taken apart in more than one way, or not at all as the standard has it.
+
+    OpenSSL, which all measured implementations use, takes some such messages. Which part a robot reads is not guessed
+    here, so that the meaning is unknown.
+    """
+    yield from _leaves_open(use, "what a robot makes of it is unknown.", Kind.MIME_MALFORMED)
+
+
+@rule(
+    "KA306",
+    "cms-not-strict",
+    Severity.HIGH,
+    on=DocumentUse,
+    clause="RFC 5652, 5.1; ITU-T X.690 (DER)",
+    remedy=SIGN_AGAIN,
+)
+def cms_not_strict(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+    """The signature is not strict DER, or not the structure that RFC 5652 describes.
+
+    OpenSSL takes BER and bytes behind the end. What two parsers may read differently is not interpreted here, so that
+    the meaning is unknown.
+    """
+    yield from _leaves_open(use, "OpenSSL may take it, strict parsers do not.", Kind.CMS_NOT_DER, Kind.CMS_MALFORMED)
+
+
+@rule(
+    "KA307",
+    "no-text-plain-header",
+    Severity.HIGH,
+    on=DocumentUse,
+    clause="OpenSSL, SMIME_text (run times pass PKCS7_TEXT); measured",
+    remedy="Sign with -text. " + SIGN_AGAIN,
+    explains=("documents-signed-by-the-permissions-ca",),
+)
+def no_text_plain_header(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+    """The signed part does not begin with Content-Type: text/plain, as when -text was forgotten.
+
+    Every implementation refuses it (measured), though `openssl smime -verify` without -text accepts it.
+    """
+    yield from _has(use, "every implementation refuses it.", Kind.NO_TEXT_PLAIN)
+
+
+@rule(
+    "KA308",
+    "unsigned-text",
+    Severity.MEDIUM,
+    on=DocumentUse,
+    clause="RFC 2046, 5.1.1 (preamble and epilogue are ignored)",
+    remedy="Take the text out of the file, or sign again. " + SIGN_AGAIN,
+)
+def unsigned_text(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+    """Text stands outside the signature, beyond the line that every S/MIME writer puts there.
+
+    No run time reads it; a person who reviews the file may take it for signed.
+    """
+    yield from _has(use, "it is not signed, and no run time reads it.", Kind.UNSIGNED_TEXT)
+
+
+@rule(
+    "KA309",
+    "weak-digest",
+    Severity.HIGH,
+    on=DocumentUse,
+    clause="NIST SP 800-131A; DDS-Security 1.1, 9.4.1.1",
+    remedy="Sign over SHA-256 (-md sha256). " + SIGN_AGAIN,
+)
+def weak_digest(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+    """The signature covers a digest for which two documents with one value have been made, SHA-1 or MD5.
+
+    Whoever could choose what was signed may hold another document with the same signature. Every implementation takes
+    it (measured).
+    """
+    yield from _has(use, "another document may have the same signature.", Kind.WEAK_DIGEST)
+
+
+@rule(
+    "KA310",
+    "several-signers",
+    Severity.MEDIUM,
+    on=DocumentUse,
+    clause="RFC 5652, 5.1; measured: every SignerInfo has to verify",
+    remedy="Sign with one authority. " + SIGN_AGAIN,
+)
+def several_signers(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+    """The document has several signers.
+
+    Every one of them has to be a permissions CA; Fast DDS knows all certificates of the CA file, Cyclone DDS the first
+    (measured), and refuses what the second signed too.
+    """
+    yield from _has(use, "Fast DDS may take it where Cyclone DDS refuses.", Kind.SEVERAL_SIGNERS)
+
+
+@rule(
+    "KA311",
+    "opaque-message",
+    Severity.MEDIUM,
+    on=DocumentUse,
+    clause="RFC 8551, 3.5.2 (application/pkcs7-mime); measured",
+    remedy="Sign without -nodetach. " + SIGN_AGAIN,
+)
+def opaque_message(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+    """The document stands inside the signature, so that nobody can review it in an editor.
+
+    Implementations take it; debug builds of Cyclone DDS stop at an assertion.
+    """
+    yield from _has(use, "nobody can read it without a tool.", Kind.OPAQUE_MESSAGE)
+
+
+@rule(
+    "KA312",
+    "two-contents",
+    Severity.HIGH,
+    on=DocumentUse,
+    clause="RFC 5652, 5.2 (eContent is absent in a detached signature)",
+    remedy=SIGN_AGAIN,
+)
+def two_contents(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+    """The message carries one content beside the signature and another inside it.
+
+    Which one counts depends on who reads; OpenSSL takes such a message (measured).
+    """
+    yield from _leaves_open(use, "which of the two counts depends on who reads.", Kind.TWO_CONTENTS)
+
+
+@rule(
+    "KA313",
+    "no-signed-attributes",
+    Severity.LOW,
+    on=DocumentUse,
+    clause="RFC 5652, 5.3 and 11.3; RFC 8551, 2.5",
+    remedy="Sign without -noattr. " + SIGN_AGAIN,
+)
+def no_signed_attributes(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+    """The signature covers the content alone: nothing says when it was made, or for what kind of content.
+
+    Valid everywhere (measured).
+    """
+    yield from _has(use, "nothing says when it was signed.", Kind.NO_SIGNED_ATTRIBUTES)
+
+
+@rule(
+    "KA314",
+    "unsupported-signature-algorithm",
+    Severity.HIGH,
+    on=DocumentUse,
+    clause="DDS-Security 1.1, 9.4.1.1; keystore-audit, docs/model.md (what is not read counts as able to do anything)",
+    remedy="Sign with ECDSA or RSA over SHA-256. " + SIGN_AGAIN,
+)
+def unsupported_signature_algorithm(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+    """The signature uses an algorithm that is not verified here.
+
+    OpenSSL may verify it, so that its worth is unknown.
+    """
+    yield from _leaves_open(use, "whether it is valid is unknown.", Kind.UNSUPPORTED_ALGORITHM)
+
+
+@rule(
+    "KA315",
+    "no-signer",
+    Severity.HIGH,
+    on=DocumentUse,
+    clause="RFC 5652, 5.1; DDS-Security 1.1, 9.4.1.1",
+    remedy=SIGN_AGAIN,
+    explains=("documents-signed-by-the-permissions-ca",),
+)
+def no_signer(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+    """The message has the form of a signed one and no signature in it: every implementation refuses it."""
+    yield from _has(use, "every implementation refuses it.", Kind.NO_SIGNER)
+
+
+ENVELOPE: tuple[Rule[Any], ...] = (
+    not_smime,
+    malformed_smime,
+    cms_not_strict,
+    no_text_plain_header,
+    unsigned_text,
+    weak_digest,
+    several_signers,
+    opaque_message,
+    two_contents,
+    no_signed_attributes,
+    unsupported_signature_algorithm,
+    no_signer,
+)

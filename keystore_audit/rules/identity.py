@@ -1,0 +1,221 @@
+"""KA2: identities, who issued them, and how they stand to each other (DDS-Security 1.1, 9.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from keystore_audit.findings import Location, Severity
+from keystore_audit.keystore.certificate import Certificate, Issue, issued_by
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.layout import LayoutKind, Role
+from keystore_audit.model.trust import vouches
+from keystore_audit.rules.certificate import ISSUE_AGAIN, RENEW_AUTHORITY, what
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.subjects import CertificateUse
+from keystore_audit.rules.wording import instant, paths, places, quoted, sole
+
+
+def is_identity(use: CertificateUse, _context: Context) -> bool:
+    """Whether some enclave takes its identity from this file."""
+    return Role.CERTIFICATE in use.roles and bool(use.certificates.certificates)
+
+
+def _carriers(use: CertificateUse) -> Iterator[tuple[Enclave, Certificate]]:
+    """Enclaves whose identity it is, with the certificate that counts."""
+    for enclave in use.enclaves:
+        first = enclave.certificate.first if enclave.certificate else None
+        carried = enclave.certificate is not None and enclave.certificate.file.place == use.certificates.file.place
+        if carried and first is not None:
+            yield enclave, first
+
+
+@rule(
+    "KA206",
+    "certificate-outlives-its-ca",
+    Severity.LOW,
+    on=CertificateUse,
+    clause="RFC 5280, 6.1.3 (a)(2) (every certificate of a path has to be in force)",
+    remedy="Plan with the date of the authority, or renew it before it ends. " + RENEW_AUTHORITY,
+    applies=is_identity,
+)
+def certificate_outlives_its_ca(use: CertificateUse, _context: Context) -> Iterator[Violation]:
+    """The identity ends later than the authority that issued it, so that it is worth nothing in its last days.
+
+    sros2 makes it so, by the seconds between the making of the authority and of the enclave.
+    """
+    for enclave, certificate in _carriers(use):
+        file = enclave.identity_ca
+        earlier = [ca for ca in (file.certificates if file else ()) if ca.not_after < certificate.not_after]
+        if file is None or len(earlier) < len(file.certificates):
+            continue
+        issuers = [authority for authority in earlier if vouches(authority, certificate)]
+        if issuers:
+            last = max(issuers, key=lambda authority: authority.not_after)
+            yield Violation(
+                message=f"{what(use, certificate)} is good until {instant(certificate.not_after)}, its authority only "
+                f"until {instant(last.not_after)}.",
+                locations=(
+                    Location(path=certificate.path, line=certificate.line),
+                    Location(path=last.path, line=last.line, message="the authority"),
+                ),
+                enclave=sole(use.enclaves),
+                key=certificate.sha256,
+            )
+            return
+
+
+@rule(
+    "KA207",
+    "not-issued-by-identity-ca",
+    Severity.HIGH,
+    on=CertificateUse,
+    clause="DDS-Security 1.1, 9.3.1 (signed by the identity CA); RFC 5280, 6.1.3 (a)(1)",
+    remedy=ISSUE_AGAIN,
+    explains=("identities-chain-to-the-identity-ca",),
+    applies=is_identity,
+)
+def not_issued_by_identity_ca(use: CertificateUse, _context: Context) -> Iterator[Violation]:
+    """No certificate of the enclave's identity CA file issued its identity, so that peers refuse it.
+
+    Names prove nothing: every authority that sros2 makes is called CN=sros2CA. The signature is verified, with the
+    authority's key. A signature that the library cannot verify leaves it open.
+    """
+    for enclave, certificate in _carriers(use):
+        file = enclave.identity_ca
+        if file is None or not file.certificates:
+            continue
+        answers = {issued_by(certificate, authority): authority for authority in reversed(file.certificates)}
+        if Issue.ISSUED in answers:
+            continue
+        unread = any(defect.kind.opaque for defect in file.defects)
+        if Issue.UNSUPPORTED in answers:
+            said, authority = "cannot be verified here", answers[Issue.UNSUPPORTED]
+            why = f"no support for {certificate.signature_algorithm} with a key {authority.key_kind}"
+        else:
+            said, (why, authority) = "was issued by somebody else", _why_not(certificate, answers)
+        yield Violation(
+            message=f"{what(use, certificate)} {said}, expected the identity CA of {enclave.path}: {why}.",
+            locations=(
+                Location(path=certificate.path, line=certificate.line),
+                Location(path=authority.path, line=authority.line, message="the identity CA"),
+            ),
+            enclave=enclave.path,
+            undecided=unread or Issue.UNSUPPORTED in answers,
+            key=certificate.sha256,
+        )
+
+
+def _why_not(certificate: Certificate, answers: dict[Issue, Certificate]) -> tuple[str, Certificate]:
+    """The nearest miss in words: a wrong signature under the right name tells most."""
+    if Issue.SIGNATURE_INVALID in answers:
+        authority = answers[Issue.SIGNATURE_INVALID]
+        return f"both say {quoted(certificate.issuer)}, but another key signed", authority
+    if Issue.KEY_IDENTIFIER_DIFFERS in answers:
+        authority = answers[Issue.KEY_IDENTIFIER_DIFFERS]
+        return f"both say {quoted(certificate.issuer)}, but it names another key", authority
+    authority = next(iter(answers.values()))
+    return f"got the issuer {quoted(certificate.issuer)}, expected {quoted(authority.subject)}", authority
+
+
+@rule(
+    "KA220",
+    "subject-differs-from-enclave",
+    Severity.LOW,
+    on=CertificateUse,
+    clause="ros2/sros2, create_enclave (the enclave's path is the common name)",
+    remedy=ISSUE_AGAIN,
+    applies=is_identity,
+)
+def subject_differs_from_enclave(use: CertificateUse, context: Context) -> Iterator[Violation]:
+    """The identity's common name is not the enclave's path, as sros2 writes it.
+
+    It works, but whoever reads grants and logs looks for an enclave that is not there. Run times compare the subject
+    with the grant only.
+    """
+    for enclave, certificate in _carriers(use):
+        ardent = context.keystore.layout.kind is LayoutKind.ARDENT
+        expected = enclave.path.lstrip("/") if ardent else enclave.path
+        if f"CN={expected}" not in certificate.subject.split(","):
+            yield Violation(
+                message=f"The identity of {enclave.path} has the subject {quoted(certificate.subject)}, expected "
+                f"{quoted('CN=' + expected)}.",
+                locations=(Location(path=certificate.path, line=certificate.line),),
+                enclave=enclave.path,
+                key=certificate.sha256,
+            )
+
+
+@rule(
+    "KA219",
+    "identity-shared-by-enclaves",
+    Severity.HIGH,
+    on=Keystore,
+    clause="DDS-Security 1.1, 9.3.1 (a participant's identity is its key)",
+    remedy="Give each enclave a key and certificate of its own. " + ISSUE_AGAIN,
+    explains=("no-identity-serves-two-enclaves",),
+)
+def identity_shared_by_enclaves(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+    """Enclaves have one identity key between them: whoever takes one of them is all of them.
+
+    Compared are the public keys of the certificates, and those of the private keys, whatever names they go by.
+    """
+    holders: dict[str, dict[str, tuple[Enclave, list[Location]]]] = {}
+    for enclave in keystore.enclaves:
+        first = enclave.certificate.first if enclave.certificate else None
+        found = [] if first is None else [(first.key, Location(path=first.path, line=first.line))]
+        if enclave.key is not None and enclave.key.key is not None:
+            found.append((enclave.key.key, Location(path=enclave.key.file.place)))
+        for key, location in found:
+            holders.setdefault(key, {}).setdefault(enclave.files.directory, (enclave, []))[1].append(location)
+    for key, sharing in holders.items():
+        if len(sharing) > 1:
+            yield Violation(
+                message=f"{len(sharing)} enclaves have one identity key: {paths(e for e, _ in sharing.values())}.",
+                locations=places(location for _enclave, found in sharing.values() for location in found),
+                key=key,
+            )
+
+
+@rule(
+    "KA225",
+    "subject-shared-by-certificates",
+    Severity.HIGH,
+    on=Keystore,
+    clause="DDS-Security 1.1, 9.4.1.3 (a grant is bound to a subject_name, not to a key)",
+    remedy="Give each identity a subject of its own. " + ISSUE_AGAIN,
+)
+def subject_shared_by_certificates(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+    """Identities with different keys have one subject, which a grant names: each may use the grants of the other.
+
+    Peers take whatever validly signed document an enclave presents (measured), so that both have the rights of both.
+    """
+    granted = {
+        grant.subject_name.text
+        for enclave in keystore.enclaves
+        if enclave.permissions is not None and enclave.permissions.permissions is not None
+        for grant in enclave.permissions.permissions.grants
+    }
+    holders: dict[str, dict[str, tuple[Enclave, Certificate]]] = {}
+    for enclave in keystore.enclaves:
+        first = enclave.certificate.first if enclave.certificate else None
+        if first is not None and first.subject in granted:
+            holders.setdefault(first.subject, {}).setdefault(first.key, (enclave, first))
+    for subject, sharing in holders.items():
+        if len(sharing) > 1:
+            yield Violation(
+                message=f"{len(sharing)} identities with different keys have the subject {quoted(subject)}, which a "
+                f"grant names: {paths(enclave for enclave, _ in sharing.values())}.",
+                locations=places(Location(path=c.path, line=c.line) for _enclave, c in sharing.values()),
+                key=subject,
+            )
+
+
+IDENTITY: tuple[Rule[Any], ...] = (
+    certificate_outlives_its_ca,
+    not_issued_by_identity_ca,
+    identity_shared_by_enclaves,
+    subject_differs_from_enclave,
+    subject_shared_by_certificates,
+)

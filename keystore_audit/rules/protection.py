@@ -1,0 +1,329 @@
+"""KA4: the protection kinds of the governance (DDS-Security 1.1, 9.4.1.2.4, 9.4.1.2.6 and 9.5).
+
+Which keys protect what: rtps whole messages, for every participant of the domain; metadata the submessages of a
+writer, for those that may read it; data its payload, for those that may read it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any, Final
+
+from keystore_audit.findings import Severity
+from keystore_audit.keystore.governance import DomainRule, ProtectionKind, TopicRule
+from keystore_audit.rules.acceptance import governs
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.governance import CORRECT, domain_rules, topic_rules, violates
+from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.subjects import GovernanceUse
+
+
+def _kinds(domain_rule: DomainRule, topic_rule: TopicRule) -> tuple[ProtectionKind, ProtectionKind, ProtectionKind]:
+    return (
+        domain_rule.rtps_protection_kind,
+        topic_rule.metadata_protection_kind,
+        topic_rule.data_protection_kind,
+    )
+
+
+def _nothing_authenticates(domain_rule: DomainRule, topic_rule: TopicRule) -> bool:
+    return not any(kind.authenticates for kind in _kinds(domain_rule, topic_rule))
+
+
+def _said(domain_rule: DomainRule, topic_rule: TopicRule) -> str:
+    rtps, metadata, data = _kinds(domain_rule, topic_rule)
+    return f"rtps {rtps.value}, metadata {metadata.value}, data {data.value}"
+
+
+@rule(
+    "KA407",
+    "rtps-protection-none",
+    Severity.MEDIUM,
+    on=GovernanceUse,
+    clause="DDS-Security 1.1, 9.4.1.2.4 (rtps_protection_kind)",
+    remedy="Set <rtps_protection_kind> to SIGN, as sros2 does, " + CORRECT,
+    explains=("outsiders-cannot-inject",),
+    applies=governs,
+)
+def rtps_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+    """Whole messages are neither authenticated nor encrypted.
+
+    Headers, time stamps and the submessages that belong to no topic can then be forged from outside, whatever protects
+    the topics.
+    """
+    for domain_rule in domain_rules(use):
+        if domain_rule.rtps_protection_kind is ProtectionKind.NONE:
+            yield violates(
+                use,
+                domain_rule,
+                None,
+                "rtps_protection_kind",
+                "rtps_protection_kind is NONE, expected SIGN or more: message headers and time stamps can be forged "
+                "from "
+                "outside.",
+            )
+
+
+@rule(
+    "KA408",
+    "rtps-protection-sign-only",
+    Severity.INFO,
+    on=GovernanceUse,
+    clause="DDS-Security 1.1, 9.4.1.2.4 (rtps_protection_kind)",
+    remedy="Where it matters who talks to whom, set <rtps_protection_kind> to ENCRYPT, which costs computing time, "
+    + CORRECT,
+    applies=governs,
+)
+def rtps_protection_sign_only(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+    """Message headers are authenticated and readable: who talks to whom, when and how much. sros2 ships it so."""
+    for domain_rule in domain_rules(use):
+        kind = domain_rule.rtps_protection_kind
+        if kind.authenticates and not kind.encrypts:
+            yield violates(
+                use,
+                domain_rule,
+                None,
+                "rtps_protection_kind",
+                f"rtps_protection_kind is {kind.value}: who talks to whom is readable on the network.",
+            )
+
+
+@rule(
+    "KA409",
+    "discovery-unprotected",
+    Severity.MEDIUM,
+    on=GovernanceUse,
+    clause="DDS-Security 1.1, 9.4.1.2.4 (discovery_protection_kind) and 9.4.1.2.6 (enable_discovery_protection)",
+    remedy="Set <enable_discovery_protection> to true and <discovery_protection_kind> to ENCRYPT " + CORRECT,
+    explains=("outsiders-cannot-learn-names",),
+    applies=governs,
+)
+def discovery_unprotected(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+    """Topic names and types are readable in discovery.
+
+    SIGN hides nothing: only an encrypting kind does, or rtps_protection_kind where it encrypts. The handshake shows
+    each permissions document in clear whatever is set here.
+    """
+    for domain_rule in domain_rules(use):
+        kind = domain_rule.discovery_protection_kind
+        if not kind.encrypts and not domain_rule.rtps_protection_kind.encrypts:
+            message = f"discovery_protection_kind is {kind.value}, expected ENCRYPT: topic names are readable."
+            yield violates(use, domain_rule, None, "discovery_protection_kind", message)
+    for domain_rule, topic_rule in topic_rules(use):
+        if not topic_rule.enable_discovery_protection and not domain_rule.rtps_protection_kind.encrypts:
+            message = "enable_discovery_protection is false, expected true: their names are readable."
+            yield violates(use, domain_rule, topic_rule, "enable_discovery_protection", message)
+
+
+@rule(
+    "KA410",
+    "liveliness-unprotected",
+    Severity.LOW,
+    on=GovernanceUse,
+    clause="DDS-Security 1.1, 9.4.1.2.4 (liveliness_protection_kind) and 9.4.1.2.6 (enable_liveliness_protection)",
+    remedy="Set <enable_liveliness_protection> to true and <liveliness_protection_kind> to SIGN or more " + CORRECT,
+    applies=governs,
+)
+def liveliness_unprotected(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+    """Liveliness messages can be forged: a writer that died is kept alive for its readers.
+
+    By any participant of the domain, and from outside where rtps_protection_kind is NONE too. Documents of
+    DDS-Security 1.0 have no such element for topics.
+    """
+    for domain_rule in domain_rules(use):
+        whom = "any participant" if domain_rule.rtps_protection_kind.authenticates else "anybody on the network"
+        if not domain_rule.liveliness_protection_kind.authenticates:
+            message = f"liveliness_protection_kind is NONE, expected SIGN or more: {whom} can keep a dead writer alive."
+            yield violates(use, domain_rule, None, "liveliness_protection_kind", message)
+    for domain_rule, topic_rule in topic_rules(use):
+        element = "enable_liveliness_protection"
+        if not topic_rule.enable_liveliness_protection and element in topic_rule.lines:
+            whom = "any participant" if domain_rule.rtps_protection_kind.authenticates else "anybody on the network"
+            message = f"enable_liveliness_protection is false, expected true: {whom} can keep a dead writer alive."
+            yield violates(use, domain_rule, topic_rule, element, message)
+
+
+@rule(
+    "KA411",
+    "metadata-protection-none",
+    Severity.MEDIUM,
+    on=GovernanceUse,
+    clause="DDS-Security 1.1, 9.4.1.2.6 (metadata_protection_kind)",
+    remedy="Set <metadata_protection_kind> to SIGN or ENCRYPT " + CORRECT,
+    explains=("nobody-writes-without-a-grant", "nobody-reads-without-a-grant"),
+    applies=governs,
+)
+def metadata_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+    """Submessages are not protected from those who may not read the topic.
+
+    Sequence numbers, heartbeats and acknowledgements can be forged by any participant, or from outside where
+    rtps_protection_kind is NONE, and samples replayed. Where no kind authenticates anything, samples-unauthenticated
+    says so alone.
+    """
+    for domain_rule, topic_rule in topic_rules(use):
+        none = topic_rule.metadata_protection_kind is ProtectionKind.NONE
+        if none and not _nothing_authenticates(domain_rule, topic_rule):
+            whom = "any participant" if domain_rule.rtps_protection_kind.authenticates else "anybody on the network"
+            yield violates(
+                use,
+                domain_rule,
+                topic_rule,
+                "metadata_protection_kind",
+                f"metadata_protection_kind is NONE, expected SIGN or more: {whom} can forge heartbeats and "
+                "acknowledgements and replay samples.",
+            )
+
+
+@rule(
+    "KA412",
+    "payload-in-clear",
+    Severity.HIGH,
+    on=GovernanceUse,
+    clause="DDS-Security 1.1, 9.4.1.2.6 (metadata_protection_kind, data_protection_kind)",
+    remedy="Set <data_protection_kind> or <metadata_protection_kind> to ENCRYPT " + CORRECT,
+    explains=("outsiders-cannot-read", "nobody-reads-without-a-grant"),
+    applies=governs,
+)
+def payload_in_clear(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+    """No protection kind encrypts the samples: whoever listens on the network reads them."""
+    for domain_rule, topic_rule in topic_rules(use):
+        if not any(kind.encrypts for kind in _kinds(domain_rule, topic_rule)):
+            yield violates(
+                use,
+                domain_rule,
+                topic_rule,
+                "data_protection_kind",
+                f"nothing encrypts ({_said(domain_rule, topic_rule)}), expected data or metadata ENCRYPT: whoever "
+                "listens "
+                "reads the samples.",
+            )
+
+
+@rule(
+    "KA413",
+    "payload-open-to-insiders",
+    Severity.MEDIUM,
+    on=GovernanceUse,
+    clause="DDS-Security 1.1, 9.5.3.3 (keys of rtps protection) and 9.4.1.2.6",
+    remedy="Set <metadata_protection_kind> or <data_protection_kind> to ENCRYPT " + CORRECT,
+    explains=("nobody-reads-without-a-grant", "nobody-writes-without-a-grant"),
+    applies=governs,
+)
+def payload_open_to_insiders(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+    """Only whole messages are encrypted, with keys that every participant of the domain holds.
+
+    An identity without a grant for the topic reads it off the network, and forges on it where metadata and data kind
+    are NONE.
+    """
+    for domain_rule, topic_rule in topic_rules(use):
+        rtps, metadata, data = _kinds(domain_rule, topic_rule)
+        if rtps.encrypts and not metadata.encrypts and not data.encrypts:
+            forge = " and forges" if not metadata.authenticates and not data.authenticates else ""
+            yield violates(
+                use,
+                domain_rule,
+                topic_rule,
+                "data_protection_kind",
+                f"only rtps_protection_kind encrypts ({_said(domain_rule, topic_rule)}), expected data or metadata "
+                f"ENCRYPT: every participant reads{forge} them, granted or not.",
+            )
+
+
+@rule(
+    "KA414",
+    "samples-unauthenticated",
+    Severity.CRITICAL,
+    on=GovernanceUse,
+    clause="DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.2.6 (protection kinds)",
+    remedy="Set <metadata_protection_kind> and <data_protection_kind> to ENCRYPT and <rtps_protection_kind> to SIGN "
+    + CORRECT,
+    explains=("outsiders-cannot-inject", "nobody-writes-without-a-grant"),
+    applies=governs,
+)
+def samples_unauthenticated(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+    """No protection kind authenticates the samples: whoever reaches the network commands the robot.
+
+    Access control asks endpoints for permissions, but nothing ties a sample to an endpoint.
+    """
+    for domain_rule, topic_rule in topic_rules(use):
+        if _nothing_authenticates(domain_rule, topic_rule):
+            yield violates(
+                use,
+                domain_rule,
+                topic_rule,
+                "metadata_protection_kind",
+                "rtps, metadata and data protection are all NONE, expected SIGN or more in one of them: whoever "
+                "reaches "
+                "the network writes.",
+            )
+
+
+@rule(
+    "KA415",
+    "data-protection-none",
+    Severity.LOW,
+    on=GovernanceUse,
+    clause="DDS-Security 1.1, 9.4.1.2.6 (data_protection_kind)",
+    remedy="Set <data_protection_kind> to ENCRYPT " + CORRECT,
+    applies=governs,
+)
+def data_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+    """Submessages are encrypted, the payload in them is not: relays and stores of durable data see it in clear."""
+    for domain_rule, topic_rule in topic_rules(use):
+        kind = topic_rule.data_protection_kind
+        if topic_rule.metadata_protection_kind.encrypts and not kind.encrypts:
+            yield violates(
+                use,
+                domain_rule,
+                topic_rule,
+                "data_protection_kind",
+                f"data_protection_kind is {kind.value}, expected ENCRYPT: relays and stores see the payload in clear.",
+            )
+
+
+_REFUSE_CONTRADICTION: Final = ("fastdds-2.6", "fastdds-2.14", "fastdds-3.2", "fastdds-3.6")
+
+
+@rule(
+    "KA417",
+    "unauthenticated-with-rtps-protection",
+    Severity.HIGH,
+    on=GovernanceUse,
+    clause="DDS-Security 1.1, 9.4.1.2.4 (allow_unauthenticated_participants, rtps_protection_kind)",
+    remedy="Set <allow_unauthenticated_participants> to false " + CORRECT,
+    applies=governs,
+)
+def unauthenticated_with_rtps_protection(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+    """Participants without a certificate are let in, though every message is protected by keys that they cannot have.
+
+    Fast DDS from 2.6.5 and 2.10.2 on refuses to start with it; Cyclone DDS starts, and the plain peer gets no data
+    (measured).
+    """
+    for domain_rule in domain_rules(use):
+        kind = domain_rule.rtps_protection_kind
+        if domain_rule.allow_unauthenticated_participants and kind.authenticates:
+            found = violates(
+                use,
+                domain_rule,
+                None,
+                "rtps_protection_kind",
+                f"allow_unauthenticated_participants is true and rtps_protection_kind {kind.value}, which contradict "
+                "each "
+                "other: Fast DDS from 2.6.5 and 2.10.2 on does not start.",
+            )
+            yield replace(found, profiles=_REFUSE_CONTRADICTION)
+
+
+PROTECTION: tuple[Rule[Any], ...] = (
+    rtps_protection_none,
+    rtps_protection_sign_only,
+    discovery_unprotected,
+    liveliness_unprotected,
+    metadata_protection_none,
+    payload_in_clear,
+    payload_open_to_insiders,
+    samples_unauthenticated,
+    data_protection_none,
+    unauthenticated_with_rtps_protection,
+)

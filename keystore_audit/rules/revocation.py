@@ -1,0 +1,206 @@
+"""KA2: revocation lists (RFC 5280, 5 and 6.3; ros2/rmw_dds_common reads crl.pem)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+from keystore_audit.findings import Location, Severity
+from keystore_audit.keystore.crl import RevocationList, crl_signed_by
+from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.distinguished_name import same_name
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.layout import Role
+from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.rules.certificate import ISSUE_AGAIN
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.subjects import RevocationUse, revocation_uses
+from keystore_audit.rules.wording import defective, instant, listed, of_kinds, paths, places, quoted, sole
+
+NEW_LIST: Final = (
+    "Write the list again with the identity CA, `openssl ca -gencrl -crldays 30 -keyfile private/identity_ca.key.pem "
+    "-cert public/identity_ca.cert.pem -out crl.pem`, and copy it into every enclave."
+)
+
+_FAST_DDS: Final = tuple(name for name in VARIANTS if name.startswith("fastdds"))
+
+
+def _reads(use: RevocationUse) -> tuple[str, ...]:
+    """The variants that read the lists: all, but of lists in a CA file Fast DDS alone (measured)."""
+    return _FAST_DDS if use.in_ca_file else ()
+
+
+def _signed(use: RevocationUse, revocations: RevocationList) -> bool | None:
+    """Whether an identity CA of the enclaves signed the list; None where that cannot be told."""
+    answers = [crl_signed_by(revocations, authority) for authority in use.authorities]
+    return True if True in answers else None if None in answers else False
+
+
+@rule(
+    "KA212",
+    "identity-revoked",
+    Severity.HIGH,
+    on=Keystore,
+    clause="RFC 5280, 6.3.3; DDS-Security 1.1, 9.3.1 (dds.sec.auth.identity_crl)",
+    remedy="Take the enclave out of the keystore, or give it a new identity. " + ISSUE_AGAIN,
+    explains=("identities-chain-to-the-identity-ca",),
+)
+def identity_revoked(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+    """A revocation list of this keystore names an enclave's identity: whoever carries the list refuses the enclave.
+
+    Enclaves that do not carry it accept the identity as before. Lists that no identity CA signed revoke nothing here.
+    """
+    serials: dict[bytes, set[int]] = {}
+    for enclave in keystore.enclaves:
+        if enclave.certificate is not None and enclave.certificate.first is not None:
+            serials.setdefault(enclave.certificate.first.issuer_der, set()).add(enclave.certificate.first.serial)
+    revoked: dict[tuple[bytes, int], list[tuple[RevocationUse, RevocationList]]] = {}
+    for use in revocation_uses(keystore):
+        for revocations in use.in_use:
+            named = revocations.revoked & serials.get(revocations.issuer_der, set())
+            if named and _signed(use, revocations):
+                for serial in named:
+                    revoked.setdefault((revocations.issuer_der, serial), []).append((use, revocations))
+    for enclave in keystore.enclaves:
+        first = enclave.certificate.first if enclave.certificate else None
+        found = revoked.get((first.issuer_der, first.serial), []) if first is not None else []
+        if first is not None and found:
+            holders = {holder.path: holder for use, _ in found for holder in use.enclaves}
+            yield Violation(
+                message=f"The identity {quoted(first.subject)} of {enclave.path} is revoked by {found[0][1].path}: "
+                "refused "
+                f"by {paths(holders.values())}.",
+                locations=places(
+                    (
+                        Location(path=first.path, line=first.line),
+                        *(Location(path=r.path, line=r.line, message="the revocation list") for _use, r in found),
+                    )
+                ),
+                enclave=enclave.path,
+                profiles=_FAST_DDS if all(use.in_ca_file for use, _ in found) else (),
+                key=first.sha256,
+            )
+
+
+@rule(
+    "KA213",
+    "crl-invalid",
+    Severity.HIGH,
+    on=RevocationUse,
+    clause="RFC 5280, 5 and 6.3.3 (f), (g)",
+    remedy=NEW_LIST,
+)
+def crl_invalid(use: RevocationUse, _context: Context) -> Iterator[Violation]:
+    """The revocation list does not parse, or the identity CA did not make it: it revokes nothing.
+
+    OpenSSL, told to check revocation and finding no list that it can use, refuses every identity: the enclaves that
+    carry it talk to nobody.
+    """
+    yield from defective(
+        of_kinds(use.defects, Kind.CRL_UNREADABLE), use.enclaves, "whom it revokes is unknown.", undecided=True
+    )
+    yield from defective(
+        of_kinds(use.defects, Kind.CERTIFICATE_FILE_EXTRA),
+        use.enclaves,
+        "run times read the first list.",
+        severity=Severity.MEDIUM,
+    )
+    for revocations in use.in_use:
+        why, undecided = _why_invalid(use, revocations)
+        if why:
+            yield Violation(
+                message=f"The revocation list of {paths(use.enclaves)} is not one that its identity CA made: {why}.",
+                locations=(Location(path=revocations.path, line=revocations.line),),
+                enclave=sole(use.enclaves),
+                profiles=_reads(use),
+                undecided=undecided,
+                key=f"{revocations.issuer} {revocations.this_update}",
+            )
+
+
+def _why_invalid(use: RevocationUse, revocations: RevocationList) -> tuple[str, bool]:
+    """What is wrong with the list, empty if nothing; and whether it may be right all the same."""
+    if not use.authorities:
+        return "", False  # whose certificate is missing or unreadable is said elsewhere
+    if revocations.unknown_critical:
+        return f"it has critical extensions that OpenSSL refuses, {listed(revocations.unknown_critical)}", False
+    named = [ca for ca in use.authorities if same_name(ca.parsed.subject, revocations.parsed.issuer)]
+    if not named:
+        expected = quoted(use.authorities[0].subject)
+        return f"got the issuer {quoted(revocations.issuer)}, expected {expected}", False
+    signed = _signed(use, revocations)
+    if signed is None:
+        return f"its signature ({revocations.signature_algorithm}) cannot be verified here", True
+    return ("", False) if signed else (f"both say {quoted(revocations.issuer)}, but another key signed", False)
+
+
+@rule(
+    "KA214",
+    "crl-stale",
+    Severity.HIGH,
+    on=RevocationUse,
+    clause="RFC 5280, 5.1.2.4 and 5.1.2.5 (thisUpdate, nextUpdate); measured",
+    remedy=NEW_LIST,
+)
+def crl_stale(use: RevocationUse, context: Context) -> Iterator[Violation]:
+    """The revocation list is past its nextUpdate or before its thisUpdate: OpenSSL then refuses every identity.
+
+    The enclaves that carry it talk to nobody (measured on Fast DDS and Cyclone DDS).
+    """
+    for revocations in use.in_use:
+        ended = revocations.next_update is not None and revocations.next_update < context.at
+        if not ended and revocations.this_update <= context.at:
+            continue
+        when = (
+            f"was to be replaced by {instant(revocations.next_update)}"
+            if ended and revocations.next_update is not None
+            else f"begins at {instant(revocations.this_update)}"
+        )
+        yield Violation(
+            message=f"The revocation list of {paths(use.enclaves)} {when} (audited for {instant(context.at)}): with "
+            "it, "
+            "every identity is refused.",
+            locations=(Location(path=revocations.path, line=revocations.line),),
+            enclave=sole(use.enclaves),
+            profiles=_reads(use),
+            key=revocations.issuer,
+        )
+
+
+@rule(
+    "KA215",
+    "crl-not-everywhere",
+    Severity.MEDIUM,
+    on=Keystore,
+    clause="DDS-Security 1.1, 9.3.1 (dds.sec.auth.identity_crl); measured: each peer asks its own list only",
+    remedy="Put the newest crl.pem into every enclave.",
+)
+def crl_not_everywhere(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+    """Some enclaves carry a revocation list and others none, or another one.
+
+    A revoked identity is refused only where the list is. Compared are the bytes of crl.pem; a list that could not be
+    read counts as another one.
+    """
+    lists: dict[str | None, list[Enclave]] = {}
+    for enclave in keystore.enclaves:
+        file = enclave.files.files[Role.CRL]
+        lists.setdefault("unread" if file.status.unknown else file.sha256, []).append(enclave)
+    without = lists.pop(None, [])
+    if not lists or (len(lists) == 1 and not without):
+        return
+    holders = sorted(lists.values(), key=len, reverse=True)
+    said = [f"{len(holders)} different lists are in use, one by {paths(holders[-1])}"] if len(holders) > 1 else []
+    said += [f"{paths(without)} {'has' if len(without) == 1 else 'have'} none"] if without else []
+    yield Violation(
+        message=f"Revocation does not hold everywhere: {'; '.join(said)}.",
+        locations=places(
+            Location(path=enclave.files.files[Role.CRL].place)
+            for group in (without, *reversed(holders))
+            for enclave in group
+        ),
+        key="different" if len(holders) > 1 else "missing",
+    )
+
+
+REVOCATION: tuple[Rule[Any], ...] = (identity_revoked, crl_invalid, crl_stale, crl_not_everywhere)

@@ -1,0 +1,111 @@
+"""How findings name things: the same words for enclaves, instants, implementations and defects in every rule.
+
+Untrusted text goes into messages as it is, only shortened: whoever renders a message escapes it
+(`keystore_audit.text`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from datetime import datetime
+from typing import Final
+
+from keystore_audit.findings import Location, Severity
+from keystore_audit.keystore.defect import Defect, Kind
+from keystore_audit.keystore.keystore import Enclave
+from keystore_audit.model.profiles import Profile
+from keystore_audit.rules.registry import Violation
+from keystore_audit.text import shorten
+
+MAX_QUOTED: Final = 160
+"""Characters of one quoted name: an enclave's path and a subject fit, a hostile subject of 60 kB does not."""
+
+MAX_LISTED: Final = 5
+"""Names in a list before it says how many more there are; the locations hold them all."""
+
+MAX_PLACES: Final = 50
+"""Locations of one finding: enough to mend by hand, and ten thousand wildcards make no report of ten thousand lines."""
+
+
+def quoted(text: str) -> str:
+    """Untrusted text in single quotes, bounded."""
+    return f"'{shorten(text, MAX_QUOTED)}'"
+
+
+def instant(when: datetime) -> str:
+    """`2026-11-21T12:00:00Z`."""
+    return f"{when:%Y-%m-%dT%H:%M:%SZ}"
+
+
+def listed(names: Iterable[str]) -> str:
+    """`a, b, c and 4 more`."""
+    every = [shorten(name, MAX_QUOTED) for name in names]
+    more = len(every) - MAX_LISTED
+    return ", ".join(every) if more <= 0 else f"{', '.join(every[:MAX_LISTED])} and {more} more"
+
+
+def paths(enclaves: Iterable[Enclave]) -> str:
+    """The enclaves' paths, listed."""
+    return listed(enclave.path for enclave in enclaves)
+
+
+def sole(enclaves: Sequence[Enclave]) -> str | None:
+    """The enclave's path where only one is concerned, so that the finding is filed under it."""
+    return enclaves[0].path if len(enclaves) == 1 else None
+
+
+def implementations(profiles: Iterable[Profile]) -> str:
+    """`Cyclone DDS 0.10 (humble, jazzy, kilted)`: titles and the ROS 2 distributions that ship them."""
+    return ", ".join(
+        f"{profile.title} ({', '.join(profile.distributions)})" if profile.distributions else profile.title
+        for profile in profiles
+    )
+
+
+def of_kinds(defects: Iterable[Defect], *kinds: Kind) -> Iterator[Defect]:
+    """The defects of these kinds, in order."""
+    return (defect for defect in defects if defect.kind in kinds)
+
+
+def defective(
+    defects: Iterable[Defect],
+    enclaves: Sequence[Enclave],
+    says: str = "",
+    *,
+    undecided: bool = False,
+    severity: Severity | None = None,
+) -> Iterator[Violation]:
+    """One violation for all defects of one kind in one file, each of them a location of it; `says` what follows.
+
+    A hostile file may have thousands of them.
+    """
+    found = list(defects)
+    if not found:
+        return
+    more = f" (and {len(found) - 1} more like it)" if len(found) > 1 else ""
+    first = found[0]
+    yield Violation(
+        message=f"{sentence(first.detail)}{more}{': ' if says else '.'}{says}",
+        locations=places(Location(path=d.path, line=d.line, message=shorten(d.detail, MAX_QUOTED)) for d in found),
+        enclave=sole(enclaves),
+        undecided=undecided,
+        severity=severity,
+        key=first.kind.value,
+    )
+
+
+def places(locations: Iterable[Location]) -> tuple[Location, ...]:
+    """The locations, each once, at most MAX_PLACES."""
+    return tuple(dict.fromkeys(locations))[:MAX_PLACES]
+
+
+def sentence(text: str) -> str:
+    """The words of a reader as the beginning of a sentence: bounded, first letter large, no full stop."""
+    short = shorten(text, 2 * MAX_QUOTED).rstrip(".")
+    return short[:1].upper() + short[1:]
+
+
+def either(names: Collection[str]) -> str:
+    """`a`, `a and b`, `a, b and c`."""
+    every = list(names)
+    return every[0] if len(every) == 1 else f"{', '.join(every[:-1])} and {every[-1]}"
