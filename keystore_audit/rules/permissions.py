@@ -1,7 +1,7 @@
 """KA5: permissions documents, their form and their grants (DDS-Security 1.1, 9.4.1.3).
 
-Dates are in `validity.py`, domains in `domain.py`, how far grants reach in `breadth.py`. Rules about what a document says
-apply where somebody may take it: what a document says that every implementation refuses is of no consequence.
+Dates are in `validity.py`, domains in `domain.py`, how far grants reach in `breadth.py`. Rules about what a document
+says apply where somebody may take it: what a document says that every implementation refuses is of no consequence.
 """
 
 from __future__ import annotations
