@@ -13,6 +13,7 @@ import pytest
 from tools import build_samples
 from tools.samples import catalogue, made_at_test_time
 from tools.samples.compare import differences, read_stock
+from tools.samples.expectation import finding_line
 from tools.samples.made_at_test_time import RECIPES, VARIANTS
 from tools.samples.store import Link, Tree, copy_with_modes, is_private_key, read, write
 from tools.samples.story import Story, read_description
@@ -99,6 +100,15 @@ def test_a_build_keeps_the_expected_findings(tmp_path: Path) -> None:
     found = read_description(tmp_path / story.directory)
     assert (found["exit_code"], found["findings"], found["story"]) == (1, findings, story.text)
     assert build_samples.check(story, tmp_path) == []
+
+
+def test_a_finding_is_written_with_its_first_place() -> None:
+    finding = {"code": "KA110", "severity": "medium", "enclave": "/talker"}
+    two = [{"path": "a/b.p7s", "line": 7, "message": ""}, {"path": "a/b.xml", "line": 1, "message": ""}]
+    assert finding_line({**finding, "locations": two}) == "KA110 medium /talker a/b.p7s:7"
+    whole = [{"path": "a/b.p7s", "line": None, "message": ""}]
+    assert finding_line({**finding, "enclave": None, "locations": whole}) == "KA110 medium - a/b.p7s:-"
+    assert finding_line({**finding, "locations": []}) == "KA110 medium /talker -:-"
 
 
 @pytest.mark.parametrize("story", STORIES, ids=directory)

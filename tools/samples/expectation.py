@@ -40,8 +40,8 @@ def audit_directory(directory: Path, *, at: str, options: tuple[str, ...] = ()) 
 
 def finding_line(finding: Mapping[str, Any]) -> str:
     """`CODE severity enclave path:line` of a finding of the JSON report; `-` for what it has not."""
-    place = "-"
+    path, line = "-", None
     if finding["locations"]:
-        first = finding["locations"][0]
-        place = first["path"] if first["line"] is None else f"{first['path']}:{first['line']}"
+        path, line = finding["locations"][0]["path"], finding["locations"][0]["line"]
+    place = f"{path}:{'-' if line is None else line}"
     return f"{finding['code']} {finding['severity']} {finding['enclave'] or '-'} {place}"
