@@ -81,23 +81,19 @@ class NativeEngine:
                     yield {Role.ENCLAVE: enclave, Role.DOCUMENT: document}
 
     def shared_identities(self) -> Iterator[Witness]:
-        """Pairs of enclaves with one identity key."""
+        """Pairs of enclaves with one identity key; an opaque enclave may be any other, even one that is not here."""
         holders: dict[int, list[int]] = {}
-        opaque: list[int] = []
         for enclave, atom in enumerate(self._system.enclaves):
             if atom.identity is not None:
                 holders.setdefault(self._system.certificates[atom.identity].key, []).append(enclave)
-            if atom.opaque:
-                opaque.append(enclave)
         for sharing in holders.values():
             for one in sharing:
                 for other in sharing:
                     if one != other:
                         yield {Role.ENCLAVE: one, Role.OTHER: other}
-        for one in opaque:
-            for other in range(len(self._system.enclaves)):
-                if one != other:
-                    yield {Role.ENCLAVE: one, Role.OTHER: other}
+        for one, atom in enumerate(self._system.enclaves):
+            if atom.opaque:
+                yield {Role.ENCLAVE: one, Role.OTHER: one}
 
     def self_granted_rights(self) -> Iterator[Witness]:
         """Enclaves that peers take permissions from which the permissions CA did not sign."""

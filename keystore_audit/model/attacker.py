@@ -73,7 +73,10 @@ class RealmView:
         return frozenset(
             number
             for number, document in enumerate(self._system.documents)
-            if document.intact and document.signers and document.signers <= self._realm.permissions_ca
+            if document.intact
+            and not document.opaque
+            and document.signers
+            and document.signers <= self._realm.permissions_ca
         )
 
     @cached_property
