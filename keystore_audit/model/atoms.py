@@ -1,0 +1,184 @@
+"""Topic classes: the coarsest partition of all names on which every expression is constant, with a witness of each.
+
+These are the atomic predicates of Yang and Lam (Real-time verification of network properties using atomic predicates,
+2013), over regular languages: any decision that depends on a name only through which expressions match it is constant
+on a class, so that one evaluation per class is exact for all names. Expressions without wildcards are a class each;
+those with wildcards run in one lazy automaton, searched breadth first for the shortest name of every set of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from keystore_audit.errors import AuditError
+from keystore_audit.model.alphabet import Alphabet, Budget
+from keystore_audit.model.automaton import STATE_UNITS, Automaton, on_or_behind_cycle
+from keystore_audit.model.expression import Pattern
+from keystore_audit.model.names import parse_dds_name
+from keystore_audit.model.search import shortest_names
+from keystore_audit.model.tokens import ANY_CHARACTER, CharSet, Token
+from keystore_audit.model.universe import ROS_SETS, ROS_SINGLES, dds_names, ros_names
+
+DEFAULT_BUDGET: Final = 200_000
+"""States of the automaton: about 300 MB. Only texts between two stars multiply states; what `ros2 security` writes
+needs some hundreds. Beyond it the answer is "unknown", never a sample."""
+
+_Set = frozenset[int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TopicClass:
+    """All names that exactly the expressions `members` match (indices into what was classified; may be empty).
+
+    `witness`: a short, readable name of the class; one that ROS 2 can produce if there is one. `ros`: whether there is
+    one; False is the mark `dds-only` of reports. `infinite`: whether the class has infinitely many names.
+    """
+
+    members: frozenset[int]
+    witness: str
+    ros: bool
+    infinite: bool
+
+
+def classify(
+    patterns: Sequence[Pattern], *, prefer: Iterable[str] = (), budget: int = DEFAULT_BUDGET
+) -> tuple[TopicClass, ...]:
+    """Return the classes of all non-empty names without NUL, in the order of their witnesses.
+
+    `prefer`: names known from elsewhere, taken as witnesses where they fit (a ROS 2 name rather than another, then the
+    shortest). `budget`: states of the automaton that may be built. The patterns may be of different matchers. Equal
+    arguments give equal results. Raises BudgetExceeded where the classes are too many; there is no partial answer.
+    """
+    return _Classification(patterns, budget).classes(prefer)
+
+
+class _Classification:
+    """The classes in the making: patterns by meaning, their automaton, and the names found so far."""
+
+    def __init__(self, patterns: Sequence[Pattern], budget: int) -> None:
+        self._budget = Budget(
+            STATE_UNITS * budget,
+            f"{len(patterns)} expressions need more than {budget} states to be told apart; most often too many of them "
+            "have text between two *",
+        )
+        self._literals: dict[str, list[int]] = {}
+        wildcards: dict[tuple[object, ...], list[int]] = {}
+        for number, pattern in enumerate(patterns):
+            if pattern.literal is None:
+                wildcards.setdefault(pattern.pieces, []).append(number)
+            elif pattern.literal:  # the empty one matches no name
+                self._literals.setdefault(pattern.literal, []).append(number)
+        self._numbers = list(wildcards.values())
+        self._wildcards = [patterns[numbers[0]] for numbers in self._numbers]
+        tokens = [pattern.tokens for pattern in self._wildcards]
+        self._alphabet = _alphabet(tokens, self._budget)
+        self._automaton = Automaton(tokens, self._alphabet, self._budget)
+        self._members: dict[_Set, _Set] = {}
+        self._verifier = _Verifier(self._wildcards)
+
+    def classes(self, prefer: Iterable[str]) -> tuple[TopicClass, ...]:
+        """All classes."""
+        literal_sets = {name: self._accepted(name) for name in self._literals}
+        found = [self._literal_class(name, accepted) for name, accepted in literal_sets.items()]
+        ros, others = self._residual_witnesses(literal_sets)
+        infinite = self._infinite_sets()
+        preferred = self._preferred(prefer)
+        for accepted in ros.keys() | others.keys():
+            is_ros = accepted in ros
+            witness = ros[accepted] if is_ros else others[accepted]
+            better = preferred.get(accepted)
+            if better is not None and (parse_dds_name(better) is not None) >= is_ros:
+                witness = better
+            self._verifier.verify(witness, accepted)
+            found.append(
+                TopicClass(
+                    members=self._members_of(accepted), witness=witness, ros=is_ros, infinite=accepted in infinite
+                )
+            )
+        return tuple(sorted(found, key=lambda topic_class: topic_class.witness))
+
+    def _accepted(self, name: str) -> _Set:
+        return self._automaton.accepts[self._automaton.walk(name)]
+
+    def _members_of(self, accepted: _Set) -> _Set:
+        """The patterns that the numbers of wildcard expressions stand for."""
+        members = self._members.get(accepted)
+        if members is None:
+            members = frozenset(number for wildcard in accepted for number in self._numbers[wildcard])
+            self._members[accepted] = members
+        return members
+
+    def _literal_class(self, name: str, accepted: _Set) -> TopicClass:
+        self._verifier.verify(name, accepted)
+        members = self._members_of(accepted).union(self._literals[name])
+        return TopicClass(members=members, witness=name, ros=parse_dds_name(name) is not None, infinite=False)
+
+    def _residual_witnesses(self, literal_sets: Mapping[str, _Set]) -> tuple[dict[_Set, str], dict[_Set, str]]:
+        """The shortest names that are no literal: ROS 2's for every set that has one, others for the rest.
+
+        A set whose shortest name is a literal may hold nothing else, so it is searched again with the literals of
+        these sets, and only those, left out.
+        """
+        universes = (ros_names(self._alphabet), dds_names(self._alphabet))
+        results: list[dict[_Set, str]] = []
+        for universe in universes:
+            names = shortest_names(self._automaton, universe, self._budget)
+            if results:
+                names = {accepted: name for accepted, name in names.items() if accepted not in results[0]}
+            taken = {accepted for accepted, name in names.items() if name in literal_sets}
+            if taken:
+                avoid = [name for name, accepted in literal_sets.items() if accepted in taken]
+                again = shortest_names(self._automaton, universe, self._budget, avoid=avoid, wanted=taken)
+                names = {accepted: name for accepted, name in names.items() if accepted not in taken} | again
+            results.append(names)
+        return results[0], results[1]
+
+    def _infinite_sets(self) -> set[_Set]:
+        """The sets of wildcard expressions that infinitely many names match; every state was built before."""
+        successors = []
+        for state in range(len(self._automaton)):
+            by_class, default = self._automaton.moves(state)
+            successors.append({default, *by_class.values()})
+        return {self._automaton.accepts[state] for state in on_or_behind_cycle(successors)}
+
+    def _preferred(self, prefer: Iterable[str]) -> dict[_Set, str]:
+        """The best of the given names for every set, literals apart."""
+        names = {name for name in prefer if name and "\0" not in name and name not in self._literals}
+        best: dict[_Set, str] = {}
+        for name in sorted(names, key=lambda name: (parse_dds_name(name) is None, len(name), name)):
+            best.setdefault(self._accepted(name), name)
+        return best
+
+
+def _alphabet(expressions: Iterable[Sequence[Token]], budget: Budget) -> Alphabet:
+    tokens = {token for expression in expressions for token in expression}
+    singles = ROS_SINGLES.union(token for token in tokens if isinstance(token, str))
+    sets = {token for token in tokens if isinstance(token, CharSet)} - {ANY_CHARACTER}
+    return Alphabet(singles, [*ROS_SETS, *sorted(sets, key=lambda charset: charset.ranges)], budget)
+
+
+class _Verifier:
+    """Asks the patterns themselves, with their own matcher, about a name that the automaton found."""
+
+    def __init__(self, patterns: Sequence[Pattern]) -> None:
+        self._patterns = patterns
+        self._by_prefix: dict[str, list[int]] = {}
+        for number, pattern in enumerate(patterns):
+            self._by_prefix.setdefault(pattern.prefix, []).append(number)
+        self._lengths = sorted({len(prefix) for prefix in self._by_prefix})
+
+    def verify(self, name: str, expected: _Set) -> None:
+        """Raise AuditError unless exactly the patterns `expected` match `name`."""
+        matching = {
+            number
+            for length in self._lengths
+            if length <= len(name)
+            for number in self._by_prefix.get(name[:length], ())
+            if self._patterns[number].matches(name)
+        }
+        if matching != expected:
+            raise AuditError(
+                f"keystore-audit contradicts itself about which expressions match {name!r}; please report this"
+            )

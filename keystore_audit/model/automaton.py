@@ -1,0 +1,237 @@
+"""Which of many wildcard expressions match a name: one automaton for all of them, built as far as it is walked.
+
+The expressions share their beginnings in one tree of tokens, a nondeterministic automaton in which `*` is a node that
+leads to itself. Its subset construction is lazy, and its rows are sparse: a state names the character classes that
+lead elsewhere than all others, so neither 1,114,111 characters nor 256 bytes are ever enumerated.
+
+The nodes of `*` are special in that a state never loses one. So a state is a pair of the stars that it has passed and
+the few other nodes it stands at, and what the stars contribute is worked out once for all states that share them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from keystore_audit.model.alphabet import Alphabet, Budget
+from keystore_audit.model.tokens import CharSet, Star, Token
+
+STATE_UNITS: Final = 4
+"""Units of the budget that one state takes, an entry of a product with it being one."""
+_NODES_PER_UNIT: Final = 8
+_MOVES_PER_UNIT: Final = 32
+
+_Nodes = frozenset[int]
+_NONE: Final[_Nodes] = frozenset()
+
+
+@dataclass(frozen=True, slots=True)
+class _Moves:
+    """Where nodes lead: `by_class` for the classes in it, `default` for every other class."""
+
+    default: _Nodes
+    by_class: Mapping[int, _Nodes]
+
+
+@dataclass(frozen=True, slots=True)
+class _Stars:
+    """The star nodes that a state has passed, with what they do in every such state."""
+
+    nodes: _Nodes
+    moves: _Moves
+    accepted: frozenset[int]
+
+
+class _Row(dict[str, int]):
+    """The next state by character, filled as it is asked: walking a name costs one look-up a character."""
+
+    __slots__ = ("automaton", "state")
+
+    def __init__(self, automaton: Automaton, state: int) -> None:
+        super().__init__()
+        self.automaton = automaton
+        self.state = state
+
+    def __missing__(self, character: str) -> int:
+        by_class, default = self.automaton.moves(self.state)
+        target = by_class.get(self.automaton.alphabet.class_of(character), default)
+        self[character] = target
+        return target
+
+
+class Automaton:
+    """The deterministic automaton of `expressions`, each a sequence of tokens; state 0 is where every name begins.
+
+    `accepts[state]` are the numbers of the expressions that match the names that lead to `state`; equal sets are one
+    object. Raises BudgetExceeded from any method that has to build a state beyond the budget.
+    """
+
+    def __init__(self, expressions: Sequence[Sequence[Token]], alphabet: Alphabet, budget: Budget) -> None:
+        self.alphabet = alphabet
+        self._budget = budget
+        tree = _Tree(expressions, alphabet)
+        self._star_nodes = tree.star_nodes
+        self._node_moves = tree.moves
+        self._node_accepts = tree.accepts
+        self.accepts: list[frozenset[int]] = []
+        self._shared_accepts: dict[frozenset[int], frozenset[int]] = {}
+        self._states: list[tuple[_Stars, _Nodes]] = []
+        self._moves: list[tuple[Mapping[int, int], int] | None] = []
+        self._rows: list[_Row] = []
+        self._number: dict[tuple[_Nodes, _Nodes], int] = {}
+        self._stars: dict[_Nodes, _Stars] = {}
+        self._target(self._passed(_NONE), tree.start)
+
+    def __len__(self) -> int:
+        """How many states were built so far."""
+        return len(self._states)
+
+    def walk(self, name: str) -> int:
+        """Return the state that `name` leads to."""
+        rows = self._rows
+        state = 0
+        for character in name:
+            state = rows[state][character]
+        return state
+
+    def moves(self, state: int) -> tuple[Mapping[int, int], int]:
+        """Return the next state by character class, and that of every class that is not named."""
+        known = self._moves[state]
+        if known is None:
+            known = self._moves[state] = self._build(state)
+        return known
+
+    def _build(self, state: int) -> tuple[dict[int, int], int]:
+        stars, nodes = self._states[state]
+        moves = _union([stars.moves, *(self._node_moves[node] for node in nodes)])
+        self._budget.spend(len(moves.by_class) // _MOVES_PER_UNIT)
+        default = self._target(stars, moves.default)
+        targets = {number: self._target(stars, found) for number, found in moves.by_class.items()}
+        return {number: target for number, target in targets.items() if target != default}, default
+
+    def _target(self, stars: _Stars, nodes: _Nodes) -> int:
+        """Return the state of these nodes, some of which may be stars, behind those already passed."""
+        if not nodes.isdisjoint(self._star_nodes):
+            passed = stars.nodes | (nodes & self._star_nodes)
+            nodes = nodes - self._star_nodes
+            stars = self._passed(passed)
+        key = (stars.nodes, nodes)
+        number = self._number.get(key)
+        if number is None:
+            self._budget.spend(STATE_UNITS + len(nodes) // _NODES_PER_UNIT)
+            number = self._number[key] = len(self._states)
+            self._states.append((stars, nodes))
+            self._moves.append(None)
+            self._rows.append(_Row(self, number))
+            accepted = stars.accepted.union(*(self._node_accepts[node] for node in nodes))
+            self.accepts.append(self._shared_accepts.setdefault(accepted, accepted))
+        return number
+
+    def _passed(self, nodes: _Nodes) -> _Stars:
+        stars = self._stars.get(nodes)
+        if stars is None:
+            self._budget.spend(len(nodes) // _NODES_PER_UNIT)
+            stars = self._stars[nodes] = _Stars(
+                nodes=nodes,
+                moves=_union([self._node_moves[node] for node in nodes]),
+                accepted=_NONE.union(*(self._node_accepts[node] for node in nodes)),
+            )
+        return stars
+
+
+def _union(several: Sequence[_Moves]) -> _Moves:
+    """What all of them do at once."""
+    if len(several) == 1:
+        return several[0]
+    default = _NONE.union(*(moves.default for moves in several))
+    contributions: dict[int, list[_Nodes]] = {}
+    if not default:  # nearly always: nobody waits for any character
+        for moves in several:
+            for number, nodes in moves.by_class.items():
+                contributions.setdefault(number, []).append(nodes)
+    else:
+        for number in {number for moves in several for number in moves.by_class}:
+            contributions[number] = [moves.by_class.get(number, moves.default) for moves in several]
+    by_class = {number: found[0] if len(found) == 1 else _NONE.union(*found) for number, found in contributions.items()}
+    return _Moves(default, by_class)
+
+
+class _Tree:
+    """The tree of tokens. Node 0 is its root; a node that only leads on to a star is not stood at but skipped."""
+
+    def __init__(self, expressions: Sequence[Sequence[Token]], alphabet: Alphabet) -> None:
+        self._children: list[dict[Token, int]] = [{}]
+        self._ends: list[list[int]] = [[]]
+        stars = set()
+        for number, tokens in enumerate(expressions):
+            node = 0
+            for token in tokens:
+                child = self._children[node].get(token)
+                if child is None:
+                    child = self._children[node][token] = len(self._children)
+                    self._children.append({})
+                    self._ends.append([])
+                    if isinstance(token, Star):
+                        stars.add(child)
+                node = child
+            self._ends[node].append(number)
+        self.star_nodes = frozenset(stars)
+        self.accepts = [frozenset(ends) for ends in self._ends]
+        entered = [self._entered(node) for node in range(len(self._children))]
+        self.start = entered[0]
+        splits: dict[CharSet, tuple[bool, frozenset[int]]] = {}
+        self.moves = [self._moves(node, entered, alphabet, splits) for node in range(len(self._children))]
+
+    def _entered(self, node: int) -> _Nodes:
+        """The nodes one stands at after entering `node`: a star may take no character."""
+        children = self._children[node]
+        star = next((child for token, child in children.items() if isinstance(token, Star)), None)
+        if star is None:
+            return frozenset((node,))
+        if self._ends[node] or len(children) > 1:
+            return frozenset((node, star))
+        return frozenset((star,))
+
+    def _moves(
+        self,
+        node: int,
+        entered: Sequence[_Nodes],
+        alphabet: Alphabet,
+        splits: dict[CharSet, tuple[bool, frozenset[int]]],
+    ) -> _Moves:
+        several = []
+        for token, child in self._children[node].items():
+            if isinstance(token, str):
+                several.append(_Moves(_NONE, {alphabet.class_of(token): entered[child]}))
+            elif isinstance(token, CharSet):
+                if token not in splits:
+                    splits[token] = alphabet.split(token)
+                is_default, classes = splits[token]
+                several.append(
+                    _Moves(entered[child], dict.fromkeys(classes, _NONE))
+                    if is_default
+                    else _Moves(_NONE, dict.fromkeys(classes, entered[child]))
+                )
+        return _union(several) if several else _Moves(_NONE, {})
+
+
+def on_or_behind_cycle(successors: Sequence[Iterable[int]]) -> set[int]:
+    """Return the states of a graph that infinitely many walks from somewhere end in: those on or behind a cycle.
+
+    `successors[state]` are distinct. What remains when states that nothing (more) leads to are taken away, one by one.
+    """
+    incoming = [0] * len(successors)
+    for targets in successors:
+        for target in targets:
+            incoming[target] += 1
+    free = [state for state, count in enumerate(incoming) if not count]
+    remaining = set(range(len(successors)))
+    while free:
+        state = free.pop()
+        remaining.discard(state)
+        for target in successors[state]:
+            incoming[target] -= 1
+            if not incoming[target]:
+                free.append(target)
+    return remaining

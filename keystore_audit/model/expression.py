@@ -1,0 +1,121 @@
+"""Expressions: the patterns in topic and partition elements, as a given matcher reads them.
+
+DDS-Security 1.1 (9.4.1.2, 9.4.1.3) gives expressions the syntax of POSIX `fnmatch()` (IEEE 1003.2-1992, B.6) and
+says nothing about its flags, so one text has different meanings in different implementations: a text is nothing
+without its `Matcher`. Python's own `fnmatch` is none of them.
+
+We work on characters. A libc in the C locale works on bytes, where a `?` or brackets take one byte of a non-ASCII
+character: with such wildcards the answer on non-ASCII names depends on the locale of the process. ROS 2 names are
+ASCII; `str.isascii` tells which expressions are not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from functools import partial
+from itertools import takewhile
+from typing import Final
+
+from keystore_audit.model.posix import parse_posix
+from keystore_audit.model.tokens import STAR, Piece, Token, pieces
+
+
+class Matcher(str, Enum):
+    """A pattern language: which names a text matches.
+
+    POSIX: `fnmatch` with flags 0 as glibc has it in the C locale (our reading of the specification). POSIX_NOESCAPE:
+    the same with FNM_NOESCAPE, where a backslash is an ordinary character (Fast DDS on Linux, read: its
+    StringMatching.cpp).
+    """
+
+    POSIX = "posix"
+    POSIX_NOESCAPE = "posix-noescape"
+
+
+_PARSERS: Final[Mapping[Matcher, Callable[[str], tuple[Iterable[Token], str | None]]]] = {
+    Matcher.POSIX: partial(parse_posix, escapes=True),
+    Matcher.POSIX_NOESCAPE: partial(parse_posix, escapes=False),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pattern:
+    """An expression as one matcher reads it.
+
+    `malformed`: what is wrong with the text, a sentence without its subject ("has a [ that nothing closes, …"), None
+    if nothing. The standard leaves the meaning of such a text open and implementations differ, so its tokens are one
+    reading of several. `pieces`: the normal form, what stands between the stars; equal pieces match equal names.
+    """
+
+    text: str
+    matcher: Matcher
+    malformed: str | None
+    pieces: tuple[Piece, ...] = field(repr=False)
+
+    @property
+    def literal(self) -> str | None:
+        """The one name it matches; None where it has wildcards or can match nothing."""
+        first = self.pieces[0]
+        return first if len(self.pieces) == 1 and isinstance(first, str) else None
+
+    @property
+    def tokens(self) -> tuple[Token, ...]:
+        """The normal form token by token: in a run of `*` and `?` every `?` comes first, then one `*`."""
+        tokens: list[Token] = list(self.pieces[0])
+        for piece in self.pieces[1:]:
+            tokens.append(STAR)
+            tokens.extend(piece)
+        return tuple(tokens)
+
+    @property
+    def prefix(self) -> str:
+        """The characters before its first wildcard; every name that it matches begins with them."""
+        first = self.pieces[0]
+        if isinstance(first, str):
+            return first
+        return "".join(takewhile(lambda token: isinstance(token, str), first))  # type: ignore[arg-type]
+
+    def matches(self, name: str) -> bool:
+        """Return whether it matches the whole of `name`, in time of at most the product of both lengths.
+
+        A direct matcher that shares nothing with the automata of `atoms`: each piece between two stars is taken at
+        the first place behind the piece before it.
+        """
+        first, last = self.pieces[0], self.pieces[-1]
+        if len(self.pieces) == 1:
+            return len(name) == len(first) and _fits(first, name, 0)
+        begin, end = len(first), len(name) - len(last)
+        if begin > end or not _fits(first, name, 0) or not _fits(last, name, end):
+            return False
+        for piece in self.pieces[1:-1]:
+            place = _find(piece, name, begin, end)
+            if place < 0:
+                return False
+            begin = place + len(piece)
+        return True
+
+
+def parse(text: str, matcher: Matcher) -> Pattern:
+    """Parse `text` as `matcher` reads it, in linear time. Every text has a meaning: nothing is raised."""
+    tokens, malformed = _PARSERS[matcher](text)
+    return Pattern(text=text, matcher=matcher, malformed=malformed, pieces=pieces(tokens))
+
+
+def _fits(piece: Piece, name: str, place: int) -> bool:
+    """Whether the piece takes the characters of `name` from `place` on, of which there are enough."""
+    if isinstance(piece, str):
+        return name.startswith(piece, place)
+    for index, token in enumerate(piece, place):
+        character = name[index]
+        if not (character == token if isinstance(token, str) else character in token):
+            return False
+    return True
+
+
+def _find(piece: Piece, name: str, begin: int, end: int) -> int:
+    """The first place at which the piece fits within `name[begin:end]`, or -1."""
+    if isinstance(piece, str):
+        return name.find(piece, begin, end)
+    return next((place for place in range(begin, end - len(piece) + 1) if _fits(piece, name, place)), -1)

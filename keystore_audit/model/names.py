@@ -1,0 +1,148 @@
+"""ROS 2 names and the DDS names that they become, by the rules of rmw and of sros2's policy translation.
+
+Sources: rmw's `validate_full_topic_name.c` for what a fully qualified name is, rmw's topic prefixes, and sros2's
+`permissions.xsl` for which DDS topics a right on a service or an action needs. Lengths are not limited here: rmw takes
+at most 247 characters, a DDS participant any number.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+from keystore_audit.errors import UsageError
+from keystore_audit.keystore.permissions import Operation
+
+DISCOVERY_TOPIC: Final = "ros_discovery_info"
+
+AMBIENT_TOPICS: Final[Mapping[str, str]] = {
+    "rt/rosout": "every node publishes its log lines on it",
+    "rt/parameter_events": "every node tells changes of its parameters on it, and may listen to those of others",
+    DISCOVERY_TOPIC: "every participant tells on it which nodes and endpoints it has",
+}
+"""DDS topics that join every enclave to every other, and why; reachability leaves them out unless asked for them."""
+
+PARAMETER_SERVICES: Final = (
+    "describe_parameters",
+    "get_parameter_types",
+    "get_parameters",
+    "list_parameters",
+    "set_parameters",
+    "set_parameters_atomically",
+)
+"""The services that every node offers below its own name (rcl_interfaces)."""
+
+TOPIC_PREFIX: Final = "rt"
+REQUEST_PREFIX: Final = "rq"
+REPLY_PREFIX: Final = "rr"
+SERVICE_PREFIX: Final = "rs"
+REQUEST_SUFFIX: Final = "Request"
+REPLY_SUFFIX: Final = "Reply"
+
+_FULL_NAME: Final = re.compile(r"(?:/[A-Za-z_][A-Za-z0-9_]*)+")
+_ACTION_PART: Final = "/_action/"
+_ACTION_SERVICES: Final = ("cancel_goal", "get_result", "send_goal")
+_ACTION_TOPICS: Final = ("feedback", "status")
+_MANGLING: Final = {
+    # prefix: suffix, kind, and which half of it the DDS topic is
+    TOPIC_PREFIX: ("", "topic", ""),
+    REQUEST_PREFIX: (REQUEST_SUFFIX, "service", "request"),
+    REPLY_PREFIX: (REPLY_SUFFIX, "service", "reply"),
+    SERVICE_PREFIX: ("", "service", ""),
+}
+
+
+class RosKind(str, Enum):
+    """What a ROS 2 name names."""
+
+    TOPIC = "topic"
+    SERVICE = "service"
+    ACTION = "action"
+    DISCOVERY = "discovery"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RosName:
+    """What one DDS topic is to ROS 2.
+
+    `name`: fully qualified (for `ros_discovery_info`, which has none, that itself). `part`: which of the DDS topics of
+    `name` it is, in words: "" for a topic, "request" of a service, "feedback" or "send_goal request" of an action.
+    """
+
+    kind: RosKind
+    name: str
+    part: str
+
+    def __str__(self) -> str:
+        return f"{self.name} ({f'{self.kind.value} {self.part}'.rstrip()})"
+
+
+def is_ros_name(path: str) -> bool:
+    """Return whether `path` is a fully qualified ROS name: of a topic, service, action or enclave (but the root).
+
+    Tokens `[A-Za-z_][A-Za-z0-9_]*`, each behind one `/`, nothing after the last.
+    """
+    return _FULL_NAME.fullmatch(path) is not None
+
+
+def parse_dds_name(dds: str) -> RosName | None:
+    """Return what the DDS topic `dds` is to ROS 2, or None where the mangling of ROS 2 cannot produce it."""
+    if dds == DISCOVERY_TOPIC:
+        return RosName(kind=RosKind.DISCOVERY, name=dds, part="")
+    suffix, kind, part = _MANGLING.get(dds[:2], (None, "", ""))
+    if suffix is None or not dds.endswith(suffix):
+        return None
+    name = dds[2 : len(dds) - len(suffix)]
+    if not is_ros_name(name):
+        return None
+    action, found, action_part = name.rpartition(_ACTION_PART)
+    if found and action and action_part in (_ACTION_SERVICES if part else _ACTION_TOPICS):
+        return RosName(kind=RosKind.ACTION, name=action, part=f"{action_part} {part}".rstrip())
+    return RosName(kind=RosKind(kind), name=name, part=part)
+
+
+def ros_name(dds: str) -> str:
+    """Return `dds` as a user of ROS 2 calls it, "/add (service request)", or in quotes where ROS 2 has no such name.
+
+    Raw text: the name may be anybody's, escape it for where it is shown.
+    """
+    name = parse_dds_name(dds)
+    return str(name) if name is not None else f'"{dds}"'
+
+
+def dds_channels(operation: str, name: str) -> tuple[tuple[Operation, str], ...]:
+    """Return what `operation` on the ROS name `name` needs: DDS operations on DDS topics, all of them.
+
+    `operation`: publish, subscribe or relay (of a topic), request or reply (of a service), call or execute (of an
+    action). Raises UsageError for another operation, or where `name` is no fully qualified ROS name.
+    """
+    if not is_ros_name(name):
+        raise UsageError(f"{name!r} is no fully qualified ROS name; expected one like '/chatter'")
+    if operation in {"publish", "subscribe", "relay"}:
+        return ((Operation(operation), TOPIC_PREFIX + name),)
+    if operation in {"request", "reply"}:
+        return _service(operation, name)
+    if operation in {"call", "execute"}:
+        action = name + _ACTION_PART
+        reads_topics = operation == "call"
+        services = [
+            channel
+            for service in _ACTION_SERVICES
+            for channel in _service("request" if reads_topics else "reply", action + service)
+        ]
+        direction = Operation.SUBSCRIBE if reads_topics else Operation.PUBLISH
+        return (*services, *((direction, TOPIC_PREFIX + action + topic) for topic in _ACTION_TOPICS))
+    raise UsageError(
+        f"unknown operation {operation!r}; expected publish, subscribe, relay, request, reply, call or execute"
+    )
+
+
+def _service(operation: str, name: str) -> tuple[tuple[Operation, str], ...]:
+    request = REQUEST_PREFIX + name + REQUEST_SUFFIX
+    reply = REPLY_PREFIX + name + REPLY_SUFFIX
+    if operation == "request":
+        return (Operation.PUBLISH, request), (Operation.SUBSCRIBE, reply)
+    return (Operation.PUBLISH, reply), (Operation.SUBSCRIBE, request)

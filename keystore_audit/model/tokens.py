@@ -1,0 +1,97 @@
+"""What an expression is made of once a matcher has read it: characters, sets of characters and stars."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final, TypeAlias
+
+LAST_CHARACTER: Final = 0x10FFFF
+
+
+@dataclass(frozen=True, slots=True)
+class CharSet:
+    """Takes one character out of a set.
+
+    `ranges`: sorted, disjoint, not adjacent, closed intervals of code points. NUL is in none: no name holds it.
+    """
+
+    ranges: tuple[tuple[int, int], ...]
+
+    def __contains__(self, character: str) -> bool:
+        code = ord(character)
+        return any(low <= code <= high for low, high in self.ranges)
+
+    @classmethod
+    def of(cls, ranges: Iterable[tuple[int, int]], *, negated: bool = False) -> CharSet:
+        """Return the set of the characters in `ranges` (any order, overlaps allowed), or of all others."""
+        merged: list[tuple[int, int]] = []
+        for low, high in sorted((max(low, 1), high) for low, high in ranges):
+            if low > high:
+                continue
+            if merged and low <= merged[-1][1] + 1:
+                merged[-1] = (merged[-1][0], max(merged[-1][1], high))
+            else:
+                merged.append((low, high))
+        return cls(tuple(_complement(merged)) if negated else tuple(merged))
+
+
+class Star(Enum):
+    """`*`: any characters, any number of them, `/` and a leading `.` included."""
+
+    STAR = "*"
+
+
+STAR: Final = Star.STAR
+ANY_CHARACTER: Final = CharSet(((1, LAST_CHARACTER),))
+"""`?`"""
+NO_CHARACTER: Final = CharSet(())
+"""Takes no character: an expression with it matches nothing."""
+
+Single: TypeAlias = str | CharSet
+"""What takes one character: that character itself, or a set (in normal form never a set of exactly one)."""
+Token: TypeAlias = Single | Star
+Piece: TypeAlias = str | tuple[Single, ...]
+"""What stands between two stars; a plain str where it has no set, since `str.find` is fast."""
+
+
+def pieces(tokens: Iterable[Token]) -> tuple[Piece, ...]:
+    """Split `tokens` at the stars, in normal form: equal pieces match equal names."""
+    if isinstance(tokens, str):
+        return (tokens,)
+    found: list[list[Single]] = [[]]
+    after_star = False
+    for token in tokens:
+        if isinstance(token, Star):
+            if not after_star:
+                found.append([])
+            after_star = True
+        elif after_star and token == ANY_CHARACTER:
+            found[-2].append(token)  # `*?` is `?*`
+        else:
+            found[-1].append(_lone_character(token))
+            after_star = False
+    return tuple(_piece(singles) for singles in found)
+
+
+def _piece(singles: list[Single]) -> Piece:
+    characters = [single for single in singles if isinstance(single, str)]
+    return "".join(characters) if len(characters) == len(singles) else tuple(singles)
+
+
+def _lone_character(token: Single) -> Single:
+    """Return a set of exactly one character as that character: `[a]` and `a` are one expression."""
+    if isinstance(token, CharSet) and len(token.ranges) == 1 and token.ranges[0][0] == token.ranges[0][1]:
+        return chr(token.ranges[0][0])
+    return token
+
+
+def _complement(ranges: Iterable[tuple[int, int]]) -> Iterator[tuple[int, int]]:
+    begin = 1
+    for low, high in ranges:
+        if begin < low:
+            yield begin, low - 1
+        begin = high + 1
+    if begin <= LAST_CHARACTER:
+        yield begin, LAST_CHARACTER

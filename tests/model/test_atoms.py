@@ -1,0 +1,358 @@
+"""Topic classes are exact: no class is missed, none is made up, every witness is confirmed by the C library."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import random
+import re
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from keystore_audit.errors import BudgetExceeded
+from keystore_audit.model.atoms import TopicClass, classify
+from keystore_audit.model.expression import Matcher, Pattern, parse
+from keystore_audit.model.tokens import STAR
+
+Fnmatch = Callable[[str, str, Matcher], bool]
+
+LETTERS = "ab/]"
+SHORT_NAMES = ["".join(name) for length in range(1, 6) for name in itertools.product(LETTERS, repeat=length)]
+PARTS = ["a", "b", "/", "]", "*", "*", "?", "[ab]", "[!a]", "[]a]", "[a-c]", "[!a-b/]", "\\a", "\\", "[[:alpha:]]"]
+ROS = re.compile(
+    r"ros_discovery_info|r[ts](/[A-Za-z_][A-Za-z_0-9]*)+"
+    r"|rq(/[A-Za-z_][A-Za-z_0-9]*)*/[A-Za-z_][A-Za-z_0-9]*Request|rr(/[A-Za-z_][A-Za-z_0-9]*)*/[A-Za-z_][A-Za-z_0-9]*Reply"
+)
+
+
+def patterns_of(texts: Sequence[str], matcher: Matcher = Matcher.POSIX) -> list[Pattern]:
+    return [parse(text, matcher) for text in texts]
+
+
+def by_members(texts: Sequence[str], **options: object) -> dict[tuple[str, ...], TopicClass]:
+    """The classes by the texts that match them."""
+    classes = classify(patterns_of(texts), **options)  # type: ignore[arg-type]
+    return {tuple(texts[number] for number in sorted(found.members)): found for found in classes}
+
+
+def random_texts(random_: random.Random) -> list[str]:
+    texts = ["".join(random_.choices(PARTS, k=random_.randint(0, 5))) for _ in range(random_.randint(1, 6))]
+    return texts + random_.sample(SHORT_NAMES[:340], random_.randint(0, 4))  # literals, which wildcards may cover
+
+
+@pytest.mark.parametrize("matcher", Matcher)
+@pytest.mark.parametrize("seed", range(4))
+def test_classes_are_those_of_brute_force(libc_fnmatch: Fnmatch, matcher: Matcher, seed: int) -> None:
+    """1,364 names for each of 200 sets of expressions: 272,800 checks of a name's class against libc's answer."""
+    random_ = random.Random(seed)
+    for _ in range(25):
+        texts = random_texts(random_)
+        patterns = patterns_of(texts, matcher)
+        classes = classify(patterns)
+        members = {found.members for found in classes}
+        assert len(members) == len(classes), texts
+        asked = [(number, text) for number, text in enumerate(texts) if patterns[number].malformed is None]
+        numbers = {number for number, _ in asked}
+        for found in classes:
+            if found.witness.isascii():
+                said = {number for number, text in asked if libc_fnmatch(text, found.witness, matcher)}
+                assert said == found.members & numbers, (texts, found)
+        known = {found & numbers for found in members}
+        for name in SHORT_NAMES:
+            assert {n for n, text in asked if libc_fnmatch(text, name, matcher)} in known, (texts, name)
+
+
+def positions_graph(patterns: Sequence[Pattern]) -> tuple[list[frozenset[int]], list[set[int]]]:
+    """An exact oracle on its own: places in every expression at once.
+
+    Its letters are those of the texts and one for each other way in which PARTS tell characters apart.
+    """
+    letters = sorted({*LETTERS, *"cz.", *(letter for pattern in patterns for letter in pattern.text)})
+    tokens = [pattern.tokens for pattern in patterns]
+
+    def close(number: int, places: set[int]) -> frozenset[int]:
+        return frozenset(
+            places | {place + 1 for place in places if place < len(tokens[number]) and tokens[number][place] is STAR}
+        )
+
+    def step(number: int, places: frozenset[int], letter: str) -> frozenset[int]:
+        after = set()
+        for place in places:
+            token = tokens[number][place] if place < len(tokens[number]) else None
+            if token is STAR:
+                after.add(place)
+            elif token is not None and (letter == token if isinstance(token, str) else letter in token):
+                after.add(place + 1)
+        return close(number, after)
+
+    start = tuple(close(number, {0}) for number in range(len(tokens)))
+    states = {start: 0}
+    order = [start]
+    edges: list[set[int]] = []
+    for state in order:
+        targets = set()
+        for letter in letters:
+            after = tuple(step(number, places, letter) for number, places in enumerate(state))
+            if after not in states:
+                states[after] = len(order)
+                order.append(after)
+            targets.add(states[after])
+        edges.append(targets)
+    accepted = [frozenset(n for n, places in enumerate(state) if len(tokens[n]) in places) for state in order]
+    return accepted, edges
+
+
+@given(
+    st.lists(st.lists(st.sampled_from(PARTS), max_size=5).map("".join), min_size=1, max_size=5),
+)
+@example(["rt/robot[12]", "rt/robot1", "rt/robot2"])
+@example(["*", "?"])
+@example(["a*", "ab*", "*b", "?b"])
+def test_classes_and_their_finiteness_are_those_of_an_exact_oracle(texts: list[str]) -> None:
+    """Every expression is taken as literals are too, in one graph; words of all lengths count."""
+    patterns = patterns_of(texts)
+    accepted, edges = positions_graph(patterns)
+    classes = {found.members: found for found in classify(patterns)}
+    # The empty name is in no class: where only it leads does not count.
+    assert classes.keys() == {accepted[state] for state in set().union(*edges)}
+    behind = [set(targets) for targets in edges]
+    for middle, state in itertools.product(range(len(edges)), repeat=2):
+        if middle in behind[state]:
+            behind[state] |= behind[middle]
+    on_cycle = {state for state in range(len(edges)) if state in behind[state]}
+    endless = {accepted[state] for state in range(len(edges)) if any(state in behind[other] for other in on_cycle)}
+    for members, found in classes.items():
+        assert found.infinite == (members in endless), (texts, found)
+
+
+ROS_PARTS = ["rt/", "rq/", "rr/", "rs/", "a", "b1", "/", "_", "*", "*", "?", "Request", "Reply", "Re", "[!r]", "[a-z]"]
+ROS_TOKENS = ["a", "b1", "_", "ab", "Request", "aReply", "ReRequest"]
+
+
+def ros_names() -> list[str]:
+    paths = ["".join(f"/{token}" for token in path) for n in (1, 2) for path in itertools.product(ROS_TOKENS, repeat=n)]
+    found = ["ros_discovery_info"]
+    for path in paths:
+        found += [f"rt{path}", f"rs{path}", f"rq{path}Request", f"rr{path}Reply"]
+    return found
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_ros_classes_are_those_that_ros_names_lie_in(seed: int) -> None:
+    """225 ROS names for each of 160 sets of expressions, near misses among the expressions."""
+    random_ = random.Random(seed)
+    legal = ros_names()
+    assert all(ROS.fullmatch(name) for name in legal)
+    for _ in range(40):
+        texts = [
+            "".join(random_.choices(ROS_PARTS, k=random_.randint(1, 5))) for _ in range(random_.randint(1, 6))
+        ] + random_.sample(legal, 2)
+        patterns = patterns_of(texts)
+        classes = {found.members: found for found in classify(patterns)}
+        for found in classes.values():
+            assert found.ros == (ROS.fullmatch(found.witness) is not None), (texts, found)
+        for name in legal:
+            members = frozenset(n for n, pattern in enumerate(patterns) if pattern.matches(name))
+            assert classes[members].ros, (texts, name)
+
+
+@pytest.mark.parametrize(
+    ("text", "ros"),
+    [
+        ("rt/?", True),
+        ("rt/", False),
+        ("rt/1*", False),
+        ("rt/a/", False),
+        ("rt/*//*", False),
+        ("rq/Request*", True),  # rq/RequestRequest
+        ("rq/Request", False),
+        ("rq/?Request", True),
+        ("rq/[0-9]Request", False),
+        ("rq/*/Request", False),
+        ("rq/*Reply", False),
+        ("rr/*Reply", True),
+        ("rq/ReRequest?", False),
+        ("rq/aRequest*Request", True),
+        ("rs/a", True),
+        ("ros_discovery_inf?", True),
+        ("ros_discovery_info?", False),
+        ("chatter", False),
+        ("/chatter", False),
+        ("r[!tqrs]/*", False),
+        ("r[!tqr]/*", True),
+        ("*é", False),
+        ("?*.?*", False),
+    ],
+)
+def test_ros_is_decided_exactly(text: str, ros: bool) -> None:
+    assert by_members([text])[(text,)].ros is ros
+
+
+def test_class_of_names_that_nothing_matches_is_there_when_it_exists() -> None:
+    assert set(by_members(["rt/a"])) == {(), ("rt/a",)}
+    assert set(by_members(["*"])) == {("*",)}
+    assert set(by_members([])) == {()}
+    assert set(by_members(["?*"])) == {("?*",)}
+    # Every name has one character, or two and more.
+    assert set(by_members(["?", "??*"])) == {("?",), ("??*",)}
+
+
+def test_finite_wildcard_that_literals_cover_has_no_class_of_its_own() -> None:
+    covered = by_members(["rt/robot[12]", "rt/robot1", "rt/robot2"])
+    assert set(covered) == {(), ("rt/robot[12]", "rt/robot1"), ("rt/robot[12]", "rt/robot2")}
+    partly = by_members(["rt/robot[1-3]", "rt/robot1", "rt/robot2"])
+    assert partly[("rt/robot[1-3]",)].witness == "rt/robot3"
+    assert not partly[("rt/robot[1-3]",)].infinite
+    assert by_members(["rt/*", "rt/a", "rt/b"])[("rt/*",)].infinite
+
+
+def test_residual_class_without_ros_name_of_its_own_is_dds_only() -> None:
+    """The one ROS name that `rt/[a.]` matches is a literal beside it."""
+    classes = by_members(["rt/[a.]", "rt/a"])
+    assert classes[("rt/[a.]",)] == TopicClass(members=frozenset({0}), witness="rt/.", ros=False, infinite=False)
+    assert classes[("rt/[a.]", "rt/a")].ros
+
+
+def test_expression_that_matches_nothing_is_in_no_class() -> None:
+    for text in ("", "[z-a]", "a\\", "a\0b"):
+        assert set(by_members([text])) == {()}
+
+
+def test_equal_expressions_go_together() -> None:
+    assert set(by_members(["rt/a", "rt/[a]", "rt/*", "rt/**", "rt/*"])) == {
+        (),
+        ("rt/a", "rt/[a]", "rt/*", "rt/**", "rt/*"),
+        ("rt/*", "rt/**", "rt/*"),
+    }
+
+
+def test_one_text_under_two_matchers() -> None:
+    patterns = [parse(r"rt/\*", Matcher.POSIX), parse(r"rt/\*", Matcher.POSIX_NOESCAPE)]
+    classes = {found.members: found.witness for found in classify(patterns)}
+    assert classes[frozenset({0})] == "rt/*"
+    assert classes[frozenset({1})].startswith("rt/\\")
+    assert len(classes) == 3
+
+
+def test_witnesses_are_the_shortest_and_most_readable() -> None:
+    assert by_members(["*"])[("*",)].witness == "rt/a"
+    assert by_members(["rt/*", "*_tf"])[("rt/*", "*_tf")].witness == "rt/_tf"
+    assert by_members(["x?"])[("x?",)].witness == "xa"
+    assert by_members(["[!-~]"])[("[!-~]",)].witness == "a"
+    assert by_members(["[éà]", "[\x01-\x1f]"])[("[éà]",)].witness == "à"
+
+
+def test_preferred_names_replace_witnesses_of_their_class() -> None:
+    texts = ["rt/*", "rt/chatter", "x*"]
+    classes = by_members(texts, prefer=["rt/scan", "rt/odom/filtered", "rt/chatter", "rt/no.ros", "xyz", "", "q\0"])
+    assert classes[("rt/*",)].witness == "rt/scan"
+    assert classes[("rt/*", "rt/chatter")].witness == "rt/chatter"
+    assert classes[("x*",)].witness == "xyz"
+    assert classes[()].witness == by_members(texts)[()].witness
+    # No dds-only name stands for a class that has a ROS name.
+    assert by_members(["rt/*"], prefer=["rt/no.ros"])[("rt/*",)].witness == "rt/a"
+
+
+def test_characters_beyond_ascii_and_surrogates_take_part() -> None:
+    classes = by_members(["rt/é", "rt/[à-ü]", "\U0001f600*", "[\ud800-\udfff]"])
+    assert classes[("rt/é", "rt/[à-ü]")].witness == "rt/é"
+    assert classes[("rt/[à-ü]",)].witness == "rt/à"
+    assert classes[("\U0001f600*",)].witness == "\U0001f600"
+    assert ("[\ud800-\udfff]",) in classes
+
+
+FAMILIES = [
+    # analysis-core 1.4; the number of classes is known by counting
+    ("prefixes", [f"rt/n_{i}/*" for i in range(2000)], 2001),
+    ("suffixes of requests", [f"rq/n_{i}/*Request" for i in range(200)], 201),
+    ("suffixes", [f"*/node_{i}/get_parametersRequest" for i in range(50)], 51),
+    ("infixes", [f"*x_{i}*" for i in range(8)], 256),
+    ("words", [f"rt/*/w_{i}/*" for i in range(8)], 256),
+    ("the letter before last", ["*a" + "?" * 9], 2),
+]
+
+
+@pytest.mark.parametrize(("texts", "count"), [family[1:] for family in FAMILIES], ids=[f[0] for f in FAMILIES])
+def test_known_families(texts: list[str], count: int) -> None:
+    assert len(classify(patterns_of(texts))) == count
+
+
+@pytest.mark.parametrize(
+    "texts",
+    [
+        [f"rt/*/w_{i}/*" for i in range(15)],
+        ["*a" + "?" * 20],
+        [f"*[!{chr(0x4E00 + i)}]?{chr(0x5E00 + i)}*" for i in range(3000)],
+        [f"{'?' * (i % 50)}{chr(97 + i % 26)}*{i}*" for i in range(3000)],
+    ],
+    ids=["infixes", "memory of a window", "many sets", "all at once"],
+)
+def test_too_many_classes_exceed_the_budget_in_time(texts: list[str]) -> None:
+    begin = time.perf_counter()
+    with pytest.raises(BudgetExceeded, match=f"{len(texts)} expressions need more than 5000 states"):
+        classify(patterns_of(texts), budget=5_000)
+    assert time.perf_counter() - begin < 5
+
+
+def test_result_depends_on_neither_order_nor_hash_seed() -> None:
+    texts = ["rt/*", "*_tf", "rq/*Request", "rt/robot[0-9]/odom", "rt/robot1/odom", "rt/[!r]*", "*/x/*", "rt/a", "?"]
+    random_ = random.Random(0)
+    expected = classes_as_text(texts, classify(patterns_of(texts), prefer={"rt/scan", "rt/odom", "y", "z"}))
+    for _ in range(5):
+        random_.shuffle(texts)
+        assert classes_as_text(texts, classify(patterns_of(texts), prefer={"rt/odom", "z", "rt/scan", "y"})) == expected
+    script = (
+        "import json, sys; from keystore_audit.model.atoms import classify;"
+        "from keystore_audit.model.expression import Matcher, parse; texts = json.loads(sys.argv[1]);"
+        "found = classify([parse(t, Matcher.POSIX) for t in texts], prefer={'rt/scan', 'rt/odom', 'y', 'z'});"
+        "print(json.dumps([[sorted(texts[m] for m in c.members), c.witness, c.ros, c.infinite] for c in found]))"
+    )
+    for seed in ("1", "2"):
+        run = subprocess.run(
+            [sys.executable, "-c", script, json.dumps(texts)],
+            env={"PYTHONHASHSEED": seed, "PYTHONPATH": ":".join(sys.path)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert json.loads(run.stdout) == expected
+
+
+def classes_as_text(texts: Sequence[str], classes: Sequence[TopicClass]) -> list[list[object]]:
+    return [[sorted(texts[m] for m in c.members), c.witness, c.ros, c.infinite] for c in classes]
+
+
+def keystore_like(size: int, wildcards: int) -> list[str]:
+    """Names as a fleet's permissions hold them, 40 % topics, 60 % parameter services, and wildcards as people write."""
+    random_ = random.Random(size)
+    fixed = ["*", "rt/*", "rq/*Request", "rt/robot?/cmd_vel", "*/get_parameters*", "rt/*/_action/feedback", "*_tf"]
+    fixed += ["rt/robot[0-9]/odom", "rt/[!r]*", "rr/*Reply"]
+    forms = ["rt/robot{}/*", "rq/robot{}/*Request", "rt/robot{}/cam?/image*", "*/node{}/odom", "rr/robot{}*Reply"]
+    texts = fixed[:wildcards] + [random_.choice(forms).format(number) for number in range(wildcards - len(fixed))]
+    distinct = dict.fromkeys(texts)
+    while len(distinct) < size:
+        node = f"robot{random_.randrange(size)}/{random_.choice(['nav', 'arm', 'camera'])}"
+        names = [f"rt/{node}/odom", f"rt/{node}/image_raw", f"rq/{node}/get_parametersRequest"]
+        names += [f"rr/{node}/get_parametersReply", f"rq/{node}/set_parametersRequest"]
+        distinct[random_.choice(names)] = None
+    return list(distinct)
+
+
+@pytest.mark.parametrize(("size", "wildcards", "seconds"), [(1_000, 16, 0.3), (5_000, 50, 1.5)])
+def test_keystore_of_thousands_of_expressions_is_classified_in_time(size: int, wildcards: int, seconds: float) -> None:
+    patterns = patterns_of(keystore_like(size, wildcards))
+    times = []
+    for _ in range(2):
+        begin = time.perf_counter()
+        classes = classify(patterns)
+        times.append(time.perf_counter() - begin)
+        assert len(classes) >= size - wildcards
+        assert max(Counter(found.witness for found in classes).values()) == 1
+    assert min(times) < seconds

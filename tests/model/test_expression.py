@@ -1,0 +1,185 @@
+"""Expressions match what the C library says they match, every text has a meaning, and no text takes long."""
+
+from __future__ import annotations
+
+import itertools
+import random
+import time
+from collections.abc import Callable
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.tokens import ANY_CHARACTER, NO_CHARACTER, STAR, CharSet
+
+Fnmatch = Callable[[str, str, Matcher], bool]
+
+BRACKET_PARTS = [*"ab]c[!^-\\.:=/*?", "[:digit:]", "[:alpha:]", "[:foo:]", "[.a.]", "[=b=]", "[!", "a-c", "\\]", "[]"]
+NAME_CHARACTERS = "ab]c[!^-\\.:=/1"
+NAMES = ["".join(name) for length in range(4) for name in itertools.product("ab]-[/\\", repeat=length)]
+
+texts = st.lists(st.sampled_from(BRACKET_PARTS), max_size=9).map("".join)
+names = st.text(NAME_CHARACTERS, max_size=6)
+matchers = st.sampled_from(Matcher)
+
+
+@given(text=texts, matcher=matchers, tried=st.lists(names, min_size=20, max_size=40))
+def test_well_formed_text_matches_as_in_libc(
+    libc_fnmatch: Fnmatch, text: str, matcher: Matcher, tried: list[str]
+) -> None:
+    pattern = parse(text, matcher)
+    assume(pattern.malformed is None)
+    # The text itself, with its wildcards filled in, is likelier to match than names at random.
+    for name in [*tried, *NAMES[:60], text, text.replace("*", "a"), text.replace("*", "").replace("?", "]")]:
+        assert pattern.matches(name) == libc_fnmatch(text, name, matcher), name
+
+
+@pytest.mark.parametrize("matcher", Matcher)
+@pytest.mark.parametrize("seed", range(3))
+def test_random_texts_match_as_in_libc(libc_fnmatch: Fnmatch, matcher: Matcher, seed: int) -> None:
+    """Malformed texts too may be read as glibc reads them; those that are not, are all known to be malformed."""
+    random_ = random.Random(seed)
+    alphabets = ["[]!^-\\:a.=bz*?", "[]ab*?", "ab*?/", "[[]!ab-"]
+    well_formed = 0
+    for _ in range(300):
+        text = "".join(random_.choice(random_.choice(alphabets)) for _ in range(random_.randint(0, 8)))
+        pattern = parse(text, matcher)
+        well_formed += pattern.malformed is None
+        for name in NAMES:
+            if pattern.matches(name) != libc_fnmatch(text, name, matcher):
+                assert pattern.malformed is not None, (text, name)
+    assert well_formed > 100
+
+
+@pytest.mark.parametrize("matcher", Matcher)
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("rt/[ab", "nothing closes"),
+        ("[", "nothing closes"),
+        ("[]", "nothing closes"),
+        ("[!]", "nothing closes"),
+        ("a[[b", "nothing closes"),
+        ("[[:alpha:]", "nothing closes"),
+        ("[a-", "nothing closes"),
+        ("[z-a]", "ends before it begins"),
+        ("[z-ab]", "ends before it begins"),
+        ("[[:foo:]]", "does not exist"),
+        ("[a[:foo:]b]", "does not exist"),
+        ("[!a[:foo:]]", "does not exist"),
+        ("[a[:]", "class name"),
+        ("[[:Alpha:]]", "class name"),
+        ("[b[=a]", "[="),
+        ("[[.ab.]c]", "[."),
+        ("[a[.", "[."),
+    ],
+)
+def test_malformed_text_is_said_and_read_as_in_libc(
+    libc_fnmatch: Fnmatch, text: str, fault: str, matcher: Matcher
+) -> None:
+    pattern = parse(text, matcher)
+    assert pattern.malformed is not None
+    assert fault in pattern.malformed
+    for name in ["rt/[ab", "[]", "[!]", "a[[b", "[a", "[[:alpha:]", "]", "z", ":", "c", "b", "a]", "[:]", *NAMES[:60]]:
+        if text != "[b[=a]" or name != "b":  # glibc finds b and gives up on the rest, whose = it takes otherwise
+            assert pattern.matches(name) == libc_fnmatch(text, name, matcher), name
+
+
+def test_backslash_is_read_by_the_matcher() -> None:
+    assert parse(r"a\*", Matcher.POSIX).literal == "a*"
+    assert parse(r"a\*", Matcher.POSIX_NOESCAPE).tokens == ("a", "\\", STAR)
+    assert parse("a\\", Matcher.POSIX_NOESCAPE).literal == "a\\"
+    trailing = parse("a\\", Matcher.POSIX)
+    assert trailing.literal is None
+    assert trailing.malformed is not None
+    assert not trailing.matches("a\\")
+    assert not trailing.matches("a")
+
+
+@pytest.mark.parametrize("name", ["alnum", "alpha", "blank", "cntrl", "digit", "graph", "lower", "print", "punct"])
+def test_character_class_holds_what_it_holds_in_the_c_locale(libc_fnmatch: Fnmatch, name: str) -> None:
+    for text in (f"[[:{name}:]]", f"[![:{name}:]]"):
+        for code in range(1, 128):
+            assert parse(text, Matcher.POSIX).matches(chr(code)) == libc_fnmatch(text, chr(code), Matcher.POSIX)
+
+
+@pytest.mark.parametrize("name", ["space", "upper", "xdigit"])
+def test_other_character_classes_too(libc_fnmatch: Fnmatch, name: str) -> None:
+    test_character_class_holds_what_it_holds_in_the_c_locale(libc_fnmatch, name)
+
+
+def test_literal_is_the_one_name_it_matches() -> None:
+    assert parse("rt/chatter", Matcher.POSIX).literal == "rt/chatter"
+    assert parse("rt/[c]hatter", Matcher.POSIX).literal == "rt/chatter"
+    assert parse("", Matcher.POSIX).literal == ""
+    assert parse("", Matcher.POSIX).matches("")
+    assert parse("rt/*", Matcher.POSIX).literal is None
+    assert parse("[", Matcher.POSIX).literal == "["
+
+
+def test_tokens_are_a_normal_form() -> None:
+    assert parse("a*?**?[b]", Matcher.POSIX).tokens == ("a", ANY_CHARACTER, ANY_CHARACTER, STAR, "b")
+    assert parse("[a-bb-d!]", Matcher.POSIX).tokens == (CharSet(((33, 33), (97, 100))),)
+    assert parse("[d!cab]", Matcher.POSIX).pieces == parse("[a-bb-d!]", Matcher.POSIX).pieces
+    assert parse("[!]", Matcher.POSIX).tokens == ("[", "!", "]")
+
+
+def test_nul_is_in_no_name() -> None:
+    pattern = parse("a\0b", Matcher.POSIX)
+    assert pattern.malformed is not None
+    assert NO_CHARACTER in pattern.tokens
+    assert not pattern.matches("a\0b")
+
+
+def test_prefix_begins_every_match() -> None:
+    assert parse("rt/a?b*", Matcher.POSIX).prefix == "rt/a"
+    assert parse("*a", Matcher.POSIX).prefix == ""
+    assert parse("rt/b*", Matcher.POSIX).prefix == "rt/b"
+    assert parse("rt/b", Matcher.POSIX).prefix == "rt/b"
+
+
+@given(text=st.text(max_size=30), matcher=matchers, name=st.text(max_size=10))
+def test_every_text_has_a_meaning(text: str, matcher: Matcher, name: str) -> None:
+    pattern = parse(text, matcher)
+    if pattern.literal is not None:
+        assert pattern.matches(name) == (name == pattern.literal)
+    else:
+        assert isinstance(pattern.matches(name), bool)
+    assert pattern.text == text
+
+
+@given(low=st.characters(), high=st.characters(), name=st.characters(exclude_characters="\0"))
+def test_ranges_are_by_code_point(low: str, high: str, name: str) -> None:
+    assume(not {low, high} & set("\0]!^[\\-"))
+    assert parse(f"[{low}-{high}]", Matcher.POSIX).matches(name) == (low <= name <= high)
+    assert parse(f"[!{low}-{high}]", Matcher.POSIX).matches(name) != (low <= name <= high)
+
+
+@pytest.mark.parametrize(
+    "unit", ["[", "[[:alpha:]", "[[.", "[[=a", "[[:aaaa", "[\\", "[a-", "[!", "*?", "[[.a.]-", "[]", "\\"]
+)
+def test_parsing_takes_linear_time(unit: str) -> None:
+    """Eight times the text takes about eight times as long; a quadratic reader would take 64 times as long."""
+
+    def best(size: int) -> float:
+        text = unit * (size // len(unit))
+        times = []
+        for _ in range(3):
+            begin = time.perf_counter()
+            parse(text, Matcher.POSIX)
+            times.append(time.perf_counter() - begin)
+        return min(times)
+
+    assert best(40_000) < 30 * best(5_000) + 0.02
+
+
+def test_matching_does_not_backtrack_into_earlier_stars() -> None:
+    pattern = parse("*a" * 30 + "*b", Matcher.POSIX)
+    sets = parse("*[ac]" * 30 + "*b", Matcher.POSIX)
+    begin = time.perf_counter()
+    assert not pattern.matches("a" * 5_000)
+    assert not sets.matches("a" * 5_000)
+    assert sets.matches("a" * 5_000 + "b")
+    assert time.perf_counter() - begin < 1
