@@ -108,10 +108,9 @@ assert NobodyReadsWithoutAGrant {
 	all realm: Realm, enclave: Enclave, channel: Channel | channel not in enclave.(reads_without_a_grant[realm])
 }
 
-/** Channels on which an enclave, granted to subscribe only, can pass for a writer; any writer there is another one. */
+/** Channels that are written, and on which an enclave, granted to subscribe only, can pass for a writer. */
 fun forged_by_readers[realm: Realm]: Enclave -> Channel {
-	(forges[realm] & granted[realm, subscribe_allowed] :> realm.written)
-	- granted[realm, publish_allowed] - may_write[realm]
+	(forges[realm] & granted[realm, subscribe_allowed] :> realm.written) - granted[realm, publish_allowed]
 }
 
 /** No enclave that may only subscribe to a topic can pass for a publisher of it. */

@@ -34,10 +34,16 @@ _ANSWER: Final = re.compile(r"(?:[\w$]+/)*([A-Z]{1,2})(\d{1,9})(?:_[A-Za-z0-9_]*
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Atom:
-    """`name`: the identifier; `comment`: raw text of what it stands for and where that is."""
+    """`name`: the identifier; `label` and `place`: raw text of what it stands for and where that is."""
 
     name: str
-    comment: str
+    label: str
+    place: str
+
+    @property
+    def comment(self) -> str:
+        """Both on one line, once where they are the same."""
+        return ": ".join(dict.fromkeys(filter(None, (self.label, self.place))))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -124,7 +130,7 @@ def _sort(sig: str, letters: str, entries: Sequence[tuple[str, str]]) -> Sort:
 def _atom(letters: str, index: int, label: str, place: str) -> Atom:
     decoration = _decoration(label)
     name = f"{letters}{index}_{decoration}" if decoration else f"{letters}{index}"
-    return Atom(name=name, comment=f"{label}: {place}" if label else place)
+    return Atom(name=name, label=label, place=place)
 
 
 def _decoration(label: str) -> str:
@@ -138,7 +144,8 @@ def _place(location: Location) -> str:
 
 
 def _members(system: System, realm: int) -> str:
-    return "realm of " + ", ".join(e.label for e in system.enclaves if e.realm == realm)
+    members = [enclave.label for enclave in system.enclaves if enclave.realm == realm]
+    return "what is trusted by " + ", ".join(members)
 
 
 def _intervals(intervals: tuple[tuple[int, int], ...]) -> str:

@@ -7,14 +7,19 @@ as fields of sigs, equated in facts, the same keystore costs some hundred times 
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import timezone
+from pathlib import Path
 from typing import Final
 
-from keystore_audit import text
+from keystore_audit import resources, text
 from keystore_audit.engine.alloy.atoms import Sort, name_atoms
+from keystore_audit.engine.alloy.readme import describe_folders, describe_system, folder_names
 from keystore_audit.engine.alloy.relations import Relations, Row, function
+from keystore_audit.errors import UsageError
 from keystore_audit.model.system import DomainRuleAtom, Reading, System, TopicRuleAtom
+from keystore_audit.properties import PROPERTIES
 from keystore_audit.properties.property import Property
 
 GROUP: Final = 50
@@ -39,6 +44,30 @@ KEYSTORE: Final = "keystore.als"
 MAIN: Final = "audit.als"
 """The generated main file: commands only."""
 
+THEME: Final = "keystore_audit.thm"
+"""How the Analyzer's window draws an instance."""
+
+README: Final = "README.md"
+
+_DRAWN: Final = """\
+-- for the window, which draws the functions of the main module
+
+/** Who has which identity, permissions and governance, and who signed or issued these. */
+fun has_identity: Enclave -> Certificate { identity }
+fun has_permissions: Enclave -> Document { permissions }
+fun has_governance: Enclave -> Document { in_realm.governance }
+fun signed_by: Document -> Certificate { signer }
+fun issued_by: Certificate -> Certificate { issuer - iden }
+
+/** Who can write and read in some realm, and who can without a grant. */
+fun writes: Enclave -> Channel { { e: Enclave, c: Channel | some r: Realm | c in e.(may_write[r]) } }
+fun reads: Enclave -> Channel { { e: Enclave, c: Channel | some r: Realm | c in e.(may_read[r]) } }
+fun ungranted: Enclave -> Channel {
+	{ e: Enclave, c: Channel | some r: Realm | c in e.(writes_without_a_grant[r] + reads_without_a_grant[r]) }
+}
+"""
+"""Relations for pictures, in the words of `keystore_audit.thm`."""
+
 CONSISTENCY: Final = "FactsAreConsistent"
 """The run that must have an instance: no check means anything without it."""
 
@@ -56,18 +85,24 @@ def facts(system: System) -> str:
     return "\n\n".join([_header(system), *filter(None, map(_sigs, sorts)), *_Facts(system).sections()]) + "\n"
 
 
-def commands(properties: Sequence[Property]) -> str:
-    """Return the module `audit`: the runs against vacuity, then a check of each of `properties`."""
+def commands(properties: Sequence[Property], *, window: bool = False) -> str:
+    """Return the module `audit`: the runs against vacuity, then a check of each of `properties`.
+
+    `window`: for the Analyzer's window, with short atom names and relations to draw. Not for the solver alone, since
+    the Analyzer parses a module once for each path of `open` that leads to it, and the facts are the largest.
+    """
     lines = [
         "/** The audit: every property of `properties`, after the runs that show what they speak of. */",
         "module audit",
+        *(["open dds_security", "open keystore"] if window else []),
         "open vacuity",
         "",
         *(f"run {name} for 0" for name in (CONSISTENCY, *EXERCISED.values())),
         "",
         *(f"check {prop.assertion} for 0" for prop in properties),
+        *(["", _DRAWN] if window else []),
     ]
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines).rstrip("\n") + "\n"
 
 
 def _header(system: System) -> str:
@@ -97,6 +132,31 @@ def _sigs(sort: Sort) -> str:
             lines.append(f"private abstract sig {parent} extends {sort.sig} {{}}")
         lines += [f"-- {text.alloy_comment(atom.comment)}", f"one sig {atom.name} extends {parent} {{}}"]
     return "\n".join(lines)
+
+
+def write_model(systems: Sequence[System], directory: Path) -> None:
+    """Write the model of each system for the Alloy Analyzer's window: modules, facts, commands, theme and a README.
+
+    One system goes into `directory` itself, several into a folder each. Raises UsageError if the directory holds
+    anything or cannot be written.
+    """
+    names = folder_names(systems)
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        if any(directory.iterdir()):
+            raise UsageError(f"{directory} is not empty: the model goes into a new or an empty directory.")
+        for system, name in zip(systems, names, strict=True):
+            folder = directory / name if len(systems) > 1 else directory
+            folder.mkdir(exist_ok=True)
+            for module in (*MODULES, THEME):
+                shutil.copyfile(resources.alloy() / module, folder / module)
+            (folder / KEYSTORE).write_text(facts(system), encoding="ascii")
+            (folder / MAIN).write_text(commands(PROPERTIES, window=True), encoding="ascii")
+            (folder / README).write_text(describe_system(system), encoding="utf-8")
+        if len(systems) > 1:
+            (directory / README).write_text(describe_folders(systems, names), encoding="utf-8")
+    except OSError as error:
+        raise UsageError(f"The model cannot be written to {directory}: {error.strerror or error}.") from error
 
 
 class _Facts:

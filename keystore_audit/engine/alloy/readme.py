@@ -1,0 +1,81 @@
+"""What stands beside an exported model: how to open it, and which atom is what in the keystore."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from keystore_audit import text
+from keystore_audit.engine.alloy.atoms import name_atoms
+from keystore_audit.model.system import Reading, System
+
+MAX_NAME: Final = 200
+"""Characters of one cell of the table."""
+
+_OPENING: Final = """\
+Open `audit.als` in the Alloy Analyzer (6.2.0) and choose Execute All. A check without counterexample is a property
+that holds: the facts are constants, so it is a proof about this keystore. Where there is a counterexample, show it
+and load the theme `keystore_audit.thm` (Theme, Load Theme): the atoms marked with the names of the check's variables
+are the witness. Without a window: `java -jar alloy.jar exec -f -t xml -d 0 -s sat4j -o solutions audit.als`.
+"""
+
+_FILES: Final = """\
+`keystore.als` holds the facts and nothing else, `audit.als` the commands; all other modules are the same for every
+keystore. Each opens the one before, from `dds_security.als` to `vacuity.als`.
+"""
+
+_READINGS: Final = """\
+Implementations differ in what they accept, and what could not be read may mean anything or nothing. Each folder is
+one way to read the keystore, and a property is reported as holding only where it holds in all.
+"""
+
+
+def folder_names(systems: Sequence[System]) -> tuple[str, ...]:
+    """Return a folder name for each system, all different, from what tells them apart."""
+    names: list[str] = []
+    for system in systems:
+        name = f"{'pinned' if system.pins_signer else 'unpinned'}-signer-{system.reading.value}"
+        names.append(name if name not in names else f"{name}-{len(names) + 1}")
+    return tuple(names)
+
+
+def describe_system(system: System) -> str:
+    """Return the README of one model: what it models, how to open it, atoms and names."""
+    lines = [
+        "# The Alloy model of a keystore",
+        "",
+        _kind(system) + ".",
+        "",
+        _OPENING,
+        _FILES,
+        "| atom | what it is | where |",
+        "|---|---|---|",
+    ]
+    for sort in name_atoms(system).sorts():
+        lines += [f"| `{atom.name}` | {_cell(atom.label)} | {_cell(atom.place)} |" for atom in sort.atoms]
+    return "\n".join(lines) + "\n"
+
+
+def describe_folders(systems: Sequence[System], names: Sequence[str]) -> str:
+    """Return the README above several models."""
+    lines = [
+        "# The Alloy models of a keystore",
+        "",
+        _READINGS,
+        *(f"- `{name}`: {_kind(system)}." for system, name in zip(systems, names, strict=True)),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _kind(system: System) -> str:
+    signer = (
+        "Documents must be signed by the permissions CA itself"
+        if system.pins_signer
+        else "Documents may be signed by any certificate that the permissions CA issued"
+    )
+    counted = "counts as anything" if system.reading is Reading.MAY else "is left out"
+    return f"{signer}; what could not be read {counted}; as {', '.join(system.profiles)} do"
+
+
+def _cell(name: str) -> str:
+    return text.markdown(text.shorten(name, MAX_NAME))
