@@ -175,15 +175,13 @@ class NativeEngine:
                 yield from _channels(realm, without, enclave)
 
     def forging_readers(self) -> Iterator[Witness]:
-        """Granted readers that can pass for another writer of the topic."""
+        """Granted readers that can pass for a writer of the topic."""
         for realm, view in enumerate(self._realms):
             written = self._written(view)
             for enclave in range(len(self._system.enclaves)):
-                able = view.abilities(enclave)
-                others = written & ~able.may_write
                 reader = view.granted(enclave, Operation.SUBSCRIBE)
-                without = able.forges & reader & others & ~view.granted(enclave, Operation.PUBLISH)
-                yield from _channels(realm, without, enclave)
+                forged = view.abilities(enclave).forges & reader & written
+                yield from _channels(realm, forged & ~view.granted(enclave, Operation.PUBLISH), enclave)
 
 
 def _channels(realm: int, channels: int, enclave: int | None = None) -> Iterator[Witness]:
