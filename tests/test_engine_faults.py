@@ -47,7 +47,8 @@ def test_no_jar_is_incomplete_where_alloy_was_asked_for(engine: str, tmp_path: P
     code, report, _err = audit("--engine", engine, "--offline", env=nothing_to_fetch_from(tmp_path))
     assert (code, report["verdict"]) == (4, "incomplete")
     assert report["engines"]["alloy"]["status"] == "missing"
-    assert "KA903" in codes(report) and "engine install" in report["engines"]["alloy"]["reason"]
+    assert "KA903" in codes(report)
+    assert "engine install" in report["engines"]["alloy"]["reason"]
 
 
 def test_no_jar_under_auto_leaves_the_native_engine_and_says_so(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta, timezone
 
 _DATE_TIME = re.compile(
     r"(?P<year>[0-9]{4})-(?P<month>[0-9][0-9])-(?P<day>[0-9][0-9])"
@@ -36,7 +36,7 @@ def parse_instant(text: str) -> datetime | None:
             int(match["minute"]),
             int(match["second"]),
             int(fraction or "0"),
-            tzinfo=UTC,
+            tzinfo=timezone.utc,
         )
         return instant + timedelta(days=midnight) - _offset(match["zone"])
     except (ValueError, OverflowError):

@@ -84,15 +84,9 @@ def test_every_name_has_a_channel_that_says_what_the_rules_say(seed: int) -> Non
     rules = [random_rule(source) for _ in range(source.randrange(4))]
     governed = covered([DomainRange(low=0, high=1, line=1)])
     domains = domain_classes([governed, *covers_of(rules)])
-    channels = build_channels(
-        domains, [contains(governed, d.intervals[0][0]) for d in domains], topic_rules, rules
-    )
+    channels = build_channels(domains, [contains(governed, d.intervals[0][0]) for d in domains], topic_rules, rules)
     domain = next(n for n, d in enumerate(domains) if contains(d.intervals, 0))
-    known = {
-        signature(channels, n): channel
-        for n, channel in enumerate(channels.channels)
-        if channel.domain == domain
-    }
+    known = {signature(channels, n): channel for n, channel in enumerate(channels.channels) if channel.domain == domain}
     met = set()
     for topic in NAMES:
         for partition in ("", "a", "b", "bc", "zz"):

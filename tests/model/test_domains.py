@@ -51,8 +51,10 @@ def test_domain_classes_are_the_coarsest(lists: list[list[tuple[int | None, int 
             for domain in range(low, high + 1):
                 signatures[domain] = (number, tuple(contains(cover, domain) for cover in covers))
     assert len(signatures) == HIGHEST_DOMAIN + 1
-    assert len(set(signatures.values())) == len({s for _n, s in signatures.values()}) == len(
-        {n for n, _s in signatures.values()}
+    assert (
+        len(set(signatures.values()))
+        == len({s for _n, s in signatures.values()})
+        == len({n for n, _s in signatures.values()})
     )
 
 
