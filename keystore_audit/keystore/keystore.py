@@ -13,9 +13,9 @@ from cryptography.x509.oid import NameOID
 from keystore_audit.keystore.certificate import Certificate, CertificateFile, read_certificates
 from keystore_audit.keystore.crl import CrlFile, read_crl
 from keystore_audit.keystore.files import Entry, EntryKind, File, Status
-from keystore_audit.keystore.governance import GovernanceFile
+from keystore_audit.keystore.governance import GovernanceFile, read_governance
 from keystore_audit.keystore.layout import EnclaveFiles, Layout, LayoutKind, Role, discover
-from keystore_audit.keystore.permissions import PermissionsFile
+from keystore_audit.keystore.permissions import PermissionsFile, read_permissions
 from keystore_audit.keystore.private_key import PrivateKey, read_private_key
 from keystore_audit.keystore.root import Root
 
@@ -105,9 +105,6 @@ class _Reader:
         return {role: self.certificates(files.files[role]) for role in roles}
 
     def enclave(self, files: EnclaveFiles, read: _CertificatesOf, candidates: tuple[Certificate, ...]) -> Enclave:
-        from keystore_audit.keystore.governance import read_governance  # XXX
-        from keystore_audit.keystore.permissions import read_permissions  # XXX
-
         by_role = files.files
         return Enclave(
             files=files,
