@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import Final
 
+from lxml import etree
+
+from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Defect
+from keystore_audit.keystore.document import Document, elements, joined
+from keystore_audit.keystore.files import File
 from keystore_audit.keystore.governance import DomainRange, Text
-from keystore_audit.keystore.smime import SignedDocument
+from keystore_audit.keystore.smime import SignedDocument, read_signed
+from keystore_audit.keystore.xsd import Grammar
+
+_FOUR_DIGIT_YEAR: Final = re.compile(r"[0-9]{4}-")
+"""xs:dateTime also has years before 1 and beyond 9999, which no implementation reads."""
 
 
 class Operation(str, Enum):
@@ -69,3 +81,78 @@ class PermissionsFile:
     permissions: Permissions | None
     defects: tuple[Defect, ...]
     """Of the XML; those of the envelope are in `signed`."""
+
+
+def read_permissions(file: File, candidates: Sequence[Certificate]) -> PermissionsFile:
+    """Read a permissions document and find who signed it (`smime.read_signed`).
+
+    What is wrong with it is a defect; its content is read however the signature is. Raises AuditError only if the
+    installation lacks its schemas.
+    """
+    document = Document(read_signed(file, candidates), Grammar.PERMISSIONS)
+    permissions = None if document.root is None else _permissions(document, document.root)
+    return PermissionsFile(
+        signed=document.signed,
+        permissions=None if document.opaque else permissions,
+        defects=document.defects,
+    )
+
+
+def _permissions(document: Document, root: etree._Element) -> Permissions:
+    return Permissions(
+        grants=tuple(_grant(document, grant) for grants in elements(root) for grant in elements(grants)),
+        line=document.line(root),
+    )
+
+
+def _grant(document: Document, grant: etree._Element) -> Grant:
+    subject_name, validity, *rules, default = elements(grant)
+    not_before, not_after = elements(validity)
+    return Grant(
+        name=str(grant.get("name", "")),
+        subject_name=_text(document, subject_name),
+        not_before=_date(document, not_before),
+        not_after=_date(document, not_after),
+        rules=tuple(_rule(document, rule) for rule in rules),
+        default_allow=joined(default) == "ALLOW",
+        default_line=document.line(default),
+        line=document.line(grant),
+    )
+
+
+def _rule(document: Document, rule: etree._Element) -> Rule:
+    domains, *criteria = elements(rule)
+    return Rule(
+        allow=rule.tag == "allow_rule",
+        domains=tuple(DomainRange(low=low, high=high, line=line) for low, high, line in document.domains(domains)),
+        criteria=tuple(_criterion(document, criterion) for criterion in criteria),
+        line=document.line(rule),
+    )
+
+
+def _criterion(document: Document, criterion: etree._Element) -> Criterion:
+    parts = {str(part.tag): part for part in elements(criterion)}
+    partitions = parts.get("partitions")
+    return Criterion(
+        operation=Operation(str(criterion.tag)),
+        topics=tuple(_text(document, topic) for topic in elements(parts["topics"])),
+        partitions=None if partitions is None else tuple(_partition(document, name) for name in elements(partitions)),
+        data_tags="data_tags" in parts,
+        line=document.line(criterion),
+    )
+
+
+def _text(document: Document, element: etree._Element) -> Text:
+    return Text(text=document.text(element), line=document.line(element))
+
+
+def _partition(document: Document, element: etree._Element) -> Text:
+    """A partition expression; the empty one means the default partition, and sros2 of Crystal writes it."""
+    return Text(text=document.text(element, may_be_empty=True), line=document.line(element))
+
+
+def _date(document: Document, element: etree._Element) -> Text:
+    date = _text(document, element)
+    if _FOUR_DIGIT_YEAR.match(date.text) is None:
+        document.invalid(element, f"expected a date of the years 1 to 9999, found {date.text[:40]!r}")
+    return date

@@ -1,0 +1,106 @@
+"""What governance and permissions documents have in common: from a signed file to elements that mean one thing."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Final
+
+from lxml import etree
+
+from keystore_audit.keystore.defect import Defect, Kind
+from keystore_audit.keystore.smime import SignedDocument
+from keystore_audit.keystore.xml import MAX_DEFECTS, read_xml, source_line
+from keystore_audit.keystore.xsd import Grammar, validate
+
+MAX_DOMAIN: Final = 232
+"""The largest domain whose UDP ports exist (DDSI-RTPS 2.5, 9.6.2.3: 7400 + 250 × domain + 11 + 2 × participant)."""
+
+_CANONICAL: Final = re.compile(r"0|[1-9][0-9]{0,9}")
+"""An integer as every implementation reads it; the schema also takes `+0`, `-0`, `00` and any number of digits."""
+
+
+class Document:
+    """The XML of a signed document, with the defects found so far; values are read through it.
+
+    `root` is None unless the text is one well-formed, schema-valid document. The methods expect elements of a valid
+    one, and add `Kind.VALUE_INVALID` for values that the schema lets pass.
+    """
+
+    def __init__(self, signed: SignedDocument, grammar: Grammar) -> None:
+        self.signed = signed
+        root, defects = read_xml(signed)
+        self._defects = list(defects)
+        self._invalid = 0
+        self.root: etree._Element | None = None
+        if root is not None:
+            failures = validate(root, grammar, signed)
+            self._defects += failures
+            if all(failure.kind is Kind.DDS_SECURITY_1_0 for failure in failures):
+                self.root = root
+
+    @property
+    def defects(self) -> tuple[Defect, ...]:
+        """Everything out of order in the XML, in the order found."""
+        return tuple(self._defects)
+
+    @property
+    def opaque(self) -> bool:
+        """Whether the document has no meaning that we can tell."""
+        return self.root is None or any(defect.kind.opaque for defect in self._defects)
+
+    def line(self, element: etree._Element) -> int | None:
+        """The line of the file at which the element stands."""
+        return self.signed.line(source_line(element))
+
+    def invalid(self, element: etree._Element, detail: str) -> None:
+        """Note that the value of `element` is not one that DDS-Security gives a meaning to."""
+        self._invalid += 1
+        if self._invalid <= MAX_DEFECTS:
+            path = self.signed.file.place
+            self._defects.append(Defect(kind=Kind.VALUE_INVALID, path=path, line=self.line(element), detail=detail))
+
+    def text(self, element: etree._Element, *, may_be_empty: bool = False) -> str:
+        """The text of a leaf element, the pieces around comments joined as the schema does."""
+        text = joined(element)
+        if not text and not may_be_empty:
+            self.invalid(element, f"<{element.tag!s}> is empty: implementations refuse it, differ or crash")
+        return text
+
+    def boolean(self, element: etree._Element) -> bool:
+        """An xs:boolean."""
+        return joined(element) in ("true", "1")
+
+    def domains(self, element: etree._Element) -> Iterator[tuple[int | None, int | None, int | None]]:
+        """Lower bound, upper bound and line of each `<id>` and `<id_range>` of a `<domains>`; None: no such bound."""
+        for entry in elements(element):
+            if entry.tag == "id":
+                number = self._domain(entry)
+                yield number, number, self.line(entry)
+                continue
+            bounds = {str(bound.tag): self._domain(bound) for bound in elements(entry)}
+            low, high = bounds.get("min"), bounds.get("max")
+            if low is not None and high is not None and low > high:
+                self.invalid(entry, f"expected min <= max, found {low} > {high}: implementations read it differently")
+            yield low, high, self.line(entry)
+
+    def _domain(self, element: etree._Element) -> int | None:
+        text = joined(element)
+        if _CANONICAL.fullmatch(text) is None:
+            self.invalid(element, f"expected a domain id in plain digits, found {text[:40]!r}")
+            return None
+        number = int(text)
+        if number > MAX_DOMAIN:
+            self.invalid(element, f"expected a domain id of 0 to {MAX_DOMAIN}, found {number}")
+        return number
+
+
+def elements(parent: etree._Element) -> Iterator[etree._Element]:
+    """The child elements, comments left out."""
+    return parent.iterchildren(etree.Element)
+
+
+def joined(element: etree._Element) -> str:
+    """The text of a leaf element without the comments in it."""
+    text = element.text or ""
+    return str(text) if len(element) == 0 else str(text) + "".join(str(child.tail or "") for child in element)

@@ -1,0 +1,302 @@
+"""Signed XML of which every implementation reads the same: parsed without entities, network or unbounded size.
+
+Fast DDS reads with tinyxml2, Cyclone DDS with a parser of its own, OpenDDS with Xerces-C, we with libxml2. Where they
+read one document differently it has no single meaning: a defect, never a guess (facts: x509-pkcs7-xml 4.1).
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Iterable, Iterator
+from typing import Final
+
+from lxml import etree
+
+from keystore_audit.keystore.defect import Defect, Kind
+from keystore_audit.keystore.smime import SignedDocument
+
+MAX_BYTES: Final = 8 << 20
+"""Longest text that is parsed: a file of 4 MB whose line ends were LF can double when they become CRLF."""
+
+MAX_TAGS: Final = 200_000
+"""Start and end tags of 100,000 elements: a million take 0.8 s and 166 MB; sros2's largest sample has 400."""
+
+MAX_DEFECTS: Final = 20
+"""Defects of one kind that are reported for a document: enough to repair it, and a hostile one has thousands."""
+
+_SCHEMA_INSTANCE: Final = "http://www.w3.org/2001/XMLSchema-instance"
+_STOCK_START: Final = re.compile(
+    rb'(?:<\?xml version="1\.0"(?: encoding="[Uu][Tt][Ff]-8")?\?>\s*)?'
+    rb'<dds(?:\s+xmlns:xsi="http://www\.w3\.org/2001/XMLSchema-instance"'
+    rb'\s+xsi:noNamespaceSchemaLocation="[^"<&]*")?\s*>'
+)
+_LOCATION: Final = f"{{{_SCHEMA_INSTANCE}}}noNamespaceSchemaLocation"
+
+_CONTROLS: Final = bytes(code for code in (*range(0x20), 0x7F) if code not in b"\t\n\r")
+_INVISIBLE: Final = re.compile(
+    # C1 (U+009B starts a control sequence), Arabic letter mark, zero-width and direction marks, embeddings, overrides,
+    # isolates, byte order mark.
+    "[\x7f-\x9f\u061c\u200b-\u200f\u202a-\u202e\u2060\u2066-\u2069\ufeff]"
+)
+_CONTROL_IN_VALUE: Final = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200b-\u200f\u202a-\u202e\u2060\u2066-\u2069\ufeff]")
+_DECLARED_ENCODING: Final = re.compile(rb"""\s*<\?xml[^>]*?\sencoding\s*=\s*["']([^"'>]*)["']""")
+_MARKUP: Final = re.compile(rb"<!--.*?-->|<\?.*?\?>|<!\[CDATA\[|<!DOCTYPE", re.DOTALL)
+_BLANKS: Final = " \t\r\n"
+
+_SECOND_ROOT: Final = "Extra content at the end of the document"  # libxml2, XML_ERR_DOCUMENT_END
+
+
+def read_xml(signed: SignedDocument) -> tuple[etree._Element | None, tuple[Defect, ...]]:
+    """Parse the signed text; return its root, and every place that implementations read differently.
+
+    The root is None where the text is no XML or has no one structure. Never raises.
+    """
+    content = signed.content
+    if content is None:
+        return None, ()
+    reading = _Reading(signed)
+    if len(content) > MAX_BYTES or content.count(b"<") > MAX_TAGS:
+        reading.add(Kind.XML_MALFORMED, 1, f"more than {MAX_BYTES} bytes or {MAX_TAGS} tags, which are not read")
+        return None, reading.found()
+    if not reading.plain_bytes(content):
+        return None, reading.found()
+    try:
+        root = etree.fromstring(content, _parser())
+    except etree.XMLSyntaxError as error:
+        reading.syntax_error(error)
+        return None, reading.found()
+    except (ValueError, LookupError) as error:  # an unknown encoding
+        reading.add(Kind.XML_MALFORMED, 1, f"the text is no XML: {error}")
+        return None, reading.found()
+    reading.lexical(content)
+    if root.getroottree().docinfo.internalDTD is not None:
+        return None, reading.found()  # entities and default attributes: what the tree says is one reading of several
+    if _only_elements(content):
+        reading.values(root)
+    else:
+        reading.nodes(root)
+    return root, reading.found()
+
+
+def _only_elements(content: bytes) -> bool:
+    """Whether there is nothing but elements and text in it, which every document of sros2's is.
+
+    No comment, instruction, CDATA, character reference, and no attribute but those on the root and names of grants.
+    """
+    start = _STOCK_START.match(content)
+    if start is None:
+        return False
+    end = start.end()
+    # Single characters, for which a search costs nothing: the detailed look is right for every document, only slower.
+    if any(content.find(sign, end) >= 0 for sign in (b"!", b"?", b"&", b"'")):
+        return False
+    return content.count(b'"', end) == 2 * content.count(b'<grant name="', end)
+
+
+def _parser() -> etree.XMLParser:
+    """A new parser each time: it costs 2 µs and shares no state between documents. CDATA and comments are kept."""
+    return etree.XMLParser(
+        resolve_entities=False,
+        no_network=True,
+        load_dtd=False,
+        dtd_validation=False,
+        huge_tree=False,
+        strip_cdata=False,
+        remove_comments=False,
+        remove_pis=False,
+        collect_ids=False,
+    )
+
+
+class _Reading:
+    """Collects the defects of one document."""
+
+    def __init__(self, signed: SignedDocument) -> None:
+        self._signed = signed
+        self._defects: list[Defect] = []
+
+    def found(self) -> tuple[Defect, ...]:
+        return tuple(self._defects)
+
+    def add(self, kind: Kind, line: int | None, detail: str) -> None:
+        if len(self._defects) < MAX_DEFECTS:
+            path = self._signed.file.place
+            self._defects.append(Defect(kind=kind, path=path, line=self._signed.line(line), detail=detail))
+
+    def ambiguous(self, line: int | None, detail: str) -> None:
+        self.add(Kind.XML_AMBIGUOUS, line, detail)
+
+    # --- before parsing
+
+    def plain_bytes(self, content: bytes) -> bool:
+        """Look for what makes the text itself differ between readers; False where parsing it makes no sense."""
+        if content.startswith((b"\xff\xfe", b"\xfe\xff", b"\x00<", b"<\x00", b"\x00\x00")):
+            self.ambiguous(1, "expected UTF-8, found UTF-16 or UTF-32, which Fast DDS and Cyclone DDS cannot read")
+            return False
+        if len(content.translate(None, _CONTROLS)) != len(content):
+            line, code = next((_line_of(content, i), byte) for i, byte in enumerate(content) if byte in _CONTROLS)
+            read = "Fast DDS and Cyclone DDS accept it, others refuse the text"
+            if b"\0" in content:
+                line, code = _line_of(content, content.find(b"\0")), 0
+                read = "Fast DDS and Cyclone DDS ignore everything behind it, others refuse the text"
+            self.ambiguous(line, f"the control character 0x{code:02x}: {read}")
+            return False
+        declared = _DECLARED_ENCODING.match(content, 0, 512)
+        if declared is not None and declared[1].upper() not in (b"UTF-8", b"US-ASCII"):
+            name = declared[1].decode("ascii", "backslashreplace")
+            self.ambiguous(1, f"expected encoding UTF-8, found {name!r}, which Fast DDS and Cyclone DDS ignore")
+        if content.count(b"\r") != content.count(b"\r\n"):
+            self.ambiguous(_lone_return(content), "a carriage return without line feed: parsers read it differently")
+        if not content.isascii():
+            self._invisible(content)
+        return True
+
+    def _invisible(self, content: bytes) -> None:
+        if content.startswith(b"\xef\xbb\xbf"):
+            self.ambiguous(1, "a byte order mark, which Cyclone DDS refuses and Fast DDS skips")
+            content = content[3:]
+        text = content.decode("utf-8", "replace")
+        for match in _INVISIBLE.finditer(text):
+            line = text.count("\n", 0, match.start()) + 1
+            self.ambiguous(
+                line, f"the invisible character U+{ord(match.group()):04X}: what people see is not what is read"
+            )
+            if len(self._defects) >= MAX_DEFECTS:
+                break
+
+    def syntax_error(self, error: etree.XMLSyntaxError) -> None:
+        line = error.lineno or 1
+        if _SECOND_ROOT in str(error.msg):
+            detail = "text behind the end of the document: Fast DDS reads the first root alone, other parsers refuse it"
+            self.ambiguous(line, detail)
+        else:
+            self.add(Kind.XML_MALFORMED, line, f"the text is no well-formed XML: {error.msg}")
+
+    # --- after parsing
+
+    def lexical(self, content: bytes) -> None:
+        """Find what the tree does not show: CDATA sections, and the document type."""
+        if b"!" not in content:
+            return
+        for match in _MARKUP.finditer(content):
+            if match.group() == b"<![CDATA[":
+                line = _line_of(content, match.start())
+                self.ambiguous(
+                    line, "a CDATA section: Fast DDS reads only the first piece of a value, others the whole"
+                )
+            elif match.group() == b"<!DOCTYPE":
+                line = _line_of(content, match.start())
+                self.ambiguous(
+                    line, "a document type: entities and defaults in it are read by some parsers and not by others"
+                )
+
+    def values(self, root: etree._Element) -> None:
+        """Look at the values of a text in which there is nothing but elements."""
+        for element in root.iter():
+            text = element.text if len(element) == 0 else None
+            if isinstance(text, str) and (text.strip(_BLANKS) != text or not text.isprintable()):
+                self._value(element, text)
+
+    def nodes(self, root: etree._Element) -> None:
+        """Look at every node."""
+        self._declarations(root)
+        for node in itertools.chain(root.itersiblings(preceding=True), root.iter(), root.itersiblings()):
+            if _is(node, etree.ProcessingInstruction):
+                detail = f"the processing instruction {str(node)[:80]}, which Cyclone DDS refuses"
+                self.ambiguous(source_line(node), detail)
+            elif isinstance(node.tag, str):
+                self._element(node, node.tag)
+
+    def _declarations(self, root: etree._Element) -> None:
+        for element in root.iter(etree.Element):
+            outer = element.getparent()
+            inherited: dict[str | None, str] = {"xsi": _SCHEMA_INSTANCE} if outer is None else dict(outer.nsmap)
+            for prefix, name in element.nsmap.items():
+                if inherited.get(prefix) != name:
+                    found = f"xmlns:{prefix}" if prefix else "xmlns"
+                    detail = f"expected no namespace but xmlns:xsi on the root, found {found}={str(name)!r}"
+                    self.ambiguous(source_line(element), f"{detail}: Cyclone DDS refuses it, Fast DDS ignores it")
+
+    def _element(self, element: etree._Element, tag: str) -> None:
+        line = source_line(element)
+        parent = element.getparent()
+        if tag[0] == "{" and (parent is None or str(parent.tag)[0] != "{"):
+            self.ambiguous(line, f"the element {tag!r} in a namespace: Fast DDS and Cyclone DDS go by the name alone")
+        for name, value in element.items():
+            if str(name)[0] == "{" and (name != _LOCATION or parent is not None):
+                self.ambiguous(line, f"the attribute {name!r}, which Cyclone DDS refuses and Fast DDS ignores")
+            elif not str(value).isprintable() and _CONTROL_IN_VALUE.search(str(value)):
+                self.ambiguous(line, f"a control character in the attribute {name!r} of <{tag}>")
+        if len(element) == 0:
+            self._value(element, str(element.text or ""))
+        elif not any(isinstance(child.tag, str) for child in element):
+            self._pieces(element)
+        elif tag == "dds" and _is(element[-1], etree.Comment) and element.find("domain_access_rules") is not None:
+            detail = "a comment behind </domain_access_rules>: Fast DDS refuses the document"
+            self.ambiguous(source_line(element[-1]), detail)
+
+    def _value(self, element: etree._Element, text: str) -> None:
+        if text.strip(_BLANKS) != text:
+            detail = f"blanks around the value of <{element.tag!s}>: Cyclone DDS trims {text!r}, Fast DDS does not"
+            self.ambiguous(source_line(element), detail)
+        elif _CONTROL_IN_VALUE.search(text):
+            detail = f"a control or invisible character in the value {text!r} of <{element.tag!s}>"
+            self.ambiguous(source_line(element), detail)
+
+    def _pieces(self, element: etree._Element) -> None:
+        """A value with comments, instructions or entity references in it."""
+        first = str(element.text or "")
+        joined = first + "".join(str(child.tail or "") for child in element)
+        what = "a comment" if all(_is(child, etree.Comment) for child in element) else "other nodes"
+        read = f"Fast DDS reads only the first piece ({first!r}), Cyclone DDS and OpenDDS join them ({joined!r})"
+        self.ambiguous(source_line(element), f"{what} inside the value of <{element.tag!s}>: {read}")
+
+
+def _is(node: etree._Element, factory: object) -> bool:
+    """Whether the node is one of those whose `tag` is the function that makes them: comments, instructions."""
+    tag: object = node.tag
+    return tag is factory
+
+
+def source_line(element: etree._Element) -> int | None:
+    """The line of the text at which the start tag of `element` ends."""
+    line: object = element.sourceline
+    return line if isinstance(line, int) else None
+
+
+def _line_of(content: bytes, offset: int) -> int:
+    return content.count(b"\n", 0, offset) + 1
+
+
+def _lone_return(content: bytes) -> int:
+    match = re.search(rb"\r(?!\n)", content)
+    return 1 if match is None else _line_of(content, match.start())
+
+
+REPEATABLE: Final = frozenset(
+    {"domain_rule", "id", "id_range", "topic_rule", "grant", "allow_rule", "deny_rule"}
+    | {"publish", "subscribe", "relay", "topic", "partition", "tag", "name", "value"}
+)
+"""Elements that may stand several times beside each other (DDS-Security 1.1, 9.4.1.2 and 9.4.1.3)."""
+
+
+def duplicates(root: etree._Element, signed: SignedDocument) -> tuple[Defect, ...]:
+    """Elements that may stand once and stand twice: Cyclone DDS takes the last or merges them, Fast DDS the first."""
+    return tuple(
+        Defect(kind=Kind.XML_AMBIGUOUS, path=signed.file.place, line=signed.line(line), detail=detail)
+        for line, detail in _duplicates(root.iter(etree.Element))
+    )[:MAX_DEFECTS]
+
+
+def _duplicates(parents: Iterable[etree._Element]) -> Iterator[tuple[int | None, str]]:
+    for parent in parents:
+        seen: set[str] = set()
+        for child in parent.iterchildren(etree.Element):
+            tag = etree.QName(child).localname
+            if tag in seen and tag not in REPEATABLE:
+                detail = (
+                    f"a second <{tag}> in <{etree.QName(parent).localname}>: Cyclone DDS takes the last or joins them"
+                )
+                yield source_line(child), f"{detail}, Fast DDS takes the first or refuses the document"
+            seen.add(tag)

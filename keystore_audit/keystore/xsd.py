@@ -1,0 +1,82 @@
+"""Validation against the grammar of DDS-Security: libxml2 decides, xmlschema explains what it refuses."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from enum import Enum
+from functools import lru_cache
+from typing import Any, Final
+
+from lxml import etree
+
+from keystore_audit.keystore.defect import Defect, Kind
+from keystore_audit.keystore.smime import SignedDocument
+from keystore_audit.keystore.xml import MAX_DEFECTS, duplicates, source_line
+from keystore_audit.resources import schemas
+
+MAX_EXPLAINED_BYTES: Final = 64 * 1024
+"""Longest text that xmlschema explains, at 0.9 ms a kilobyte; of a longer one libxml2's messages are reported."""
+
+_CURRENT: Final = "1.1"
+_OLD: Final = "1.0"
+_VALUE_TYPES: Final = frozenset({"xs:boolean", "xs:dateTime", "xs:nonNegativeInteger"})
+
+
+class Grammar(str, Enum):
+    """Which of the two documents of DDS-Security 1.1, 9.4.1; the value is the name of its schema file."""
+
+    GOVERNANCE = "governance"
+    PERMISSIONS = "permissions"
+
+
+def validate(root: etree._Element, grammar: Grammar, signed: SignedDocument) -> tuple[Defect, ...]:
+    """Validate against version 1.1 of the grammar, then 1.0, whatever schema the document names.
+
+    Nothing for a valid document, `Kind.DDS_SECURITY_1_0` for one of the older form, else `Kind.SCHEMA_INVALID` for
+    every failure, got and expected, and `Kind.XML_AMBIGUOUS` for doubled elements. Raises AuditError if the
+    installation lacks its schemas.
+    """
+    current = _schema(_CURRENT, grammar)
+    if current.validate(root):
+        return ()
+    log: Any = current.error_log  # the stubs do not know what is in it
+    messages: list[tuple[int, str]] = [(error.line, error.message) for error in log]
+    path = signed.file.place
+    if _schema(_OLD, grammar).validate(root):
+        detail = f"{grammar.value} of DDS-Security 1.0 (20160303), which readers of 1.1 refuse or read as they like"
+        line = signed.line(messages[0][0])
+        return (Defect(kind=Kind.DDS_SECURITY_1_0, path=path, line=line, detail=f"{detail}: {messages[0][1]}"),)
+    explained: list[tuple[int | None, str]] = []
+    if signed.content is not None and len(signed.content) <= MAX_EXPLAINED_BYTES:
+        explained = list(itertools.islice(_explanations(root, grammar), MAX_DEFECTS))
+    failures = [
+        Defect(kind=Kind.SCHEMA_INVALID, path=path, line=signed.line(line), detail=detail)
+        for line, detail in explained or messages[:MAX_DEFECTS]
+    ]
+    return (*failures, *duplicates(root, signed))
+
+
+@lru_cache(maxsize=4)
+def _schema(version: str, grammar: Grammar) -> etree.XMLSchema:
+    return etree.XMLSchema(etree.parse(_path(version, grammar)))
+
+
+def _path(version: str, grammar: Grammar) -> str:
+    return str(schemas() / f"dds_security_{version}" / f"{grammar.value}.xsd")
+
+
+def _explanations(root: etree._Element, grammar: Grammar) -> Iterator[tuple[int | None, str]]:
+    """What is wrong in the words of xmlschema, which names got and expected and does not stop at the first failure."""
+    import xmlschema  # 0.2 s, and only documents that are refused need it
+
+    schema = xmlschema.XMLSchema10(_path(_CURRENT, grammar), allow="local", use_fallback=False)
+    for error in schema.iter_errors(root, use_location_hints=False):
+        element: object = error.elem
+        if not etree.iselement(element):
+            yield source_line(root), f"<{root.tag!s}>: {error.reason}"
+            continue
+        found = "" if len(element) else f", found {str(element.text or '')!r}"
+        expected = getattr(error.validator, "prefixed_name", None)  # of a simple type: xs:boolean, xs:dateTime
+        wanted = f"expected {expected}" if found and expected in _VALUE_TYPES else error.reason
+        yield source_line(element), f"<{element.tag!s}>: {wanted}{found}"
