@@ -1,0 +1,122 @@
+"""Finds the lines of a keystore that a counterexample rests on: which rule decides, which grant gives.
+
+This explains verdicts and makes none: an engine has decided, and here we look for what to show. Where nothing is found
+the explanation is poorer, the verdict the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from keystore_audit.findings import Location
+from keystore_audit.model.system import (
+    CertificateAtom,
+    DocumentAtom,
+    DomainRuleAtom,
+    EnclaveAtom,
+    GrantAtom,
+    RuleAtom,
+    System,
+    TopicRuleAtom,
+)
+
+Operation = Literal["publish", "subscribe", "relay"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Right:
+    """A right that `document` gives; `location`: the rule that allows it, or the grant that does by default."""
+
+    document: DocumentAtom
+    location: Location
+
+
+def governance(system: System, realm: int) -> DocumentAtom | None:
+    """Return the governance document of a realm."""
+    index = system.realms[realm].governance
+    return None if index is None else system.documents[index]
+
+
+def is_open(system: System, realm: int) -> bool:
+    """Whether the governance of a realm could not be read, so that it may allow everything."""
+    document = governance(system, realm)
+    return document is not None and document.opaque
+
+
+def domain_rule(system: System, realm: int, domain: int) -> DomainRuleAtom | None:
+    """Return the domain rule that decides about a domain: the first that covers it."""
+    document = system.realms[realm].governance
+    covering = (rule for rule in system.domain_rules if rule.document == document and domain in rule.domains)
+    return next(covering, None)
+
+
+def topic_rule(system: System, realm: int, channel: int) -> TopicRuleAtom | None:
+    """Return the topic rule that decides about a channel: the first that matches, of the deciding domain rule."""
+    parent = domain_rule(system, realm, system.channels[channel].domain)
+    if parent is None:
+        return None
+    index = system.domain_rules.index(parent)
+    return next((rule for rule in system.topic_rules if rule.domain_rule == index and channel in rule.channels), None)
+
+
+def rights(system: System, enclave: int, operation: Operation, channel: int) -> tuple[Right, ...]:
+    """Return every right of an enclave to do `operation` on a channel, whoever signed the document that gives it."""
+    identity = system.enclaves[enclave].identity
+    if identity is None:
+        return ()
+    found = []
+    for number, document in enumerate(system.documents):
+        grant = _chosen(system, number, identity)
+        location = None if grant is None else _allowing(system, grant, operation, channel)
+        if location is not None:
+            found.append(Right(document=document, location=location))
+    return tuple(found)
+
+
+def signed_by_ca(system: System, realm: int, document: DocumentAtom) -> bool:
+    """Whether the permissions CA of a realm, and nobody else, signed a document."""
+    signers = document.signers
+    return document.intact and not document.opaque and bool(signers) and signers <= system.realms[realm].permissions_ca
+
+
+def opaque_document(system: System) -> DocumentAtom | None:
+    """Return a document that could not be read, which may grant anything."""
+    return next((document for document in system.documents if document.opaque), None)
+
+
+def signs_for_itself(system: System, realm: int, enclave: EnclaveAtom) -> CertificateAtom | None:
+    """Return the identity of an enclave if peers that do not pin the signer take its signature on documents."""
+    if system.pins_signer or enclave.identity is None:
+        return None
+    identity = system.certificates[enclave.identity]
+    pool = system.realms[realm].permissions_ca
+    vouched = any(issuer in pool and system.certificates[issuer].authority for issuer in identity.issuers)
+    return identity if vouched and identity.fit_to_sign else None
+
+
+def in_force(system: System, dated: CertificateAtom | GrantAtom) -> bool:
+    """Whether the audit instant lies within the validity of a certificate or grant."""
+    return dated.not_before <= system.now <= dated.not_after
+
+
+def _chosen(system: System, document: int, certificate: int) -> int | None:
+    grants = enumerate(system.grants)
+    chosen = (
+        number
+        for number, grant in grants
+        if grant.document == document and certificate in grant.names and in_force(system, grant)
+    )
+    return next(chosen, None)
+
+
+def _allowing(system: System, grant: int, operation: Operation, channel: int) -> Location | None:
+    domain = system.channels[channel].domain
+    for rule in system.rules:
+        if rule.grant == grant and domain in rule.domains and channel in _criteria(rule, operation):
+            return rule.location if rule.allow else None
+    return system.grants[grant].location if system.grants[grant].default_allow else None
+
+
+def _criteria(rule: RuleAtom, operation: Operation) -> frozenset[int]:
+    return {"publish": rule.publish, "subscribe": rule.subscribe, "relay": rule.relay}[operation]
