@@ -12,12 +12,14 @@ from cryptography.x509.oid import NameOID
 
 from keystore_audit.keystore.certificate import Certificate, CertificateFile, read_certificates
 from keystore_audit.keystore.crl import CrlFile, read_crl
+from keystore_audit.keystore.defect import Defect
 from keystore_audit.keystore.files import Entry, EntryKind, File, Status
 from keystore_audit.keystore.governance import GovernanceFile, read_governance
 from keystore_audit.keystore.layout import EnclaveFiles, Layout, LayoutKind, Role, discover
 from keystore_audit.keystore.permissions import PermissionsFile, read_permissions
 from keystore_audit.keystore.private_key import PrivateKey, read_private_key
 from keystore_audit.keystore.root import Root
+from keystore_audit.keystore.smime import Candidates
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,7 +106,7 @@ class _Reader:
         roles = (Role.IDENTITY_CA, Role.CERTIFICATE, Role.PERMISSIONS_CA)
         return {role: self.certificates(files.files[role]) for role in roles}
 
-    def enclave(self, files: EnclaveFiles, read: _CertificatesOf, candidates: tuple[Certificate, ...]) -> Enclave:
+    def enclave(self, files: EnclaveFiles, read: _CertificatesOf, candidates: Candidates) -> Enclave:
         by_role = files.files
         return Enclave(
             files=files,
@@ -136,8 +138,8 @@ def _once(file: File, done: dict[str, _Reading], read: Callable[[File], _Reading
 def _document(
     file: File,
     done: dict[str, _Document],
-    read: Callable[[File, tuple[Certificate, ...]], _Document],
-    candidates: tuple[Certificate, ...],
+    read: Callable[[File, Candidates], _Document],
+    candidates: Candidates,
 ) -> _Document | None:
     """Verify a document; a copy of one that was verified has the same evidence at another place."""
     if file.status is not Status.PRESENT or file.sha256 is None:
@@ -154,17 +156,23 @@ def _document(
 
 
 def _moved(document: _Document, file: File) -> _Document:
+    """Give the evidence about one copy the place of another."""
     signed = document.signed
-    return replace(
-        document,
-        signed=replace(
-            signed,
-            file=file,
-            embedded=tuple(replace(certificate, path=file.place) for certificate in signed.embedded),
-            defects=tuple(replace(defect, path=file.place) for defect in signed.defects),
-        ),
-        defects=tuple(replace(defect, path=file.place) for defect in document.defects),
+
+    def certificates(found: tuple[Certificate, ...]) -> tuple[Certificate, ...]:
+        """Move those that stand in the document itself; the others are the keystore's and stay where they are."""
+        return tuple(replace(each, path=file.place) if each.path == signed.file.place else each for each in found)
+
+    def defects(found: tuple[Defect, ...]) -> tuple[Defect, ...]:
+        return tuple(replace(defect, path=file.place) for defect in found)
+
+    signatures = tuple(
+        replace(each, named=certificates(each.named), verified_by=certificates(each.verified_by))
+        for each in signed.signatures
     )
+    embedded = certificates(signed.embedded)
+    moved = replace(signed, file=file, embedded=embedded, signatures=signatures, defects=defects(signed.defects))
+    return replace(document, signed=moved, defects=defects(document.defects))
 
 
 def _distinct(readings: Iterable[_Reading | None]) -> tuple[_Reading, ...]:
@@ -172,7 +180,7 @@ def _distinct(readings: Iterable[_Reading | None]) -> tuple[_Reading, ...]:
     return tuple({reading.file.place: reading for reading in readings if reading is not None}.values())
 
 
-def _candidates(enclaves: list[_CertificatesOf], authorities: tuple[CertificateFile, ...]) -> tuple[Certificate, ...]:
+def _candidates(enclaves: list[_CertificatesOf], authorities: tuple[CertificateFile, ...]) -> Candidates:
     """Return every certificate of the keystore once, those that are likely to have signed first."""
     found: dict[str, Certificate] = {}
     for role in (Role.PERMISSIONS_CA, Role.IDENTITY_CA, None, Role.CERTIFICATE):
@@ -180,7 +188,7 @@ def _candidates(enclaves: list[_CertificatesOf], authorities: tuple[CertificateF
         for file in files:
             for certificate in file.certificates if file is not None else ():
                 found.setdefault(certificate.sha256, certificate)
-    return tuple(found.values())
+    return Candidates(found.values())
 
 
 def _with_subject_as_path(layout: Layout, certificates: list[_CertificatesOf]) -> Layout:

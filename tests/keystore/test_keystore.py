@@ -76,7 +76,8 @@ def test_copies_are_verified_once_and_keep_their_places(tmp_path: Path) -> None:
     assert a.governance is not None
     assert b.governance is not None
     assert a.governance.governance is b.governance.governance
-    assert a.governance.signed.signatures is b.governance.signed.signatures
+    assert a.governance.signed.content is b.governance.signed.content
+    assert a.governance.signed.signatures == b.governance.signed.signatures
     assert a.governance.signed.file.path == "enclaves/a/governance.p7s"
     assert b.governance.signed.file.path == "enclaves/b/governance.p7s"
     assert b.governance.signed.file is b.files.files[Role.GOVERNANCE]
@@ -88,6 +89,20 @@ def test_copies_are_verified_once_and_keep_their_places(tmp_path: Path) -> None:
         found = (*enclave.governance.signed.defects, *enclave.governance.defects)
         assert found
         assert {defect.path for defect in found} == {f"{enclave.files.directory}/governance.p7s"}
+
+
+def test_a_stranger_s_certificate_has_the_place_of_each_copy_that_holds_it(tmp_path: Path) -> None:
+    path = sros2(tmp_path / "k", ["/a", "/b"], links=False)
+    stranger = authority("stranger")
+    for name in "ab":
+        (path / f"enclaves/{name}/governance.p7s").write_bytes(signed_document(b"<dds/>", stranger))
+    for enclave in read_keystore(path).enclaves:
+        assert enclave.governance is not None
+        signed = enclave.governance.signed
+        (signature,) = signed.signatures
+        found = (*signed.embedded, *signature.named, *signature.verified_by)
+        assert [(each.subject, each.path) for each in found] == [("CN=stranger", signed.file.place)] * 3
+        assert signed.file.place == f"{enclave.files.directory}/governance.p7s"
 
 
 def test_anybody_in_the_tree_may_turn_out_to_be_the_signer(tmp_path: Path) -> None:
