@@ -164,19 +164,21 @@ def _findings(page: Page, report: Report, shown: tuple[Finding, ...]) -> None:
         if finding.suppressed is None and not consequences.told_elsewhere(finding):
             groups.setdefault(finding.enclave, []).append((consequences.rank(finding), finding))
     profiles = frozenset(_chosen_profiles(report))
+    explained: set[tuple[str, str, str]] = set()
     ordered = sorted(groups.items(), key=lambda group: (min(rank for rank, _ in group[1]), group[0] or ""))
     for enclave, ranked in ordered:
         page.blank()
         page.put((enclave or "The keystore as a whole", "bold underline"))
         for _, finding in sorted(ranked, key=lambda entry: entry[0]):  # stable: else the report's order
             page.blank()
-            _finding(page, finding, consequences.of(finding), profiles)
+            _finding(page, finding, profiles)
+            _what_to_do(page, finding, explained)
+            _consequences(page, consequences.of(finding))
     _suppressed(page, [finding for finding in shown if finding.suppressed is not None])
 
 
-def _finding(
-    page: Page, finding: Finding, consequences: Iterable[tuple[Finding, str]], profiles: frozenset[str]
-) -> None:
+def _finding(page: Page, finding: Finding, profiles: frozenset[str]) -> None:
+    """What was found, where, and for which implementations."""
     severity = finding.severity
     page.put((severity.value.upper(), _SEVERITY_STYLE[severity]), f"  {finding.code} {finding.name}", indent=2)
     page.put(finding.message, indent=4)
@@ -190,9 +192,21 @@ def _finding(
         page.put(f"and {more} more places (all are in the JSON report)", indent=12)
     if finding.profiles and not profiles <= frozenset(finding.profiles):
         page.labelled("under", ", ".join(finding.profiles), indent=4, column=12)
+
+
+def _what_to_do(page: Page, finding: Finding, explained: set[tuple[str, str, str]]) -> None:
+    """Clause and remedy, in full where they come first: a keystore repeats a defect in many enclaves."""
+    key = (finding.code, finding.clause, finding.remedy)
+    if key in explained:
+        page.labelled("remedy", f"as for {finding.code} above", indent=4, column=12)
+        return
+    explained.add(key)
     for label, text in (("clause", finding.clause), ("remedy", finding.remedy)):
         if text:
             page.labelled(label, text, indent=4, column=12)
+
+
+def _consequences(page: Page, consequences: Iterable[tuple[Finding, str]]) -> None:
     for consequence, example in consequences:
         page.labelled(
             "so",
@@ -271,12 +285,12 @@ def _properties(page: Page, results: Sequence[PropertyResult]) -> None:
     page.put(("Properties", "bold underline"))
     column = 12 + 2 + max(len(result.prop.id) for result in results)
     for result in results:
-        for (status, engines), names in _answers(result.profiles):
+        groups = _answers(result.profiles)
+        for (status, engines), names in groups:
             word = status.value if status is Status.HOLDS else status.value.upper()
             label = f"{word:<10}{result.prop.id}"
-            inline = len(names) == len(result.profiles)
-            said = engines + (", all profiles" if inline else "")
-            page.labelled(label, said, indent=2, column=column, style=_STATUS_STYLE[status])
+            inline = ", all profiles" if len(groups) == 1 else ", all others" if names is groups[-1][1] else ""
+            page.labelled(label, engines + inline, indent=2, column=column, style=_STATUS_STYLE[status])
             if not inline:
                 page.put(f"under {', '.join(names)}", indent=12)
 

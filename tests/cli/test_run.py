@@ -30,12 +30,6 @@ def validator() -> jsonschema.Draft202012Validator:
     return jsonschema.Draft202012Validator(json.loads((resources.schemas() / "report.schema.json").read_text()))
 
 
-@pytest.fixture
-def expired(healthy: Path) -> tuple[Any, ...]:
-    """A healthy keystore after all its dates: findings that fail the gate, and nothing undecided."""
-    return (healthy, "--engine", "native", "--at", "2150-01-01")
-
-
 class TestExitCodes:
     def test_0_nothing_at_or_above_the_gate(self, keystore_audit: Any, healthy: Path) -> None:
         done = keystore_audit(healthy, *AT)
@@ -82,15 +76,21 @@ class TestExitCodes:
         assert done.returncode == 3
         assert b"Did you mean the command 'rules'?" in done.stderr
 
-    def test_4_something_undecided(self, keystore_audit: Any, healthy: Path, tmp_path: Path) -> None:
+    @pytest.mark.parametrize("fail_on", ["high", "never"])
+    def test_4_something_undecided_whatever_the_gate(
+        self, keystore_audit: Any, healthy: Path, tmp_path: Path, fail_on: str
+    ) -> None:
         broken = shutil.copytree(healthy, tmp_path / "broken", symlinks=True)
-        document = next(broken.rglob("permissions.p7s"))
-        document.write_bytes(b"MIME-Version: 1.0\n\nnothing of the kind\n")
-        for fail_on in ("high", "never"):
-            done = keystore_audit(broken, *AT, "--fail-on", fail_on, "-f", "json")
-            report = json.loads(done.stdout)
-            assert report["exit_code"] == done.returncode
-            assert done.returncode in {1, 4} if fail_on == "high" else done.returncode in {0, 4}
+        certificate = next((broken / "enclaves").rglob("cert.pem"))
+        certificate.write_bytes(b"-----BEGIN CERTIFICATE-----\nAAAA\n-----END CERTIFICATE-----\n")
+        done = keystore_audit(broken, *AT, "--fail-on", fail_on, "-f", "json")
+        report = json.loads(done.stdout)
+        assert (done.returncode, report["exit_code"], report["verdict"]) == (4, 4, "incomplete")
+        assert "KA201" in {finding["code"] for finding in report["findings"]}
+        quiet = keystore_audit(broken, *AT, "--fail-on", fail_on, "-q")
+        assert quiet.returncode == 4
+        assert b"KA201" in quiet.stdout
+        assert b"this is no pass" in quiet.stdout
 
     def test_4_for_a_fault_of_our_own_without_its_words(
         self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], healthy: Path
@@ -256,8 +256,8 @@ class TestTerminal:
 def test_hostile_file_names_reach_no_output(keystore_audit: Any, healthy: Path, tmp_path: Path, validator: Any) -> None:
     root = shutil.copytree(healthy, tmp_path / "keys\x1b[31m", symlinks=True)
     enclave = next(path.parent for path in sorted((root / "enclaves").rglob("cert.pem")))
-    for name in (b"\x1b]0;owned\x07", "\u202egnp".encode(), b"[red]x[/red]", b"\xff\xfe", b"new\nline"):
-        shutil.copytree(enclave, os.path.join(os.fsencode(enclave.parent), name), symlinks=True)
+    for name in ("\x1b]0;owned\x07", "\u202egnp", "[red]x", os.fsdecode(b"\xff\xfe"), "new\nline"):
+        shutil.copytree(enclave, enclave.with_name(name), symlinks=True)
     for form in ("text", "json"):
         done = keystore_audit(root, *AT, "-f", form, "-v")
         for stream in (done.stdout, done.stderr):
@@ -276,7 +276,7 @@ def test_the_model_is_written_and_an_unwritable_place_is_said(
 ) -> None:
     done = keystore_audit("model", healthy, "-o", tmp_path / "alloy", "--at", AT[1])
     assert (done.returncode, done.stdout) == (0, b"")
-    assert any(path.suffix == ".als" for path in (tmp_path / "alloy").iterdir())
+    assert any(path.suffix == ".als" for path in (tmp_path / "alloy").rglob("*"))
     (tmp_path / "file").touch()
     assert keystore_audit("model", healthy, "-o", tmp_path / "file" / "x").returncode == 2
 

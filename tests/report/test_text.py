@@ -180,3 +180,14 @@ def test_a_thousand_findings_keep_their_order(make_report: MakeReport) -> None:
     text = render(replace(report, findings=many))
     places = [text.index(f"\n/e{n:04}\n") for n in range(1000)]
     assert places == sorted(places)
+
+
+def test_clause_and_remedy_are_given_in_full_once(make_report: MakeReport) -> None:
+    report = make_report()
+    expires = report.findings[2]
+    again = replace(expires, enclave="/other", fingerprint="f" * 64)
+    elsewhere = replace(expires, enclave="/third", fingerprint="e" * 64, remedy="Something else.")
+    text = render(replace(report, findings=(expires, again, elsewhere)))
+    assert text.count("Issue the identity again.") == 1
+    assert text.count("    remedy  as for KA205 above\n") == 1
+    assert "Something else." in text
