@@ -140,7 +140,10 @@ def _outsiders() -> Iterator[Story]:
             "whoever reaches the network writes it.",
             governed(TWO, domain(bare, rtps="NONE")),
         ),
-        good=Case("/chatter is signed.", governed(TWO, domain(replace(bare, metadata="SIGN"), rtps="NONE"))),
+        good=Case(
+            "The payload of /chatter is encrypted, and with that authenticated.",
+            governed(TWO, domain(replace(bare, data="ENCRYPT"), rtps="NONE")),
+        ),
     )
 
 

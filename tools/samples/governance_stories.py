@@ -22,22 +22,18 @@ def stories() -> Iterator[Story]:
     yield from _reach()
 
 
+_JOIN = "            <enable_join_access_control>true</enable_join_access_control>\n"
+
+
 def _documents() -> Iterator[Story]:
     text = Governance(rules=(QUIET,)).xml()
     yield from pair(
         "KA401",
         "governance-schema-invalid",
         bad=Case(
-            "Every topic rule of the governance lost its element for liveliness. DDS-Security 1.1 "
-            "requires it; an implementation may refuse the document or put a default of its own.",
-            replace(
-                ONE,
-                governance=edited(
-                    text,
-                    "                    <enable_liveliness_protection>true</enable_liveliness_protection>\n",
-                    "",
-                ),
-            ),
+            "The governance does not say whether joining takes a grant: the element is missing. DDS-Security "
+            "1.1 requires it; an implementation may refuse the document or put a default of its own.",
+            replace(ONE, governance=edited(text, _JOIN, "")),
         ),
         good=Case("The document fits the schema.", ONE),
     )
