@@ -54,7 +54,19 @@ def validate(root: etree._Element, grammar: Grammar, signed: SignedDocument) -> 
         Defect(kind=Kind.SCHEMA_INVALID, path=path, line=signed.line(line), detail=detail)
         for line, detail in explained or messages[:MAX_DEFECTS]
     ]
-    return (*failures, *duplicates(root, signed))
+    return (*failures, *duplicates(root, signed), *_rules_without_domains(root, signed))
+
+
+def _rules_without_domains(root: etree._Element, signed: SignedDocument) -> Iterator[Defect]:
+    """Rules that crash Cyclone DDS (measured, 0.10.2), in the order of the document."""
+    for rule in itertools.islice(root.iter("allow_rule", "deny_rule"), MAX_DEFECTS):
+        if rule.find("domains") is None:
+            yield Defect(
+                kind=Kind.RULE_WITHOUT_DOMAINS,
+                path=signed.file.place,
+                line=signed.line(source_line(rule)),
+                detail=f"<{rule.tag!s}> has no <domains>",
+            )
 
 
 @lru_cache(maxsize=4)
