@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from typing import Any, Final
 
@@ -26,23 +26,44 @@ TOPICS: Final = "rt/*"
 EVERYTHING: Final = (TOPICS, "rq/*Request", "rr/*Reply")
 """Every ROS 2 topic and service; actions are made of both."""
 
+_PROBES: Final = {
+    "rt/*": ("rt/a", "rt/Z_0/z"),
+    "rq/*Request": ("rq/aRequest", "rq/Z_0/zRequest"),
+    "rr/*Reply": ("rr/aReply", "rr/Z_0/zReply"),
+}
+"""Two names of each, as unlike as names get: whatever misses one covers not all, and needs no further thought."""
+
+MAX_CANDIDATES: Final = 16
+"""Expressions of one grant and operation that are decided over all names, the shortest first: each takes some
+milliseconds, and what covers everything is short unless it was made to cost time."""
+
+_BUDGET: Final = 2_000
+"""States for two expressions: those that people write need some dozens."""
+
 
 @lru_cache(maxsize=4096)
 def covers(expression: str, wanted: str) -> bool:
-    """Whether `expression` matches every ROS 2 name that `wanted` matches, decided over all names.
+    """Whether `expression` matches every ROS 2 name that `wanted`, one of EVERYTHING, matches; decided over all names.
 
-    False where the two make more classes of names than can be worked out: topic-classes-over-budget says so.
+    False too where that would take too many classes of names.
     """
     if expression == wanted:
         return True
-    patterns = [parse(expression, Matcher.POSIX), parse(wanted, Matcher.POSIX)]
-    if patterns[0].literal is not None:
-        return False
     try:
-        classes = classify(patterns)
+        classes = classify([parse(text, Matcher.POSIX) for text in (expression, wanted)], budget=_BUDGET)
     except BudgetExceeded:
         return False
     return all(0 in found.members for found in classes if 1 in found.members and found.ros)
+
+
+def _covering(texts: Iterable[Text], wanted: str) -> Text | None:
+    """One of the expressions that covers all of `wanted`."""
+    distinct = {text.text: text for text in texts}
+    if wanted in distinct:
+        return distinct[wanted]
+    likely = [text for text in distinct if all(parse(text, Matcher.POSIX).matches(name) for name in _PROBES[wanted])]
+    shortest = sorted(likely, key=lambda text: (len(text), text))[:MAX_CANDIDATES]
+    return next((distinct[text] for text in shortest if covers(text, wanted)), None)
 
 
 def _allowed(grant: Grant, operation: Operation) -> tuple[Text, ...]:
@@ -59,7 +80,7 @@ def _allowed(grant: Grant, operation: Operation) -> tuple[Text, ...]:
 
 def _allows_everything(grant: Grant) -> bool:
     return all(
-        any(covers(text.text, wanted) for text in _allowed(grant, operation))
+        _covering(_allowed(grant, operation), wanted) is not None
         for operation in (Operation.PUBLISH, Operation.SUBSCRIBE)
         for wanted in EVERYTHING
     )
@@ -114,7 +135,7 @@ def wildcard_grant(use: PermissionsUse, _context: Context) -> Iterator[Violation
             found = [text for text in _allowed(grant, operation) if _is_pattern(text.text)]
             if not found:
                 continue
-            every = next((text for text in found if covers(text.text, TOPICS)), None)
+            every = _covering(found, TOPICS)
             names = list(dict.fromkeys(text.text for text in found))
             reach = (
                 f"{quoted(every.text)} covers every topic" if every is not None else "names nobody has thought of too"

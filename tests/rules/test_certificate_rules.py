@@ -1,0 +1,429 @@
+"""KA2: one change each to real certificates and revocation lists makes a rule speak, and no other."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import datetime, timedelta, timezone
+from typing import Any
+
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric import dsa
+from cryptography.hazmat.primitives.serialization import Encoding
+from hypothesis import given
+from hypothesis import strategies as st
+
+from keystore_audit.findings import Severity
+from keystore_audit.keystore.certificate import CertificateFile
+from keystore_audit.keystore.crl import read_crl
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.layout import LayoutKind
+from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.rules import BY_CODE
+from keystore_audit.rules.algorithm import weak_key, weak_signature_algorithm
+from keystore_audit.rules.subjects import certificate_uses
+from tests.rules.evidence import (
+    AT,
+    DAY,
+    END,
+    IDENTITY_CA,
+    PERMISSIONS_CA,
+    START,
+    Change,
+    allow,
+    becomes,
+    both,
+    certificates,
+    codes,
+    context,
+    crl,
+    enclave,
+    file,
+    findings,
+    first,
+    governance,
+    grant,
+    healthy,
+    judged,
+    key,
+    keystore,
+    name,
+    open_codes,
+    pem,
+    permissions,
+    private_key,
+    signature,
+    signed,
+    talker,
+    text,
+)
+
+CERT = "enclaves/talker/cert.pem"
+CRL = "enclaves/talker/crl.pem"
+CA = "public/identity_ca.cert.pem"
+
+
+def day(year: int, month: int = 1, number: int = 1) -> datetime:
+    return datetime(year, month, number, tzinfo=timezone.utc)
+
+
+def identity(**fields: Any) -> Change:
+    """The talker with another certificate for the same key, and a grant that ends before it does."""
+    content = pem("/talker", **fields)
+    end = min(fields.get("end", END), END) - timedelta(seconds=1)
+    rights = grant("/talker", not_after=text(f"{max(end, AT + 40 * DAY):%Y-%m-%dT%H:%M:%S}"))
+    return talker(
+        certificate=certificates(CERT, content),
+        key=private_key("enclaves/talker/key.pem", "/talker", key=first(CERT, content).key),
+        permissions=permissions("enclaves/talker/permissions.p7s", rights),
+    )
+
+
+def changed(file: CertificateFile, **fields: Any) -> CertificateFile:
+    """The file with fields of its first certificate replaced: what the library does not write."""
+    return replace(file, certificates=(replace(file.certificates[0], **fields), *file.certificates[1:]))
+
+
+def namesake(label: str, path: str = "/listener") -> Any:
+    """An enclave whose identity says /talker, with the key `label`, and grants for that name."""
+    content = pem("/talker", label=label)
+    return enclave(
+        path,
+        certificate=certificates(f"enclaves{path}/cert.pem", content),
+        key=private_key(f"enclaves{path}/key.pem", label),
+        permissions=permissions(f"enclaves{path}/permissions.p7s", grant("/talker")),
+    )
+
+
+def one_authority(store: Keystore) -> Keystore:
+    """The healthy keystore as sros2 makes it: one authority for both roles."""
+    ca = certificates("public/ca.cert.pem", IDENTITY_CA)
+    by_ca = signature(ca.certificates[0])
+    return keystore(
+        *(
+            enclave(
+                old.path,
+                identity_ca=ca,
+                permissions_ca=ca,
+                governance=governance(signed=signed("enclaves/governance.p7s", by_ca)),
+                permissions=permissions(
+                    f"enclaves{old.path}/permissions.p7s",
+                    grant(old.path),
+                    signed=signed(f"enclaves{old.path}/permissions.p7s", by_ca),
+                ),
+            )
+            for old in store.enclaves
+        )
+    )
+
+
+def other_authority(_store: Keystore) -> Keystore:
+    """The listener trusts another permissions CA, which signed its documents."""
+    other = certificates(
+        "enclaves/listener/permissions_ca.cert.pem",
+        pem("permissionsCA", label="other", issuer="permissionsCA", issuer_label="other"),
+    )
+    by_other = signature(other.certificates[0])
+    return keystore(
+        enclave("/talker"),
+        enclave(
+            "/listener",
+            permissions_ca=other,
+            governance=governance(signed=signed("enclaves/listener/governance.p7s", by_other)),
+            permissions=permissions(
+                "enclaves/listener/permissions.p7s",
+                grant("/listener"),
+                signed=signed("enclaves/listener/permissions.p7s", by_other),
+            ),
+        ),
+    )
+
+
+SERIAL = first(CERT, pem("/talker")).serial
+BROKEN = b"-----BEGIN CERTIFICATE-----\nMAA=\n-----END CERTIFICATE-----\n"
+
+CASES: dict[str, tuple[Change, list[str]]] = {
+    "KA201": (talker(certificate=certificates(CERT, BROKEN)), ["KA201"]),
+    "KA202": (talker(certificate=certificates(CERT, pem("/talker"), IDENTITY_CA)), ["KA202"]),
+    "KA203": (identity(end=day(2026, 6)), ["KA203", "KA513"]),
+    "KA204": (identity(start=day(2027)), ["KA204"]),
+    "KA205": (identity(end=day(2026, 12, 5)), ["KA205", "KA513"]),
+    "KA206": (both(identity_ca=certificates(CA, pem("identityCA", issuer="identityCA", end=day(2099)))), ["KA206"]),
+    "KA207": (identity(issuer_label="another keystore's CA"), ["KA207"]),
+    "KA208": (both(identity_ca=certificates(CA, pem("identityCA", issuer="identityCA", ca=False))), ["KA208"]),
+    "KA212": (both(crl=crl(CRL, SERIAL)), ["KA212"]),
+    "KA213": (both(crl=crl(CRL, SERIAL, issuer="permissionsCA")), ["KA213"]),
+    "KA214": (both(crl=crl(CRL, next_update=AT - DAY)), ["KA214"]),
+    "KA215": (talker(crl=crl(CRL)), ["KA215"]),
+    "KA216": (identity(curve="secp224r1"), ["KA216"]),
+    "KA217": (identity(curve="secp384r1"), ["KA217"]),
+    "KA218": (
+        talker(certificate=changed(certificates(CERT, pem("/talker")), signature_algorithm="ecdsa-with-SHA1")),
+        ["KA218"],
+    ),
+    "KA219": (lambda _: keystore(enclave("/talker"), namesake("/talker")), ["KA219", "KA220"]),
+    "KA220": (
+        talker(
+            certificate=certificates(CERT, pem("/announcer", label="/talker")),
+            permissions=permissions("enclaves/talker/permissions.p7s", grant("/announcer")),
+        ),
+        ["KA220"],
+    ),
+    "KA221": (identity(critical="1.3.6.1.4.1.99999.1"), ["KA221"]),
+    "KA222": (one_authority, ["KA222"]),
+    "KA223": (other_authority, ["KA223"]),
+    "KA224": (talker(certificate=changed(certificates(CERT, pem("/talker")), serial=(1 << 199) - 1)), ["KA224"]),
+    "KA225": (lambda _: keystore(enclave("/talker"), namesake("/listener")), ["KA220", "KA225"]),
+}
+
+
+@pytest.mark.parametrize("code", CASES)
+def test_one_change_makes_a_rule_speak(code: str) -> None:
+    change, expected = CASES[code]
+    assert becomes(change) == expected
+    assert open_codes(change(healthy())) == ({code} if code == "KA201" else set())
+
+
+def test_each_file_is_judged_once_whatever_roles_and_enclaves_it_has() -> None:
+    expired = certificates("public/ca.cert.pem", pem("identityCA", issuer="identityCA", end=AT - DAY))
+    store = one_authority(healthy())
+    store = replace(
+        store, enclaves=tuple(replace(e, identity_ca=expired, permissions_ca=expired) for e in store.enclaves)
+    )
+    found = findings("KA203", judged(store))
+    assert len(found) == 1
+    assert found[0].enclave is None
+    assert "identity CA and permissions CA" in found[0].message
+    assert "/talker, /listener" in found[0].message
+
+
+def test_what_an_expired_certificate_explains_depends_on_its_role() -> None:
+    use = both(
+        permissions_ca=certificates(
+            "public/permissions_ca.cert.pem", pem("permissionsCA", issuer="permissionsCA", end=AT - DAY)
+        )
+    )
+    rule = BY_CODE["KA203"]
+    violations = [v for subject in subjects(use(healthy())) for v in rule.check(subject, context())]
+    assert [v.explains for v in violations] == [frozenset({"documents-signed-by-the-permissions-ca"})]
+
+
+def subjects(store: Keystore) -> list[Any]:
+    return list(certificate_uses(store))
+
+
+@pytest.mark.parametrize(
+    ("seconds", "expected"), [(-1, ["KA203"]), (0, ["KA205"]), (30 * 86400, ["KA205"]), (30 * 86400 + 1, [])]
+)
+def test_the_end_of_a_certificate_to_the_second(seconds: int, expected: list[str]) -> None:
+    end = AT + timedelta(seconds=seconds)
+    rights = grant("/talker", not_after=text(f"{AT + 400 * DAY:%Y-%m-%dT%H:%M:%S}"))
+    store = talker(
+        certificate=certificates(CERT, pem("/talker", end=end)),
+        permissions=permissions("enclaves/talker/permissions.p7s", rights),
+    )(healthy())
+    assert [code for code in codes(store) if code != "KA513"] == expected
+
+
+def test_issuing_is_by_key_and_not_by_name() -> None:
+    found = findings("KA207", judged(identity(issuer_label="another")(healthy())))
+    assert "both say 'CN=identityCA', but another key signed" in found[0].message
+    renamed = findings("KA207", judged(identity(issuer="otherCA")(healthy())))
+    assert "got the issuer 'CN=otherCA', expected 'CN=identityCA'" in renamed[0].message
+
+
+def test_any_authority_of_the_file_may_have_issued_the_identity() -> None:
+    several = certificates(CA, pem("oldCA", issuer="oldCA"), IDENTITY_CA)
+    assert becomes(both(identity_ca=several)) == ["KA202"]
+
+
+def by_dsa(subject: str, public: Any, authority: dsa.DSAPrivateKey, *, ca: bool) -> bytes:
+    """A certificate with a signature that the reader cannot verify, though OpenSSL can."""
+    builder = x509.CertificateBuilder().subject_name(name(subject)).issuer_name(name("identityCA"))
+    builder = builder.public_key(public).serial_number(7).not_valid_before(START).not_valid_after(END)
+    builder = builder.add_extension(x509.BasicConstraints(ca=ca, path_length=None), critical=True)
+    return builder.sign(authority, hashes.SHA256()).public_bytes(Encoding.PEM)
+
+
+def test_a_signature_that_cannot_be_verified_leaves_it_open() -> None:
+    authority = dsa.generate_private_key(1024)
+    ca = certificates(CA, by_dsa("identityCA", authority.public_key(), authority, ca=True))
+    content = by_dsa("/talker", key("/talker").public_key(), authority, ca=False)
+    store = keystore(enclave("/talker", identity_ca=ca, certificate=certificates(CERT, content)))
+    assert open_codes(store) == {"KA207"}
+    assert "cannot be verified here" in findings("KA207", judged(store))[0].message
+
+
+def test_cas_are_not_asked_to_be_authorities_where_nobody_asks() -> None:
+    plain = certificates("public/permissions_ca.cert.pem", pem("permissionsCA", issuer="permissionsCA", ca=False))
+    by_plain = signature(plain.certificates[0])
+    store = keystore(
+        enclave(
+            "/talker",
+            permissions_ca=plain,
+            governance=governance(signed=signed("enclaves/governance.p7s", by_plain)),
+            permissions=permissions(
+                "enclaves/talker/permissions.p7s",
+                grant("/talker"),
+                signed=signed("enclaves/talker/permissions.p7s", by_plain),
+            ),
+        )
+    )
+    assert codes(store) == []
+
+
+@pytest.mark.parametrize(
+    ("profiles", "severity"),
+    [(("spec", "fastdds-3.6"), Severity.MEDIUM), (("spec", "cyclonedds-0.10"), Severity.HIGH)],
+)
+def test_one_authority_matters_more_where_the_signer_is_not_pinned(
+    profiles: tuple[str, ...], severity: Severity
+) -> None:
+    found = findings("KA222", judged(one_authority(healthy()), profiles=tuple(VARIANTS[p] for p in profiles)))
+    assert [finding.severity for finding in found] == [severity]
+    assert set(found[0].profiles) == {"fastdds-2.6.4", "fastdds-2.9", "cyclonedds-0.10"}
+    assert "Cyclone DDS 0.10 (humble, jazzy, kilted)" in found[0].message.partition(" accept;")[0]
+    assert "Fast DDS 3.6" in found[0].message.partition(" accept;")[2]
+
+
+def test_authorities_of_different_names_but_one_key_are_one() -> None:
+    twin = certificates(
+        "public/permissions_ca.cert.pem",
+        pem("permissionsCA", label="identityCA", issuer="permissionsCA", issuer_label="identityCA"),
+    )
+    store = both(permissions_ca=twin)(healthy())
+    assert "KA222" in codes(store)
+
+
+def test_an_identity_is_shared_by_key_under_different_names() -> None:
+    content = pem("/listener", label="/talker")
+    store = keystore(
+        enclave("/talker"),
+        enclave(
+            "/listener",
+            certificate=certificates("enclaves/listener/cert.pem", content),
+            key=private_key("enclaves/listener/key.pem", "/talker"),
+        ),
+    )
+    assert codes(store) == ["KA219"]
+
+
+def test_a_private_key_that_lies_in_a_second_enclave_is_shared_too() -> None:
+    store = keystore(enclave("/talker"), enclave("/listener", key=private_key("enclaves/listener/key.pem", "/talker")))
+    assert codes(store) == ["KA209", "KA219"]
+
+
+def test_ardent_writes_names_without_a_slash() -> None:
+    bare = talker(
+        certificate=certificates(CERT, pem("talker", label="/talker", ca=False)),
+        permissions=permissions("enclaves/talker/permissions.p7s", grant("talker", allow(["rt/chatter"]))),
+    )(healthy())
+    assert codes(bare) == ["KA220"]
+    ardent = replace(bare, layout=replace(bare.layout, kind=LayoutKind.ARDENT))
+    assert [f.enclave for f in findings("KA220", judged(ardent))] == ["/listener"]
+
+
+# Revocation
+
+
+def test_a_revoked_identity_is_found_wherever_the_list_is() -> None:
+    listener = enclave("/listener", crl=crl("enclaves/listener/crl.pem", SERIAL))
+    store = keystore(enclave("/talker"), listener)
+    found = findings("KA212", judged(store))
+    assert [finding.enclave for finding in found] == ["/talker"]
+    assert "refused by /listener" in found[0].message
+    assert codes(store) == ["KA212", "KA215"]
+
+
+def test_a_list_that_another_key_signed_revokes_nothing() -> None:
+    assert becomes(both(crl=crl(CRL, SERIAL, label="stranger"))) == ["KA213"]
+
+
+def test_a_list_from_the_future_is_refused_like_a_stale_one() -> None:
+    assert becomes(both(crl=crl(CRL, this_update=AT + DAY))) == ["KA214"]
+
+
+def test_an_unreadable_list_leaves_it_open() -> None:
+    broken = read_crl(file(CRL, b"-----BEGIN X509 CRL-----\nMAA=\n-----END X509 CRL-----\n"))
+    store = both(crl=broken)(healthy())
+    assert codes(store) == ["KA213"]
+    assert open_codes(store) == {"KA213"}
+
+
+def test_lists_in_an_authoritys_file_count_for_fast_dds_alone() -> None:
+    revoking = crl(CRL, SERIAL).revocation_lists[0].parsed.public_bytes(Encoding.PEM)
+    store = both(identity_ca=certificates(CA, IDENTITY_CA + revoking))(healthy())
+    assert codes(store) == ["KA202", "KA212"]
+    assert all(name.startswith("fastdds") for name in findings("KA212", judged(store))[0].profiles)
+
+
+def test_an_extra_authority_that_another_enclave_lacks_is_another_trust() -> None:
+    wide = certificates("enclaves/talker/identity_ca.cert.pem", IDENTITY_CA, pem("oldCA", issuer="oldCA"))
+    assert becomes(talker(identity_ca=wide)) == ["KA202", "KA223"]
+
+
+# Algorithms
+
+
+TALKERS = next(use for use in subjects(healthy()) if use.certificates.file.place == CERT)
+
+
+@given(bits=st.integers(min_value=1, max_value=16384))
+def test_rsa_is_weak_below_2048_bits(bits: int) -> None:
+    use = replace(TALKERS, certificates=changed(TALKERS.certificates, key_kind=f"RSA {bits}"))
+    assert bool(list(weak_key.check(use, context()))) is (bits < 2048)
+
+
+@pytest.mark.parametrize(
+    ("kind", "expected"),
+    [
+        ("EC secp256r1", []),
+        ("EC secp256k1", ["KA217"]),
+        ("EC brainpoolP256r1", ["KA217"]),
+        ("EC sect163k1", ["KA216"]),
+        ("RSA 2048", []),
+        ("RSA 3072", ["KA217"]),
+        ("RSA 1024", ["KA216"]),
+        ("Ed25519", ["KA217"]),
+        ("DSA 1024", ["KA216"]),
+    ],
+)
+def test_kinds_of_keys(kind: str, expected: list[str]) -> None:
+    store = talker(certificate=changed(certificates(CERT, pem("/talker")), key_kind=kind))(healthy())
+    assert codes(store) == expected
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "weak"),
+    [
+        ("ecdsa-with-SHA256", False),
+        ("ecdsa-with-SHA1", True),
+        ("sha1WithRSAEncryption", True),
+        ("md5WithRSAEncryption", True),
+        ("sha512WithRSAEncryption", False),
+        ("RSA-SHA3-256", False),
+        ("dsaWithSHA1", True),
+        ("1.2.3.4", False),
+    ],
+)
+def test_weak_signatures(algorithm: str, weak: bool) -> None:
+    file = changed(certificates(CERT, pem("/talker")), signature_algorithm=algorithm)
+    use = subjects(talker(certificate=file)(healthy()))
+    assert bool([v for subject in use for v in weak_signature_algorithm.check(subject, context())]) is weak
+
+
+@pytest.mark.parametrize(
+    ("serial", "irregular"),
+    [(0, True), (-1, True), (1, False), ((1 << 159) - 1, False), (1 << 159, True), (1 << 160, True)],
+)
+def test_serial_numbers(serial: int, irregular: bool) -> None:
+    store = talker(certificate=changed(certificates(CERT, pem("/talker")), serial=serial))(healthy())
+    assert codes(store) == (["KA224"] if irregular else [])
+
+
+def test_no_key_is_told_from_another_by_its_subject() -> None:
+    """Every sros2 authority is called alike: two of them under one name are two."""
+    twin = certificates(CA, pem("identityCA", label="twin", issuer="identityCA", issuer_label="twin"))
+    assert "KA207" in becomes(talker(identity_ca=twin))
+    assert PERMISSIONS_CA != IDENTITY_CA

@@ -1,0 +1,180 @@
+"""KA7 and KA9: what the engines said, and what became of the audit itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+
+from keystore_audit.findings import Location, Result
+from keystore_audit.keystore.files import Status as FileStatus
+from keystore_audit.model.meaning import Doubt
+from keystore_audit.properties import BY_ID, PROPERTIES, Status
+from keystore_audit.properties.counterexample import Counterexample, Step
+from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
+from keystore_audit.rules import RULES
+from keystore_audit.rules.judge import judge
+from tests.rules.evidence import absent, context, findings, healthy, judged, laid_out, meaning
+
+EXAMPLE = Counterexample(
+    text="/talker may write rt/chatter, which nobody granted it.",
+    steps=(
+        Step(enclave="/talker", channel="domain 0", witness="rt/chatter", path="enclaves/governance.p7s", line=28),
+        Step(enclave=None, channel=None, witness="no place", path=None, line=None),
+        Step(enclave="/talker", channel=None, witness="CN=/talker", path="enclaves/talker/cert.pem", line=1),
+    ),
+)
+
+
+def answer(
+    status: Status, engines: Mapping[str, Status] | None = None, example: Counterexample | None = None
+) -> ProfileResult:
+    return ProfileResult(
+        status=status, engines={"native": status} if engines is None else engines, counterexample=example
+    )
+
+
+def result(prop: str, **profiles: ProfileResult) -> PropertyResult:
+    """A property's answers; `_` in a profile's name stands for what no identifier may hold."""
+    return PropertyResult(prop=BY_ID[prop], profiles={name.replace("_", "-"): a for name, a in profiles.items()})
+
+
+def engine(status: EngineStatus, *, required: bool = True) -> EngineRun:
+    return EngineRun(name="alloy", version=None, status=status, reason="no jar", required=required)
+
+
+HOLDS, VIOLATED, UNKNOWN = Status.HOLDS, Status.VIOLATED, Status.UNKNOWN
+DOUBT = Doubt(enclave="/talker", location=Location(path="enclaves/talker/cert.pem", line=3), reason="it is odd")
+
+CASES: dict[str, dict[str, Any]] = {
+    **{
+        rule.code: {"results": (result(rule.name, spec=answer(VIOLATED, example=EXAMPLE)),)}
+        for rule in RULES
+        if rule.family == "KA7"
+    },
+    "KA901": {"doubts": (DOUBT,)},
+    "KA902": {"engines": (engine(EngineStatus.MISSING, required=False),)},
+    "KA903": {"engines": (engine(EngineStatus.FAILED),)},
+    "KA904": {
+        "results": (result("outsiders-cannot-read", spec=answer(UNKNOWN, {"native": HOLDS, "alloy": VIOLATED})),)
+    },
+    "KA905": {"at": "no instant"},
+    "KA906": {"results": (result("outsiders-cannot-read", spec=answer(UNKNOWN)),)},
+    "KA907": {"engines": (engine(EngineStatus.OUT_OF_SCALE, required=False),)},
+    "KA908": {"meaning": meaning(over_budget="too many classes")},
+}
+
+OPEN = {"KA901", "KA903", "KA904", "KA905", "KA906", "KA908"}
+
+
+@pytest.mark.parametrize("code", CASES)
+def test_one_change_makes_a_rule_speak(code: str) -> None:
+    judgement = judged(**CASES[code])
+    assert {finding.code for finding in judgement.findings} == {code}
+    opened = {o.rule for o in judgement.outcomes if o.outcome is Result.OPEN}
+    assert (code in opened) is (code in OPEN)
+
+
+def test_a_property_that_holds_says_nothing() -> None:
+    results = tuple(result(prop.id, spec=answer(HOLDS)) for prop in PROPERTIES)
+    judgement = judged(results=results)
+    assert judgement.findings == ()
+    formal = [o for o in judgement.outcomes if o.rule.startswith("KA7")]
+    assert [(o.subject, o.outcome) for o in formal] == [(prop.id, Result.PASS) for prop in PROPERTIES]
+
+
+def test_a_counterexample_becomes_message_and_places() -> None:
+    found = judged(**CASES["KA722"]).findings[0]
+    assert found.message == EXAMPLE.text
+    assert [(place.path, place.line) for place in found.locations] == [
+        ("enclaves/governance.p7s", 28),
+        ("enclaves/talker/cert.pem", 1),
+    ]
+    assert found.enclave == "/talker"
+    assert found.profiles == ()
+
+
+def test_a_violation_under_some_profiles_names_them() -> None:
+    mixed = result("outsiders-cannot-read", spec=answer(HOLDS), cyclonedds_11=answer(VIOLATED, example=EXAMPLE))
+    assert [(f.code, f.profiles) for f in judged(results=(mixed,)).findings] == [("KA711", ("cyclonedds-11",))]
+
+
+def test_violated_here_and_undecided_there_are_two_findings() -> None:
+    mixed = result("outsiders-cannot-read", spec=answer(UNKNOWN), cyclonedds_11=answer(VIOLATED, example=EXAMPLE))
+    judgement = judged(results=(mixed,))
+    assert {(f.code, f.profiles) for f in judgement.findings} == {("KA711", ("cyclonedds-11",)), ("KA906", ("spec",))}
+    outcomes = {o.rule: o.outcome for o in judgement.outcomes if o.subject == "outsiders-cannot-read"}
+    assert outcomes["KA906"] is Result.OPEN
+
+
+def test_a_violation_without_an_example_is_one_all_the_same() -> None:
+    found = judged(results=(result("outsiders-cannot-read", spec=answer(VIOLATED)),)).findings
+    assert [finding.code for finding in found] == ["KA711"]
+    assert found[0].locations == ()
+
+
+def test_a_property_that_nobody_answered_is_undecided() -> None:
+    empty = PropertyResult(prop=PROPERTIES[0], profiles={})
+    unanswered = result(PROPERTIES[0].id, spec=answer(UNKNOWN, {}))
+    for one in (empty, unanswered):
+        found = judged(results=(one,)).findings
+        assert [finding.code for finding in found] == ["KA906"]
+        assert "no engine gave an answer" in found[0].message
+
+
+def test_what_a_property_depends_on_is_named() -> None:
+    undecided = result(PROPERTIES[0].id, spec=answer(UNKNOWN))
+    found = findings("KA906", judged(results=(undecided,), doubts=(DOUBT,)))
+    assert "enclaves/talker/cert.pem" in found[0].message
+    assert found[0].locations == (DOUBT.location,)
+
+
+@pytest.mark.parametrize("required", [True, False])
+@pytest.mark.parametrize("status", list(EngineStatus))
+def test_what_becomes_of_an_engine(status: EngineStatus, required: bool) -> None:
+    judgement = judged(engines=(engine(status, required=required),))
+    found = {finding.code for finding in judgement.findings}
+    opened = any(outcome.outcome is Result.OPEN for outcome in judgement.outcomes)
+    failed = status in (EngineStatus.FAILED, EngineStatus.TIMEOUT)
+    absent_ = status in (EngineStatus.MISSING, EngineStatus.NOT_RUN) and required
+    assert ("KA903" in found) is (failed or absent_)
+    assert ("KA902" in found) is (status is EngineStatus.MISSING and not required)
+    assert ("KA907" in found) is (status is EngineStatus.OUT_OF_SCALE)
+    assert opened is (failed or absent_ or (status is EngineStatus.OUT_OF_SCALE and required))
+    assert len(found) <= 1
+
+
+def test_nothing_to_run_is_told_once() -> None:
+    judgement = judged(
+        meaning=meaning(over_budget="too many classes"), engines=(engine(EngineStatus.NOT_RUN, required=True),)
+    )
+    assert {finding.code for finding in judgement.findings} == {"KA908"}
+
+
+# Doubts
+
+
+def test_a_doubt_is_told_where_no_other_finding_leaves_its_place_open() -> None:
+    link = absent("enclaves/more", FileStatus.DIRECTORY, "to /opt")
+    doubt = Doubt(enclave=None, location=Location(path="enclaves/more"), reason="to /opt")
+    store = laid_out(directory_links=(link,))(healthy())
+    assert {finding.code for finding in judged(store, doubts=(doubt, DOUBT)).findings} == {"KA104", "KA901"}
+    assert len(findings("KA901", judged(store, doubts=(doubt, DOUBT)))) == 1
+
+
+def test_a_doubt_speaks_when_its_finding_is_ignored() -> None:
+    link = absent("enclaves/more", FileStatus.DIRECTORY, "to /opt")
+    doubt = Doubt(enclave=None, location=Location(path="enclaves/more"), reason="to /opt")
+    case = context(laid_out(directory_links=(link,))(healthy()), doubts=(doubt,))
+    judgement = judge(case, RULES, ignore=["KA104", "KA901"])
+    assert [finding.code for finding in judgement.findings] == ["KA901"]
+    assert any(outcome.outcome is Result.OPEN for outcome in judgement.outcomes)
+
+
+def test_a_doubt_is_told_beside_a_finding_that_leaves_nothing_open() -> None:
+    expired_elsewhere = Doubt(enclave="/talker", location=Location(path="private/ca.key.pem"), reason="odd")
+    from tests.rules.evidence import file
+
+    store = laid_out(authority_keys=(file("private/ca.key.pem", None),))(healthy())
+    assert {f.code for f in judged(store, doubts=(expired_elsewhere,)).findings} == {"KA109", "KA901"}

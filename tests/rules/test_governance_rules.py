@@ -1,0 +1,210 @@
+"""KA4: one change to a governance makes a rule speak, and no other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from keystore_audit.findings import Location
+from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.governance import DomainRule, ProtectionKind
+from keystore_audit.model.meaning import UngovernedTopics
+from keystore_audit.rules.governance import domain_rules
+from keystore_audit.rules.subjects import governance_uses
+from tests.rules.evidence import (
+    Change,
+    allow,
+    becomes,
+    both,
+    defect,
+    domain_rule,
+    enclave,
+    findings,
+    governance,
+    grant,
+    healthy,
+    judged,
+    keystore,
+    meaning,
+    open_codes,
+    permissions,
+    signed,
+    topic_rule,
+)
+
+P7S = "enclaves/governance.p7s"
+NONE, SIGN, ENCRYPT = ProtectionKind.NONE, ProtectionKind.SIGN, ProtectionKind.ENCRYPT
+SIGN_ORIGIN = ProtectionKind.SIGN_WITH_ORIGIN_AUTHENTICATION
+
+
+def governed(*rules: DomainRule, **more: Any) -> Change:
+    return both(governance=governance(*rules, **more))
+
+
+def kinds(rtps: ProtectionKind, metadata: ProtectionKind, data: ProtectionKind, **more: Any) -> Change:
+    topic = topic_rule(metadata_protection_kind=metadata, data_protection_kind=data)
+    return governed(domain_rule(topic, rtps_protection_kind=rtps, **more))
+
+
+def unread(kind: Kind) -> Change:
+    return governed(governance=None, defects=(defect(kind, P7S),))
+
+
+def differing(_store: object) -> Any:
+    own = governance(domain_rule(topic_rule(data_protection_kind=NONE)), path="enclaves/listener/governance.p7s")
+    return keystore(enclave("/talker"), enclave("/listener", governance=own))
+
+
+CASES: dict[str, tuple[Change, list[str]]] = {
+    "KA401": (unread(Kind.SCHEMA_INVALID), ["KA401"]),
+    "KA402": (unread(Kind.XML_AMBIGUOUS), ["KA402"]),
+    "KA403": (kinds(NONE, ENCRYPT, ENCRYPT, allow_unauthenticated_participants=True), ["KA403", "KA407"]),
+    "KA404": (governed(domain_rule(enable_join_access_control=False)), ["KA404"]),
+    "KA405": (governed(domain_rule(topic_rule(enable_read_access_control=False))), ["KA405"]),
+    "KA406": (governed(domain_rule(topic_rule(enable_write_access_control=False))), ["KA406"]),
+    "KA407": (kinds(NONE, ENCRYPT, ENCRYPT), ["KA407"]),
+    "KA408": (kinds(SIGN, ENCRYPT, ENCRYPT), ["KA408"]),
+    "KA409": (kinds(SIGN_ORIGIN, ENCRYPT, ENCRYPT, discovery_protection_kind=SIGN), ["KA408", "KA409"]),
+    "KA410": (governed(domain_rule(liveliness_protection_kind=NONE)), ["KA410"]),
+    "KA411": (kinds(ENCRYPT, NONE, ENCRYPT), ["KA411"]),
+    "KA412": (kinds(SIGN, SIGN, SIGN), ["KA408", "KA412"]),
+    "KA413": (kinds(ENCRYPT, SIGN, NONE), ["KA413"]),
+    "KA414": (kinds(NONE, NONE, NONE), ["KA407", "KA412", "KA414"]),
+    "KA415": (kinds(ENCRYPT, ENCRYPT, SIGN), ["KA415"]),
+    "KA416": (differing, ["KA415", "KA416"]),
+    "KA417": (governed(domain_rule(allow_unauthenticated_participants=True)), ["KA403", "KA417"]),
+    "KA419": (governed(domain_rule(domains=[(0, None)])), ["KA419"]),
+    "KA420": (governed(domain_rule(domains=[(0, 231)])), ["KA420"]),
+    "KA421": (governed(defects=(defect(Kind.DDS_SECURITY_1_0, P7S),)), ["KA421"]),
+}
+
+
+@pytest.mark.parametrize("code", CASES)
+def test_one_change_makes_a_rule_speak(code: str) -> None:
+    change, expected = CASES[code]
+    assert becomes(change) == expected
+    assert open_codes(change(healthy())) == ({code} if code in ("KA401", "KA402") else set())
+
+
+def test_topics_that_no_rule_matches() -> None:
+    topics = UngovernedTopics(location=Location(path=P7S, line=21), domains="domain 0", witness="rt/other")
+    elsewhere = UngovernedTopics(location=Location(path="x", line=1), domains="domain 0", witness="rt/other")
+    judgement = judged(meaning=meaning(ungoverned=(topics, elsewhere)))
+    found = findings("KA418", judgement)
+    assert [finding.locations[0].line for finding in found] == [21]
+    assert "'rt/other'" in found[0].message
+
+
+def test_nothing_is_open_in_a_document_that_nobody_takes() -> None:
+    """An invalid XML under a bad signature: every implementation refuses it before it looks."""
+    for kind in (Kind.SCHEMA_INVALID, Kind.XML_AMBIGUOUS, Kind.EMPTY_TOPIC):
+        broken = signed(P7S, defects=(defect(Kind.NO_TEXT_PLAIN, P7S),))
+        change = governed(governance=None, signed=broken, defects=(defect(kind, P7S),))
+        assert len(becomes(change)) == 2
+        assert open_codes(change(healthy())) == set()
+
+
+@given(
+    rtps=st.sampled_from(ProtectionKind),
+    metadata=st.sampled_from(ProtectionKind),
+    data=st.sampled_from([NONE, SIGN, ENCRYPT]),
+)
+def test_what_the_kinds_say_together(rtps: ProtectionKind, metadata: ProtectionKind, data: ProtectionKind) -> None:
+    """Stated anew from who holds which key: nobody, every participant, or those that may read (docs/model.md)."""
+    found = set(becomes(kinds(rtps, metadata, data)))
+    outsider_reads = not (rtps.encrypts or metadata.encrypts or data.encrypts)
+    participant_reads = not (metadata.encrypts or data.encrypts)
+    outsider_forges = rtps is NONE and metadata is NONE and data is NONE
+    assert ("KA412" in found) is outsider_reads
+    assert ("KA413" in found) is (participant_reads and not outsider_reads)
+    assert ("KA414" in found) is outsider_forges
+    assert ("KA411" in found) is (metadata is NONE and not outsider_forges)
+    assert ("KA415" in found) is (metadata.encrypts and not data.encrypts)
+    assert {"KA407", "KA408"} & found == ({"KA407"} if rtps is NONE else set() if rtps.encrypts else {"KA408"})
+
+
+def test_a_rule_after_one_for_every_topic_decides_nothing() -> None:
+    dead = topic_rule("rt/secret", enable_write_access_control=False)
+    assert becomes(governed(domain_rule(topic_rule("*"), dead))) == []
+    assert becomes(governed(domain_rule(dead, topic_rule("*")))) == ["KA406"]
+
+
+def test_a_domain_rule_whose_domains_are_decided_before_decides_nothing() -> None:
+    open_rule = domain_rule(enable_join_access_control=False, domains=[(3, 5)])
+    assert becomes(governed(domain_rule(domains=[(0, 4)]), domain_rule(domains=[(5, 9)]), open_rule)) == []
+    assert becomes(governed(domain_rule(domains=[(0, 4)]), open_rule)) == ["KA404"]
+
+
+@given(
+    ranges=st.lists(st.tuples(st.integers(0, 12), st.integers(0, 12)), min_size=1, max_size=5),
+)
+def test_the_domain_rules_that_decide_are_those_that_come_first_somewhere(ranges: list[tuple[int, int]]) -> None:
+    rules = [domain_rule(domains=[(low, max(low, high))]) for low, high in ranges]
+    use = next(iter(governance_uses(keystore(enclave("/talker", governance=governance(*rules))))))
+    first = {
+        next(n for n, (low, high) in enumerate(ranges) if low <= domain <= max(low, high))
+        for domain in range(13)
+        if any(low <= domain <= max(low, high) for low, high in ranges)
+    }
+    found = [next(n for n, rule in enumerate(rules) if rule is alive) for alive in domain_rules(use)]
+    assert found == sorted(first)
+
+
+def test_encrypted_messages_hide_discovery() -> None:
+    assert becomes(governed(domain_rule(topic_rule(enable_discovery_protection=False)))) == []
+    plain = domain_rule(topic_rule(enable_discovery_protection=False), rtps_protection_kind=SIGN)
+    assert becomes(governed(plain)) == ["KA408", "KA409"]
+
+
+def test_documents_of_1_0_have_no_liveliness_protection_to_miss() -> None:
+    missing = topic_rule(enable_liveliness_protection=False)
+    without = topic_rule(enable_liveliness_protection=False, lines={})
+    assert becomes(governed(domain_rule(missing))) == ["KA410"]
+    assert becomes(governed(domain_rule(without))) == []
+
+
+def test_findings_name_the_line_of_the_element() -> None:
+    found = findings("KA415", judged(kinds(ENCRYPT, ENCRYPT, NONE)(healthy())))
+    assert [(place.path, place.line) for place in found[0].locations] == [(P7S, 37)]
+    assert found[0].message.startswith("Domain 0, topics '*': data_protection_kind is NONE, expected ENCRYPT")
+
+
+def test_governances_of_one_meaning_do_not_differ() -> None:
+    """Lines, order of ids and copies make no difference; a different flag does."""
+    reordered = governance(domain_rule(domains=[(1, 1), (0, 0)], line=99), path="enclaves/listener/governance.p7s")
+    plain = governance(domain_rule(domains=[(0, 1)]))
+    store = keystore(enclave("/talker", governance=plain), enclave("/listener", governance=reordered))
+    assert findings("KA416", judged(store)) == ()
+
+
+def test_the_minority_comes_first() -> None:
+    own = governance(domain_rule(enable_join_access_control=False), path="enclaves/odd/governance.p7s")
+    store = keystore(enclave("/a"), enclave("/odd", governance=own), enclave("/b"))
+    found = findings("KA416", judged(store))
+    assert found[0].locations[0].path == "enclaves/odd/governance.p7s"
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "says"), [(3, None, "domain 3 alone"), (None, 5, "no <min>"), (None, None, "no bounds")]
+)
+def test_what_an_open_range_means_to_whom(low: int | None, high: int | None, says: str) -> None:
+    found = findings("KA419", judged(governed(domain_rule(domains=[(low, high), (0, 0)]))(healthy())))
+    assert says in found[0].message
+
+
+@pytest.mark.parametrize(("highest", "profiles"), [(230, None), (232, ("cyclonedds-0.10", "cyclonedds-11")), (233, ())])
+def test_permissions_name_domains_too(highest: int, profiles: tuple[str, ...] | None) -> None:
+    document = permissions("enclaves/talker/permissions.p7s", grant("/talker", allow(["rt/a"], domains=[(0, highest)])))
+    found = findings("KA420", judged(keystore(enclave("/talker", permissions=document))))
+    assert [finding.profiles for finding in found] == ([] if profiles is None else [profiles])
+
+
+def test_outcomes_of_a_document_that_could_not_be_read_are_no_pass() -> None:
+    outcomes = {
+        o.rule: o.outcome.value for o in judged(unread(Kind.SCHEMA_INVALID)(healthy())).outcomes if o.subject == P7S
+    }
+    assert outcomes["KA401"] == "open"
+    assert outcomes["KA403"] == outcomes["KA414"] == "notApplicable"

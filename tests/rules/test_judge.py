@@ -1,0 +1,242 @@
+"""What the judge makes of what rules say: order, identity, causes, crashes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from keystore_audit.findings import Location, Result, Severity
+from keystore_audit.keystore.files import Status as FileStatus
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.properties import Status
+from keystore_audit.rules import RULES
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.judge import MAX_MESSAGE, judge
+from keystore_audit.rules.registry import Rule, Violation
+from tests.rules.evidence import (
+    absent,
+    allow,
+    certificates,
+    context,
+    domain_rule,
+    enclave,
+    governance,
+    grant,
+    healthy,
+    judged,
+    keystore,
+    laid_out,
+    pem,
+    permissions,
+    talker,
+    topic_rule,
+)
+from tests.rules.test_certificate_rules import one_authority
+from tests.rules.test_formal_and_audit_rules import EXAMPLE, answer, result
+
+SECRET = "-----BEGIN PRIVATE KEY-----MIGHAgEAMBMG"
+
+
+def made(
+    code: str, *violations: Violation, error: Exception | None = None, explains: tuple[str, ...] = ()
+) -> Rule[Keystore]:
+    """A rule about the keystore that says this, or raises."""
+
+    def check(_keystore: Keystore, _context: Context) -> Iterator[Violation]:
+        yield from violations
+        if error is not None:
+            raise error
+
+    return Rule(
+        code=code,
+        name=f"rule-{code.lower()}",
+        severity=Severity.MEDIUM,
+        on=Keystore,
+        clause="a clause",
+        remedy="Do it.",
+        explains=frozenset(explains),
+        check=check,
+        applies=lambda _keystore, _context: True,
+    )
+
+
+def says(message: str = "something", path: str | None = "a", line: int | None = 1, **more: Any) -> Violation:
+    return Violation(message=message, locations=() if path is None else (Location(path=path, line=line),), **more)
+
+
+AUDIT = tuple(rule for rule in RULES if rule.family == "KA9")
+
+
+def test_a_crash_is_a_finding_and_leaves_the_rule_open() -> None:
+    judgement = judge(context(), [made("KA101", error=RuntimeError(SECRET)), made("KA102", says()), *AUDIT])
+    assert sorted(finding.code for finding in judgement.findings) == ["KA102", "KA905"]
+    crash = next(finding for finding in judgement.findings if finding.code == "KA905")
+    assert "KA101" in crash.message
+    assert "RuntimeError" in crash.message
+    assert SECRET not in repr(judgement)
+    outcomes = {(o.rule, o.subject): o.outcome for o in judgement.outcomes}
+    assert outcomes["KA101", "keystore"] is Result.OPEN
+    assert outcomes["KA905", "keystore"] is Result.OPEN
+    assert outcomes["KA102", "keystore"] is Result.FAIL
+
+
+def test_what_a_rule_said_before_it_crashed_does_not_count() -> None:
+    judgement = judge(context(), [made("KA101", says(), error=ValueError()), *AUDIT])
+    assert [finding.code for finding in judgement.findings] == ["KA905"]
+
+
+def test_a_crash_while_asking_whether_a_rule_applies_is_a_crash() -> None:
+    def raises(_keystore: Keystore, _context: Context) -> bool:
+        raise KeyError
+
+    judgement = judge(context(), [replace(made("KA101"), applies=raises), *AUDIT])
+    assert [finding.code for finding in judgement.findings] == ["KA905"]
+
+
+def test_each_crash_is_told_apart() -> None:
+    judgement = judge(context(), [made("KA101", error=ValueError()), made("KA102", error=ValueError()), *AUDIT])
+    assert len({finding.fingerprint for finding in judgement.findings}) == 2
+
+
+@pytest.mark.parametrize(
+    ("select", "ignore", "kept"),
+    [
+        ((), (), {"KA101", "KA102", "KA201"}),
+        (("KA1",), (), {"KA101", "KA102"}),
+        (("KA101", "KA2"), (), {"KA101", "KA201"}),
+        ((), ("KA1",), {"KA201"}),
+        (("KA1",), ("KA102",), {"KA101"}),
+        (("KA",), (), set()),  # no family
+        ((), ("KA9", "KA905"), {"KA101", "KA102", "KA201"}),
+    ],
+)
+def test_select_and_ignore_never_leave_out_the_audit_itself(
+    select: tuple[str, ...], ignore: tuple[str, ...], kept: set[str]
+) -> None:
+    rules = [made("KA101"), made("KA102"), made("KA201"), *AUDIT]
+    judgement = judge(
+        context(results=(result("outsiders-cannot-read", spec=answer(Status.UNKNOWN)),)),
+        rules,
+        select=select,
+        ignore=ignore,
+    )
+    assert {o.rule for o in judgement.outcomes if not o.rule.startswith("KA9")} == kept
+    assert [finding.code for finding in judgement.findings] == ["KA906"]
+
+
+def test_findings_are_sorted_worst_first_then_by_place() -> None:
+    rules = [
+        made("KA102", says(path="b"), says(path="a", line=9), says(path="a", line=10), says(enclave="/x", path="0")),
+        made("KA101", says(path="z", severity=Severity.CRITICAL), says(path="a", line=9)),
+    ]
+    found = [
+        (f.severity.value, f.enclave, f.locations[0].path, f.locations[0].line, f.code)
+        for f in judge(context(), rules).findings
+    ]
+    assert found == [
+        ("critical", None, "z", 1, "KA101"),
+        ("medium", None, "a", 9, "KA101"),
+        ("medium", None, "a", 9, "KA102"),
+        ("medium", None, "a", 10, "KA102"),
+        ("medium", None, "b", 1, "KA102"),
+        ("medium", "/x", "0", 1, "KA102"),
+    ]
+
+
+def test_equal_findings_get_fingerprints_of_their_own_in_the_order_of_their_lines() -> None:
+    same = [says(line=line, message=f"line {line}") for line in (30, 10, 20)]
+    first = judge(context(), [made("KA101", *same)]).findings
+    again = judge(context(), [made("KA101", *reversed(same))]).findings
+    assert first == again
+    assert len({finding.fingerprint for finding in first}) == 3
+
+
+@given(shift=st.integers(min_value=1, max_value=10_000))
+def test_fingerprints_hold_still_when_lines_move(shift: int) -> None:
+    """Comments before an element change its line and nothing else."""
+
+    def store(by: int) -> Keystore:
+        rule = domain_rule(
+            topic_rule("rt/a", enable_write_access_control=False, lines={}, line=30 + by), topic_rule(line=90 + by)
+        )
+        wild = grant("/talker", allow(["rt/*"]), line=38 + by, default_allow=True, default_line=50 + by)
+        return keystore(
+            enclave(
+                "/talker",
+                governance=governance(rule),
+                permissions=permissions("enclaves/talker/permissions.p7s", wild),
+                certificate=certificates("enclaves/talker/cert.pem", b"\n" * by + pem("/talker", critical="1.2.3")),
+            )
+        )
+
+    before, after = judged(store(0)).findings, judged(store(shift)).findings
+    assert {finding.code for finding in before} == {"KA221", "KA406", "KA509", "KA510"}
+    assert [finding.fingerprint for finding in before] == [finding.fingerprint for finding in after]
+    assert [finding.locations[0].line for finding in before] != [finding.locations[0].line for finding in after]
+
+
+def test_a_violated_property_carries_the_fingerprints_of_its_causes() -> None:
+    violated = result("no-enclave-grants-itself-rights", cyclonedds_0_10=answer(Status.VIOLATED, example=EXAMPLE))
+    results = (replace(violated, profiles={"cyclonedds-0.10": violated.profiles["cyclonedds-0-10"]}),)
+    found = {finding.code: finding for finding in judged(one_authority(healthy()), results=results).findings}
+    assert found["KA705"].explained_by == (found["KA222"].fingerprint,)
+    assert found["KA222"].explained_by == ()
+
+
+def test_a_cause_under_other_profiles_is_none() -> None:
+    pinned = result(
+        "no-enclave-grants-itself-rights", spec=answer(Status.VIOLATED, example=EXAMPLE), x=answer(Status.HOLDS)
+    )
+    found = {finding.code: finding for finding in judged(one_authority(healthy()), results=(pinned,)).findings}
+    assert found["KA705"].explained_by == ()
+
+
+@pytest.mark.parametrize(
+    ("rule", "violation", "explained"),
+    [
+        (("outsiders-cannot-read",), None, True),
+        ((), None, False),
+        (("outsiders-cannot-read",), frozenset[str](), False),
+        ((), frozenset({"outsiders-cannot-read"}), True),
+    ],
+)
+def test_a_violation_may_say_itself_what_it_explains(
+    rule: tuple[str, ...], violation: frozenset[str] | None, explained: bool
+) -> None:
+    violated = result("outsiders-cannot-read", spec=answer(Status.VIOLATED, example=EXAMPLE))
+    formal = next(r for r in RULES if r.name == "outsiders-cannot-read")
+    cause = made("KA412", says(explains=violation), explains=rule)
+    found = judge(context(results=(violated,)), [cause, formal]).findings
+    assert bool(next(f for f in found if f.code == "KA711").explained_by) is explained
+
+
+def test_messages_are_bounded_however_long_the_names_are() -> None:
+    flood = "x" * 1_000_000
+    assert len(judge(context(), [made("KA101", says(flood))]).findings[0].message) == MAX_MESSAGE
+    long = grant(f"/{flood}", default_allow=True)
+    store = talker(permissions=permissions("enclaves/talker/permissions.p7s", long, grant("/talker")))(healthy())
+    assert all(len(finding.message) <= MAX_MESSAGE for finding in judged(store).findings)
+
+
+def test_untrusted_text_is_handed_on_as_it_is() -> None:
+    """The renderers escape; a message that is escaped already would be escaped twice."""
+    odd = grant("/talker\x1b[2J", default_allow=True)
+    store = talker(permissions=permissions("enclaves/talker/permissions.p7s", odd, grant("/talker")))(healthy())
+    message = next(finding.message for finding in judged(store).findings if finding.code == "KA509")
+    assert "CN=/talker\x1b[2J" in message
+
+
+def test_outcomes_name_each_rule_and_subject_once() -> None:
+    store = laid_out(directory_links=(absent("enclaves/x", FileStatus.DIRECTORY),))(healthy())
+    outcomes = judged(store).outcomes
+    assert len({(o.rule, o.subject) for o in outcomes}) == len(outcomes)
+    assert [o.rule for o in outcomes] == sorted(o.rule for o in outcomes)
+
+
+def test_the_same_evidence_gives_the_same_judgement() -> None:
+    assert judged(one_authority(healthy())) == judged(one_authority(healthy()))

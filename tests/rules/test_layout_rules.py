@@ -1,0 +1,178 @@
+"""KA1 and the private keys of KA2: one change each makes a rule speak, and no other."""
+
+from __future__ import annotations
+
+import pytest
+
+from keystore_audit.findings import Severity
+from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.files import Status
+from keystore_audit.keystore.layout import LayoutKind, Role
+from tests.rules.evidence import (
+    Change,
+    absent,
+    becomes,
+    both,
+    certificates,
+    defect,
+    enclave,
+    file,
+    findings,
+    first,
+    governance,
+    healthy,
+    judged,
+    keystore,
+    laid_out,
+    open_codes,
+    pem,
+    permissions,
+    private_key,
+    signature,
+    signed,
+    talker,
+)
+
+PERMISSIONS = "enclaves/talker/permissions.p7s"
+KEY = "enclaves/talker/key.pem"
+XML = "enclaves/talker/permissions.xml"
+
+
+def without_permissions(status: Status) -> Change:
+    return talker(permissions=None, files={Role.PERMISSIONS: absent(PERMISSIONS, status, "some words")})
+
+
+def key_with(**more: object) -> Change:
+    return talker(key=private_key(KEY, "/talker", **more))
+
+
+CASES: dict[str, tuple[Change, list[str]]] = {
+    "KA101": (without_permissions(Status.MISSING), ["KA101"]),
+    "KA102": (without_permissions(Status.DANGLING), ["KA102"]),
+    "KA103": (without_permissions(Status.OUTSIDE), ["KA103"]),
+    "KA104": (laid_out(directory_links=(absent("enclaves/more", Status.DIRECTORY, "to /opt"),)), ["KA104"]),
+    "KA105": (without_permissions(Status.SPECIAL), ["KA105"]),
+    "KA106": (without_permissions(Status.TOO_LARGE), ["KA106"]),
+    "KA107": (without_permissions(Status.UNREADABLE), ["KA107"]),
+    "KA108": (key_with(file=file(KEY, None, mode=0o644)), ["KA108"]),
+    "KA109": (laid_out(authority_keys=(file("private/ca.key.pem", None),)), ["KA109"]),
+    "KA110": (talker(unsigned={Role.PERMISSIONS: file(XML, b"<dds>\n</dds>\n")}), ["KA110"]),
+    "KA111": (talker(pkcs11={Role.KEY: file("enclaves/talker/key.p11", None)}), ["KA111"]),
+    "KA112": (laid_out(expected=("public/identity_ca.cert.pem",)), ["KA112"]),
+    "KA113": (lambda _: keystore(enclave("/front-camera")), ["KA113"]),
+    "KA114": (lambda _: keystore(enclave("/camera"), enclave("/Camera")), ["KA114"]),
+    "KA115": (laid_out(kind=LayoutKind.FLAT), ["KA115"]),
+    "KA116": (laid_out(authority_keys=(file("private/ca.key.pem", None, mode=0o604),)), ["KA109", "KA116"]),
+    "KA209": (talker(key=private_key(KEY, "somebody else's")), ["KA209"]),
+    "KA210": (key_with(key=None, defects=(defect(Kind.KEY_UNREADABLE, KEY),)), ["KA210"]),
+    "KA211": (key_with(key=None, encrypted=True), ["KA211"]),
+}
+
+OPEN = {"KA103", "KA104", "KA105", "KA106", "KA107", "KA111", "KA210"}
+
+
+@pytest.mark.parametrize("code", CASES)
+def test_one_change_makes_a_rule_speak(code: str) -> None:
+    change, expected = CASES[code]
+    assert becomes(lambda store: store) == []
+    assert becomes(change) == expected
+    assert open_codes(change(healthy())) == ({code} if code in OPEN else set())
+
+
+def test_a_directory_in_the_place_of_a_file_is_a_missing_file() -> None:
+    assert becomes(without_permissions(Status.DIRECTORY)) == ["KA101"]
+
+
+def test_a_token_stands_in_for_a_missing_file() -> None:
+    change = talker(key=None, pkcs11={Role.KEY: file("enclaves/talker/key.p11", None)})
+    assert becomes(change) == ["KA111"]
+
+
+def test_ardents_one_authority_is_missing_once() -> None:
+    gone = absent("talker/ca.cert.pem")
+    change = talker(identity_ca=None, permissions_ca=None, files={Role.IDENTITY_CA: gone, Role.PERMISSIONS_CA: gone})
+    assert len(findings("KA101", judged(change(healthy())))) == 1
+
+
+def test_a_revocation_list_may_be_missing_but_not_a_dangling_link() -> None:
+    loop = absent("enclaves/talker/crl.pem", Status.LOOP, "a circle")
+    assert becomes(talker(files={Role.CRL: loop})) == ["KA102"]
+
+
+def test_keys_are_judged_by_whom_the_tree_is_for() -> None:
+    change = laid_out(authority_keys=(file("private/ca.key.pem", None, mode=0o644),))
+    kept, shipped = judged(change(healthy())), judged(change(healthy()), deployed=True)
+    assert [f.severity for code in ("KA109", "KA116") for f in findings(code, kept)] == [Severity.INFO, Severity.MEDIUM]
+    assert [f.severity for code in ("KA109", "KA116") for f in findings(code, shipped)] == [
+        Severity.CRITICAL,
+        Severity.HIGH,
+    ]
+    readable = key_with(file=file(KEY, None, mode=0o640))(healthy())
+    assert findings("KA108", judged(readable))[0].severity is Severity.MEDIUM
+    assert findings("KA108", judged(readable, deployed=True))[0].severity is Severity.HIGH
+
+
+def test_without_modes_nothing_is_said_of_them() -> None:
+    assert becomes(key_with(file=file(KEY, None, mode=None))) == []
+
+
+def test_an_authoritys_key_that_lies_outside_is_not_in_the_tree() -> None:
+    outside = absent("private/ca.key.pem", Status.OUTSIDE, "to a token")
+    assert becomes(laid_out(authority_keys=(outside,)), deployed=True) == []
+    unreadable = absent("private/ca.key.pem", Status.UNREADABLE, "no permission")
+    assert becomes(laid_out(authority_keys=(unreadable,)), deployed=True) == ["KA109"]
+
+
+def test_an_enclave_that_holds_the_authoritys_key_is_always_critical() -> None:
+    own = first(KEY, pem("permissionsCA", issuer="permissionsCA")).key
+    found = findings("KA109", judged(key_with(key=own)(healthy())))
+    assert [(finding.severity, finding.enclave) for finding in found] == [(Severity.CRITICAL, "/talker")]
+
+
+@pytest.mark.parametrize(
+    ("xml", "expected"),
+    [(b"<dds/>\n", []), (b"<dds/>\r\n", []), (b"<dds/>", []), (b"<dds/>\n\n", []), (b"<dds />\n", ["KA110"])],
+)
+def test_line_ends_are_no_difference(xml: bytes, expected: list[str]) -> None:
+    assert becomes(talker(unsigned={Role.PERMISSIONS: file(XML, xml)})) == expected
+
+
+def test_the_first_line_that_differs_is_named_in_both_files() -> None:
+    document = permissions(PERMISSIONS, signed=signed(PERMISSIONS, content=b"a\r\nb\r\nc\r\n"))
+    change = talker(permissions=document, unsigned={Role.PERMISSIONS: file(XML, b"a\nb\nd\n")})
+    found = findings("KA110", judged(change(healthy())))
+    assert [(place.path, place.line) for place in found[0].locations] == [(XML, 3), (PERMISSIONS, 12)]
+
+
+def test_the_shared_governance_is_compared_once() -> None:
+    change = laid_out(unsigned_governance=file("enclaves/governance.xml", b"<other/>"))
+    found = findings("KA110", judged(change(healthy())))
+    assert [finding.locations[0].path for finding in found] == ["enclaves/governance.xml"]
+    assert found[0].enclave is None
+
+
+def test_a_document_that_was_tampered_with_is_not_compared() -> None:
+    ca = first("public/permissions_ca.cert.pem", pem("permissionsCA", issuer="permissionsCA"))
+    broken = signed("enclaves/governance.p7s", signature(ca, digest_matches=False))
+    change = both(
+        governance=governance(signed=broken), unsigned={Role.GOVERNANCE: file("enclaves/governance.xml", b"")}
+    )
+    assert becomes(change) == ["KA303"]
+
+
+@pytest.mark.parametrize(
+    ("path", "well_formed"),
+    [("/a/b_1", True), ("/_a", True), ("/1a", False), ("/a//b", False), ("/a%FF", False), ("/" + "a" * 255, False)],
+)
+def test_enclave_names(path: str, well_formed: bool) -> None:
+    anybody = certificates("enclaves/x/cert.pem", pem("/talker"))  # a common name ends at 64 characters
+    found = {finding.code for finding in judged(keystore(enclave(path, certificate=anybody))).findings}
+    assert ("KA113" not in found) is well_formed
+
+
+def test_one_unreadable_enclave_hides_no_other() -> None:
+    store = keystore(
+        enclave("/talker", certificate=None, files={Role.CERTIFICATE: absent("x/cert.pem", Status.OUTSIDE, "away")}),
+        enclave("/listener", certificate=certificates("enclaves/listener/cert.pem", pem("/listener"), pem("/other"))),
+    )
+    assert sorted({finding.code for finding in judged(store).findings}) == ["KA103", "KA202"]

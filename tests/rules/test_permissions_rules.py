@@ -1,0 +1,265 @@
+"""KA5: one change to a permissions document makes a rule speak, and no other."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from keystore_audit.findings import Severity
+from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.permissions import Grant
+from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.rules.breadth import EVERYTHING, MAX_CANDIDATES, covers
+from tests.rules.evidence import (
+    AT,
+    DAY,
+    Change,
+    allow,
+    becomes,
+    both,
+    certificates,
+    codes,
+    defect,
+    domain_rule,
+    enclave,
+    findings,
+    governance,
+    grant,
+    healthy,
+    judged,
+    keystore,
+    open_codes,
+    permissions,
+    signed,
+    talker,
+    text,
+)
+
+P7S = "enclaves/talker/permissions.p7s"
+STOCK = (
+    # What `ros2 security create_enclave` writes, each way (facts: sros2-artifacts 1.6).
+    *("rq/*Request", "rr/*Reply", "rt/*"),
+    *(f"rq/*/_action/{part}Request" for part in ("cancel_goal", "get_result", "send_goal")),
+    *(f"rr/*/_action/{part}Reply" for part in ("cancel_goal", "get_result", "send_goal")),
+    *(f"rt/*/_action/{part}" for part in ("feedback", "status")),
+)
+
+
+def granted(*grants: Grant, **more: Any) -> Change:
+    return talker(permissions=permissions(P7S, *grants, **more))
+
+
+def dated(start: str = "2020-01-01T00:00:00", end: str = "2100-01-01T00:00:00") -> Change:
+    return granted(grant("/talker", not_before=text(start, 40), not_after=text(end, 41)))
+
+
+def unread(kind: Kind) -> Change:
+    return granted(permissions=None, defects=(defect(kind, P7S),))
+
+
+OWN = grant("/talker")
+
+CASES: dict[str, tuple[Change, list[str]]] = {
+    "KA501": (unread(Kind.SCHEMA_INVALID), ["KA501"]),
+    "KA502": (unread(Kind.VALUE_INVALID), ["KA502"]),
+    "KA503": (granted(grant("/talkerr")), ["KA503"]),
+    "KA504": (granted(OWN, grant("/talker", name="again")), ["KA504"]),
+    "KA505": (dated(end="2026-11-01T00:00:00"), ["KA505"]),
+    "KA506": (dated(start="2027-01-01T00:00:00"), ["KA506"]),
+    "KA507": (dated(end="2026-12-05T00:00:00"), ["KA507"]),
+    "KA508": (granted(grant("/talker", allow(["rt/chatter"], domains=[(7, 7)]))), ["KA508"]),
+    "KA509": (granted(grant("/talker", default_allow=True)), ["KA509"]),
+    "KA510": (granted(grant("/talker", allow(["rt/camera/*"]))), ["KA510"]),
+    "KA511": (granted(grant("/talker", allow(STOCK, STOCK))), ["KA511"]),
+    "KA512": (granted(OWN, grant("/listener")), ["KA512"]),
+    "KA513": (dated(end="2100-01-01T00:00:01"), ["KA513"]),
+    "KA514": (granted(grant("/talker", allow(["rt/x"], allows=False))), ["KA514"]),
+    "KA515": (granted(grant("/talker", allow(["rt/chatter"], domains=[(0, None)]))), ["KA515"]),
+    "KA516": (dated(start="2031-01-01T00:00:00", end="2030-01-01T00:00:00"), ["KA516"]),
+    "KA517": (unread(Kind.EMPTY_TOPIC), ["KA517"]),
+    "KA518": (unread(Kind.RULE_WITHOUT_DOMAINS), ["KA518"]),
+}
+
+
+@pytest.mark.parametrize("code", CASES)
+def test_one_change_makes_a_rule_speak(code: str) -> None:
+    change, expected = CASES[code]
+    assert becomes(change) == expected
+    assert open_codes(change(healthy())) == ({code} if code in ("KA501", "KA502", "KA517", "KA518") else set())
+
+
+def test_the_subject_is_compared_as_text() -> None:
+    for named in ("CN=/talker,O=x", "CN = /talker", "/CN=/talker", "cn=/talker", "CN=/talker "):
+        store = granted(grant("/talker", subject_name=text(named, 39)))(healthy())
+        found = findings("KA503", judged(store))
+        assert [f"got '{named}', expected 'CN=/talker'" in finding.message for finding in found] == [True]
+
+
+def test_an_empty_document_has_no_grant_for_anybody() -> None:
+    found = findings("KA503", judged(granted()(healthy())))
+    assert "there is no grant at all" in found[0].message
+
+
+def test_a_shared_document_that_lacks_a_grant_for_one_of_its_enclaves() -> None:
+    shared = permissions("enclaves/permissions.p7s", grant("/talker"))
+    store = both(permissions=shared)(healthy())
+    assert [finding.enclave for finding in findings("KA503", judged(store))] == ["/listener"]
+
+
+def test_a_grant_for_another_enclave_in_the_place_of_the_own_one() -> None:
+    """The wrong file was copied: the enclave cannot start, and the other may present it."""
+    assert becomes(granted(grant("/listener"))) == ["KA503", "KA512"]
+
+
+def test_grants_for_others_are_one_finding_with_every_place() -> None:
+    grants = [grant(f"/other{n}", line=100 + n) for n in range(8)]
+    found = findings("KA512", judged(granted(OWN, *grants)(healthy())))
+    assert [[place.line for place in finding.locations] for finding in found] == [list(range(100, 108))]
+    assert "and 3 more" in found[0].message
+
+
+def test_rules_about_validity_look_at_the_grants_of_the_enclaves_that_carry_them() -> None:
+    expired = grant("/listener", not_after=text("2021-01-01T00:00:00"))
+    assert becomes(granted(OWN, expired)) == ["KA512"]
+
+
+@given(seconds=st.integers(min_value=-100 * 86400, max_value=100 * 86400))
+def test_the_end_of_a_grant_to_the_second(seconds: int) -> None:
+    end = AT + timedelta(seconds=seconds)
+    found = becomes(dated(end=f"{end:%Y-%m-%dT%H:%M:%S}"))
+    assert found == (["KA505"] if seconds < 0 else ["KA507"] if end <= AT + 30 * DAY else [])
+
+
+@pytest.mark.parametrize("zone", ["Z", "+00:00"])
+def test_a_grant_may_end_with_its_certificate_in_any_zone(zone: str) -> None:
+    assert becomes(dated(end=f"2100-01-01T00:00:00{zone}")) == []
+    assert becomes(dated(end="2100-01-01T02:00:00+02:00")) == []
+    assert becomes(dated(end="2100-01-01T00:00:00-01:00")) == ["KA513"]
+
+
+def test_a_date_that_no_two_read_alike_leaves_it_open() -> None:
+    store = dated(end="99999-01-01T00:00:00")(healthy())
+    assert codes(store) == ["KA502"]
+    assert open_codes(store) == {"KA502"}
+
+
+def test_the_first_grant_decides_whether_it_may_take_part() -> None:
+    outside, inside = allow(["rt/a"], domains=[(7, 7)]), allow(["rt/a"])
+    assert becomes(granted(grant("/talker", outside), grant("/talker", inside))) == ["KA504", "KA508"]
+    assert becomes(granted(grant("/talker", inside), grant("/talker", outside))) == ["KA504"]
+
+
+def test_a_deny_rule_gives_no_domain() -> None:
+    rules = (allow(["rt/a"], allows=False), allow(["rt/a"], domains=[(7, 9)]))
+    assert becomes(granted(grant("/talker", *rules))) == ["KA508"]
+    wide = governance(domain_rule(domains=[(9, 20)]))
+    store = keystore(enclave("/talker", governance=wide, permissions=permissions(P7S, grant("/talker", *rules))))
+    assert codes(store) == []
+
+
+def test_a_default_of_allow_is_for_those_who_read_it() -> None:
+    found = findings("KA509", judged(granted(grant("/talker", default_allow=True))(healthy())))
+    assert found[0].locations[0].line == 50
+    assert "cyclonedds-0.10" in found[0].profiles
+    assert not any(name.startswith("fastdds") for name in found[0].profiles)
+
+
+# How far grants reach
+
+
+@pytest.mark.parametrize(
+    ("expression", "severity"),
+    [
+        ("*", Severity.HIGH),
+        ("rt/*", Severity.HIGH),
+        ("r*", Severity.HIGH),
+        ("?t/*", Severity.HIGH),
+        ("rt/?*", Severity.HIGH),
+        ("rt/camera/*", Severity.MEDIUM),
+        ("rt/*/status", Severity.MEDIUM),
+        ("rt/[ab]", Severity.MEDIUM),
+        ("rq/*Request", Severity.MEDIUM),
+        ("rt/chatter", None),
+        (r"rt/\*", None),  # an escaped star is a star, for the specification
+        ("rt/[a]", None),
+    ],
+)
+def test_patterns_by_what_they_cover(expression: str, severity: Severity | None) -> None:
+    found = findings("KA510", judged(granted(grant("/talker", allow([expression])))(healthy())))
+    assert [finding.severity for finding in found] == ([] if severity is None else [severity])
+
+
+def test_wildcards_are_one_finding_for_each_operation() -> None:
+    found = findings(
+        "KA510", judged(granted(grant("/talker", allow(["rt/a*", "rt/b*", "rt/c"], ["rt/d*"])))(healthy()))
+    )
+    assert sorted(finding.message.partition(" on ")[2] for finding in found) == [
+        "'rt/a*', 'rt/b*': names nobody has thought of too.",
+        "'rt/d*': names nobody has thought of too.",
+    ]
+
+
+def test_a_new_wildcard_is_another_finding() -> None:
+    few, more = (
+        judged(granted(grant("/talker", allow(topics)))(healthy())) for topics in (["rt/a*"], ["rt/a*", "rt/b*"])
+    )
+    assert findings("KA510", few)[0].fingerprint != findings("KA510", more)[0].fingerprint
+
+
+@pytest.mark.parametrize("topics", [["*"], ["r*"], ["rt*", "rq*", "rr*"], [*EVERYTHING], ["rr/*", "r[qt]/*"]])
+def test_everything_is_known_by_its_meaning(topics: list[str]) -> None:
+    assert becomes(granted(grant("/talker", allow(topics, topics)))) == ["KA511"]
+    assert becomes(granted(grant("/talker", allow(topics)))) == ["KA510"]
+
+
+def test_a_deny_rule_that_denies_everything_allows_nothing() -> None:
+    denied = allow(["*"], ["*"], allows=False)
+    assert becomes(granted(grant("/talker", denied, allow(["rt/chatter"])))) == []
+
+
+@given(
+    head=st.sampled_from(["", "r", "rt", "rt/", "rt/a", "*"]),
+    middle=st.sampled_from(["*", "?", "?*", "[a-z]*", "[!x]*", "*a*", "**"]),
+    tail=st.sampled_from(["", "t", "*", "[!a]"]),
+    name=st.from_regex(r"[A-Za-z_][A-Za-z0-9_]{0,3}(/[A-Za-z_][A-Za-z0-9_]{0,3}){0,2}", fullmatch=True),
+)
+def test_what_covers_every_topic_matches_each(head: str, middle: str, tail: str, name: str) -> None:
+    expression = head + middle + tail
+    if covers(expression, "rt/*"):
+        assert parse(expression, Matcher.POSIX).matches(f"rt/{name}")
+
+
+def test_patterns_made_to_cost_time_do_not() -> None:
+    """Ten thousand expressions that no quick look can tell from one for everything: few are thought about."""
+    covers.cache_clear()
+    many = [f"*[!{chr(0x4E00 + n)}]*" for n in range(10_000)]
+    found = findings("KA510", judged(granted(grant("/talker", allow(many)))(healthy())))
+    assert len(found) == 1
+    assert len(found[0].locations) <= 50
+    assert len(found[0].message) < 2000
+    assert covers.cache_info().misses <= 4 * MAX_CANDIDATES
+
+
+# What nobody takes
+
+
+def test_nothing_is_open_in_a_document_that_nobody_takes() -> None:
+    for kind in (Kind.SCHEMA_INVALID, Kind.XML_MALFORMED, Kind.EMPTY_TOPIC, Kind.RULE_WITHOUT_DOMAINS):
+        broken = signed(P7S, defects=(defect(Kind.NOT_SMIME, P7S),))
+        store = granted(permissions=None, signed=broken, defects=(defect(kind, P7S),))(healthy())
+        assert "KA304" in codes(store)
+        assert open_codes(store) == set()
+
+
+def test_what_is_said_in_a_document_that_nobody_takes_is_not_judged() -> None:
+    broken = signed(P7S, defects=(defect(Kind.NO_TEXT_PLAIN, P7S),))
+    assert becomes(granted(grant("/nobody", default_allow=True), signed=broken)) == ["KA307"]
+
+
+def test_an_unread_identity_names_nobody() -> None:
+    broken = certificates("enclaves/talker/cert.pem", b"-----BEGIN CERTIFICATE-----\nMAA=\n-----END CERTIFICATE-----\n")
+    assert codes(keystore(enclave("/talker", certificate=broken))) == ["KA201"]

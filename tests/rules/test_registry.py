@@ -1,0 +1,106 @@
+"""What every rule has to have."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from keystore_audit.findings import Severity
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.properties import PROPERTIES
+from keystore_audit.rules import BY_CODE, RULES
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.registry import Rule, Violation, rule
+from tests.rules import (
+    test_certificate_rules,
+    test_formal_and_audit_rules,
+    test_governance_rules,
+    test_layout_rules,
+    test_permissions_rules,
+    test_signature_rules,
+)
+
+CATALOGUE = {
+    "KA1": range(101, 117),
+    "KA2": range(201, 226),
+    "KA3": range(301, 317),
+    "KA4": range(401, 422),
+    "KA5": range(501, 519),
+    "KA7": (701, 702, 703, 704, 705, 711, 712, 713, 721, 722, 723, 724),
+    "KA9": range(901, 909),
+}
+
+
+def test_every_code_of_the_catalogue_is_there_in_order() -> None:
+    expected = [f"KA{number}" for family in CATALOGUE.values() for number in family]
+    assert [r.code for r in RULES] == expected
+    assert list(BY_CODE) == expected
+    assert len({r.name for r in RULES}) == len(RULES)
+
+
+@pytest.mark.parametrize("one", RULES, ids=lambda one: one.code)
+def test_every_rule_says_what_why_and_what_to_do(one: Rule[Any]) -> None:
+    assert re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", one.name)
+    assert one.check.__name__ == one.name.replace("-", "_"), "one name everywhere"
+    assert one.description.partition("\n")[0].endswith((".", ":"))
+    assert len(one.description) > 60
+    assert one.clause.strip()
+    assert not one.clause.endswith(".")
+    assert one.remedy.rstrip("`").endswith(".")
+    assert one.remedy.count("`") % 2 == 0
+
+
+def test_formal_rules_are_the_properties() -> None:
+    formal = [r for r in RULES if r.family == "KA7"]
+    assert [r.name for r in formal] == [prop.id for prop in PROPERTIES]
+    assert [r.clause for r in formal] == [prop.clause for prop in PROPERTIES]
+
+
+def test_causes_explain_properties_that_exist() -> None:
+    known = {prop.id for prop in PROPERTIES}
+    assert {name for r in RULES for name in r.explains} <= known
+    assert {r.family for r in RULES if r.explains} <= {"KA1", "KA2", "KA3", "KA4", "KA5"}
+
+
+def test_every_rule_has_a_test_that_makes_it_speak() -> None:
+    tables = (
+        test_layout_rules.CASES,
+        test_certificate_rules.CASES,
+        test_signature_rules.CASES,
+        test_governance_rules.CASES,
+        test_permissions_rules.CASES,
+        test_formal_and_audit_rules.CASES,
+    )
+    tested = {code for table in tables for code in table}
+    # The topics that no rule matches come from the meaning: test_topics_that_no_rule_matches.
+    assert {r.code for r in RULES} - tested == {"KA418"}
+
+
+def test_no_command_is_left_out_of_a_remedy_by_mistake() -> None:
+    """Commands stand between backticks, so that a report can set them apart."""
+    for r in RULES:
+        outside = "".join(r.remedy.split("`")[::2])
+        assert "openssl " not in outside, r.code
+        assert "ros2 security" not in outside, r.code
+
+
+def check(_keystore: Keystore, _context: Context) -> Iterator[Violation]:
+    """Something."""
+    yield from ()
+
+
+@pytest.mark.parametrize(("code", "name"), [("KA101", "a-new-name"), ("KA999", "required-file-missing")])
+def test_a_code_or_name_that_is_taken_is_refused(code: str, name: str) -> None:
+    with pytest.raises(ValueError, match="registered twice"):
+        rule(code, name, Severity.LOW, on=Keystore, clause="x", remedy="x.")(check)
+
+
+def test_a_rule_without_a_docstring_is_refused() -> None:
+    def silent(_keystore: Keystore, _context: Context) -> Iterator[Violation]:
+        yield from ()
+
+    with pytest.raises(ValueError, match="no docstring"):
+        rule("KA998", "silent", Severity.LOW, on=Keystore, clause="x", remedy="x.")(silent)

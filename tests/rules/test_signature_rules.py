@@ -1,0 +1,209 @@
+"""KA3: who signed, in what form, and who takes it. One document yields its most specific finding."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from keystore_audit.keystore.certificate import Certificate
+from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.files import Status
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.layout import Role
+from keystore_audit.keystore.smime import Signature
+from keystore_audit.rules import BY_CODE
+from keystore_audit.rules.acceptance import pinned, unpinned
+from keystore_audit.rules.subjects import permissions_uses
+from tests.rules.evidence import (
+    DAY,
+    PERMISSIONS_CA,
+    START,
+    Change,
+    absent,
+    becomes,
+    both,
+    certificates,
+    codes,
+    context,
+    defect,
+    domain_rule,
+    enclave,
+    findings,
+    first,
+    governance,
+    grant,
+    healthy,
+    judged,
+    keystore,
+    open_codes,
+    pem,
+    permissions,
+    signature,
+    signed,
+    talker,
+)
+from tests.rules.test_certificate_rules import one_authority
+
+P7S = "enclaves/talker/permissions.p7s"
+CA = first("public/permissions_ca.cert.pem", PERMISSIONS_CA)
+STRANGER = first(P7S, pem("permissionsCA", label="stranger", issuer="permissionsCA", issuer_label="stranger"))
+RENEWED = first(P7S, pem("permissionsCA", label="permissionsCA", issuer="permissionsCA", start=START + DAY))
+IDENTITY = first("enclaves/talker/cert.pem", pem("/talker"))
+GHOST = first(P7S, pem("/ghost", issuer="permissionsCA"))
+
+
+def by(*signatures: Signature, kinds: tuple[Kind, ...] = (), unread: bool = False, **fields: Any) -> Change:
+    """The talker's permissions with these signatures and defects; `unread`: nothing could be separated from it."""
+    document = signed(P7S, *signatures, defects=tuple(defect(kind, P7S) for kind in kinds))
+    document = replace(document, **fields)
+    if unread:
+        return talker(permissions=permissions(P7S, signed=replace(document, content=None), permissions=None))
+    return talker(permissions=permissions(P7S, grant("/talker"), signed=document))
+
+
+CASES: dict[str, tuple[Change, list[str]]] = {
+    "KA301": (by(signature(STRANGER)), ["KA301"]),
+    "KA302": (by(signature(IDENTITY)), ["KA302"]),
+    "KA303": (by(signature(CA, digest_matches=False, verified_by=()), kinds=(Kind.DIGEST_MISMATCH,)), ["KA303"]),
+    "KA304": (by(kinds=(Kind.NOT_SMIME,), signatures=(), unread=True), ["KA304"]),
+    "KA305": (by(kinds=(Kind.MIME_MALFORMED,), signatures=(), unread=True), ["KA305"]),
+    "KA306": (by(kinds=(Kind.CMS_NOT_DER,), signatures=()), ["KA306"]),
+    "KA307": (by(kinds=(Kind.NO_TEXT_PLAIN,), unread=True), ["KA307"]),
+    "KA308": (by(kinds=(Kind.UNSIGNED_TEXT, Kind.UNSIGNED_TEXT)), ["KA308"]),
+    "KA309": (by(kinds=(Kind.WEAK_DIGEST,)), ["KA309"]),
+    "KA310": (by(signature(CA), signature(CA), kinds=(Kind.SEVERAL_SIGNERS,)), ["KA310"]),
+    "KA311": (by(kinds=(Kind.OPAQUE_MESSAGE,), first_line=None), ["KA311"]),
+    "KA312": (by(kinds=(Kind.TWO_CONTENTS,)), ["KA312"]),
+    "KA313": (by(signature(CA, digest_matches=None), kinds=(Kind.NO_SIGNED_ATTRIBUTES,)), ["KA313"]),
+    "KA314": (by(signature(CA, verified_by=()), kinds=(Kind.UNSUPPORTED_ALGORITHM,)), ["KA314"]),
+    "KA315": (by(kinds=(Kind.NO_SIGNER,), signatures=()), ["KA315"]),
+    "KA316": (by(signature(RENEWED)), ["KA316"]),
+}
+
+OPEN = {"KA305", "KA306", "KA312", "KA314"}
+
+
+@pytest.mark.parametrize("code", CASES)
+def test_one_change_makes_a_rule_speak(code: str) -> None:
+    change, expected = CASES[code]
+    assert becomes(change) == expected
+    assert open_codes(change(healthy())) == ({code} if code in OPEN else set())
+
+
+@pytest.mark.parametrize(
+    ("made", "code"),
+    [
+        (signature(STRANGER, named=(), verified_by=()), "KA301"),  # its certificate is nowhere
+        (signature(STRANGER, named=()), "KA301"),  # the key is known, under another serial number
+        (signature(IDENTITY, named=()), "KA301"),
+        (signature(CA, verified_by=()), "KA303"),  # names the CA, whose key did not make it
+        (signature(CA, digest_matches=False), "KA303"),
+        (signature(CA, named=()), "KA316"),  # names a certificate that is nowhere, made by the CA's key
+        (signature(CA, named=(CA,), verified_by=(CA, RENEWED)), None),
+        (signature(CA, digest_matches=None), None),
+    ],
+)
+def test_each_signature_has_one_maker(made: Signature, code: str | None) -> None:
+    assert becomes(by(made)) == ([] if code is None else [code])
+
+
+def test_one_finding_for_several_causes_of_one_defect() -> None:
+    """Whatever else is true of a document with a changed content: it was changed, and nobody takes it."""
+    tampered = signed("enclaves/governance.p7s", signature(STRANGER, digest_matches=False))
+    open_to_all = domain_rule(enable_join_access_control=False, allow_unauthenticated_participants=True)
+    assert becomes(both(governance=governance(open_to_all, signed=tampered))) == ["KA303"]
+
+
+def self_signed(store: Keystore, signer: Certificate = IDENTITY) -> Keystore:
+    """The talker's permissions signed by its identity, under one authority for both roles."""
+    store = one_authority(store)
+    document = permissions(P7S, grant("/talker"), signed=signed(P7S, signature(signer)))
+    return replace(store, enclaves=(replace(store.enclaves[0], permissions=document), *store.enclaves[1:]))
+
+
+def test_who_takes_what_an_identity_signed_for_itself() -> None:
+    found = findings("KA302", judged(self_signed(healthy())))
+    assert [finding.enclave for finding in found] == ["/talker"]
+    accepted, _, refused = found[0].message.partition("accepted by")[2].partition("; refused")
+    assert "Cyclone DDS 0.10 (humble, jazzy, kilted)" in accepted
+    assert "Cyclone DDS 11" in refused
+    assert all(profile.title in accepted for profile in unpinned())
+    assert all(profile.title in refused for profile in pinned())
+    assert codes(self_signed(healthy())) == ["KA222", "KA302"]
+
+
+def test_where_the_authorities_are_separate_nobody_takes_it() -> None:
+    found = findings("KA302", judged(by(signature(IDENTITY))(healthy())))
+    assert "refused by every known implementation" in found[0].message
+    assert found[0].locations[1].path == "enclaves/talker/cert.pem"
+
+
+def test_a_certificate_of_the_authority_that_no_enclave_has_is_one_of_its_identities() -> None:
+    found = findings("KA302", judged(by(signature(GHOST))(healthy())))
+    assert "a certificate that the permissions CA issued" in found[0].message
+    assert "accepted by" in found[0].message
+    assert len(found[0].locations) == 1  # the certificate is inside the message
+
+
+def test_a_document_that_one_of_its_enclaves_refuses_names_that_one() -> None:
+    other = certificates("enclaves/listener/permissions_ca.cert.pem", pem("otherCA", issuer="otherCA"))
+    by_other = signature(other.certificates[0])
+    store = keystore(
+        enclave("/talker"),
+        enclave(
+            "/listener",
+            permissions_ca=other,
+            permissions=permissions(
+                "enclaves/listener/permissions.p7s",
+                grant("/listener"),
+                signed=signed("enclaves/listener/permissions.p7s", by_other),
+            ),
+        ),
+    )
+    found = findings("KA301", judged(store))
+    assert codes(store) == ["KA223", "KA301"]
+    assert "in /listener" in found[0].message
+    assert "otherCA" in found[0].message
+
+
+@pytest.mark.parametrize(("signer", "narrow"), [(IDENTITY, True), (GHOST, False)])
+def test_what_a_foreign_signature_explains_depends_on_who_takes_it(signer: Certificate, narrow: bool) -> None:
+    store = by(signature(signer))(healthy())
+    use = next(use for use in permissions_uses(store) if use.signed.file.place == P7S)
+    violations = list(BY_CODE["KA302"].check(use, context(store)))
+    explained = violations[0].explains
+    assert explained is not None
+    assert ("no-enclave-grants-itself-rights" not in explained) is narrow
+
+
+def test_a_refused_form_is_not_open_on_account_of_what_cannot_be_read() -> None:
+    both_defects = by(kinds=(Kind.CMS_NOT_DER, Kind.DIGEST_MISMATCH))
+    assert "KA306" in becomes(both_defects)
+    assert open_codes(both_defects(healthy())) == set()
+
+
+def test_without_an_authority_only_what_needs_none_is_said() -> None:
+    gone = absent("public/permissions_ca.cert.pem")
+    no_authority: dict[str, Any] = {"permissions_ca": None, "files": {Role.PERMISSIONS_CA: gone}}
+    assert becomes(talker(**no_authority)) == ["KA101"]
+    broken = permissions(P7S, grant("/talker"), signed=signed(P7S, signature(CA, digest_matches=False)))
+    assert becomes(talker(permissions=broken, **no_authority)) == ["KA101", "KA303"]
+
+
+def test_what_an_unreadable_authority_may_accept_is_open() -> None:
+    """A robot may read the CA file that we did not, so what the document says is not without consequence."""
+    away = absent("enclaves/talker/permissions_ca.cert.pem", Status.OUTSIDE, "elsewhere")
+    ambiguous = permissions(P7S, permissions=None, defects=(defect(Kind.XML_AMBIGUOUS, P7S),))
+    change = talker(permissions_ca=None, files={Role.PERMISSIONS_CA: away}, permissions=ambiguous)
+    assert becomes(change) == ["KA103", "KA502"]
+    assert open_codes(change(healthy())) == {"KA103", "KA502"}
+
+
+def test_several_defects_of_one_kind_are_one_finding_with_every_place() -> None:
+    places = tuple(defect(Kind.UNSIGNED_TEXT, P7S, line, f"text at {line}") for line in (3, 90))
+    document = permissions(P7S, grant("/talker"), signed=signed(P7S, defects=places))
+    found = findings("KA308", judged(talker(permissions=document)(healthy())))
+    assert [[place.line for place in finding.locations] for finding in found] == [[3, 90]]
+    assert "and 1 more like it" in found[0].message
