@@ -13,7 +13,12 @@ from keystore_audit.errors import EngineMissing
 from keystore_audit.text import terminal
 
 
-@click.group("engine", short_help="Say which engines there are, or install Alloy's.", invoke_without_command=True)
+@click.group(
+    "engine",
+    short_help="Say which engines there are, or install Alloy's.",
+    invoke_without_command=True,
+    subcommand_metavar="[install]",
+)
 @click.option(
     "--alloy-jar",
     type=click.Path(path_type=Path),
@@ -46,7 +51,7 @@ def command(context: click.Context, alloy_jar: Path | None) -> int:
     return 0
 
 
-@command.command("install")
+@command.command("install", short_help="Fetch or import the Alloy Analyzer.")
 @click.option(
     "--from",
     "source",
