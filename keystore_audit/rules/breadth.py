@@ -33,9 +33,12 @@ _PROBES: Final = {
 }
 """Two names of each, as unlike as names get: whatever misses one covers not all, and needs no further thought."""
 
+MAX_PARSED: Final = 64
 MAX_CANDIDATES: Final = 16
-"""Expressions of one grant and operation that are decided over all names, the shortest first: each takes some
-milliseconds, and what covers everything is short unless it was made to cost time."""
+"""Expressions of one grant and operation that are looked at, and that are decided over all names, the shortest first:
+deciding takes some milliseconds, and what covers everything is short unless it was made to cost time."""
+
+_WILDCARDS: Final = frozenset("*?[\\")
 
 _BUDGET: Final = 2_000
 """States for two expressions: those that people write need some dozens."""
@@ -61,9 +64,14 @@ def _covering(texts: Iterable[Text], wanted: str) -> Text | None:
     distinct = {text.text: text for text in texts}
     if wanted in distinct:
         return distinct[wanted]
-    likely = [text for text in distinct if all(parse(text, Matcher.POSIX).matches(name) for name in _PROBES[wanted])]
-    shortest = sorted(likely, key=lambda text: (len(text), text))[:MAX_CANDIDATES]
-    return next((distinct[text] for text in shortest if covers(text, wanted)), None)
+    patterns = (text for text in distinct if text and (text[0] == wanted[0] or text[0] in _WILDCARDS))
+    shortest = sorted(filter(_has_wildcard, patterns), key=lambda text: (len(text), text))[:MAX_PARSED]
+    likely = [text for text in shortest if all(parse(text, Matcher.POSIX).matches(name) for name in _PROBES[wanted])]
+    return next((distinct[text] for text in likely[:MAX_CANDIDATES] if covers(text, wanted)), None)
+
+
+def _has_wildcard(text: str) -> bool:
+    return not _WILDCARDS.isdisjoint(text)
 
 
 def _allowed(grant: Grant, operation: Operation) -> tuple[Text, ...]:
@@ -152,7 +160,9 @@ def wildcard_grant(use: PermissionsUse, _context: Context) -> Iterator[Violation
 
 
 def _is_pattern(text: str) -> bool:
-    return bool(text) and parse(text, Matcher.POSIX).literal is None
+    """Whether the expression is no single name. What begins its wildcards with `*` or `?` needs no parsing."""
+    first = next((character for character in text if character in _WILDCARDS), None)
+    return first is not None and (first in "*?" or parse(text, Matcher.POSIX).literal is None)
 
 
 @rule(

@@ -86,10 +86,8 @@ def _subjects(context: Context) -> Iterator[tuple[str, object]]:
 
 
 def _is_about(rule: Rule[Any], subject: object) -> bool:
-    """Whether the rule takes such a subject; a rule of KA7 is about the one property whose id is its name."""
-    if rule.family == "KA7" and isinstance(subject, PropertyResult):
-        return subject.prop.id == rule.name
-    return isinstance(subject, rule.on)
+    """Whether a rule that takes such subjects is about this one: a rule of KA7 about the property of its name."""
+    return not isinstance(subject, PropertyResult) or rule.family != "KA7" or subject.prop.id == rule.name
 
 
 class _Run:
@@ -103,8 +101,13 @@ class _Run:
 
     def over(self, rules: Iterable[Rule[Any]], subjects: Sequence[tuple[str, object]]) -> None:
         """Put every rule to every subject that it is about."""
-        for rule in rules:
-            for name, subject in subjects:
+        every = list(rules)
+        by_kind: dict[type, list[Rule[Any]]] = {}
+        for name, subject in subjects:
+            kind = type(subject)
+            if kind not in by_kind:
+                by_kind[kind] = [rule for rule in every if issubclass(kind, rule.on)]
+            for rule in by_kind[kind]:
                 if _is_about(rule, subject):
                     outcome = self._put(rule, name, subject)
                     self.outcomes.append(Outcome(rule=rule.code, subject=name, outcome=outcome))

@@ -214,6 +214,8 @@ def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator
     enclave's own is no-grant-for-certificate.
     """
     own = subjects(use)
+    if not own or all(grant.subject_name.text in own for grant in all_grants(use)):
+        return
     everybody = {
         enclave.certificate.first.subject: enclave.path
         for enclave in context.keystore.enclaves
@@ -223,14 +225,13 @@ def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator
     others = [
         grant
         for grant in all_grants(use)
-        if own and grant.subject_name.text not in own and (grant.subject_name.text in everybody or not misspelt)
+        if grant.subject_name.text not in own and (grant.subject_name.text in everybody or not misspelt)
     ]
     if others:
         names = list(dict.fromkeys(grant.subject_name.text for grant in others))
         yield Violation(
             message=f"The document also grants rights to {listed(quoted(name) for name in names)}: whoever has the "
-            "name "
-            "can use them by presenting this document.",
+            "name can use them by presenting this document.",
             locations=places(Location(path=use.signed.file.place, line=grant.line) for grant in others),
             enclave=sole(use.enclaves),
             key="\n".join(sorted(names)),

@@ -221,6 +221,15 @@ def test_a_deny_rule_that_denies_everything_allows_nothing() -> None:
     assert becomes(granted(grant("/talker", denied, allow(["rt/chatter"])))) == []
 
 
+@given(expression=st.text(alphabet="ab/*?[]!\\", max_size=8))
+def test_a_wildcard_is_what_the_matcher_takes_for_one(expression: str) -> None:
+    patterns = findings("KA510", judged(granted(grant("/talker", allow([expression])))(healthy())))
+    literal = not expression or parse(expression, Matcher.POSIX).literal is not None
+    assert (not patterns) is literal or becomes(granted(grant("/talker", allow([expression], [expression])))) == [
+        "KA511"
+    ]
+
+
 @given(
     head=st.sampled_from(["", "r", "rt", "rt/", "rt/a", "*"]),
     middle=st.sampled_from(["*", "?", "?*", "[a-z]*", "[!x]*", "*a*", "**"]),
