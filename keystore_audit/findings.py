@@ -105,4 +105,4 @@ def fingerprint(code: str, enclave: str | None, path: str | None, key: str) -> s
     SHA-256, in hexadecimal, of the four parts joined by NUL.
     """
     parts = (code, enclave or "", path or "", key)
-    return hashlib.sha256("\0".join(parts).encode("utf-8", "surrogateescape")).hexdigest()
+    return hashlib.sha256("\0".join(parts).encode("utf-8", "surrogatepass")).hexdigest()

@@ -19,11 +19,17 @@ ROOT = Path(__file__).parent.parent
 TURTLESIM = ROOT / "sample_keystores/healthy/turtlesim"
 
 
-def audit(*options: str, env: dict[str, str] | None = None) -> tuple[int, dict[str, Any], str]:
+def audit(*options: str, env: dict[str, str] | None = None, cwd: Path = ROOT) -> tuple[int, dict[str, Any], str]:
     """Exit code, JSON report and stderr of an audit of the healthy TurtleSim."""
     command = [sys.executable, "-m", "keystore_audit", "audit", "--format", "json", *options, str(TURTLESIM)]
     done = subprocess.run(
-        command, capture_output=True, text=True, check=False, timeout=180, env={**os.environ, **(env or {})}
+        command,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=180,
+        env={**os.environ, **(env or {})},
+        cwd=cwd,
     )
     assert "Traceback" not in done.stderr + done.stdout, done.stderr
     return done.returncode, json.loads(done.stdout), done.stderr
@@ -114,9 +120,10 @@ def test_a_syntax_error_in_the_model_is_incomplete(tmp_path: Path) -> None:
     shutil.copytree(ROOT / "keystore_audit", copy / "keystore_audit", ignore=shutil.ignore_patterns("__pycache__"))
     for folder in ("schemas", "alloy"):
         shutil.copytree(ROOT / folder, copy / folder)
+    shutil.copy(ROOT / "pyproject.toml", copy)
     module = copy / "alloy/properties.als"
     module.write_text(module.read_text() + "\nassert {{{\n")
-    code, report, _err = audit("--engine", "auto", env={"PYTHONPATH": str(copy)})
+    code, report, _err = audit("--engine", "auto", cwd=copy, env={"PYTHONPATH": str(copy)})
     assert (code, report["engines"]["alloy"]["status"]) == (4, "failed")
     assert "properties.als" in report["engines"]["alloy"]["reason"]
 

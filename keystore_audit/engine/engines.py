@@ -59,7 +59,8 @@ def _alloy(
     asked = choice in ("alloy", "both") or jar is not None
     version: str | None = None
     try:
-        engine = locate(jar, offline=offline, ci=bool(os.environ.get("CI")), progress=stage)
+        in_ci = os.environ.get("CI", "").lower() not in ("", "0", "false")
+        engine = locate(jar, offline=offline, ci=in_ci, progress=stage)
         version = engine.version
         if stage:
             stage("asking the Alloy Analyzer")

@@ -49,9 +49,9 @@ class Signature:
     """Asserted by the signer (RFC 5652 11.3): a hint, never trusted."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SignedDocument:
-    """`governance.p7s` or `permissions.p7s` as read.
+    """`governance.p7s` or `permissions.p7s` as read; compared by identity, so that verdicts can be kept by document.
 
     `content` is the signed XML as OpenSSL hands it to a DDS implementation: canonical CRLF line ends, without the
     `Content-Type: text/plain` header; None where it could not be separated. `first_line` is
@@ -255,6 +255,7 @@ class _Reading:
             if scheme.family is not None and not certificate.key_kind.startswith(scheme.family):
                 found = f"a signature algorithm for {scheme.family} by a signer whose key is {certificate.key_kind}"
                 self._defect(Kind.CMS_MALFORMED, line, found)  # OpenSSL goes by the key
+                continue
             answer = _made_by(certificate, signer, data)
             if answer:
                 return certificate

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from datetime import datetime
 
 from keystore_audit.findings import Location
-from keystore_audit.keystore.certificate import Issue, fit_to_sign, issued_by
+from keystore_audit.keystore.certificate import fit_to_sign
 from keystore_audit.keystore.governance import TopicRule
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.channels import Channels, RuleMatches, build_channels, covers_of, domain_classes
@@ -29,7 +29,7 @@ from keystore_audit.model.system import (
     System,
     TopicRuleAtom,
 )
-from keystore_audit.model.trust import Verdict, envelope, is_authority, may_sign
+from keystore_audit.model.trust import Verdict, envelope, is_authority, issued, may_sign
 
 
 class SystemBuilder:
@@ -90,7 +90,7 @@ class SystemBuilder:
         }
         pool = [(n, c) for n, c in enumerate(self._certificates) if c.sha256 in authorities]
         return tuple(
-            frozenset(n for n, authority in pool if issued_by(certificate, authority) is Issue.ISSUED)
+            frozenset(n for n, authority in pool if issued(authority, certificate))
             for certificate in self._certificates
         )
 

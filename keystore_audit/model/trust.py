@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from functools import lru_cache
 
 from keystore_audit.keystore.certificate import Certificate, CertificateFile, Issue, fit_to_sign, issued_by
 from keystore_audit.keystore.defect import Kind
@@ -41,6 +42,7 @@ class Envelope:
     signers: tuple[Certificate, ...]
 
 
+@lru_cache(maxsize=16_384)
 def envelope(signed: SignedDocument) -> Envelope:
     """Whether the signatures hold, apart from who made them."""
     kinds = {defect.kind for defect in signed.defects}
@@ -98,6 +100,17 @@ def is_authority(certificate: Certificate) -> bool:
     return bool(certificate.is_ca) and (certificate.key_usage is None or "keyCertSign" in certificate.key_usage)
 
 
+def issued(authority: Certificate, certificate: Certificate) -> bool:
+    """Whether `authority` issued the certificate: names and signature, not dates.
+
+    A self-issued certificate is nobody's but its own, even where an older one has the same name and key: OpenSSL, and
+    with it every measured implementation, refuses a self-signed certificate that is not among the trusted ones.
+    """
+    if certificate.subject_der == certificate.issuer_der and certificate.sha256 != authority.sha256:
+        return False
+    return issued_by(certificate, authority) is Issue.ISSUED
+
+
 def vouches(authority: Certificate, certificate: Certificate) -> bool:
     """Whether `authority` may issue certificates and issued this one: names and signature, not dates."""
-    return is_authority(authority) and issued_by(certificate, authority) is Issue.ISSUED
+    return is_authority(authority) and issued(authority, certificate)

@@ -15,10 +15,9 @@ from keystore_audit.keystore.governance import DomainRule, GovernanceFile, Topic
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.domains import Interval, contains, covered, describe, elementary
-from keystore_audit.rules.acceptance import governs, may_be_accepted
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
-from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse
+from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks
 from keystore_audit.rules.wording import defective, of_kinds, paths, places, quoted, sole
 
 CORRECT: Final = (
@@ -92,7 +91,7 @@ def governance_schema_invalid(use: GovernanceUse, _context: Context) -> Iterator
         of_kinds(use.document.defects, Kind.SCHEMA_INVALID),
         use.enclaves,
         "implementations differ in what they make of it.",
-        undecided=may_be_accepted(use),
+        undecided=use.may_be_taken,
     )
 
 
@@ -115,7 +114,7 @@ def governance_ambiguous(use: GovernanceUse, _context: Context) -> Iterator[Viol
             of_kinds(use.document.defects, kind),
             use.enclaves,
             "implementations differ in what they make of it.",
-            undecided=may_be_accepted(use),
+            undecided=use.may_be_taken,
         )
 
 
@@ -127,7 +126,7 @@ def governance_ambiguous(use: GovernanceUse, _context: Context) -> Iterator[Viol
     clause="DDS-Security 1.1, 9.4.1.2.4 (allow_unauthenticated_participants)",
     remedy="Set <allow_unauthenticated_participants> to false " + CORRECT,
     explains=("only-authenticated-participants-join",),
-    applies=governs,
+    applies=speaks,
 )
 def unauthenticated_participants_allowed(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
     """A participant without any certificate is matched in the domain.
@@ -155,7 +154,7 @@ def unauthenticated_participants_allowed(use: GovernanceUse, _context: Context) 
     clause="DDS-Security 1.1, 9.4.1.2.4 (enable_join_access_control)",
     remedy="Set <enable_join_access_control> to true " + CORRECT,
     explains=("grants-are-enforced",),
-    applies=governs,
+    applies=speaks,
 )
 def join_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
     """Peers let every participant join that authenticates, whatever its permissions.
@@ -181,7 +180,7 @@ def join_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[V
     clause="DDS-Security 1.1, 9.4.1.2.6 (enable_read_access_control)",
     remedy="Set <enable_read_access_control> to true " + CORRECT,
     explains=("grants-are-enforced", "nobody-reads-without-a-grant", "nobody-writes-without-a-grant"),
-    applies=governs,
+    applies=speaks,
 )
 def read_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
     """Whoever joined reads the topics: nobody asks for subscribe permissions.
@@ -210,7 +209,7 @@ def read_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[V
     clause="DDS-Security 1.1, 9.4.1.2.6 (enable_write_access_control)",
     remedy="Set <enable_write_access_control> to true " + CORRECT,
     explains=("grants-are-enforced", "nobody-writes-without-a-grant"),
-    applies=governs,
+    applies=speaks,
 )
 def write_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
     """Whoever joined writes the topics: nobody asks for publish permissions."""
@@ -292,7 +291,7 @@ def _meaning(file: GovernanceFile) -> object:
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.5 (topic_access_rules)",
     remedy="Add a last <topic_rule> with <topic_expression>*</topic_expression> " + CORRECT,
-    applies=governs,
+    applies=speaks,
 )
 def topics_without_rule(use: GovernanceUse, context: Context) -> Iterator[Violation]:
     """Topics of a governed domain match no topic rule, so that nobody can create them.
@@ -313,7 +312,7 @@ def topics_without_rule(use: GovernanceUse, context: Context) -> Iterator[Violat
 @rule(
     "KA421",
     "dds-security-1-0-document",
-    Severity.INFO,
+    Severity.MEDIUM,
     on=DocumentUse,
     clause="DDS-Security 1.0 (20160303) against 1.1 (20170901)",
     remedy="Make the keystore again with a supported distribution of ROS 2: `ros2 security create_keystore KEYSTORE`.",

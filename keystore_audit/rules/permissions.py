@@ -7,20 +7,22 @@ says apply where somebody may take it: what a document says that every implement
 from __future__ import annotations
 
 from collections.abc import Iterator
+from datetime import datetime
+from functools import lru_cache
 from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Defect, Kind
+from keystore_audit.keystore.governance import Text
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Grant
 from keystore_audit.model.trust import Verdict
 from keystore_audit.model.validity import parse_instant
-from keystore_audit.rules import acceptance
-from keystore_audit.rules.acceptance import may_be_accepted
+from keystore_audit.rules.acceptance import verdict
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import AMBIGUOUS
 from keystore_audit.rules.registry import Rule, Violation, rule
-from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse
+from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks
 from keystore_audit.rules.wording import defective, listed, of_kinds, places, quoted, sole
 
 WRITE_AGAIN: Final = (
@@ -48,6 +50,14 @@ def own_grants(use: PermissionsUse) -> Iterator[Grant]:
     return (grant for grant in all_grants(use) if grant.subject_name.text in own)
 
 
+_parse_instant = lru_cache(maxsize=4096)(parse_instant)
+
+
+def instant_of(date: Text) -> datetime | None:
+    """The instant that a date of a grant names, None where no two implementations agree on one."""
+    return _parse_instant(date.text)
+
+
 def about(use: PermissionsUse, grant: Grant, line: int | None, message: str, **more: Any) -> Violation:
     """A violation about a grant, at `line`."""
     more.setdefault("key", grant.subject_name.text)
@@ -65,7 +75,7 @@ def _ambiguities(use: PermissionsUse) -> Iterator[Violation]:
             of_kinds(use.document.defects, kind),
             use.enclaves,
             "implementations differ in what they make of it.",
-            undecided=may_be_accepted(use),
+            undecided=use.may_be_taken,
         )
 
 
@@ -87,7 +97,7 @@ def permissions_schema_invalid(use: PermissionsUse, _context: Context) -> Iterat
         of_kinds(use.document.defects, Kind.SCHEMA_INVALID),
         use.enclaves,
         "implementations differ in what they make of it.",
-        undecided=may_be_accepted(use),
+        undecided=use.may_be_taken,
     )
 
 
@@ -116,11 +126,11 @@ def permissions_ambiguous(use: PermissionsUse, _context: Context) -> Iterator[Vi
                 detail=f"expected a date as 2026-01-31T00:00:00, got {quoted(date.text)}",
             )
             for date in dates
-            if parse_instant(date.text) is None
+            if instant_of(date) is None
         ),
         use.enclaves,
         "implementations differ in what they make of it.",
-        undecided=may_be_accepted(use),
+        undecided=use.may_be_taken,
     )
 
 
@@ -132,7 +142,7 @@ def permissions_ambiguous(use: PermissionsUse, _context: Context) -> Iterator[Vi
     clause="DDS-Security 1.1, 9.4.1.3 (subject_name); RFC 4514",
     remedy="Let <subject_name> say what `openssl x509 -noout -subject -nameopt RFC2253 -in cert.pem` prints: "
     f"{WRITE_AGAIN}",
-    applies=acceptance.grants,
+    applies=speaks,
 )
 def no_grant_for_certificate(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
     """No grant names the identity of the enclave that carries the document, so that the enclave cannot start.
@@ -161,7 +171,7 @@ def no_grant_for_certificate(use: PermissionsUse, _context: Context) -> Iterator
 def _refused_by(use: PermissionsUse, enclave: Enclave) -> bool:
     """Whether the enclave takes the document under no known implementation."""
     return all(
-        acceptance.verdict(use, enclave, pins_signer=pins_signer) is Verdict.REFUSED for pins_signer in (True, False)
+        verdict(use.signed, enclave, pins_signer=pins_signer) is Verdict.REFUSED for pins_signer in (True, False)
     )
 
 
@@ -172,7 +182,7 @@ def _refused_by(use: PermissionsUse, enclave: Enclave) -> bool:
     on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3 (grant); measured: the first one decides",
     remedy=f"Merge the grants into one, as one <profile> for each node below one <profiles>: {WRITE_AGAIN}",
-    applies=acceptance.grants,
+    applies=speaks,
 )
 def second_grant_for_subject(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
     """Two grants name one subject, and the second counts for nothing.
@@ -204,7 +214,7 @@ def second_grant_for_subject(use: PermissionsUse, _context: Context) -> Iterator
     on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3; measured on Cyclone DDS 0.10.2 and 11.0.1 and on Fast DDS 2.9.1",
     remedy=f"Give each enclave a document with its own grant alone: {WRITE_AGAIN}",
-    applies=acceptance.grants,
+    applies=speaks,
 )
 def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """The document holds grants for others than the enclaves that carry it.
@@ -245,7 +255,7 @@ def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator
     on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3 (allow_rule); measured",
     remedy=f"Allow what the enclave needs, ros_discovery_info among it: {WRITE_AGAIN}",
-    applies=acceptance.grants,
+    applies=speaks,
 )
 def grant_without_allow_rule(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
     """The enclave's grant has no allow rule: Fast DDS refuses the participant.
@@ -283,7 +293,7 @@ def empty_topic_expression(use: DocumentUse, _context: Context) -> Iterator[Viol
     implementation without the fault makes of it is unknown.
     """
     yield from defective(
-        of_kinds(_document_defects(use), Kind.EMPTY_TOPIC), use.enclaves, _CRASHES, undecided=may_be_accepted(use)
+        of_kinds(_document_defects(use), Kind.EMPTY_TOPIC), use.enclaves, _CRASHES, undecided=use.may_be_taken
     )
 
 
@@ -304,7 +314,7 @@ def rule_without_domains(use: PermissionsUse, _context: Context) -> Iterator[Vio
         of_kinds(use.document.defects, Kind.RULE_WITHOUT_DOMAINS),
         use.enclaves,
         _CRASHES,
-        undecided=may_be_accepted(use),
+        undecided=use.may_be_taken,
     )
 
 
