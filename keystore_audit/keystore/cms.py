@@ -16,7 +16,7 @@ from cryptography.hazmat import asn1
 from cryptography.hazmat.asn1 import TLV, Explicit, GeneralizedTime, Implicit, SetOf, UTCTime
 
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.keystore.signature_algorithm import Problems, Scheme, read_digest, read_scheme
+from keystore_audit.keystore.signature_algorithm import Digest, Problems, Scheme, read_digest, read_scheme
 
 MAX_SIGNERS: Final = 16
 """SignerInfos whose signatures are checked: a real document has one, each costs a public-key operation per key."""
@@ -142,10 +142,12 @@ def read_signed_data(der: bytes) -> SignedData:
         problems.append((Kind.CMS_MALFORMED, f"{len(infos)} signatures, at most {MAX_SIGNERS} are checked"))
         infos = []
     try:
-        listed = {read_digest(asn1.encode_der(digest)).identifier for digest in data.digest_algorithms.as_list()}
+        listed = [read_digest(asn1.encode_der(digest)) for digest in data.digest_algorithms.as_list()]
         signers = tuple(_signer(info, listed, problems) for info in infos)
     except ValueError as error:
         raise CmsError(Kind.CMS_MALFORMED, f"an algorithm identifier cannot be read: {error}") from None
+    if any(digest.has_parameters for digest in listed):
+        problems.append((Kind.CMS_MALFORMED, "a digest algorithm that the message lists has parameters"))
     certificates = tuple(asn1.encode_der(certificate) for certificate in data.certificates or ())
     if len(certificates) > MAX_EMBEDDED:
         problems.append((Kind.CMS_MALFORMED, f"{len(certificates)} certificates, at most {MAX_EMBEDDED} are read"))
@@ -182,7 +184,7 @@ def _envelope_problems(data: _SignedData) -> list[tuple[Kind, str]]:
     return [(Kind.CMS_MALFORMED, f"expected plain signed data, found {problem}") for problem in problems]
 
 
-def _signer(info: _SignerInfo, listed: set[str], problems: list[tuple[Kind, str]]) -> SignerInfo:
+def _signer(info: _SignerInfo, listed: list[Digest], problems: list[tuple[Kind, str]]) -> SignerInfo:
     """Read one SignerInfo and append what is out of order in it."""
 
     def malformed(detail: str) -> None:
@@ -195,7 +197,7 @@ def _signer(info: _SignerInfo, listed: set[str], problems: list[tuple[Kind, str]
     digest = read_digest(asn1.encode_der(info.digest_algorithm))
     scheme = read_scheme(asn1.encode_der(info.signature_algorithm), digest.name)
     problems += digest.problems + scheme.problems
-    if digest.identifier not in listed:
+    if digest not in listed:
         malformed(f"the digest algorithm {digest.name} of a signature is not among those that the message lists")
     message_digest, signing_time = None, None
     if info.signed_attributes is None:
@@ -249,6 +251,8 @@ def _time(value: TLV) -> datetime | None:
 
 def _departure_from_der(data: bytes) -> str | None:
     """The first length that is not DER (X.690, 10.1) in reading order, or bytes behind the outermost element."""
+    if not data.startswith(b"\x30"):
+        return None
     position, outer_end = 0, len(data)
     for _ in range(MAX_ELEMENTS):
         if position + 2 >= len(data):

@@ -24,13 +24,16 @@ MAX_HEADER_LINES: Final = 64
 MAX_BOUNDARIES: Final = 8
 """Boundary lines that are looked at: a signed message has 3, and 300,000 cost seconds."""
 
+MAX_MENTIONS: Final = 1000
+"""Boundaries inside lines, where they are text, that are looked at: real messages have none."""
+
 STOCK_PREAMBLE: Final = b"This is an S/MIME signed message"
 """The unsigned line that every writer puts before the first part (SMIME_write_ASN1, pyca's `smime_sign_encode`)."""
 
 _STOCK_HEADER: Final = re.compile(
     # Byte for byte what the two real writers emit: pyca/cryptography (sros2 since Iron) and OpenSSL.
     rb'MIME-Version: 1\.0(\r?\n)Content-Type: multipart/signed; protocol="application/(?:x-)?pkcs7-signature"; '
-    rb'micalg="[a-z0-9-]+"; boundary="([-=0-9A-F]{8,70})"\1\1'
+    rb'micalg="[a-z0-9-]{1,40}"; boundary="([-=0-9A-F]{8,70})"\1\1'
 )
 _STOCK_SIGNATURE_HEADER: Final = re.compile(
     rb'Content-Type: application/(?:x-)?pkcs7-signature; name="smime\.p7s"(\r?\n)Content-Transfer-Encoding: base64\1'
@@ -48,6 +51,9 @@ _PART_HEADERS: Final = frozenset({b"content-type", b"content-transfer-encoding",
 
 _BASE64_WIDTHS: Final = frozenset({64, 76})
 """Columns that PEM (RFC 7468) and MIME (RFC 2045) writers use; OpenSSL's reader is odd beyond 80."""
+
+_SEVERAL_RETURNS: Final = re.compile(rb"\r{1,8}\n")
+"""A line end with more CRs than one, which OpenSSL strips; a bound, since a thousand of them fill its buffer."""
 
 _SPACE: Final = b" \t\n\v\f\r"
 """What `ossl_isspace` takes for white space."""
@@ -186,11 +192,13 @@ def _delimiters(data: bytes, start: int, boundary: bytes, unsigned: list[Unsigne
     """The boundary lines up to the final one, each with where it begins and where the next line begins."""
     mark = b"--" + boundary
     found: list[tuple[int, int]] = []
-    hit = data.find(mark, start)
+    hit, mentions = data.find(mark, start), 0
     while hit >= 0:
         if hit != start and data[hit - 1] != 0x0A:
-            if data.rfind(b"\n", max(start, hit - MAX_LINE), hit) < 0 and hit - start >= MAX_LINE:
-                detail = f"a boundary inside a line of more than {MAX_LINE} bytes"
+            mentions += 1
+            far = hit - start >= MAX_LINE and data.rfind(b"\n", max(start, hit - MAX_LINE), hit) < 0
+            if far or mentions > MAX_MENTIONS:
+                detail = f"a boundary behind {MAX_LINE} bytes of a line, or more than {MAX_MENTIONS} inside lines"
                 raise MimeError(Kind.MIME_MALFORMED, _line(data, hit), detail)
             hit = data.find(mark, hit + 1)
             continue
@@ -257,11 +265,9 @@ def _read_signature(data: bytes, begin: int, end: int, unsigned: list[Unsigned])
 
 def _decode_base64(text: bytes, line: int) -> bytes:
     """Decode lines of 64 or 76 characters, blank lines only around them; the encoding has to be the canonical one."""
-    text = text.strip(b"\r\n")
-    returns = text.count(b"\r")
-    if returns != 0 and returns != text.count(b"\r\n"):
-        text = b"\n".join([encoded.rstrip(b"\r") for encoded in text.split(b"\n")])
-    lines = text.replace(b"\r\n", b"\n").split(b"\n")
+    regular_ends = text.count(b"\r") == text.count(b"\r\n")
+    text = text.replace(b"\r\n", b"\n") if regular_ends else _SEVERAL_RETURNS.sub(b"\n", text)
+    lines = text.strip(b"\n").split(b"\n")
     widths, last = set(map(len, lines[:-1])), len(lines[-1])
     joined = b"".join(lines)
     regular = (

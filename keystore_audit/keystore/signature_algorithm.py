@@ -84,7 +84,7 @@ class Digest:
     """A digest algorithm: its name, the dotted identifier of one that we do not know."""
 
     name: str
-    identifier: str
+    has_parameters: bool
     problems: Problems
 
 
@@ -131,7 +131,7 @@ def read_digest(der: bytes) -> Digest:
         problems.append((Kind.WEAK_DIGEST, f"signed over a digest by {name}, for which collisions are known"))
     elif name not in DIGESTS:
         problems.append((Kind.UNSUPPORTED_ALGORITHM, f"signed over a digest by {name}, which is not checked here"))
-    return Digest(name=name, identifier=identifier, problems=tuple(problems))
+    return Digest(name=name, has_parameters=parameters is not None, problems=tuple(problems))
 
 
 @lru_cache(maxsize=64)

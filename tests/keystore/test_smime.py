@@ -1,0 +1,496 @@
+"""Signed documents: what OpenSSL accepts and reads, byte for byte, and nothing that it refuses."""
+
+from __future__ import annotations
+
+import random
+import re
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric import rsa
+from cryptography.x509.name import _ASN1Type
+from cryptography.x509.oid import NameOID
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from keystore_audit.keystore import mime, smime
+from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.files import File, Status
+from keystore_audit.keystore.mime import read_message
+from keystore_audit.keystore.smime import Candidates, SignedDocument, read_signed
+from keystore_audit.model.trust import Verdict, document_verdict
+from tests.keystore import messages
+from tests.keystore.builder import GOVERNANCE, Signed, authority, certificate, evidence, present, read, signed_document
+from tests.keystore.messages import by_openssl, corpus, mutated, textual, with_signature
+from tests.keystore.smime_oracle import Oracle, disagreement, running
+
+CA = authority()
+RSA_CA = authority(key=rsa.generate_private_key(65537, 2048))
+LEAF = certificate("/talker", CA)
+TRUSTED = read(CA.pem)
+STOCK = by_openssl(("smime", "-text"), CA)
+SROS2 = signed_document(GOVERNANCE, CA)
+CRLF_GOVERNANCE = GOVERNANCE.replace(b"\n", b"\r\n")
+
+
+def document(message: bytes, *candidates: Signed) -> SignedDocument:
+    trusted = [evidence(signed) for signed in candidates or (CA,)]
+    return read_signed(present(message, "enclaves/governance.p7s"), trusted)
+
+
+def kinds(message: bytes, *candidates: Signed) -> list[Kind]:
+    return [defect.kind for defect in document(message, *candidates).defects]
+
+
+def verdict(message: bytes) -> Verdict:
+    return document_verdict(document(message), TRUSTED, pins_signer=True)
+
+
+@pytest.fixture(scope="module", params=["EC", "RSA"])
+def asked(
+    request: pytest.FixtureRequest, oracle: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[tuple[Signed, Oracle, dict[str, bytes]]]:
+    """An authority, the oracle that trusts it, and every message that the real writers make with it."""
+    signer = CA if request.param == "EC" else RSA_CA
+    with running(oracle, tmp_path_factory.mktemp("oracle"), signer.pem) as answers:
+        yield signer, answers, corpus(signer, rsa=request.param == "RSA")
+
+
+# --- the two real writers
+
+
+@pytest.mark.parametrize("message", [STOCK, SROS2], ids=["openssl", "pyca"])
+def test_a_stock_document_is_read_without_a_word(message: bytes) -> None:
+    read_document = document(message)
+    (signature,) = read_document.signatures
+    ca = evidence(CA)
+    assert read_document.content == CRLF_GOVERNANCE
+    assert read_document.defects == ()
+    assert (signature.named, signature.verified_by) == ((ca,), (ca,))
+    assert (signature.issuer_der, signature.serial) == (ca.subject_der, ca.serial)
+    assert (signature.digest, signature.digest_matches) == ("sha256", True)
+    assert signature.signing_time is not None
+    assert signature.signing_time.tzinfo is not None
+    assert [certificate.sha256 for certificate in read_document.embedded] == [ca.sha256]
+
+
+@pytest.mark.parametrize("spoil", [lambda m: m, lambda m: b"X: y\nY: x\n" + m, lambda m: m.replace(b"\r\n", b"\n")])
+@pytest.mark.parametrize("message", [STOCK, SROS2], ids=["openssl", "pyca"])
+def test_lines_are_those_of_the_file(message: bytes, spoil: Callable[[bytes], bytes]) -> None:
+    message = spoil(message)
+    read_document = document(message)
+    assert read_document.content is not None
+    lines = message.split(b"\n")
+    for number, text in enumerate(read_document.content.split(b"\r\n")[:-1], 1):
+        line = read_document.line(number)
+        assert line is not None
+        assert lines[line - 1].rstrip(b"\r") == text
+    assert read_document.line(None) is None
+
+
+def test_the_literal_reader_of_stock_messages_agrees_with_the_exact_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    stock = {title: read_message(message) for title, message in (("openssl", STOCK), ("pyca", SROS2))}
+    exact = re.compile(rb"(?!)")
+    for name in ("_STOCK_HEADER", "_STOCK_SIGNATURE_HEADER"):
+        monkeypatch.setattr(mime, name, exact)
+    assert {"openssl": read_message(STOCK), "pyca": read_message(SROS2)} == stock
+    monkeypatch.setattr(mime, "_STOCK_TEXT_HEADER", b"never")
+    assert document(STOCK).content == document(SROS2).content == CRLF_GOVERNANCE
+
+
+def test_a_line_longer_than_the_buffer_is_one_line() -> None:
+    content = b"<dds>" + b"<!-- " + b"x" * 5000 + b" --></dds>\n"
+    for message in (by_openssl(("smime", "-text"), CA, content=content), signed_document(content, CA)):
+        read_document = document(message)
+        assert (read_document.content, read_document.defects) == (content.replace(b"\n", b"\r\n"), ())
+
+
+# --- every option set, and mutations by hand: what is said, and what OpenSSL does
+
+WITHOUT_DEFECT = {
+    *("smime -text", "smime -text -stream", "smime -text -nocerts", "smime -text -nosmimecap", "smime -text -crlfeol"),
+    *("smime -text -md sha224", "smime -text -md sha384", "smime -text -md sha512"),
+    *("cms -text", "cms -text -nocerts", "cms -text -nosmimecap", "cms -text -cades", "cms -text -crlfeol"),
+    *("cms -text -md sha512", "cms -text -receipt"),
+    *("pyca as sros2", "pyca no capabilities", "pyca no certificates"),
+}
+SAID: dict[str, set[Kind]] = {
+    "smime": {Kind.NO_TEXT_PLAIN},
+    "cms": {Kind.NO_TEXT_PLAIN},
+    "pyca without text": {Kind.NO_TEXT_PLAIN},
+    "smime -text -nodetach": {Kind.OPAQUE_MESSAGE},
+    "cms -text -nodetach": {Kind.OPAQUE_MESSAGE},
+    "smime -text -nodetach -stream": {Kind.CMS_NOT_DER},
+    "cms -text -nodetach -stream": {Kind.CMS_NOT_DER},
+    "smime -text -noattr": {Kind.NO_SIGNED_ATTRIBUTES},
+    "cms -text -noattr": {Kind.NO_SIGNED_ATTRIBUTES},
+    "pyca no attributes": {Kind.NO_SIGNED_ATTRIBUTES},
+    "smime -text -noattr -nodetach": {Kind.OPAQUE_MESSAGE, Kind.NO_SIGNED_ATTRIBUTES},
+    "smime -binary": {Kind.NO_TEXT_PLAIN, Kind.DIGEST_MISMATCH},
+    "smime -text -binary": {Kind.NO_TEXT_PLAIN, Kind.DIGEST_MISMATCH},
+    "cms -text -binary": {Kind.NO_TEXT_PLAIN, Kind.DIGEST_MISMATCH},
+    "smime -text -md sha1": {Kind.WEAK_DIGEST},
+    "smime -text -md md5": {Kind.WEAK_DIGEST},
+    "smime -text -md ripemd160": {Kind.UNSUPPORTED_ALGORITHM},
+    "smime -text -md sha3-256": {Kind.UNSUPPORTED_ALGORITHM},
+    "cms -text, RSA-PSS": {Kind.UNSUPPORTED_ALGORITHM},
+    "smime -text -outform DER": {Kind.NOT_SMIME},
+    "smime -text -outform PEM": {Kind.NOT_SMIME},
+    "smime -text -subject -to": {Kind.UNSIGNED_TEXT},
+    "cms -text -asciicrlf": {Kind.CMS_MALFORMED},  # content of another type than id-data
+    "cms -text -econtent_type": {Kind.CMS_MALFORMED},
+    "pyca opaque": {Kind.TWO_CONTENTS, Kind.NO_TEXT_PLAIN},
+}
+
+
+def test_every_option_set_of_every_writer(asked: tuple[Signed, Oracle, dict[str, bytes]]) -> None:
+    signer, oracle, made = asked
+    trusted = read(signer.pem)
+    accepted = set()
+    for title, message in made.items():
+        read_document = document(message, signer)
+        assert {defect.kind for defect in read_document.defects} == SAID.get(title, set()), title
+        assert (title in WITHOUT_DEFECT) == (title not in SAID), title
+        assert disagreement(read_document, trusted, oracle.content(message)) is None, title
+        if document_verdict(read_document, trusted, pins_signer=True) is Verdict.ACCEPTED:
+            accepted.add(title)
+    assert accepted >= WITHOUT_DEFECT, "what real writers make is accepted"
+
+
+END = STOCK.count(b"\n")
+VALID_WITH_UNSIGNED_TEXT = {
+    "byte order mark": 1,
+    "extra header": 1,
+    "header without colon": 1,
+    "comment in a header": 1,
+    "preamble": 4,
+    "preamble line added": 6,
+    "long line in the preamble": 4,
+    "text behind a boundary": 6,
+    "empty part first": 7,
+    "empty part between": 36,
+    "two signature headers": 37,
+    "signature extra header": 37,
+    "epilogue": END + 1,
+    "epilogue with parts": END + 1,
+    "text behind the final boundary": END - 1,
+}
+"""OpenSSL accepts these, and no signature covers the text that was added: the line at which it stands."""
+VALID = {
+    *("all LF", "all CRLF", "all CRCRLF", "folded header", "folded header with tab", "upper case header"),
+    *("no MIME-Version", "other protocol", "no micalg", "boundary not quoted", "boundary of one letter, not quoted"),
+    *("empty boundary", "no preamble", "signature type without x", "signature 7bit"),
+}
+REFUSED = {
+    "leading blank line": {Kind.NOT_SMIME},
+    "empty": {Kind.NOT_SMIME},
+    "signed text alone": {Kind.NOT_SMIME},
+    "text changed": {Kind.DIGEST_MISMATCH},
+    "text longer": {Kind.DIGEST_MISMATCH},
+    "trailing blank in the text": {Kind.DIGEST_MISMATCH},
+    "lone CR in the text": {Kind.DIGEST_MISMATCH},
+    "long line in the text": {Kind.DIGEST_MISMATCH},
+    "text/plain with charset": {Kind.DIGEST_MISMATCH},
+    "text/html": {Kind.NO_TEXT_PLAIN, Kind.DIGEST_MISMATCH},
+}
+STRICTER = {
+    # OpenSSL accepts these and we do not follow: what differs between readers of MIME, or only lengthens a message.
+    "duplicate Content-Type last": "which of two headers counts depends on a sort",
+    "NUL in the header": "ends the line for OpenSSL, not for others",
+    "NUL in the preamble": "ends the line for OpenSSL, not for others",
+    "boundary at byte 1023 of a line": "the buffer of OpenSSL makes it the beginning of a line",
+    "long header line": "falls into pieces that count as lines",
+    "Content-Type split at byte 1023": "falls into pieces that count as lines",
+    "many headers": "the limit of 64 lines",
+    "blank lines in the base64": "base64 readers differ",
+    "blank in the base64": "base64 readers differ",
+    "other line length in the base64": "base64 readers differ",
+    "text before the base64": "OpenSSL looks for the first line that it can decode",
+    "text behind the base64": "OpenSSL stops at the padding, where there is one",
+}
+
+
+def test_mutations_by_hand(asked: tuple[Signed, Oracle, dict[str, bytes]]) -> None:
+    signer, oracle, made = asked
+    trusted = read(signer.pem)
+    stricter = set()
+    for title, message in textual(made["smime -text"]).items():
+        read_document = document(message, signer)
+        accepted = oracle.content(message)
+        said = {defect.kind for defect in read_document.defects}
+        assert disagreement(read_document, trusted, accepted) is None, title
+        if title in VALID or title in VALID_WITH_UNSIGNED_TEXT:
+            assert document_verdict(read_document, trusted, pins_signer=True) is Verdict.ACCEPTED, title
+            assert read_document.content == CRLF_GOVERNANCE, title
+            assert said == ({Kind.UNSIGNED_TEXT} if title in VALID_WITH_UNSIGNED_TEXT else set()), title
+        else:
+            assert said == REFUSED.get(
+                title, {Kind.MIME_MALFORMED} if title != "no base64" else {Kind.CMS_MALFORMED}
+            ), title
+            if accepted is not None:
+                stricter.add(title)
+    assert stricter | {"text behind the base64"} == set(STRICTER), "what OpenSSL accepts and we do not is listed"
+
+
+@pytest.mark.parametrize("title", sorted(VALID_WITH_UNSIGNED_TEXT))
+def test_unsigned_text_is_found_at_its_line(title: str) -> None:
+    (found, *_) = document(textual(STOCK)[title]).defects
+    assert (found.kind, found.line) == (Kind.UNSIGNED_TEXT, VALID_WITH_UNSIGNED_TEXT[title])
+
+
+MUTATIONS = 1000
+"""For each of two authorities, so that the whole takes some seconds; more with other seeds change nothing (measured:
+200,000 without a contradiction)."""
+
+
+def test_mutations_at_random(asked: tuple[Signed, Oracle, dict[str, bytes]]) -> None:
+    signer, oracle, made = asked
+    trusted = read(signer.pem)
+    candidates = Candidates(trusted.certificates)
+    rng = random.Random(20240901)
+    bases = [message for message in made.values() if oracle.content(message) is not None]
+    seen: Counter[tuple[Verdict, bool]] = Counter()
+    for _ in range(MUTATIONS):
+        message = mutated(rng.choice(bases), rng)
+        read_document = read_signed(present(message), candidates)
+        accepted = oracle.content(message)
+        assert disagreement(read_document, trusted, accepted) is None, message
+        seen[document_verdict(read_document, trusted, pins_signer=True), accepted is not None] += 1
+    assert seen[Verdict.ACCEPTED, True] > 30, "the mutations leave something to accept"
+    assert seen[Verdict.REFUSED, False] > 100, "and something to refuse"
+    assert seen[Verdict.UNKNOWN, True] < 0.15 * MUTATIONS, "strictness does not swallow the rest"
+
+
+# --- who signed
+
+
+def test_a_document_signed_by_an_enclave_names_the_enclave() -> None:
+    """CVE-2023-24010: `openssl smime -verify` and the run times before the fix take it."""
+    read_document = document(by_openssl(("smime", "-text"), LEAF), CA, LEAF)
+    (signature,) = read_document.signatures
+    assert [c.subject for c in signature.named] == [c.subject for c in signature.verified_by] == ["CN=/talker"]
+    assert read_document.content == CRLF_GOVERNANCE
+    assert document_verdict(read_document, TRUSTED, pins_signer=True) is Verdict.REFUSED
+    assert document_verdict(read_document, TRUSTED, pins_signer=False) is Verdict.ACCEPTED
+
+
+def test_a_signer_that_only_the_message_knows_is_found_in_it() -> None:
+    message = by_openssl(("smime", "-text"), LEAF)
+    read_document = document(message, CA)
+    (signature,) = read_document.signatures
+    (embedded,) = read_document.embedded
+    assert (embedded.subject, embedded.path) == ("CN=/talker", "enclaves/governance.p7s")
+    assert message.split(b"\n")[embedded.line - 1].startswith(b"MII")
+    assert (signature.named, signature.verified_by) == ((embedded,), (embedded,))
+
+
+def test_without_embedded_certificates_a_stranger_stays_unknown() -> None:
+    (signature,) = document(by_openssl(("smime", "-text", "-nocerts"), LEAF), CA).signatures
+    assert (signature.named, signature.verified_by, signature.digest_matches) == ((), (), True)
+
+
+def test_every_signature_is_checked() -> None:
+    read_document = document(by_openssl(("smime", "-text"), CA, LEAF), CA, LEAF)
+    assert [defect.kind for defect in read_document.defects] == [Kind.SEVERAL_SIGNERS]
+    assert sorted(c.subject for s in read_document.signatures for c in s.verified_by) == ["CN=/talker", "CN=sros2CA"]
+    assert document_verdict(read_document, TRUSTED, pins_signer=True) is Verdict.REFUSED
+
+
+def test_an_authority_renewed_with_its_key_verifies_but_is_not_named() -> None:
+    renewed = certificate("sros2CA", ca=True, key=CA.key)
+    (signature,) = document(SROS2, renewed).signatures
+    assert evidence(renewed) in signature.verified_by
+    assert evidence(renewed) not in signature.named
+    without = document(by_openssl(("smime", "-text", "-nocerts"), CA), renewed)
+    assert without.signatures[0].named == ()
+    assert without.signatures[0].verified_by == (evidence(renewed),)
+    assert document_verdict(without, read(renewed.pem), pins_signer=True) is Verdict.REFUSED
+
+
+def test_another_authority_with_the_same_name_verifies_nothing() -> None:
+    impostor = authority()
+    read_document = document(by_openssl(("smime", "-text", "-nocerts"), impostor), CA)
+    assert [(s.named, s.verified_by) for s in read_document.signatures] == [((), ())]
+
+
+def test_a_certificate_with_the_serial_number_of_the_authority_does_not_pass_for_it() -> None:
+    impostor = certificate("sros2CA", ca=True, serial=CA.certificate.serial_number)
+    message = by_openssl(("smime", "-text"), impostor)
+    (signature,) = document(message, CA).signatures
+    assert len(signature.named) == 2, "the candidate and the one in the message"
+    assert [c.sha256 for c in signature.verified_by] == [evidence(impostor).sha256]
+    assert verdict(message) is Verdict.REFUSED
+    both = document(message, CA, impostor)
+    assert [c.sha256 for c in both.signatures[0].verified_by] == [evidence(impostor).sha256]
+
+
+def test_an_issuer_written_in_other_bytes_leaves_the_signer_open(oracle: Callable[[str], str], tmp_path: Path) -> None:
+    """OpenSSL compares names by meaning, so what we cannot match may be matched by a run time."""
+    attribute = x509.NameAttribute(NameOID.COMMON_NAME, "sros2CA", _type=_ASN1Type.PrintableString)
+    printable = certificate(x509.Name([attribute]), ca=True, key=CA.key, serial=CA.certificate.serial_number)
+    message = by_openssl(("smime", "-text", "-nocerts"), CA)
+    read_document = document(message, printable)
+    with running(oracle, tmp_path, printable.pem) as answers:
+        assert answers.content(message) is not None
+    assert [defect.kind for defect in read_document.defects] == [Kind.CMS_MALFORMED]
+    assert document_verdict(read_document, read(printable.pem), pins_signer=True) is Verdict.UNKNOWN
+
+
+def test_unnamed_keys_are_tried_up_to_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(smime, "MAX_KEYS_TRIED", 2)
+    renewed = certificate("sros2CA", ca=True, key=CA.key)
+    strangers = [certificate(f"/{n}", CA) for n in range(3)]
+    message = by_openssl(("smime", "-text", "-nocerts"), CA)
+    assert document(message, *strangers, renewed).signatures[0].verified_by == ()
+    assert document(message, renewed, *strangers).signatures[0].verified_by == (evidence(renewed),)
+
+
+def test_more_named_keys_than_can_be_tried_leave_the_signer_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(smime, "MAX_KEYS_TRIED", 2)
+    same = [certificate("sros2CA", ca=True, serial=CA.certificate.serial_number) for _ in range(3)]
+    assert kinds(by_openssl(("smime", "-text", "-nocerts"), CA), *same, CA) == [Kind.CMS_MALFORMED]
+
+
+def test_candidates_are_found_by_name_and_by_key() -> None:
+    ca, leaf, renewed = (evidence(signed) for signed in (CA, LEAF, certificate("sros2CA", ca=True, key=CA.key)))
+    candidates = Candidates([ca, leaf, ca, renewed])
+    assert list(candidates) == [ca, leaf, renewed]
+    assert (candidates[0], candidates[1:], len(candidates)) == (ca, (leaf, renewed), 3)
+    assert candidates.named(leaf.issuer_der, leaf.serial) == [leaf]
+    assert candidates.with_key(ca.key) == [ca, renewed]
+    assert list(candidates.one_per_key()) == [ca, leaf]
+
+
+# --- only what is signed counts
+
+
+def test_a_decoy_around_the_signed_text_changes_nothing() -> None:
+    decoy = b"<dds><permissions>evil</permissions></dds>\n"
+    mark = b"\n------"
+    message = STOCK.replace(mark, b"\n" + decoy + mark[1:], 1) + decoy * 3
+    assert document(message).content == CRLF_GOVERNANCE
+
+
+def test_content_is_read_where_the_signature_is_broken() -> None:
+    tampered = STOCK.replace(b"<id>0</id>", b"<id>1</id>")
+    read_document = document(tampered)
+    assert read_document.content == CRLF_GOVERNANCE.replace(b"<id>0</id>", b"<id>1</id>")
+    assert read_document.first_line == 9
+    before, der, behind = messages.taken_apart(STOCK)
+    for broken in (der[:-1], b"", b"\x30\x00", der + b"\0"):
+        assert document(messages.put_together(before, broken, behind)).content == CRLF_GOVERNANCE
+
+
+def test_an_opaque_message_has_no_line() -> None:
+    read_document = document(by_openssl(("smime", "-text", "-nodetach"), CA))
+    assert read_document.content == CRLF_GOVERNANCE
+    assert (read_document.first_line, read_document.line(1)) == (None, None)
+
+
+def test_no_text_plain_exposes_no_content() -> None:
+    read_document = document(by_openssl(("smime",), CA))
+    assert (read_document.content, read_document.first_line) == (None, None)
+    assert read_document.signatures[0].digest_matches is True
+
+
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        (GOVERNANCE, "XML without a signature"),
+        (CA.pem, "a PEM file"),
+        (messages.taken_apart(STOCK)[1], "binary DER"),
+        (b"", "nothing"),
+        (STOCK.decode().encode("utf-16"), "neither"),
+        (b"MIME-Version: 1.0\nContent-Type: text/plain\n\nmultipart/signed\n", "text/plain"),
+    ],
+)
+def test_what_is_no_signed_message_is_called_by_its_name(content: bytes, found: str) -> None:
+    (defect,) = document(content).defects
+    assert defect.kind is Kind.NOT_SMIME
+    assert found in defect.detail
+
+
+def test_a_file_that_was_not_read_has_no_evidence() -> None:
+    read_document = read_signed(File(path="p", resolved=None, status=Status.MISSING), ())
+    assert (read_document.content, read_document.defects, read_document.signatures) == (None, (), ())
+
+
+def test_a_second_text_inside_the_signature_is_not_overlooked() -> None:
+    """The detached text is one, the text inside the structure another: readers differ in which they take."""
+    opaque = messages.taken_apart(by_openssl(("smime", "-text", "-nodetach"), CA))[1]
+    read_document = document(with_signature(STOCK, opaque))
+    assert Kind.TWO_CONTENTS in [defect.kind for defect in read_document.defects]
+    assert verdict(with_signature(STOCK, opaque)) is Verdict.UNKNOWN
+
+
+# --- hostile sizes: an answer, soon
+
+HUGE = 4 << 20
+TYPE = b'Content-Type: multipart/signed; boundary="B2"\n'
+HOSTILE = {
+    "250,000 headers": b"".join(b"X-%d: y\n" % number for number in range(250_000)) + TYPE,
+    "one header of 4 MB": TYPE.replace(b"B2", b"B" * HUGE),
+    "300,000 boundaries": TYPE + b"\n" + b"--B2\nx\n" * 300_000,
+    "300,000 empty parts": TYPE + b"\n" + b"--B2\n" * 300_000,
+    "a million boundaries inside a line": TYPE + b"\n" + b"--B2" * (HUGE // 4),
+    "short lines with boundaries inside": TYPE + b"\n" + b" --B2\n" * (HUGE // 6),
+    "4 MB of CR": TYPE + b"\n--B2\n" + b"\r" * HUGE + b"\n--B2\n\nx\n--B2--\n",
+    "4 MB of CR lines": TYPE + b"\n--B2\n" + b"\r\r\n" * (HUGE // 3) + b"--B2\n\nx\n--B2--\n",
+    "4 MB of LF": TYPE + b"\n--B2\n" + b"\n" * HUGE + b"--B2\n\nx\n--B2--\n",
+    "4 MB of blanks in a header": b"Content-Type:" + b" " * HUGE + b"multipart/signed\n\n",
+    "4 MB of base64": TYPE + b"\n--B2\n\nx\n--B2\nContent-Type: application/pkcs7-signature\n\n"
+    + (b"MDAw" * 16 + b"\n") * (HUGE // 65) + b"--B2--\n",
+    "deep DER": with_signature(STOCK, b"\x30\x80" * 1_000_000),
+    "deep definite DER": with_signature(STOCK, b"\x30\x00" * 1_000_000),
+    "length of 2^64": with_signature(STOCK, b"\x30\x88" + b"\xff" * 8 + b"\x00" * 64),
+    "preamble of 4 MB": STOCK.replace(b"This is", b"\n" * HUGE + b"This is"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("title", HOSTILE)
+def test_hostile_sizes(title: str) -> None:
+    started = time.process_time()
+    document(HOSTILE[title])
+    assert time.process_time() - started < 5, "a second on an idle machine; the benchmarks hold the limit"
+
+
+# --- anything at all
+
+
+@given(st.binary(max_size=400))
+def test_no_bytes_raise(content: bytes) -> None:
+    read_document = document(content)
+    assert read_document.content is None or read_document.signatures == ()
+
+
+PIECES = [
+    *(b"MIME-Version: 1.0", TYPE[:-1], b"--B2", b"--B2--", b"Content-Type: text/plain", b"", b"\n", b"\r\n", b"\n\n"),
+    *(
+        b"Content-Type: application/x-pkcs7-signature",
+        b"Content-Type: application/pkcs7-mime",
+        b"MIIB",
+        b'"',
+        b"(",
+        b";",
+    ),
+    *(b"x=", b" ", b"boundary=", b"\x00", b"\xff", b"<dds/>", b"MIIBMDCB" * 8),
+]
+
+
+@settings(max_examples=300)
+@given(st.lists(st.sampled_from(PIECES), max_size=40))
+def test_no_arrangement_of_mime_raises(pieces: list[bytes]) -> None:
+    read_document = document(b"".join(pieces))
+    assert document_verdict(read_document, TRUSTED, pins_signer=True) is not Verdict.ACCEPTED
+
+
+@given(st.binary(min_size=1, max_size=60), st.integers(0, 2000))
+def test_no_insertion_into_a_real_message_raises(inserted: bytes, place: int) -> None:
+    at = place % len(STOCK)
+    read_document = document(STOCK[:at] + inserted + STOCK[at:])
+    if document_verdict(read_document, TRUSTED, pins_signer=True) is Verdict.ACCEPTED:
+        assert read_document.content == CRLF_GOVERNANCE
