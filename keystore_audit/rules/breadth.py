@@ -13,11 +13,10 @@ from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.atoms import classify
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.rules import acceptance
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import SIGN_AGAIN, WRITE_AGAIN, about, all_grants
 from keystore_audit.rules.registry import Rule, Violation, rule
-from keystore_audit.rules.subjects import PermissionsUse
+from keystore_audit.rules.subjects import PermissionsUse, speaks
 from keystore_audit.rules.wording import listed, places, quoted, sole
 
 TOPICS: Final = "rt/*"
@@ -101,7 +100,7 @@ def _allows_everything(grant: Grant) -> bool:
     on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3 (default); measured",
     remedy=f"Write <default>DENY</default> and allow what is needed: {WRITE_AGAIN}",
-    applies=acceptance.grants,
+    applies=speaks,
 )
 def default_allow(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
     """What no rule of the grant names is allowed, in every domain.
@@ -127,7 +126,7 @@ def default_allow(use: PermissionsUse, _context: Context) -> Iterator[Violation]
     on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3 (topic expressions); ROS 2 design, SROS2 access control policies (wildcards)",
     remedy=f"Name each topic: {WRITE_AGAIN}",
-    applies=acceptance.grants,
+    applies=speaks,
 )
 def wildcard_grant(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
     """An allow rule covers names by a pattern, and so names that nobody has thought of.
@@ -173,7 +172,7 @@ def _is_pattern(text: str) -> bool:
     clause="ROS 2 design, SROS2 access control policies; ros2/sros2, policy/defaults (what create_enclave writes)",
     remedy="Write a policy for the enclave, `ros2 security generate_policy policy.xml` from a running system. "
     f"{SIGN_AGAIN}",
-    applies=acceptance.grants,
+    applies=speaks,
 )
 def allow_everything_permissions(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
     """The grant allows every topic and service both ways: what `ros2 security create_enclave` writes by itself.

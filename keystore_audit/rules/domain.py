@@ -9,13 +9,11 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.governance import DomainRange
 from keystore_audit.keystore.permissions import Grant
 from keystore_audit.model.domains import HIGHEST_DOMAIN, covered, describe
-from keystore_audit.rules import acceptance
-from keystore_audit.rules.acceptance import governs, may_be_accepted
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import CORRECT
 from keystore_audit.rules.permissions import WRITE_AGAIN, about, all_grants
 from keystore_audit.rules.registry import Rule, Violation, rule
-from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse
+from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks
 from keystore_audit.rules.wording import sole
 
 
@@ -38,7 +36,7 @@ def _open_range(domains: DomainRange) -> str | None:
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 and its governance XSD (id_range); measured",
     remedy="Write both <min> and <max> " + CORRECT,
-    applies=governs,
+    applies=speaks,
 )
 def domain_range_open(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
     """An <id_range> lacks <min> or <max>, and implementations read different domains in it (measured)."""
@@ -65,7 +63,7 @@ CYCLONE_HIGHEST_DOMAIN: Final = 230
     on=DocumentUse,
     clause="RTPS 2.5, 9.6.2.3 (ports of a domain); measured on Cyclone DDS",
     remedy="Use domain ids up to 230 and sign the document again with the permissions CA.",
-    applies=lambda use, _context: may_be_accepted(use),
+    applies=lambda use, _context: use.may_be_taken,
 )
 def domain_above_230(use: DocumentUse, _context: Context) -> Iterator[Violation]:
     """A governance or permissions document names a domain above 230.
@@ -103,7 +101,7 @@ def _ranges(use: DocumentUse) -> Iterator[DomainRange]:
     on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.3 (domains)",
     remedy=f"Let governance and permissions name one domain, with ROS_DOMAIN_ID set as on the robot: {WRITE_AGAIN}",
-    applies=acceptance.grants,
+    applies=speaks,
 )
 def grant_outside_governance_domains(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
     """No allow rule of the enclave's grant names a domain that its governance covers: it can take part in none.
@@ -147,7 +145,7 @@ def grant_outside_governance_domains(use: PermissionsUse, _context: Context) -> 
     on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3 and its permissions XSD (id_range); measured",
     remedy=f"Write both <min> and <max>: {WRITE_AGAIN}",
-    applies=acceptance.grants,
+    applies=speaks,
 )
 def rule_domain_range_open(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
     """An <id_range> of a rule lacks <min> or <max>, and implementations read different domains in it (measured)."""

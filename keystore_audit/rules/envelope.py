@@ -11,7 +11,7 @@ from typing import Any
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.model.trust import Verdict, envelope
+from keystore_audit.model.trust import Verdict
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.signature import SIGN_AGAIN
@@ -25,7 +25,7 @@ def _has(use: DocumentUse, says: str, *kinds: Kind) -> Iterator[Violation]:
 
 def _leaves_open(use: DocumentUse, says: str, *kinds: Kind) -> Iterator[Violation]:
     """As `_has`; undecided unless something else makes every implementation refuse the document."""
-    undecided = envelope(use.signed).verdict is Verdict.UNKNOWN
+    undecided = use.envelope.verdict is Verdict.UNKNOWN
     return defective(of_kinds(use.signed.defects, *kinds), use.enclaves, says, undecided=undecided)
 
 

@@ -12,7 +12,6 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.usability import REQUIRED
-from keystore_audit.rules.acceptance import genuine
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse
@@ -198,7 +197,7 @@ def unreadable(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     remedy="Sign the .xml again if it says what is meant; else replace it by what `openssl smime -verify -text "
     "-noverify "
     "-in DOCUMENT.p7s` prints.",
-    applies=lambda use, _context: use.signed.content is not None and genuine(use),
+    applies=lambda use, _context: use.signed.content is not None and use.genuine,
 )
 def unsigned_document_differs(use: DocumentUse, context: Context) -> Iterator[Violation]:
     """The .xml beside a signed document says something else: what is reviewed is not what runs.

@@ -12,11 +12,10 @@ from typing import Any, Final
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.governance import DomainRule, ProtectionKind, TopicRule
-from keystore_audit.rules.acceptance import governs
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import CORRECT, domain_rules, topic_rules, violates
 from keystore_audit.rules.registry import Rule, Violation, rule
-from keystore_audit.rules.subjects import GovernanceUse
+from keystore_audit.rules.subjects import GovernanceUse, speaks
 
 
 def _kinds(domain_rule: DomainRule, topic_rule: TopicRule) -> tuple[ProtectionKind, ProtectionKind, ProtectionKind]:
@@ -44,7 +43,7 @@ def _said(domain_rule: DomainRule, topic_rule: TopicRule) -> str:
     clause="DDS-Security 1.1, 9.4.1.2.4 (rtps_protection_kind)",
     remedy="Set <rtps_protection_kind> to SIGN, as sros2 does, " + CORRECT,
     explains=("outsiders-cannot-inject",),
-    applies=governs,
+    applies=speaks,
 )
 def rtps_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
     """Whole messages are neither authenticated nor encrypted.
@@ -73,7 +72,7 @@ def rtps_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Viol
     clause="DDS-Security 1.1, 9.4.1.2.4 (rtps_protection_kind)",
     remedy="Where it matters who talks to whom, set <rtps_protection_kind> to ENCRYPT, which costs computing time, "
     + CORRECT,
-    applies=governs,
+    applies=speaks,
 )
 def rtps_protection_sign_only(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
     """Message headers are authenticated and readable: who talks to whom, when and how much. sros2 ships it so."""
@@ -97,7 +96,7 @@ def rtps_protection_sign_only(use: GovernanceUse, _context: Context) -> Iterator
     clause="DDS-Security 1.1, 9.4.1.2.4 (discovery_protection_kind) and 9.4.1.2.6 (enable_discovery_protection)",
     remedy="Set <enable_discovery_protection> to true and <discovery_protection_kind> to ENCRYPT " + CORRECT,
     explains=("outsiders-cannot-learn-names",),
-    applies=governs,
+    applies=speaks,
 )
 def discovery_unprotected(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
     """Topic names and types are readable in discovery.
@@ -123,7 +122,7 @@ def discovery_unprotected(use: GovernanceUse, _context: Context) -> Iterator[Vio
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 (liveliness_protection_kind) and 9.4.1.2.6 (enable_liveliness_protection)",
     remedy="Set <enable_liveliness_protection> to true and <liveliness_protection_kind> to SIGN or more " + CORRECT,
-    applies=governs,
+    applies=speaks,
 )
 def liveliness_unprotected(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
     """Liveliness messages can be forged: a writer that died is kept alive for its readers.
@@ -152,7 +151,7 @@ def liveliness_unprotected(use: GovernanceUse, _context: Context) -> Iterator[Vi
     clause="DDS-Security 1.1, 9.4.1.2.6 (metadata_protection_kind)",
     remedy="Set <metadata_protection_kind> to SIGN or ENCRYPT " + CORRECT,
     explains=("nobody-writes-without-a-grant", "nobody-reads-without-a-grant"),
-    applies=governs,
+    applies=speaks,
 )
 def metadata_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
     """Submessages are not protected from those who may not read the topic.
@@ -183,7 +182,7 @@ def metadata_protection_none(use: GovernanceUse, _context: Context) -> Iterator[
     clause="DDS-Security 1.1, 9.4.1.2.6 (metadata_protection_kind, data_protection_kind)",
     remedy="Set <data_protection_kind> or <metadata_protection_kind> to ENCRYPT " + CORRECT,
     explains=("outsiders-cannot-read", "nobody-reads-without-a-grant"),
-    applies=governs,
+    applies=speaks,
 )
 def payload_in_clear(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
     """No protection kind encrypts the samples: whoever listens on the network reads them."""
@@ -208,7 +207,7 @@ def payload_in_clear(use: GovernanceUse, _context: Context) -> Iterator[Violatio
     clause="DDS-Security 1.1, 9.5.3.3 (keys of rtps protection) and 9.4.1.2.6",
     remedy="Set <metadata_protection_kind> or <data_protection_kind> to ENCRYPT " + CORRECT,
     explains=("nobody-reads-without-a-grant", "nobody-writes-without-a-grant"),
-    applies=governs,
+    applies=speaks,
 )
 def payload_open_to_insiders(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
     """Only whole messages are encrypted, with keys that every participant of the domain holds.
@@ -239,7 +238,7 @@ def payload_open_to_insiders(use: GovernanceUse, _context: Context) -> Iterator[
     remedy="Set <metadata_protection_kind> and <data_protection_kind> to ENCRYPT and <rtps_protection_kind> to SIGN "
     + CORRECT,
     explains=("outsiders-cannot-inject", "nobody-writes-without-a-grant"),
-    applies=governs,
+    applies=speaks,
 )
 def samples_unauthenticated(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
     """No protection kind authenticates the samples: whoever reaches the network commands the robot.
@@ -266,7 +265,7 @@ def samples_unauthenticated(use: GovernanceUse, _context: Context) -> Iterator[V
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.6 (data_protection_kind)",
     remedy="Set <data_protection_kind> to ENCRYPT " + CORRECT,
-    applies=governs,
+    applies=speaks,
 )
 def data_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
     """Submessages are encrypted, the payload in them is not: relays and stores of durable data see it in clear."""
@@ -292,7 +291,7 @@ _REFUSE_CONTRADICTION: Final = ("fastdds-2.6", "fastdds-2.14", "fastdds-3.2", "f
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 (allow_unauthenticated_participants, rtps_protection_kind)",
     remedy="Set <allow_unauthenticated_participants> to false " + CORRECT,
-    applies=governs,
+    applies=speaks,
 )
 def unauthenticated_with_rtps_protection(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
     """Participants without a certificate are let in, though every message is protected by keys that they cannot have.

@@ -15,8 +15,8 @@ from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.smime import Signature
-from keystore_audit.model.trust import Verdict, document_verdict, envelope, may_sign, vouches
-from keystore_audit.rules.acceptance import authorities, judging, pinned, unpinned
+from keystore_audit.model.trust import Verdict, document_verdict, may_sign, vouches
+from keystore_audit.rules.acceptance import pinned, unpinned
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse
@@ -55,22 +55,22 @@ def _maker(use: DocumentUse, signature: Signature, context: Context) -> tuple[_M
     signer = next((certificate for certificate in signature.named if certificate.sha256 in verified), None)
     if signer is None:
         return _unnamed(use, signature)
-    if all(may_sign(signer, file, pins_signer=True) for _enclave, file in judging(use)):
+    if all(may_sign(signer, file, pins_signer=True) for _enclave, file in use.judging):
         return _Maker.AUTHORITY, signer
     if _holder(signer, context) is not None:
         return _Maker.IDENTITY, signer
-    keys = {authority.key for authority in authorities(use)}
-    own = any(signer.sha256 == authority.sha256 for authority in authorities(use))
+    keys = {authority.key for authority in use.authorities}
+    own = any(signer.sha256 == authority.sha256 for authority in use.authorities)
     if signer.key in keys and not own:
         return _Maker.RENEWED, signer
-    if not own and any(vouches(authority, signer) for authority in authorities(use)):
+    if not own and any(vouches(authority, signer) for authority in use.authorities):
         return _Maker.IDENTITY, signer
     return _Maker.STRANGER, signer
 
 
 def _unnamed(use: DocumentUse, signature: Signature) -> tuple[_Maker, Certificate | None]:
     """Who made a signature that verifies under no certificate which it names."""
-    keys = {authority.key for authority in authorities(use)}
+    keys = {authority.key for authority in use.authorities}
     for certificate in signature.verified_by:
         if certificate.key in keys:
             return _Maker.RENEWED, certificate
@@ -102,19 +102,19 @@ def _makers(use: DocumentUse, context: Context, wanted: _Maker) -> Iterator[tupl
 def _readable(use: DocumentUse, _context: Context) -> bool:
     """Whether there is a signature to judge, of which we know what it covers."""
     refused_form = any(of_kinds(use.signed.defects, Kind.NOT_SMIME, Kind.NO_TEXT_PLAIN))
-    return bool(use.signed.signatures) and not refused_form and envelope(use.signed).verdict is not Verdict.UNKNOWN
+    return bool(use.signed.signatures) and not refused_form and use.envelope.verdict is not Verdict.UNKNOWN
 
 
 def _comparable(use: DocumentUse, context: Context) -> bool:
     """Whether there is an authority to compare its signer with as well."""
-    return _readable(use, context) and bool(judging(use))
+    return _readable(use, context) and bool(use.judging)
 
 
 def _refusing(use: DocumentUse) -> tuple[tuple[Enclave, CertificateFile], ...]:
     """The enclaves whose permissions CA did not sign."""
     return tuple(
         (enclave, file)
-        for enclave, file in judging(use)
+        for enclave, file in use.judging
         if document_verdict(use.signed, file, pins_signer=True) is Verdict.REFUSED
     )
 
@@ -150,7 +150,7 @@ def _violation(use: DocumentUse, message: str, signer: Certificate | None, key: 
 
 def _expected(use: DocumentUse) -> str:
     """The authority that should have signed, with its number: sros2 calls every authority alike."""
-    refusing = _refusing(use) or judging(use)
+    refusing = _refusing(use) or use.judging
     authority = refusing[0][1].certificates[0]
     return (
         f"expected the certificate in {authority.path}, {quoted(authority.subject)}, serial number {authority.serial:x}"

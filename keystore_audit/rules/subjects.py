@@ -14,6 +14,9 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.smime import SignedDocument
+from keystore_audit.model.trust import Envelope, envelope
+from keystore_audit.rules.acceptance import is_genuine, may_be_taken
+from keystore_audit.rules.context import Context
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,10 +64,31 @@ class RevocationUse:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DocumentUse:
-    """A signed document and the enclaves that carry it (several, where it is linked)."""
+    """A signed document and the enclaves that carry it (several, where it is linked).
+
+    What its signatures are worth is worked out once: `envelope` apart from who signed, `may_be_taken` whether some
+    known implementation may take it in some of the enclaves, `genuine` whether the CA of one of them signed it.
+    """
 
     signed: SignedDocument
     enclaves: tuple[Enclave, ...]
+    envelope: Envelope
+    may_be_taken: bool
+    genuine: bool
+
+    @property
+    def judging(self) -> tuple[tuple[Enclave, CertificateFile], ...]:
+        """The enclaves that have a permissions CA to compare the signers with."""
+        return tuple(
+            (enclave, enclave.permissions_ca)
+            for enclave in self.enclaves
+            if enclave.permissions_ca is not None and enclave.permissions_ca.certificates
+        )
+
+    @property
+    def authorities(self) -> tuple[Certificate, ...]:
+        """The permissions CA certificates of those enclaves, each once."""
+        return tuple({c.sha256: c for _enclave, file in self.judging for c in file.certificates}.values())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,12 +97,27 @@ class GovernanceUse(DocumentUse):
 
     document: GovernanceFile
 
+    @property
+    def speaks(self) -> bool:
+        """Whether it has one meaning and may be taken: only then is what it says of consequence."""
+        return self.may_be_taken and self.document.governance is not None
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PermissionsUse(DocumentUse):
     """A permissions document."""
 
     document: PermissionsFile
+
+    @property
+    def speaks(self) -> bool:
+        """Whether it has one meaning and may be taken: only then is what it says of consequence."""
+        return self.may_be_taken and self.document.permissions is not None
+
+
+def speaks(use: GovernanceUse | PermissionsUse, _context: Context) -> bool:
+    """When rules about what a document says apply."""
+    return use.speaks
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,7 +182,14 @@ def governance_uses(keystore: Keystore) -> Iterator[GovernanceUse]:
             uses.setdefault(place, (enclave.governance, []))[1].append(enclave)
     for place in sorted(uses):
         document, enclaves = uses[place]
-        yield GovernanceUse(signed=document.signed, document=document, enclaves=tuple(enclaves))
+        yield GovernanceUse(
+            signed=document.signed,
+            enclaves=tuple(enclaves),
+            envelope=envelope(document.signed),
+            may_be_taken=may_be_taken(document.signed, enclaves),
+            genuine=is_genuine(document.signed, enclaves),
+            document=document,
+        )
 
 
 def permissions_uses(keystore: Keystore) -> Iterator[PermissionsUse]:
@@ -155,4 +201,11 @@ def permissions_uses(keystore: Keystore) -> Iterator[PermissionsUse]:
             uses.setdefault(place, (enclave.permissions, []))[1].append(enclave)
     for place in sorted(uses):
         document, enclaves = uses[place]
-        yield PermissionsUse(signed=document.signed, document=document, enclaves=tuple(enclaves))
+        yield PermissionsUse(
+            signed=document.signed,
+            enclaves=tuple(enclaves),
+            envelope=envelope(document.signed),
+            may_be_taken=may_be_taken(document.signed, enclaves),
+            genuine=is_genuine(document.signed, enclaves),
+            document=document,
+        )

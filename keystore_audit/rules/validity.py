@@ -8,12 +8,10 @@ from typing import Any
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.permissions import Grant
-from keystore_audit.model.validity import parse_instant
-from keystore_audit.rules import acceptance
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.permissions import SIGN_AGAIN, WRITE_AGAIN, about, own_grants
+from keystore_audit.rules.permissions import SIGN_AGAIN, WRITE_AGAIN, about, instant_of, own_grants
 from keystore_audit.rules.registry import Rule, Violation, rule
-from keystore_audit.rules.subjects import PermissionsUse
+from keystore_audit.rules.subjects import PermissionsUse, speaks
 from keystore_audit.rules.wording import instant, quoted
 
 _CLAUSE = "DDS-Security 1.1, 9.4.1.3 (validity: not_before, not_after)"
@@ -22,7 +20,7 @@ _CLAUSE = "DDS-Security 1.1, 9.4.1.3 (validity: not_before, not_after)"
 def _dated(use: PermissionsUse) -> Iterator[tuple[Grant, datetime, datetime]]:
     """Grants that name an enclave which carries the document, with the instants between which they are in force."""
     for grant in own_grants(use):
-        start, end = parse_instant(grant.not_before.text), parse_instant(grant.not_after.text)
+        start, end = instant_of(grant.not_before), instant_of(grant.not_after)
         if start is not None and end is not None:
             yield grant, start, end
 
@@ -38,7 +36,7 @@ def _whose(grant: Grant) -> str:
     on=PermissionsUse,
     clause=_CLAUSE,
     remedy=SIGN_AGAIN,
-    applies=acceptance.grants,
+    applies=speaks,
 )
 def grant_expired(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """The grant of the enclave is past its not_after, so that it cannot start, and peers refuse it.
@@ -59,7 +57,7 @@ def grant_expired(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     on=PermissionsUse,
     clause=_CLAUSE,
     remedy=f"Wait until then, or, {WRITE_AGAIN}",
-    applies=acceptance.grants,
+    applies=speaks,
 )
 def grant_not_yet_valid(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """The grant of the enclave is before its not_before, so that it cannot start, and peers refuse it.
@@ -79,7 +77,7 @@ def grant_not_yet_valid(use: PermissionsUse, context: Context) -> Iterator[Viola
     on=PermissionsUse,
     clause=_CLAUSE,
     remedy=SIGN_AGAIN,
-    applies=acceptance.grants,
+    applies=speaks,
 )
 def grant_expires_soon(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """The grant of the enclave ends within the notice period (--expires-within, 30 days): then nothing new starts."""
@@ -99,7 +97,7 @@ def grant_expires_soon(use: PermissionsUse, context: Context) -> Iterator[Violat
     on=PermissionsUse,
     clause=_CLAUSE,
     remedy=f"Let the grant end with the identity: {WRITE_AGAIN}",
-    applies=acceptance.grants,
+    applies=speaks,
 )
 def grant_outlives_certificate(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
     """The grant ends later than the identity that it names.
@@ -126,7 +124,7 @@ def grant_outlives_certificate(use: PermissionsUse, _context: Context) -> Iterat
     on=PermissionsUse,
     clause=_CLAUSE,
     remedy=f"Let not_before come before not_after: {WRITE_AGAIN}",
-    applies=acceptance.grants,
+    applies=speaks,
 )
 def validity_inverted(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
     """The grant ends before it begins: it is never in force. Zones count: `Z` and `+02:00` name different instants."""
