@@ -19,7 +19,7 @@ from cryptography.x509.oid import PublicKeyAlgorithmOID
 from keystore_audit.keystore import public_key
 from keystore_audit.keystore.crl import REVOCATION_LIST_LABEL, RevocationList, read_revocation_list
 from keystore_audit.keystore.defect import Defect, Kind
-from keystore_audit.keystore.der import parts
+from keystore_audit.keystore.der import MALFORMED, parts
 from keystore_audit.keystore.distinguished_name import same_name
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.pem import BEGIN_CERTIFICATES, DUMP_OF_CERTIFICATE, Block, Problem, read_pem
@@ -60,15 +60,6 @@ _KEY_USAGES: Final = (
     ("key_cert_sign", "keyCertSign"),
     ("crl_sign", "cRLSign"),
 )
-
-_MALFORMED: Final = (
-    ValueError,
-    UnsupportedAlgorithm,
-    x509.DuplicateExtension,
-    x509.UnsupportedGeneralNameType,
-    x509.InvalidVersion,
-)
-"""What `cryptography` raises on structures that it refuses, at loading or when a part is first looked at."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -228,7 +219,7 @@ def _read_certificate(der: bytes, line: int, path: str) -> Certificate | Defect:
             # A serial number that is not positive warns; it is evidence and no news for stderr.
             warnings.simplefilter("ignore", CryptographyDeprecationWarning)
             return _evidence(x509.load_der_x509_certificate(der), der, line, path)
-    except _MALFORMED:
+    except MALFORMED:
         malformed = "expected an X.509 certificate in DER (RFC 5280, 4.1), found a malformed one or other bytes"
         return _defect(path, Kind.CERTIFICATE_UNREADABLE, line, malformed)
 

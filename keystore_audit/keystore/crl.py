@@ -9,12 +9,11 @@ from datetime import datetime
 from typing import TYPE_CHECKING, Final
 
 from cryptography import x509
-from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.utils import CryptographyDeprecationWarning
 
 from keystore_audit.keystore.defect import Defect, Kind
-from keystore_audit.keystore.der import parts
+from keystore_audit.keystore.der import MALFORMED, parts
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.pem import DUMP_OF_REVOCATION_LIST, Block, Problem, read_pem
 from keystore_audit.keystore.public_key import signature_algorithm, verifies
@@ -30,14 +29,6 @@ _PROCESSED: Final = frozenset(
     {"2.5.29.28", "2.5.29.35", "2.5.29.27"}
 )
 _PROCESSED_IN_ENTRY: Final = frozenset({"2.5.29.29"})  # certificateIssuer (x_crl.c, crl_set_issuers)
-
-_MALFORMED: Final = (
-    ValueError,
-    UnsupportedAlgorithm,
-    x509.DuplicateExtension,
-    x509.UnsupportedGeneralNameType,
-)
-"""What `cryptography` raises on structures that it refuses, at loading or when a part is first looked at."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,7 +98,7 @@ def read_revocation_list(block: Block, path: str) -> RevocationList | Problem:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", CryptographyDeprecationWarning)  # evidence, not news for stderr
             return _parsed(x509.load_der_x509_crl(block.der or b""), block.line, path)
-    except _MALFORMED:
+    except MALFORMED:
         return Problem(line=block.line, detail="bytes that are no revocation list (RFC 5280, 5.1)")
 
 
@@ -129,7 +120,7 @@ def crl_signed_by(crl: RevocationList, ca: Certificate) -> bool | None:
             parameters=parsed.signature_algorithm_parameters,
             digest=parsed.signature_hash_algorithm,
         )
-    except _MALFORMED:
+    except MALFORMED:
         return None
 
 

@@ -1,4 +1,4 @@
-"""The parts of a DER structure byte for byte, where `cryptography` hands out only what they mean.
+"""DER structures: their parts byte for byte, where `cryptography` hands out only what they mean.
 
 Names are compared as bytes before they are compared by meaning, and the two statements of a signature
 algorithm have to be the same bytes. Only for structures that `cryptography` has parsed: nothing is
@@ -6,6 +6,20 @@ validated here.
 """
 
 from __future__ import annotations
+
+from typing import Final
+
+from cryptography import x509
+from cryptography.exceptions import UnsupportedAlgorithm
+
+MALFORMED: Final = (
+    ValueError,
+    UnsupportedAlgorithm,
+    x509.DuplicateExtension,
+    x509.InvalidVersion,
+    x509.UnsupportedGeneralNameType,
+)
+"""What `cryptography` raises on structures that it refuses, at loading or when a part is first looked at."""
 
 
 def parts(structure: bytes, count: int) -> list[bytes]:

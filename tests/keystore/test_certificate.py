@@ -444,7 +444,22 @@ MUTATIONS = st.lists(
         st.sampled_from(["replace", "insert", "delete", "repeat"]),
         st.integers(0, 2000),
         st.sampled_from(
-            [b" ", b"\n", b"\r", b"\0", b"-", b"=", b":", b"-----BEGIN CERTIFICATE-----\n", b"-----END ", b"A", b"\xff"]
+            [
+                b" ",
+                b"\n",
+                b"\r",
+                b"\0",
+                b"-",
+                b"=",
+                b":",
+                b"\x02",
+                b"\x30",
+                b"\x80",
+                b"-----BEGIN CERTIFICATE-----\n",
+                b"-----END ",
+                b"A",
+                b"\xff",
+            ]
         ),
     ),
     min_size=1,
@@ -481,14 +496,19 @@ def test_what_we_read_first_is_what_openssl_reads_first(content: bytes, changes:
         assert any(defect.kind.opaque for defect in file.defects)
 
 
-@settings(max_examples=500, deadline=None)
-@given(
-    st.one_of(
-        st.binary(max_size=300),
-        st.binary(max_size=200).map(pem),
-        MUTATIONS.map(lambda changes: pem(mutated(LEAF.certificate.public_bytes(Encoding.DER), changes))),
-    )
+RICH = [
+    LEAF,
+    certificate("/rich", CA, extensions=[(extension, False) for extension in CRITICAL.values()]),
+    certificate("/aki", CA, extensions=[(AKI_RIGHT, False), (KEY_ID, True)]),
+    *VARIETY.values(),
+]
+MUTATED = st.tuples(st.sampled_from(RICH), MUTATIONS).map(
+    lambda case: pem(mutated(case[0].certificate.public_bytes(Encoding.DER), case[1]))
 )
+
+
+@settings(max_examples=1000, deadline=None)
+@given(st.one_of(st.binary(max_size=300), st.binary(max_size=200).map(pem), MUTATED, MUTATED))
 def test_any_bytes_have_an_answer(content: bytes) -> None:
     file = read(content)
     assert file.certificates or file.defects

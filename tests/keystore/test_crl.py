@@ -71,6 +71,14 @@ def test_what_else_stands_in_a_file(content: bytes, expected: list[Kind], lists:
     assert len(found.revocation_lists) == lists
 
 
+def test_a_version_that_there_is_not_is_no_traceback() -> None:
+    """Found by hypothesis: InvalidVersion is no ValueError."""
+    at = DER.index(b"\x02\x01\x01")
+    assert [d.kind for d in read(pem(DER[: at + 2] + b"\x20" + DER[at + 3 :], "X509 CRL")).defects] == [
+        Kind.CRL_UNREADABLE
+    ]
+
+
 def tampered(content: bytes) -> bytes:
     return pem(content[:-1] + bytes([content[-1] ^ 1]), "X509 CRL")
 
