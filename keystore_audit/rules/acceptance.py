@@ -51,6 +51,6 @@ def may_be_taken(signed: SignedDocument, enclaves: Sequence[Enclave]) -> bool:
     )
 
 
-def is_genuine(signed: SignedDocument, enclaves: Sequence[Enclave]) -> bool:
-    """Whether every signer is a permissions CA of one of the enclaves."""
-    return any(verdict(signed, enclave, pins_signer=True) is Verdict.ACCEPTED for enclave in enclaves)
+def genuine_for(signed: SignedDocument, enclaves: Sequence[Enclave]) -> int:
+    """How many of the enclaves have a permissions CA that signed the document."""
+    return sum(verdict(signed, enclave, pins_signer=True) is Verdict.ACCEPTED for enclave in enclaves)

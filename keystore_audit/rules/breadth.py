@@ -70,7 +70,7 @@ def _covering(texts: Iterable[Text], wanted: str) -> Text | None:
 
 
 def _has_wildcard(text: str) -> bool:
-    return not _WILDCARDS.isdisjoint(text)
+    return "*" in text or "?" in text or "[" in text or "\\" in text
 
 
 def _allowed(grant: Grant, operation: Operation) -> tuple[Text, ...]:
@@ -86,6 +86,8 @@ def _allowed(grant: Grant, operation: Operation) -> tuple[Text, ...]:
 
 
 def _allows_everything(grant: Grant) -> bool:
+    if not any(_has_wildcard(text.text) for text in _allowed(grant, Operation.PUBLISH)):
+        return False
     return all(
         _covering(_allowed(grant, operation), wanted) is not None
         for operation in (Operation.PUBLISH, Operation.SUBSCRIBE)
@@ -136,11 +138,9 @@ def wildcard_grant(use: PermissionsUse, _context: Context) -> Iterator[Violation
     that.
     """
     for grant in all_grants(use):
-        if _allows_everything(grant):
-            continue
         for operation in Operation:
             found = [text for text in _allowed(grant, operation) if _is_pattern(text.text)]
-            if not found:
+            if not found or _allows_everything(grant):
                 continue
             every = _covering(found, TOPICS)
             names = list(dict.fromkeys(text.text for text in found))
@@ -160,8 +160,10 @@ def wildcard_grant(use: PermissionsUse, _context: Context) -> Iterator[Violation
 
 def _is_pattern(text: str) -> bool:
     """Whether the expression is no single name. What begins its wildcards with `*` or `?` needs no parsing."""
-    first = next((character for character in text if character in _WILDCARDS), None)
-    return first is not None and (first in "*?" or parse(text, Matcher.POSIX).literal is None)
+    if not _has_wildcard(text):
+        return False
+    first = next(character for character in text if character in _WILDCARDS)
+    return first in "*?" or parse(text, Matcher.POSIX).literal is None
 
 
 @rule(

@@ -94,6 +94,12 @@ def _ranges(use: DocumentUse) -> Iterator[DomainRange]:
                 yield from permission_rule.domains
 
 
+def _meet(one: DomainRange, other: DomainRange) -> bool:
+    """Whether the ranges share a domain; an absent bound is none (`model.domains.covered`)."""
+    low = max(one.low or 0, other.low or 0)
+    return low <= min(HIGHEST_DOMAIN, *(high for high in (one.high, other.high) if high is not None))
+
+
 @rule(
     "KA508",
     "grant-outside-governance-domains",
@@ -117,14 +123,12 @@ def grant_outside_governance_domains(use: PermissionsUse, _context: Context) -> 
         own = grants.get(first.subject) if first is not None else None
         if governance is None or own is None or own.default_allow:
             continue
-        governed = covered(ids for domain_rule in governance.domain_rules for ids in domain_rule.domains)
-        allowed = covered(
-            ids for permission_rule in own.rules if permission_rule.allow for ids in permission_rule.domains
-        )
-        if allowed and not any(low <= top and bottom <= high for low, high in governed for bottom, top in allowed):
+        governed = [ids for domain_rule in governance.domain_rules for ids in domain_rule.domains]
+        allowed = [ids for permission_rule in own.rules if permission_rule.allow for ids in permission_rule.domains]
+        if allowed and not any(_meet(one, other) for one in governed for other in allowed):
             yield Violation(
-                message=f"The grant of {enclave.path} allows domain {describe(allowed)}, its governance covers "
-                f"{describe(governed)}: it can take part in none.",
+                message=f"The grant of {enclave.path} allows domain {describe(covered(allowed))}, its governance "
+                f"covers {describe(covered(governed))}: it can take part in none.",
                 locations=(
                     Location(path=use.signed.file.place, line=own.line),
                     Location(

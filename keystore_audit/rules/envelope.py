@@ -6,7 +6,7 @@ undecided as long as some implementation may take the document.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from keystore_audit.findings import Severity
@@ -19,12 +19,16 @@ from keystore_audit.rules.subjects import DocumentUse
 from keystore_audit.rules.wording import defective, of_kinds
 
 
-def _has(use: DocumentUse, says: str, *kinds: Kind) -> Iterator[Violation]:
+def _has(use: DocumentUse, says: str, *kinds: Kind) -> Iterable[Violation]:
+    if not use.signed.defects:
+        return ()
     return defective(of_kinds(use.signed.defects, *kinds), use.enclaves, says)
 
 
-def _leaves_open(use: DocumentUse, says: str, *kinds: Kind) -> Iterator[Violation]:
+def _leaves_open(use: DocumentUse, says: str, *kinds: Kind) -> Iterable[Violation]:
     """As `_has`; undecided unless something else makes every implementation refuse the document."""
+    if not use.signed.defects:
+        return ()
     undecided = use.envelope.verdict is Verdict.UNKNOWN
     return defective(of_kinds(use.signed.defects, *kinds), use.enclaves, says, undecided=undecided)
 

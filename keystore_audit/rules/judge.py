@@ -85,11 +85,6 @@ def _subjects(context: Context) -> Iterator[tuple[str, object]]:
         yield run.name, run
 
 
-def _is_about(rule: Rule[Any], subject: object) -> bool:
-    """Whether a rule that takes such subjects is about this one: a rule of KA7 about the property of its name."""
-    return not isinstance(subject, PropertyResult) or rule.family != "KA7" or subject.prop.id == rule.name
-
-
 class _Run:
     """What the rules have said so far."""
 
@@ -108,7 +103,8 @@ class _Run:
             if kind not in by_kind:
                 by_kind[kind] = [rule for rule in every if issubclass(kind, rule.on)]
             for rule in by_kind[kind]:
-                if _is_about(rule, subject):
+                # A rule of KA7 is about the property of its name; others, of any family, about all of their kind.
+                if kind is not PropertyResult or rule.family != "KA7" or rule.name == name:
                     outcome = self._put(rule, name, subject)
                     self.outcomes.append(Outcome(rule=rule.code, subject=name, outcome=outcome))
 
@@ -120,10 +116,10 @@ class _Run:
         except Exception as error:  # noqa: BLE001 - whatever a rule raises, the others still speak, and it is no pass
             self._crashes.append(Crash(rule=rule.code, subject=name, exception=type(error).__name__))
             return Result.OPEN
+        if not violations:
+            return Result.PASS
         self.found += ((rule, violation) for violation in violations)
-        if any(violation.undecided for violation in violations):
-            return Result.OPEN
-        return Result.FAIL if violations else Result.PASS
+        return Result.OPEN if any(violation.undecided for violation in violations) else Result.FAIL
 
     def crashes(self) -> Iterator[tuple[str, Crash]]:
         """The rules that raised, as subjects."""

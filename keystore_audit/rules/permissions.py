@@ -70,7 +70,7 @@ def about(use: PermissionsUse, grant: Grant, line: int | None, message: str, **m
 
 
 def _ambiguities(use: PermissionsUse) -> Iterator[Violation]:
-    for kind in AMBIGUOUS:
+    for kind in AMBIGUOUS if use.document.defects else ():
         yield from defective(
             of_kinds(use.document.defects, kind),
             use.enclaves,
@@ -116,7 +116,11 @@ def permissions_ambiguous(use: PermissionsUse, _context: Context) -> Iterator[Vi
     four-digit years (measured), so that one signed file has several meanings.
     """
     yield from _ambiguities(use)
-    dates = [date for grant in all_grants(use) for date in (grant.not_before, grant.not_after)]
+    odd = [
+        date for grant in all_grants(use) for date in (grant.not_before, grant.not_after) if instant_of(date) is None
+    ]
+    if not odd:
+        return
     yield from defective(
         (
             Defect(
@@ -125,8 +129,7 @@ def permissions_ambiguous(use: PermissionsUse, _context: Context) -> Iterator[Vi
                 line=date.line,
                 detail=f"expected a date as 2026-01-31T00:00:00, got {quoted(date.text)}",
             )
-            for date in dates
-            if instant_of(date) is None
+            for date in odd
         ),
         use.enclaves,
         "implementations differ in what they make of it.",

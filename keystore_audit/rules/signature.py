@@ -90,6 +90,8 @@ def _holder(signer: Certificate, context: Context) -> Enclave | None:
 
 def _makers(use: DocumentUse, context: Context, wanted: _Maker) -> Iterator[tuple[Certificate | None, Signature]]:
     """The signatures made by these, each maker once."""
+    if use.genuine_everywhere:
+        return
     seen: set[tuple[_Maker, str | int]] = set()
     for signature in use.signed.signatures:
         maker, certificate = _maker(use, signature, context)

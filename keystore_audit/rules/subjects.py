@@ -15,7 +15,7 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.model.trust import Envelope, envelope
-from keystore_audit.rules.acceptance import is_genuine, may_be_taken
+from keystore_audit.rules.acceptance import genuine_for, may_be_taken
 from keystore_audit.rules.context import Context
 
 
@@ -67,14 +67,24 @@ class DocumentUse:
     """A signed document and the enclaves that carry it (several, where it is linked).
 
     What its signatures are worth is worked out once: `envelope` apart from who signed, `may_be_taken` whether some
-    known implementation may take it in some of the enclaves, `genuine` whether the CA of one of them signed it.
+    known implementation may take it in some of the enclaves, `genuine_for` how many have a CA that signed it.
     """
 
     signed: SignedDocument
     enclaves: tuple[Enclave, ...]
     envelope: Envelope
     may_be_taken: bool
-    genuine: bool
+    genuine_for: int
+
+    @property
+    def genuine(self) -> bool:
+        """Whether the permissions CA of one of the enclaves signed it."""
+        return self.genuine_for > 0
+
+    @property
+    def genuine_everywhere(self) -> bool:
+        """Whether the permissions CA of every one of the enclaves signed it."""
+        return self.genuine_for == len(self.enclaves)
 
     @property
     def judging(self) -> tuple[tuple[Enclave, CertificateFile], ...]:
@@ -187,7 +197,7 @@ def governance_uses(keystore: Keystore) -> Iterator[GovernanceUse]:
             enclaves=tuple(enclaves),
             envelope=envelope(document.signed),
             may_be_taken=may_be_taken(document.signed, enclaves),
-            genuine=is_genuine(document.signed, enclaves),
+            genuine_for=genuine_for(document.signed, enclaves),
             document=document,
         )
 
@@ -206,6 +216,6 @@ def permissions_uses(keystore: Keystore) -> Iterator[PermissionsUse]:
             enclaves=tuple(enclaves),
             envelope=envelope(document.signed),
             may_be_taken=may_be_taken(document.signed, enclaves),
-            genuine=is_genuine(document.signed, enclaves),
+            genuine_for=genuine_for(document.signed, enclaves),
             document=document,
         )
