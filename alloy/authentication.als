@@ -15,7 +15,7 @@ fun open_realm: set Realm { governance.(opaque & Document) }
  * certificates that an authority of the pool issued.
  */
 fun vouched[pool: Realm -> Certificate, valid: set Certificate]: Realm -> Certificate {
-	(pool :> (authority & valid)).~issuer :> valid
+	(pool & Realm -> (authority & valid)).~issuer & Realm -> valid
 }
 
 /** Enclaves that each realm takes for members of the keystore, if exactly the certificates `valid` are in force. */

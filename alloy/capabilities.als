@@ -12,22 +12,22 @@ open permissions
 /** Domains that each enclave can join, as a participant that the realm has authenticated. */
 fun joins[realm: Realm]: Enclave -> Domain {
 	realm.authentic -> realm.join_uncontrolled
-	+ realm.authentic <: (held[realm.accepted].joining + unbounded[realm] -> Domain) :> realm.governed_domain
+	+ ((held[realm.accepted].joining + unbounded[realm] -> Domain) & realm.authentic -> realm.governed_domain)
 }
 
 /** Channels in whose domain each enclave takes part, as far as they are governed. */
-fun within_reach[realm: Realm]: Enclave -> Channel { joins[realm].~in_domain :> realm.governed }
+fun within_reach[realm: Realm]: Enclave -> Channel {
+	joins[realm].(~in_domain & Domain -> realm.governed)
+}
 
 /** Channels on which peers match a writer of the enclave. */
 fun may_write[realm: Realm]: Enclave -> Channel {
-	let reach = within_reach[realm] |
-		reach :> realm.write_uncontrolled + reach & presentable[realm, publish_allowed]
+	within_reach[realm] & (Enclave -> realm.write_uncontrolled + presentable[realm, publish_allowed])
 }
 
 /** Channels on which peers match a reader of the enclave, and give it all keys. */
 fun may_read[realm: Realm]: Enclave -> Channel {
-	let reach = within_reach[realm] |
-		reach :> realm.read_uncontrolled + reach & presentable[realm, subscribe_allowed]
+	within_reach[realm] & (Enclave -> realm.read_uncontrolled + presentable[realm, subscribe_allowed])
 }
 
 /** Channels whose submessage keys the enclave gets to relay them. */
@@ -35,18 +35,19 @@ fun relays[realm: Realm]: Enclave -> Channel { within_reach[realm] & presentable
 
 /** Channels whose payloads an enclave recovers from packets, with the keys it holds without being a reader. */
 fun overhears[realm: Realm]: Enclave -> Channel {
-	let clear = within_reach[realm] :> (Channel - realm.(payload_protection[encrypting])) |
-		clear :> (Channel - realm.(submessage_protection[encrypting])) + clear & relays[realm]
+	let in_clear = Channel - realm.(payload_protection[encrypting]),
+		bare = in_clear - realm.(submessage_protection[encrypting]) |
+		within_reach[realm] & Enclave -> bare + relays[realm] & Enclave -> in_clear
 }
 
 /** Channels on which an enclave can make packets that readers take for those of a permitted writer. */
 fun forges[realm: Realm]: Enclave -> Channel {
-	let shared = within_reach[realm] :> (Channel
-			- realm.(message_protection[authenticating_origin])
-			- realm.(submessage_protection[authenticating_origin])),
-		submessage = shared :> realm.(submessage_protection[NONE]) + may_read[realm] + relays[realm],
-		payload = shared :> realm.(payload_protection[NONE]) + may_read[realm] |
-		shared & submessage & payload
+	let reach = within_reach[realm], reader = may_read[realm],
+		anonymous = Channel
+			- realm.(message_protection[authenticating_origin] + submessage_protection[authenticating_origin]),
+		submessage = reach & Enclave -> realm.(submessage_protection[NONE]) + reader + relays[realm],
+		payload = reach & Enclave -> realm.(payload_protection[NONE]) + reader |
+		submessage & payload & Enclave -> anonymous
 }
 
 /** Channels on which there may be something to read: some enclave may write. */

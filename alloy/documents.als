@@ -13,21 +13,18 @@ fun genuine: Realm -> Document {
 		some document.signer and document.signer in realm.permissions_ca }
 }
 
-/** Certificates whose signature on a document a realm takes. */
-fun accepted_signer: Realm -> Certificate {
-	permissions_ca
-	+ (Realm - pins_signer) <: vouched[permissions_ca, Certificate] :> fit_to_sign
+/** Certificates that a realm takes for signers because the permissions CA issued them: none where it pins. */
+fun vouched_signer: Realm -> Certificate {
+	vouched[permissions_ca, Certificate] & (Realm - pins_signer) -> fit_to_sign
 }
 
 /** Documents that a realm obeys. An unreadable one may be any document, so it counts. */
 fun accepted: Realm -> Document {
-	{ realm: Realm, document: intact | some document.signer and document.signer in realm.accepted_signer }
+	{ realm: Realm, document: intact | some document.signer and document.signer in realm.(permissions_ca + vouched_signer) }
 	+ Realm -> (opaque & Document)
 }
 
 /** Enclaves whose own key signs documents that the realm obeys: they can give themselves any right. */
 fun self_granting: Realm -> Enclave {
-	authentic & (
-		Realm -> (opaque & Enclave)
-		+ ((Realm - pins_signer) <: vouched[permissions_ca, Certificate] :> fit_to_sign).~identity)
+	authentic & (Realm -> (opaque & Enclave) + (vouched_signer.~identity))
 }

@@ -8,11 +8,11 @@ module governance
 open documents
 
 /** The governance document that a realm obeys, if it does obey it and we could read it. */
-fun applied: Realm -> Document { (Realm - open_realm) <: governance & accepted }
+fun applied: Realm -> Document { governance & accepted & (Realm - open_realm) -> Document }
 
 /** Where a domain rule decides: no sibling before it covers the domain. */
 fun deciding_domain_rule: DomainRule -> Domain {
-	let covers = DomainRule <: domains | covers - preceded_by.covers
+	let covers = domains & DomainRule -> Domain | covers - preceded_by.covers
 }
 
 /** Where a topic rule decides: its domain rule does, it matches, and no sibling before it does. */
@@ -22,14 +22,16 @@ fun deciding_topic_rule: TopicRule -> Channel {
 }
 
 /** Domains that one of `rules` decides, in each realm. */
-fun domains_under[rules: set DomainRule]: Realm -> Domain { applied.domain_rule.(rules <: deciding_domain_rule) }
+fun domains_under[rules: set DomainRule]: Realm -> Domain {
+	applied.domain_rule.(deciding_domain_rule & rules -> Domain)
+}
 
 /** Channels of domains that one of `rules` decides, in each realm. */
 fun channels_within[rules: set DomainRule]: Realm -> Channel { domains_under[rules].~in_domain }
 
 /** Channels that one of `rules` decides, in each realm. */
 fun channels_under[rules: set TopicRule]: Realm -> Channel {
-	applied.domain_rule.topic_rule.(rules <: deciding_topic_rule)
+	applied.domain_rule.topic_rule.(deciding_topic_rule & rules -> Channel)
 }
 
 /** Domains that have a domain rule; an open realm governs all. */

@@ -8,20 +8,20 @@
 module permissions
 open governance
 
-/** The grant of a document that counts for a certificate, of all documents. */
-fun chosen: Grant -> Certificate {
-	let eligible = in_force <: subject_name | eligible - preceded_by.eligible
+/** The grants that count for a certificate, one of each document: the first that is in force and names it. */
+fun chosen: Certificate -> Grant {
+	let eligible = { g: Grant & in_force, c: g.subject_name } | ~(eligible - preceded_by.eligible)
 }
 
 /** Where a rule says something, by those of its criteria that are of one kind: only in its own domains. */
 fun matching[criteria: Rule -> Channel]: Rule -> Channel {
-	criteria & (Rule <: domains).~in_domain
+	{ r: Rule, c: r.criteria | c.in_domain in r.domains }
 }
 
 /** What a grant allows by its criteria of one kind: where the first matching rule allows, or none matches. */
 fun allowed_by[criteria: Rule -> Channel]: Grant -> Channel {
 	let matches = matching[criteria], decides = matches - preceded_by.matches |
-		rule.(allow_rule <: decides) + (default_allow -> Channel - rule.matches)
+		{ g: Grant, c: (g.rule & allow_rule).decides } + { g: default_allow, c: Channel - g.rule.matches }
 }
 
 /** Where a grant allows to publish. */
@@ -34,10 +34,14 @@ fun subscribe_allowed: Grant -> Channel { allowed_by[subscribe] }
 fun relay_allowed: Grant -> Channel { allowed_by[relay] }
 
 /** Domains that a grant lets its subject join: those of its allow rules, or all where it allows by default. */
-fun joining: Grant -> Domain { rule.(allow_rule <: domains) + default_allow -> Domain }
+fun joining: Grant -> Domain {
+	{ g: Grant, d: (g.rule & allow_rule).domains } + default_allow -> Domain
+}
 
 /** Grants that count for each enclave in a realm that obeys `documents`. */
-fun held[documents: set Document]: Enclave -> Grant { identity.~chosen :> documents.grant }
+fun held[documents: set Document]: Enclave -> Grant {
+	{ e: Enclave, g: e.identity.chosen & documents.grant }
+}
 
 /** What the permissions CA gave each enclave: rights of the kind `allowed`, by genuine documents alone. */
 fun granted[realm: Realm, allowed: Grant -> Channel]: Enclave -> Channel { held[realm.genuine].allowed }

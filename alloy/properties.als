@@ -110,7 +110,7 @@ assert NobodyReadsWithoutAGrant {
 
 /** Channels that are written, and on which an enclave, granted to subscribe only, can pass for a writer. */
 fun forged_by_readers[realm: Realm]: Enclave -> Channel {
-	(forges[realm] & granted[realm, subscribe_allowed] :> realm.written) - granted[realm, publish_allowed]
+	(forges[realm] & granted[realm, subscribe_allowed] & Enclave -> realm.written) - granted[realm, publish_allowed]
 }
 
 /** No enclave that may only subscribe to a topic can pass for a publisher of it. */

@@ -23,7 +23,7 @@ OUTPUT_DIRECTORY: Final = "solutions"
 MAX_DIAGNOSTICS: Final = 1_000_000
 """Bytes read of what the Analyzer writes to stderr: a line for each command, or a stack trace."""
 
-FIRST_COMPILER_ATOMS: Final = 1_000
+FIRST_COMPILER_ATOMS: Final = 2_500
 """Atoms up to which the JVM's first compiler alone is faster (0.8 s against 1.3 s for a small keystore)."""
 
 STACK_MB: Final = 64

@@ -1,0 +1,164 @@
+/**
+ * Theorems about every keystore within a scope, and for every property a keystore in which it fails.
+ *
+ * Tests of the model itself: a theorem with a counterexample, or a property that cannot fail, is a mistake in it.
+ * `expect` makes the Analyzer's exit status the verdict. Bounded, so evidence and no proof.
+ */
+module theorems
+open vacuity
+
+-- well-defined: "first" is one
+
+/** At most one rule of a realm decides about a domain or a channel, and one grant of a document about a certificate. */
+check DecisionsAreUnique {
+	all realm: Realm - open_realm, domain: Domain | lone realm.applied.domain_rule & deciding_domain_rule.domain
+	all realm: Realm - open_realm, channel: Channel |
+		lone realm.applied.domain_rule.topic_rule & deciding_topic_rule.channel
+	all document: Document, certificate: Certificate | lone document.grant & chosen.certificate
+} for 3 but 6 Entry, 2 Instant expect 0
+
+/** What an earlier sibling decides, no later one does: its criteria there are dead. */
+check EarlierRuleWins {
+	all grant: Grant, channel: Channel, disj first, second: grant.rule |
+		(second in first.^precedes and channel in first.(matching[publish]) and first not in allow_rule
+			and all other: grant.rule - first | other in first.^precedes)
+		implies channel not in grant.publish_allowed
+} for 3 but 6 Entry, 2 Instant expect 0
+
+/** Where no rule matches, the default decides. */
+check DefaultDecidesTheRest {
+	all grant: Grant, channel: Channel | channel not in grant.rule.(matching[subscribe])
+		implies (channel in grant.subscribe_allowed iff grant in default_allow)
+} for 3 but 6 Entry, 2 Instant expect 0
+
+-- documents
+
+/** Whatever the permissions CA signed is obeyed; where the signer is pinned and all was read, nothing else is. */
+check PinnedRealmsObeyTheirAuthorityOnly {
+	genuine in accepted
+	no opaque implies pins_signer <: accepted in genuine and no pins_signer.self_granting
+} for 3 but 6 Entry, 2 Instant expect 0
+
+/** No enclave signs for itself where the permissions CA issued no identity. */
+check SplitAuthoritiesStopSelfGrants {
+	(no opaque and no Enclave.identity & issuer.(Realm.permissions_ca)) implies no self_granting
+} for 3 but 6 Entry, 2 Instant expect 0
+
+-- authentication
+
+/** Without an authority that vouches, nobody is authentic. */
+check NoAuthorityNobodyAuthentic {
+	(no opaque and no Realm.identity_ca & authority) implies no authentic
+} for 3 but 6 Entry, 2 Instant expect 0
+
+/** Dates only take away: who is authentic in force is authentic. */
+check DatesOnlyTakeAway { authentic_in_force in authentic } for 3 but 6 Entry, 2 Instant expect 0
+
+/** Whom a realm has revoked, it shuns. */
+check TheRevokedAreShunned {
+	no opaque implies all realm: Realm | no realm.authentic & identity.(realm.revoked)
+} for 3 but 6 Entry, 2 Instant expect 0
+
+-- access control and keys
+
+/** What the CA granted can be presented. */
+check GrantsCanBePresented {
+	all realm: Realm | granted[realm, publish_allowed] in presentable[realm, publish_allowed]
+} for 3 but 6 Entry, 2 Instant expect 0
+
+/** All access control on, the signer pinned, all documents read: nobody does more than the CA granted. */
+check AccessControlConfines {
+	(no opaque and Realm in pins_signer and TopicRule in enable_read_access_control & enable_write_access_control)
+		implies all realm: Realm {
+			may_write[realm] in granted[realm, publish_allowed]
+			may_read[realm] in granted[realm, subscribe_allowed]
+		}
+} for 3 but 6 Entry, 2 Instant expect 0
+
+/** Nobody has power without having joined, nor where nothing is governed. */
+check PowerNeedsMembership {
+	all realm: Realm |
+		may_write[realm] + may_read[realm] + relays[realm] + overhears[realm] + forges[realm] in within_reach[realm]
+	all realm: Realm | within_reach[realm] in Enclave -> realm.governed
+	all realm: Realm - open_realm | joins[realm].Domain in realm.authentic
+} for 3 but 6 Entry, 2 Instant expect 0
+
+/** Origin authentication on all submessages leaves no forger. */
+check OriginAuthenticationStopsForgery {
+	(no opaque and TopicRule.metadata_protection_kind in authenticating_origin) implies no realm: Realm | some forges[realm]
+} for 3 but 6 Entry, 2 Instant expect 0
+
+/** Without it, whoever may read can forge. */
+check ReadersHoldTheKeys {
+	all realm: Realm | may_read[realm] :> (Channel
+		- realm.(message_protection[authenticating_origin] + submessage_protection[authenticating_origin]))
+		in forges[realm]
+} for 3 but 6 Entry, 2 Instant expect 0
+
+-- outsiders
+
+/** Encrypted messages keep every outsider out. */
+check EncryptedMessagesExcludeOutsiders {
+	(no opaque and DomainRule.rtps_protection_kind in encrypting)
+		implies no readable_outside + announced_outside + injectable_outside
+} for 3 but 6 Entry, 2 Instant expect 0
+
+/** An unreadable governance document protects nothing. */
+check UnreadableGovernanceProtectsNothing {
+	some Enclave implies open_realm -> Channel in readable_outside & announced_outside & injectable_outside
+} for 3 but 6 Entry, 2 Instant expect 0
+
+/** What anybody can inject, anybody can read, if anybody writes it. */
+check InjectableIsReadable { injectable_outside & written in readable_outside } for 3 but 6 Entry, 2 Instant expect 0
+
+-- every property can fail, and not only for what could not be read
+
+check OnlyAuthenticatedParticipantsJoin for 2 expect 1
+check IdentitiesChainToTheIdentityCa for 2 expect 1
+check DocumentsSignedByThePermissionsCa for 2 expect 1
+check NoIdentityServesTwoEnclaves for 2 expect 1
+check NoEnclaveGrantsItselfRights for 2 expect 1
+check OutsidersCannotRead for 2 expect 1
+check OutsidersCannotLearnNames for 2 expect 1
+check OutsidersCannotInject for 2 expect 1
+check GrantsAreEnforced for 2 expect 1
+check NobodyWritesWithoutAGrant for 2 expect 1
+check NobodyReadsWithoutAGrant for 2 expect 1
+check ReadersCannotForge for 3 but 6 Entry expect 1
+
+/** The same failures where everything was read. */
+run EachFailsInTheOpen {
+	no opaque
+	some unauthenticated_allowed
+	some one_key
+	some self_granting
+	some injectable_outside & readable_outside & announced_outside
+	some unenforced
+	some realm: Realm | some writes_without_a_grant[realm] and some reads_without_a_grant[realm]
+} for 3 but 6 Entry expect 1
+
+/** A reader can forge, in a keystore whose only fault that is. */
+run OnlyReadersForge {
+	no opaque and no self_granting and no unenforced and no one_key
+	some realm: Realm | some forged_by_readers[realm] and no writes_without_a_grant[realm]
+} for 3 but 6 Entry expect 1
+
+-- and all of them hold at once, in a keystore that is used
+
+/** A writer and a reader of one channel, with everything in order. */
+run Exemplary {
+	AuthenticationIsExercised and EncryptionIsExercised and AccessControlIsExercised
+	some realm: Realm, disj talker, listener: Enclave, channel: Channel {
+		channel in talker.(may_write[realm] & granted[realm, publish_allowed])
+		channel in listener.(may_read[realm] & granted[realm, subscribe_allowed])
+	}
+	no opaque and no unauthenticated_allowed and no one_key and no self_granting and no unenforced
+	all enclave: Enclave {
+		one enclave.identity and enclave in enclave.in_realm.authentic_in_force
+		one enclave.permissions and one enclave.in_realm.governance
+		enclave.permissions + enclave.in_realm.governance in enclave.in_realm.genuine
+	}
+	signer[Document] in in_force
+	no readable_outside + announced_outside + injectable_outside
+	no realm: Realm | some writes_without_a_grant[realm] + reads_without_a_grant[realm] + forged_by_readers[realm]
+} for 3 but 4 Certificate, 4 Document, 6 Entry expect 1
