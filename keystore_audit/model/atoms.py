@@ -16,7 +16,7 @@ from keystore_audit.errors import AuditError
 from keystore_audit.model.alphabet import Alphabet, Budget
 from keystore_audit.model.automaton import STATE_UNITS, Automaton, on_or_behind_cycle
 from keystore_audit.model.expression import Pattern
-from keystore_audit.model.names import parse_dds_name
+from keystore_audit.model.names import is_ros_dds_name
 from keystore_audit.model.search import shortest_names
 from keystore_audit.model.tokens import ANY_CHARACTER, CharSet, Token
 from keystore_audit.model.universe import ROS_SETS, ROS_SINGLES, dds_names, ros_names
@@ -89,7 +89,7 @@ class _Classification:
             is_ros = accepted in ros
             witness = ros[accepted] if is_ros else others[accepted]
             better = preferred.get(accepted)
-            if better is not None and (parse_dds_name(better) is not None) >= is_ros:
+            if better is not None and is_ros_dds_name(better) >= is_ros:
                 witness = better
             self._verifier.verify(witness, accepted)
             found.append(
@@ -113,7 +113,7 @@ class _Classification:
     def _literal_class(self, name: str, accepted: _Set) -> TopicClass:
         self._verifier.verify(name, accepted)
         members = self._members_of(accepted).union(self._literals[name])
-        return TopicClass(members=members, witness=name, ros=parse_dds_name(name) is not None, infinite=False)
+        return TopicClass(members=members, witness=name, ros=is_ros_dds_name(name), infinite=False)
 
     def _residual_witnesses(self, literal_sets: Mapping[str, _Set]) -> tuple[dict[_Set, str], dict[_Set, str]]:
         """The shortest names that are no literal: ROS 2's for every set that has one, others for the rest.
@@ -147,7 +147,7 @@ class _Classification:
         """The best of the given names for every set, literals apart."""
         names = {name for name in prefer if name and "\0" not in name and name not in self._literals}
         best: dict[_Set, str] = {}
-        for name in sorted(names, key=lambda name: (parse_dds_name(name) is None, len(name), name)):
+        for name in sorted(names, key=lambda name: (not is_ros_dds_name(name), len(name), name)):
             best.setdefault(self._accepted(name), name)
         return best
 
@@ -163,22 +163,23 @@ class _Verifier:
     """Asks the patterns themselves, with their own matcher, about a name that the automaton found."""
 
     def __init__(self, patterns: Sequence[Pattern]) -> None:
-        self._patterns = patterns
-        self._by_prefix: dict[str, list[int]] = {}
+        self._by_prefix: dict[str, list[tuple[int, Pattern]]] = {}
+        self._by_suffix: dict[str, list[tuple[int, Pattern]]] = {}
         for number, pattern in enumerate(patterns):
-            self._by_prefix.setdefault(pattern.prefix, []).append(number)
-        self._lengths = sorted({len(prefix) for prefix in self._by_prefix})
+            prefix, suffix = pattern.prefix, pattern.suffix
+            index, key = (self._by_prefix, prefix) if len(prefix) >= len(suffix) else (self._by_suffix, suffix)
+            index.setdefault(key, []).append((number, pattern))
+        self._prefix_lengths = sorted({len(prefix) for prefix in self._by_prefix})
+        self._suffix_lengths = sorted({len(suffix) for suffix in self._by_suffix})
 
     def verify(self, name: str, expected: _Set) -> None:
-        """Raise AuditError unless exactly the patterns `expected` match `name`."""
-        matching = {
-            number
-            for length in self._lengths
-            if length <= len(name)
-            for number in self._by_prefix.get(name[:length], ())
-            if self._patterns[number].matches(name)
-        }
-        if matching != expected:
+        """Raise AuditError unless exactly the patterns `expected` match `name`; only those that may are asked."""
+        asked: list[tuple[int, Pattern]] = []
+        for length in self._prefix_lengths:
+            asked += self._by_prefix.get(name[:length], ())
+        for length in self._suffix_lengths:
+            asked += self._by_suffix.get(name[-length:], ())
+        if {number for number, pattern in asked if pattern.matches(name)} != expected:
             raise AuditError(
                 f"keystore-audit contradicts itself about which expressions match {name!r}; please report this"
             )

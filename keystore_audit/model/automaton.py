@@ -20,7 +20,8 @@ from keystore_audit.model.tokens import CharSet, Star, Token
 STATE_UNITS: Final = 4
 """Units of the budget that one state takes, an entry of a product with it being one."""
 _NODES_PER_UNIT: Final = 8
-_MOVES_PER_UNIT: Final = 32
+_TARGETS_PER_UNIT: Final = 16
+_MOVES_PER_UNIT: Final = 8
 
 _Nodes = frozenset[int]
 _NONE: Final[_Nodes] = frozenset()
@@ -41,6 +42,10 @@ class _Stars:
     nodes: _Nodes
     moves: _Moves
     accepted: frozenset[int]
+
+
+_NO_MOVES: Final = _Moves(_NONE, {})
+_NO_STARS: Final = _Stars(nodes=_NONE, moves=_NO_MOVES, accepted=_NONE)
 
 
 class _Row(dict[str, int]):
@@ -81,7 +86,7 @@ class Automaton:
         self._rows: list[_Row] = []
         self._number: dict[tuple[_Nodes, _Nodes], int] = {}
         self._stars: dict[_Nodes, _Stars] = {}
-        self._target(self._passed(_NONE), tree.start)
+        self._target(self._passed(_NO_STARS, _NONE), tree.start)
 
     def __len__(self) -> int:
         """How many states were built so far."""
@@ -105,7 +110,7 @@ class Automaton:
     def _build(self, state: int) -> tuple[dict[int, int], int]:
         stars, nodes = self._states[state]
         moves = _union([stars.moves, *(self._node_moves[node] for node in nodes)])
-        self._budget.spend(len(moves.by_class) // _MOVES_PER_UNIT)
+        self._budget.spend(len(moves.by_class) // _TARGETS_PER_UNIT)
         default = self._target(stars, moves.default)
         targets = {number: self._target(stars, found) for number, found in moves.by_class.items()}
         return {number: target for number, target in targets.items() if target != default}, default
@@ -113,9 +118,8 @@ class Automaton:
     def _target(self, stars: _Stars, nodes: _Nodes) -> int:
         """Return the state of these nodes, some of which may be stars, behind those already passed."""
         if not nodes.isdisjoint(self._star_nodes):
-            passed = stars.nodes | (nodes & self._star_nodes)
+            stars = self._passed(stars, nodes & self._star_nodes)
             nodes = nodes - self._star_nodes
-            stars = self._passed(passed)
         key = (stars.nodes, nodes)
         number = self._number.get(key)
         if number is None:
@@ -128,15 +132,14 @@ class Automaton:
             self.accepts.append(self._shared_accepts.setdefault(accepted, accepted))
         return number
 
-    def _passed(self, nodes: _Nodes) -> _Stars:
+    def _passed(self, before: _Stars, new: _Nodes) -> _Stars:
+        nodes = before.nodes | new
         stars = self._stars.get(nodes)
         if stars is None:
-            self._budget.spend(len(nodes) // _NODES_PER_UNIT)
-            stars = self._stars[nodes] = _Stars(
-                nodes=nodes,
-                moves=_union([self._node_moves[node] for node in nodes]),
-                accepted=_NONE.union(*(self._node_accepts[node] for node in nodes)),
-            )
+            moves = _union([before.moves, *(self._node_moves[node] for node in new - before.nodes)])
+            self._budget.spend(len(nodes) // _NODES_PER_UNIT + len(moves.by_class) // _MOVES_PER_UNIT)
+            accepted = before.accepted.union(*(self._node_accepts[node] for node in new))
+            stars = self._stars[nodes] = _Stars(nodes=nodes, moves=moves, accepted=accepted)
         return stars
 
 
@@ -146,14 +149,20 @@ def _union(several: Sequence[_Moves]) -> _Moves:
         return several[0]
     default = _NONE.union(*(moves.default for moves in several))
     contributions: dict[int, list[_Nodes]] = {}
+    by_class: dict[int, _Nodes] = {}
     if not default:  # nearly always: nobody waits for any character
+        largest = max(several, key=lambda moves: len(moves.by_class), default=_NO_MOVES)
+        by_class.update(largest.by_class)
         for moves in several:
-            for number, nodes in moves.by_class.items():
-                contributions.setdefault(number, []).append(nodes)
+            if moves is not largest:
+                for number, nodes in moves.by_class.items():
+                    contributions.setdefault(number, []).append(nodes)
     else:
         for number in {number for moves in several for number in moves.by_class}:
             contributions[number] = [moves.by_class.get(number, moves.default) for moves in several]
-    by_class = {number: found[0] if len(found) == 1 else _NONE.union(*found) for number, found in contributions.items()}
+    for number, found in contributions.items():
+        known = by_class.get(number)
+        by_class[number] = found[0] if known is None and len(found) == 1 else (known or _NONE).union(*found)
     return _Moves(default, by_class)
 
 
@@ -213,7 +222,7 @@ class _Tree:
                     if is_default
                     else _Moves(_NONE, dict.fromkeys(classes, entered[child]))
                 )
-        return _union(several) if several else _Moves(_NONE, {})
+        return _union(several)
 
 
 def on_or_behind_cycle(successors: Sequence[Iterable[int]]) -> set[int]:

@@ -7,14 +7,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from keystore_audit.findings import Location
-from keystore_audit.keystore.certificate import CertificateFile
+from keystore_audit.keystore.certificate import CertificateFile, Issue
 from keystore_audit.keystore.defect import Defect
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.meaning import Doubt
-from keystore_audit.model.trust import Verdict, document_verdict
+from keystore_audit.model.trust import Verdict, document_verdict, is_authority, issue
 
 
 def keystore_doubts(keystore: Keystore, *, pins_signer: bool) -> Iterator[Doubt]:
@@ -62,7 +62,16 @@ def _document_doubt(enclave: Enclave, read: GovernanceFile | PermissionsFile) ->
 
 def identity_doubt(enclave: Enclave) -> Doubt | None:
     """Why the enclave's identity is unknown: it may then be anybody whom the identity CA vouches for."""
-    return _file_doubt(enclave, Role.CERTIFICATE, enclave.certificate, only_without_certificate=True)
+    doubt = _file_doubt(enclave, Role.CERTIFICATE, enclave.certificate, only_without_certificate=True)
+    first = enclave.certificate.first if enclave.certificate else None
+    if doubt is not None or first is None:
+        return doubt
+    authorities = enclave.identity_ca.certificates if enclave.identity_ca else ()
+    issues = [issue(authority, first) for authority in authorities if is_authority(authority)]
+    if Issue.UNSUPPORTED not in issues or Issue.ISSUED in issues:
+        return None
+    reason = f"whether the identity CA issued the certificate cannot be told ({first.signature_algorithm})"
+    return Doubt(enclave=enclave.path, location=Location(path=first.path, line=first.line), reason=reason)
 
 
 def realm_doubt(enclave: Enclave) -> Doubt | None:

@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import partial
-from itertools import takewhile
 from typing import Final
 
 from keystore_audit.model.posix import parse_posix
@@ -72,10 +71,12 @@ class Pattern:
     @property
     def prefix(self) -> str:
         """The characters before its first wildcard; every name that it matches begins with them."""
-        first = self.pieces[0]
-        if isinstance(first, str):
-            return first
-        return "".join(takewhile(lambda token: isinstance(token, str), first))  # type: ignore[arg-type]
+        return _leading_characters(self.pieces[0])
+
+    @property
+    def suffix(self) -> str:
+        """The characters behind its last wildcard; every name that it matches ends in them."""
+        return _leading_characters(self.pieces[-1][::-1])[::-1]
 
     def matches(self, name: str) -> bool:
         """Return whether it matches the whole of `name`, in time of at most the product of both lengths.
@@ -87,6 +88,8 @@ class Pattern:
         if len(self.pieces) == 1:
             return len(name) == len(first) and _fits(first, name, 0)
         begin, end = len(first), len(name) - len(last)
+        if isinstance(first, str) and not name.startswith(first):  # said early, since it is nearly always so
+            return False
         if begin > end or not _fits(first, name, 0) or not _fits(last, name, end):
             return False
         for piece in self.pieces[1:-1]:
@@ -101,6 +104,13 @@ def parse(text: str, matcher: Matcher) -> Pattern:
     """Parse `text` as `matcher` reads it, in linear time. Every text has a meaning: nothing is raised."""
     tokens, malformed = _PARSERS[matcher](text)
     return Pattern(text=text, matcher=matcher, malformed=malformed, pieces=pieces(tokens))
+
+
+def _leading_characters(piece: Piece) -> str:
+    if isinstance(piece, str):
+        return piece
+    count = next((index for index, token in enumerate(piece) if not isinstance(token, str)), len(piece))
+    return "".join(str(token) for token in piece[:count])
 
 
 def _fits(piece: Piece, name: str, place: int) -> bool:

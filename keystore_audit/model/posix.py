@@ -108,7 +108,7 @@ class _Brackets:
         visited: list[int] = []
         while not visited or not self._text.startswith("]", self._place):  # a first `]` stands for itself
             if self._place >= len(self._text) or self._place in self._unclosed:
-                self._unclosed.update(visited[1:])  # from the first place a `]` would be read in another way
+                self._unclosed.update(visited)
                 if self._is_dead:  # the whole expression is; to read on could take quadratic time
                     return NO_CHARACTER, len(self._text), self._fault
                 return "[", place, self._fault or _NOTHING_CLOSES

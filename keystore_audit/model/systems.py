@@ -29,7 +29,7 @@ from keystore_audit.model.system import (
     System,
     TopicRuleAtom,
 )
-from keystore_audit.model.trust import Verdict, envelope, is_authority, issued, may_sign
+from keystore_audit.model.trust import Verdict, envelope, is_authority, may_have_issued, may_sign
 
 
 class SystemBuilder:
@@ -90,7 +90,7 @@ class SystemBuilder:
         }
         pool = [(n, c) for n, c in enumerate(self._certificates) if c.sha256 in authorities]
         return tuple(
-            frozenset(n for n, authority in pool if issued(authority, certificate))
+            frozenset(n for n, authority in pool if may_have_issued(authority, certificate))
             for certificate in self._certificates
         )
 

@@ -76,7 +76,7 @@ def may_sign(signer: Certificate, permissions_ca: CertificateFile, *, pins_signe
     return (
         not pins_signer
         and fit_to_sign(signer)
-        and any(vouches(authority, signer) for authority in permissions_ca.certificates)
+        and any(is_authority(a) and may_have_issued(a, signer) for a in permissions_ca.certificates)
     )
 
 
@@ -100,17 +100,22 @@ def is_authority(certificate: Certificate) -> bool:
     return bool(certificate.is_ca) and (certificate.key_usage is None or "keyCertSign" in certificate.key_usage)
 
 
-def issued(authority: Certificate, certificate: Certificate) -> bool:
-    """Whether `authority` issued the certificate: names and signature, not dates.
+def issue(authority: Certificate, certificate: Certificate) -> Issue:
+    """Whether `authority` issued the certificate: names and signature, not dates. UNSUPPORTED: it cannot be told.
 
     A self-issued certificate is nobody's but its own, even where an older one has the same name and key: OpenSSL, and
     with it every measured implementation, refuses a self-signed certificate that is not among the trusted ones.
     """
     if certificate.subject_der == certificate.issuer_der and certificate.sha256 != authority.sha256:
-        return False
-    return issued_by(certificate, authority) is Issue.ISSUED
+        return Issue.NAME_DIFFERS
+    return issued_by(certificate, authority)
+
+
+def may_have_issued(authority: Certificate, certificate: Certificate) -> bool:
+    """Whether `authority` issued the certificate, or an implementation may think so where we cannot tell."""
+    return issue(authority, certificate) in (Issue.ISSUED, Issue.UNSUPPORTED)
 
 
 def vouches(authority: Certificate, certificate: Certificate) -> bool:
     """Whether `authority` may issue certificates and issued this one: names and signature, not dates."""
-    return is_authority(authority) and issued(authority, certificate)
+    return is_authority(authority) and issue(authority, certificate) is Issue.ISSUED

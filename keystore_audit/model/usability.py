@@ -16,7 +16,7 @@ from keystore_audit.model.domains import Interval, contains, covered, elementary
 from keystore_audit.model.doubt import enclave_doubts
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.revocation import revoked_serials
-from keystore_audit.model.trust import Verdict, document_verdict, vouches
+from keystore_audit.model.trust import Verdict, document_verdict, is_authority, may_have_issued, vouches
 from keystore_audit.model.validity import parse_instant
 
 REQUIRED = (
@@ -151,7 +151,8 @@ def _identity_refusals(enclave: Enclave, certificate: Certificate) -> Iterator[s
             yield "the private key does not belong to the certificate"
     authorities = enclave.identity_ca
     readable = authorities is not None and not any(defect.kind.opaque for defect in authorities.defects)
-    if authorities is not None and readable and not any(vouches(a, certificate) for a in authorities.certificates):
+    issuing = authorities.certificates if authorities is not None else ()
+    if readable and not any(is_authority(a) and may_have_issued(a, certificate) for a in issuing):
         yield "the identity CA did not issue the identity certificate"
     if (certificate.issuer_der, certificate.serial) in revoked_serials(enclave):
         yield "the identity certificate is revoked"

@@ -124,9 +124,7 @@ ALIASES: dict[str, tuple[str, ...]] = {
 _SUPPORTED = ("humble", "jazzy", "kilted", "lyrical")
 
 DEFAULT: tuple[str, ...] = tuple(
-    name
-    for name in VARIANTS
-    if name == "spec" or any(name in ALIASES[distribution] for distribution in _SUPPORTED)
+    name for name in VARIANTS if name == "spec" or any(name in ALIASES[distribution] for distribution in _SUPPORTED)
 )
 """`spec` and every variant that a supported distribution ships."""
 
