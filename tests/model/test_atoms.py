@@ -114,6 +114,9 @@ def positions_graph(patterns: Sequence[Pattern]) -> tuple[list[frozenset[int]], 
 )
 @example(["rt/robot[12]", "rt/robot1", "rt/robot2"])
 @example(["*", "?"])
+@example(["?", "?*"])
+@example(["??*"])
+@example(["[!a]", "[ab]", "?*b"])
 @example(["a*", "ab*", "*b", "?b"])
 def test_classes_and_their_finiteness_are_those_of_an_exact_oracle(texts: list[str]) -> None:
     """Every expression is taken as literals are too, in one graph; words of all lengths count."""
@@ -179,6 +182,8 @@ def test_ros_classes_are_those_that_ros_names_lie_in(seed: int) -> None:
         ("rq/*Reply", False),
         ("rr/*Reply", True),
         ("rq/ReRequest?", False),
+        ("rq/aRReques?", True),
+        ("rr/aRepRepl?", True),
         ("rq/aRequest*Request", True),
         ("rs/a", True),
         ("ros_discovery_inf?", True),
@@ -290,15 +295,16 @@ def test_known_families(texts: list[str], count: int) -> None:
         [f"rt/*/w_{i}/*" for i in range(15)],
         ["*a" + "?" * 20],
         [f"*[!{chr(0x4E00 + i)}]?{chr(0x5E00 + i)}*" for i in range(3000)],
+        [f"*{chr(0x4E00 + i)}*{chr(0x5E00 + i)}" for i in range(2000)],
         [f"{'?' * (i % 50)}{chr(97 + i % 26)}*{i}*" for i in range(3000)],
     ],
-    ids=["infixes", "memory of a window", "many sets", "all at once"],
+    ids=["infixes", "memory of a window", "many sets", "many characters", "all at once"],
 )
 def test_too_many_classes_exceed_the_budget_in_time(texts: list[str]) -> None:
-    begin = time.perf_counter()
+    begin = time.process_time()
     with pytest.raises(BudgetExceeded, match=f"{len(texts)} expressions need more than 5000 states"):
         classify(patterns_of(texts), budget=5_000)
-    assert time.perf_counter() - begin < 5
+    assert time.process_time() - begin < 3
 
 
 def test_result_depends_on_neither_order_nor_hash_seed() -> None:
@@ -345,14 +351,14 @@ def keystore_like(size: int, wildcards: int) -> list[str]:
     return list(distinct)
 
 
-@pytest.mark.parametrize(("size", "wildcards", "seconds"), [(1_000, 16, 0.3), (5_000, 50, 1.5)])
+@pytest.mark.parametrize(("size", "wildcards", "seconds"), [(1_000, 16, 0.4), (5_000, 50, 1.5)])
 def test_keystore_of_thousands_of_expressions_is_classified_in_time(size: int, wildcards: int, seconds: float) -> None:
     patterns = patterns_of(keystore_like(size, wildcards))
     times = []
-    for _ in range(2):
-        begin = time.perf_counter()
+    for _ in range(3):
+        begin = time.process_time()
         classes = classify(patterns)
-        times.append(time.perf_counter() - begin)
+        times.append(time.process_time() - begin)
         assert len(classes) >= size - wildcards
         assert max(Counter(found.witness for found in classes).values()) == 1
     assert min(times) < seconds

@@ -167,9 +167,9 @@ def test_parsing_takes_linear_time(unit: str) -> None:
         text = unit * (size // len(unit))
         times = []
         for _ in range(3):
-            begin = time.perf_counter()
+            begin = time.process_time()
             parse(text, Matcher.POSIX)
-            times.append(time.perf_counter() - begin)
+            times.append(time.process_time() - begin)
         return min(times)
 
     assert best(40_000) < 30 * best(5_000) + 0.02
@@ -178,8 +178,8 @@ def test_parsing_takes_linear_time(unit: str) -> None:
 def test_matching_does_not_backtrack_into_earlier_stars() -> None:
     pattern = parse("*a" * 30 + "*b", Matcher.POSIX)
     sets = parse("*[ac]" * 30 + "*b", Matcher.POSIX)
-    begin = time.perf_counter()
+    begin = time.process_time()
     assert not pattern.matches("a" * 5_000)
     assert not sets.matches("a" * 5_000)
     assert sets.matches("a" * 5_000 + "b")
-    assert time.perf_counter() - begin < 1
+    assert time.process_time() - begin < 1
