@@ -204,7 +204,7 @@ def _scope(meaning: Meaning) -> Scope:
         documents=len(system.documents) if system else 0,
         channels=len(system.channels) if system else 0,
         rules=len(RULES),
-        not_checked=NOT_CHECKED,
+        not_checked=(*meaning.idle, *NOT_CHECKED),
     )
 
 

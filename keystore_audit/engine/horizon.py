@@ -93,7 +93,14 @@ def _usability_change(before: Mapping[tuple[str, str], Usability], after: Mappin
     changed = sorted({directory for (directory, profile), was in before.items() if after[directory, profile] != was})
     if not changed:
         return ""
-    reason = next((r for (d, _p), now in after.items() if d == changed[0] for r in now.reasons), "it starts again")
+    fresh = (
+        reason
+        for key, now in after.items()
+        if key[0] == changed[0]
+        for reason in now.reasons
+        if reason not in before[key].reasons
+    )
+    reason = next(fresh, "it starts again")
     more = f" and {len(changed) - 1} more" if len(changed) > 1 else ""
     return f"{changed[0]}{more}: {reason}"
 

@@ -9,6 +9,7 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.doubt import keystore_doubts
+from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.meaning import Doubt, Meaning, UngovernedTopics, Usability
 from keystore_audit.model.permission import Permissions, members
 from keystore_audit.model.profiles import Profile
@@ -35,6 +36,7 @@ def interpret(keystore: Keystore, profiles: Sequence[Profile], at: datetime, usa
         doubts=_doubts(keystore, profiles),
         ungoverned=_ungoverned(systems),
         over_budget=over_budget,
+        idle=_idle(systems),
     )
 
 
@@ -70,6 +72,20 @@ def _doubts(keystore: Keystore, profiles: Sequence[Profile]) -> tuple[Doubt, ...
         for doubt in keystore_doubts(keystore, pins_signer=pins_signer):
             doubts.setdefault((doubt.enclave, doubt.location), doubt)
     return tuple(sorted(doubts.values(), key=lambda d: (d.location.path, d.location.line or 0, d.enclave or "")))
+
+
+def _idle(systems: tuple[System, ...]) -> tuple[str, ...]:
+    """For each kind of implementation, whether no governance is in force, so that there is nothing to protect."""
+    found = []
+    for system in systems:
+        permissions = Permissions(system)
+        views = (RealmView(system, realm, permissions) for realm in range(len(system.realms)))
+        if system.reading is Reading.MAY and not any(view.protection.governed for view in views):
+            found.append(
+                f"Under {', '.join(system.profiles)} no enclave carries a governance that its peers accept: nothing starts, "
+                "and encryption and access control hold for want of anything to protect."
+            )
+    return tuple(found)
 
 
 def _ungoverned(systems: tuple[System, ...]) -> tuple[UngovernedTopics, ...]:

@@ -47,7 +47,7 @@ class Meaning:
 
     `systems`: one for each kind of implementation among the chosen profiles and each reading (only MAY where
     there is no doubt, since MUST is then equal). `usability`: by (enclave directory, canonical profile name).
-    `over_budget`: why topic classes could not be computed; there are no systems then.
+    `over_budget`: why topic classes could not be computed; there are no systems then. `idle`: sentences that say which properties hold for want of anything to protect.
     """
 
     systems: tuple[System, ...]
@@ -55,3 +55,4 @@ class Meaning:
     doubts: tuple[Doubt, ...]
     ungoverned: tuple[UngovernedTopics, ...]
     over_budget: str | None
+    idle: tuple[str, ...] = ()
