@@ -7,7 +7,7 @@ from typing import Any
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.properties import access_control, authentication, encryption
-from keystore_audit.properties.counterexample import Counterexample
+from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import PropertyResult
 from keystore_audit.rules.context import Context
@@ -15,7 +15,7 @@ from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.wording import MAX_QUOTED, places
 from keystore_audit.text import shorten
 
-_SIGN_AGAIN = "Change the governance as the findings above say and sign it again with the permissions CA."
+_SIGN_AGAIN = "Then sign the governance again with the permissions CA."
 
 
 def _violated(result: PropertyResult) -> Iterator[Violation]:
@@ -40,11 +40,19 @@ def _steps(example: Counterexample) -> tuple[Location, ...]:
         Location(
             path=step.path,
             line=step.line,
-            message=shorten(": ".join(filter(None, (step.enclave, step.channel, step.witness))), 2 * MAX_QUOTED),
+            message=shorten(_words(step), 2 * MAX_QUOTED),
         )
         for step in example.steps
         if step.path is not None
     )
+
+
+def _words(step: Step) -> str:
+    """Whom and what a step is about; the witness is told where the channel does not name it."""
+    told = [step.enclave, step.channel] if step.channel is not None else [step.enclave]
+    if step.channel is None or step.witness not in step.channel:
+        told.append(step.witness)
+    return ": ".join(word for word in told if word is not None)
 
 
 @rule(

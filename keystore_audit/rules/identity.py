@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from typing import Any
 
 from keystore_audit.findings import Location, Severity
-from keystore_audit.keystore.certificate import Certificate, Issue, issued_by
+from keystore_audit.keystore.certificate import Certificate, Issue
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
-from keystore_audit.model.trust import vouches
+from keystore_audit.model.trust import issue, vouches
 from keystore_audit.rules.certificate import ISSUE_AGAIN, RENEW_AUTHORITY, what
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
@@ -86,7 +86,7 @@ def not_issued_by_identity_ca(use: CertificateUse, _context: Context) -> Iterato
         file = enclave.identity_ca
         if file is None or not file.certificates:
             continue
-        answers = {issued_by(certificate, authority): authority for authority in reversed(file.certificates)}
+        answers = {issue(authority, certificate): authority for authority in reversed(file.certificates)}
         if Issue.ISSUED in answers:
             continue
         unread = any(defect.kind.opaque for defect in file.defects)

@@ -390,7 +390,7 @@ def laid_out(**layout: Any) -> Change:
 
 def meaning(**more: Any) -> Meaning:
     """A meaning without doubts."""
-    more = {"systems": (), "usability": {}, "doubts": (), "ungoverned": (), "over_budget": None, **more}
+    more = {"systems": (), "usability": {}, "doubts": (), "ungoverned": (), "idle": (), "over_budget": None, **more}
     return Meaning(**more)
 
 
