@@ -32,6 +32,9 @@ _DATA: Final = x509.ObjectIdentifier("1.2.840.113549.1.7.1")
 _DATA_DER: Final = asn1.encode_der(_DATA)
 _OCTET_STRING: Final = b"\x04"
 _UTC_TIME: Final = b"\x17"
+_STRINGS: Final = frozenset({b"\x0c", b"\x12", b"\x13", b"\x14", b"\x16", b"\x1c", b"\x1e"})
+"""Tags of UTF8String, NumericString, PrintableString, TeletexString, IA5String, UniversalString, BMPString."""
+
 _CONTENT_TYPE: Final = x509.ObjectIdentifier("1.2.840.113549.1.9.3")
 _MESSAGE_DIGEST: Final = x509.ObjectIdentifier("1.2.840.113549.1.9.4")
 _SIGNING_TIME: Final = x509.ObjectIdentifier("1.2.840.113549.1.9.5")
@@ -124,6 +127,22 @@ class _SignedData:
     signer_infos: SetOf[_SignerInfo]
 
 
+@asn1.sequence
+class _NameAttribute:
+    type: x509.ObjectIdentifier
+    value: TLV
+
+
+@asn1.sequence
+class _Wrapped:
+    element: TLV
+
+
+@asn1.sequence
+class _WrappedName:
+    name: list[SetOf[_NameAttribute]]
+
+
 # --- reading
 
 
@@ -155,6 +174,16 @@ def read_signed_data(der: bytes) -> SignedData:
     return SignedData(
         content=data.content.content, certificates=certificates, signers=signers, problems=tuple(problems)
     )
+
+
+def has_string_values(name_der: bytes) -> bool:
+    """Whether every attribute of a distinguished name is a string: else OpenSSL refuses the message around it."""
+    try:
+        wrapped = asn1.encode_der(_Wrapped(element=asn1.decode_der(TLV, name_der)))  # only structures can be decoded
+        name = asn1.decode_der(_WrappedName, wrapped).name
+    except ValueError:
+        return False
+    return all(attribute.value.tag_bytes in _STRINGS for names in name for attribute in names.as_list())
 
 
 def _parse(der: bytes) -> _SignedData:

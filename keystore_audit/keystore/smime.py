@@ -14,7 +14,7 @@ from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.x509.oid import PublicKeyAlgorithmOID
 
 from keystore_audit.keystore.certificate import Certificate, read_certificates
-from keystore_audit.keystore.cms import CmsError, SignedData, SignerInfo, read_signed_data
+from keystore_audit.keystore.cms import CmsError, SignedData, SignerInfo, has_string_values, read_signed_data
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.mime import Message, MimeError, read_message, split_text
@@ -310,4 +310,6 @@ def _certificate(der: bytes, file: File, line: int) -> Certificate | None:
     pem = b"-----BEGIN CERTIFICATE-----\n" + base64.encodebytes(der) + b"-----END CERTIFICATE-----\n"
     alone = File(path=file.path, resolved=file.resolved, status=Status.PRESENT, content=pem)
     first = read_certificates(alone).first
-    return None if first is None else replace(first, line=line)
+    if first is None or not (has_string_values(first.subject_der) and has_string_values(first.issuer_der)):
+        return None
+    return replace(first, line=line)

@@ -15,6 +15,7 @@ from lxml import etree
 
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.smime import SignedDocument
+from keystore_audit.text import shorten
 
 MAX_BYTES: Final = 8 << 20
 """Longest text that is parsed: a file of 4 MB whose line ends were LF can double when they become CRLF."""
@@ -24,6 +25,12 @@ MAX_TAGS: Final = 200_000
 
 MAX_DEFECTS: Final = 20
 """Defects of one kind that are reported for a document: enough to repair it, and a hostile one has thousands."""
+
+MAX_ATTRIBUTES: Final = 16
+"""Attributes of one element that are looked at: the grammar knows 2, and lxml takes minutes for 100,000."""
+
+MAX_QUOTED: Final = 80
+"""Characters of a value or name that a defect quotes."""
 
 _SCHEMA_INSTANCE: Final = "http://www.w3.org/2001/XMLSchema-instance"
 _STOCK_START: Final = re.compile(
@@ -69,13 +76,13 @@ def read_xml(signed: SignedDocument) -> tuple[etree._Element | None, tuple[Defec
     except (ValueError, LookupError) as error:  # an unknown encoding
         reading.add(Kind.XML_MALFORMED, 1, f"the text is no XML: {error}")
         return None, reading.found()
-    reading.lexical(content)
-    if root.getroottree().docinfo.internalDTD is not None:
-        return None, reading.found()  # entities and default attributes: what the tree says is one reading of several
     if _only_elements(content):
         reading.values(root)
-    else:
-        reading.nodes(root)
+        return root, reading.found()
+    if any(len(element.attrib) > MAX_ATTRIBUTES for element in root.iter(etree.Element)):
+        reading.add(Kind.XML_MALFORMED, 1, f"an element with more than {MAX_ATTRIBUTES} attributes, which is not read")
+        return None, reading.found()
+    reading.nodes(root)
     return root, reading.found()
 
 
@@ -88,8 +95,8 @@ def _only_elements(content: bytes) -> bool:
     if start is None:
         return False
     end = start.end()
-    # Single characters, for which a search costs nothing: the detailed look is right for every document, only slower.
-    if any(content.find(sign, end) >= 0 for sign in (b"!", b"?", b"&", b"'")):
+    # Cheap to look for, nearly always absent: the detailed look is right for every document, only slower.
+    if any(content.find(sign, end) >= 0 for sign in (b"!", b"?", b"&", b"'", b"<xsi:")):
         return False
     return content.count(b'"', end) == 2 * content.count(b'<grant name="', end)
 
@@ -124,6 +131,10 @@ class _Reading:
             path = self._signed.file.place
             self._defects.append(Defect(kind=kind, path=path, line=self._signed.line(line), detail=detail))
 
+    @property
+    def full(self) -> bool:
+        return len(self._defects) >= MAX_DEFECTS
+
     def ambiguous(self, line: int | None, detail: str) -> None:
         self.add(Kind.XML_AMBIGUOUS, line, detail)
 
@@ -145,12 +156,13 @@ class _Reading:
         declared = _DECLARED_ENCODING.match(content, 0, 512)
         if declared is not None and declared[1].upper() not in (b"UTF-8", b"US-ASCII"):
             name = declared[1].decode("ascii", "backslashreplace")
-            self.ambiguous(1, f"expected encoding UTF-8, found {name!r}, which Fast DDS and Cyclone DDS ignore")
+            self.ambiguous(1, f"expected encoding UTF-8, found {_shown(name)}, which Fast DDS and Cyclone DDS ignore")
+            return False
         if content.count(b"\r") != content.count(b"\r\n"):
             self.ambiguous(_lone_return(content), "a carriage return without line feed: parsers read it differently")
         if not content.isascii():
             self._invisible(content)
-        return True
+        return not (b"!" in content and self._has_document_type(content))
 
     def _invisible(self, content: bytes) -> None:
         if content.startswith(b"\xef\xbb\xbf"):
@@ -162,7 +174,7 @@ class _Reading:
             self.ambiguous(
                 line, f"the invisible character U+{ord(match.group()):04X}: what people see is not what is read"
             )
-            if len(self._defects) >= MAX_DEFECTS:
+            if self.full:
                 break
 
     def syntax_error(self, error: etree.XMLSyntaxError) -> None:
@@ -173,23 +185,22 @@ class _Reading:
         else:
             self.add(Kind.XML_MALFORMED, line, f"the text is no well-formed XML: {error.msg}")
 
-    # --- after parsing
+    def _has_document_type(self, content: bytes) -> bool:
+        """Find what a tree does not show: CDATA sections, and a document type, with which no parser is handed the text.
 
-    def lexical(self, content: bytes) -> None:
-        """Find what the tree does not show: CDATA sections, and the document type."""
-        if b"!" not in content:
-            return
+        Even with `load_dtd=False` lxml 6.1 tries to open an external one.
+        """
         for match in _MARKUP.finditer(content):
-            if match.group() == b"<![CDATA[":
-                line = _line_of(content, match.start())
-                self.ambiguous(
-                    line, "a CDATA section: Fast DDS reads only the first piece of a value, others the whole"
-                )
-            elif match.group() == b"<!DOCTYPE":
-                line = _line_of(content, match.start())
-                self.ambiguous(
-                    line, "a document type: entities and defaults in it are read by some parsers and not by others"
-                )
+            if match.group() == b"<!DOCTYPE":
+                detail = "a document type: entities and defaults in it are read by some parsers and not by others"
+                self.ambiguous(_line_of(content, match.start()), detail)
+                return True
+            if match.group() == b"<![CDATA[" and not self.full:
+                detail = "a CDATA section: Fast DDS reads only the first piece of a value, others the whole"
+                self.ambiguous(_line_of(content, match.start()), detail)
+        return False
+
+    # --- after parsing
 
     def values(self, root: etree._Element) -> None:
         """Look at the values of a text in which there is nothing but elements."""
@@ -199,35 +210,39 @@ class _Reading:
                 self._value(element, text)
 
     def nodes(self, root: etree._Element) -> None:
-        """Look at every node."""
+        """Look at every node, until there are defects enough."""
         self._declarations(root)
         for node in itertools.chain(root.itersiblings(preceding=True), root.iter(), root.itersiblings()):
+            if self.full:
+                return
             if _is(node, etree.ProcessingInstruction):
-                detail = f"the processing instruction {str(node)[:80]}, which Cyclone DDS refuses"
-                self.ambiguous(source_line(node), detail)
+                self.ambiguous(source_line(node), f"the instruction {_shown(node)}, which Cyclone DDS refuses")
             elif isinstance(node.tag, str):
                 self._element(node, node.tag)
 
     def _declarations(self, root: etree._Element) -> None:
         for element in root.iter(etree.Element):
+            if self.full:
+                return
             outer = element.getparent()
             inherited: dict[str | None, str] = {"xsi": _SCHEMA_INSTANCE} if outer is None else dict(outer.nsmap)
             for prefix, name in element.nsmap.items():
                 if inherited.get(prefix) != name:
-                    found = f"xmlns:{prefix}" if prefix else "xmlns"
-                    detail = f"expected no namespace but xmlns:xsi on the root, found {found}={str(name)!r}"
+                    found = f"{_shown(prefix or 'no prefix')} for {_shown(name)}"
+                    detail = f"expected no namespace but xmlns:xsi on the root, found {found}"
                     self.ambiguous(source_line(element), f"{detail}: Cyclone DDS refuses it, Fast DDS ignores it")
 
     def _element(self, element: etree._Element, tag: str) -> None:
         line = source_line(element)
         parent = element.getparent()
         if tag[0] == "{" and (parent is None or str(parent.tag)[0] != "{"):
-            self.ambiguous(line, f"the element {tag!r} in a namespace: Fast DDS and Cyclone DDS go by the name alone")
+            detail = f"the element {_shown(tag)} in a namespace: Fast DDS and Cyclone DDS go by the name alone"
+            self.ambiguous(line, detail)
         for name, value in element.items():
             if str(name)[0] == "{" and (name != _LOCATION or parent is not None):
-                self.ambiguous(line, f"the attribute {name!r}, which Cyclone DDS refuses and Fast DDS ignores")
+                self.ambiguous(line, f"the attribute {_shown(name)}, which Cyclone DDS refuses and Fast DDS ignores")
             elif not str(value).isprintable() and _CONTROL_IN_VALUE.search(str(value)):
-                self.ambiguous(line, f"a control character in the attribute {name!r} of <{tag}>")
+                self.ambiguous(line, f"a control character in the attribute {_shown(name)}: {_shown(value)}")
         if len(element) == 0:
             self._value(element, str(element.text or ""))
         elif not any(isinstance(child.tag, str) for child in element):
@@ -238,10 +253,10 @@ class _Reading:
 
     def _value(self, element: etree._Element, text: str) -> None:
         if text.strip(_BLANKS) != text:
-            detail = f"blanks around the value of <{element.tag!s}>: Cyclone DDS trims {text!r}, Fast DDS does not"
-            self.ambiguous(source_line(element), detail)
+            detail = f"{_shown(text)} with blanks around it: Cyclone DDS trims them, Fast DDS does not"
+            self.ambiguous(source_line(element), f"the value of <{_name(element)}> is {detail}")
         elif _CONTROL_IN_VALUE.search(text):
-            detail = f"a control or invisible character in the value {text!r} of <{element.tag!s}>"
+            detail = f"a control or invisible character in the value {_shown(text)} of <{_name(element)}>"
             self.ambiguous(source_line(element), detail)
 
     def _pieces(self, element: etree._Element) -> None:
@@ -249,8 +264,16 @@ class _Reading:
         first = str(element.text or "")
         joined = first + "".join(str(child.tail or "") for child in element)
         what = "a comment" if all(_is(child, etree.Comment) for child in element) else "other nodes"
-        read = f"Fast DDS reads only the first piece ({first!r}), Cyclone DDS and OpenDDS join them ({joined!r})"
-        self.ambiguous(source_line(element), f"{what} inside the value of <{element.tag!s}>: {read}")
+        read = f"Fast DDS reads only the first piece, {_shown(first)}, Cyclone DDS and OpenDDS {_shown(joined)}"
+        self.ambiguous(source_line(element), f"{what} inside the value of <{_name(element)}>: {read}")
+
+
+def _shown(text: object) -> str:
+    return repr(shorten(str(text), MAX_QUOTED))
+
+
+def _name(element: etree._Element) -> str:
+    return shorten(str(element.tag), MAX_QUOTED)
 
 
 def _is(node: etree._Element, factory: object) -> bool:

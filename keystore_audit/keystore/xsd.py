@@ -14,9 +14,13 @@ from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.keystore.xml import MAX_DEFECTS, duplicates, source_line
 from keystore_audit.resources import schemas
+from keystore_audit.text import shorten
 
 MAX_EXPLAINED_BYTES: Final = 64 * 1024
 """Longest text that xmlschema explains, at 0.9 ms a kilobyte; of a longer one libxml2's messages are reported."""
+
+MAX_DETAIL: Final = 400
+"""Characters of one explanation, which may quote names and values from the document."""
 
 _CURRENT: Final = "1.1"
 _OLD: Final = "1.0"
@@ -46,12 +50,19 @@ def validate(root: etree._Element, grammar: Grammar, signed: SignedDocument) -> 
     if _schema(_OLD, grammar).validate(root):
         detail = f"{grammar.value} of DDS-Security 1.0 (20160303), which readers of 1.1 refuse or read as they like"
         line = signed.line(messages[0][0])
-        return (Defect(kind=Kind.DDS_SECURITY_1_0, path=path, line=line, detail=f"{detail}: {messages[0][1]}"),)
+        return (
+            Defect(
+                kind=Kind.DDS_SECURITY_1_0,
+                path=path,
+                line=line,
+                detail=shorten(f"{detail}: {messages[0][1]}", MAX_DETAIL),
+            ),
+        )
     explained: list[tuple[int | None, str]] = []
     if signed.content is not None and len(signed.content) <= MAX_EXPLAINED_BYTES:
         explained = list(itertools.islice(_explanations(root, grammar), MAX_DEFECTS))
     failures = [
-        Defect(kind=Kind.SCHEMA_INVALID, path=path, line=signed.line(line), detail=detail)
+        Defect(kind=Kind.SCHEMA_INVALID, path=path, line=signed.line(line), detail=shorten(detail, MAX_DETAIL))
         for line, detail in explained or messages[:MAX_DEFECTS]
     ]
     return (*failures, *duplicates(root, signed), *_rules_without_domains(root, signed))

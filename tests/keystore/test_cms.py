@@ -241,6 +241,15 @@ CRAFTED: dict[str, tuple[bytes, set[Kind]]] = {
         MALFORMED,
     ),
     "a certificate that is none": (replace(GOOD, certificates=tlv(0xA0, tlv(0x30, NULL))).der(), MALFORMED),
+    "a certificate whose name is no string": (
+        replace(
+            GOOD,
+            certificates=tlv(
+                0xA0, CA.certificate.public_bytes(Encoding.DER).replace(b"\x0c\x07sros2CA", b"\x04\x07sros2CA")
+            ),
+        ).der(),
+        MALFORMED,
+    ),
     "no content type": (changed(attributes=(MESSAGE_DIGEST,)).der(), MALFORMED),
     "content type of another type": (
         changed(attributes=(attribute("1.2.840.113549.1.9.3", oid("1.2.3.4")), MESSAGE_DIGEST)).der(),

@@ -1,0 +1,261 @@
+"""Our schemas: two validators agree on them, the published ones say the same, and failures are explained."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterator
+from functools import lru_cache
+from pathlib import Path
+
+import pytest
+import xmlschema
+from lxml import etree
+
+from keystore_audit.keystore.defect import Defect, Kind
+from keystore_audit.keystore.xml import MAX_DEFECTS, read_xml
+from keystore_audit.keystore.xsd import MAX_DETAIL, MAX_EXPLAINED_BYTES, Grammar, validate
+from keystore_audit.resources import schemas
+from tests.keystore.builder import GOVERNANCE
+from tests.keystore.documents import FIRST_LINE, PERMISSIONS, SHARED, signed
+
+EVERYTHING_ALLOWED = b"""<dds><permissions>
+  <grant name="g">
+    <subject_name>CN=/g</subject_name>
+    <validity><not_before>2024-01-01T00:00:00Z</not_before><not_after>2034-01-01T00:00:00.5+01:00</not_after></validity>
+    <deny_rule>
+      <domains><id_range><min>1</min></id_range><id>7</id></domains>
+      <publish><partitions><partition></partition><partition>p</partition></partitions><topics><topic>t</topic></topics></publish>
+      <subscribe>
+        <data_tags><tag><name>n</name><value>v</value></tag></data_tags><topics><topic>a</topic><topic>b</topic></topics>
+      </subscribe>
+      <relay><topics><topic>t</topic></topics></relay>
+    </deny_rule>
+    <allow_rule><domains><id_range><max>3</max></id_range></domains></allow_rule>
+    <default>ALLOW</default>
+  </grant>
+  <grant name="">
+    <subject_name></subject_name>
+    <validity><not_before>2024-01-01T00:00:00</not_before><not_after>2034-01-01T00:00:00</not_after></validity>
+    <default>DENY</default>
+  </grant>
+</permissions></dds>
+"""
+LIVELINESS = b"          <enable_liveliness_protection>true</enable_liveliness_protection>\n"
+ARDENT_GOVERNANCE = GOVERNANCE.replace(b"20170901", b"20160303").replace(LIVELINESS, b"")
+CRYSTAL_PERMISSIONS = PERMISSIONS.replace(
+    b"<publish>",
+    b"<subscribe><partitions><partition></partition></partitions><topics><topic>x</topic></topics></subscribe>\n<publish>",
+)
+
+
+def defects(content: bytes, grammar: Grammar) -> tuple[Defect, ...]:
+    root, found = read_xml(signed(content))
+    assert root is not None, found
+    return validate(root, grammar, signed(content))
+
+
+def kinds(content: bytes, grammar: Grammar) -> set[Kind]:
+    return {defect.kind for defect in defects(content, grammar)}
+
+
+@pytest.mark.parametrize(
+    ("content", "grammar"),
+    [
+        (GOVERNANCE, Grammar.GOVERNANCE),
+        (PERMISSIONS, Grammar.PERMISSIONS),
+        (EVERYTHING_ALLOWED, Grammar.PERMISSIONS),
+    ],
+)
+def test_valid(content: bytes, grammar: Grammar) -> None:
+    assert defects(content, grammar) == ()
+    other = Grammar.PERMISSIONS if grammar is Grammar.GOVERNANCE else Grammar.GOVERNANCE
+    assert kinds(content, other) == {Kind.SCHEMA_INVALID}
+
+
+@pytest.mark.parametrize(
+    ("content", "grammar"),
+    [(ARDENT_GOVERNANCE, Grammar.GOVERNANCE), (CRYSTAL_PERMISSIONS, Grammar.PERMISSIONS)],
+)
+def test_the_older_form_is_known_whatever_schema_it_names(content: bytes, grammar: Grammar) -> None:
+    for named in (b"20160303", b"20170901", b"19990101"):
+        (defect,) = defects(content.replace(b"20170901", named).replace(b"20160303", named), grammar)
+        assert defect.kind is Kind.DDS_SECURITY_1_0
+        assert defect.line is not None
+        assert defect.line > FIRST_LINE
+    neither = content.replace(b"id>", b"number>")
+    assert kinds(neither, grammar) == {Kind.SCHEMA_INVALID}
+
+
+def test_data_has_no_origin_authentication() -> None:
+    """DDS-Security 1.1, 9.4.1.2.6.6: the basic kinds alone."""
+    for kind in (b"SIGN_WITH_ORIGIN_AUTHENTICATION", b"ENCRYPT_WITH_ORIGIN_AUTHENTICATION"):
+        data = GOVERNANCE.replace(b"<data_protection_kind>ENCRYPT", b"<data_protection_kind>" + kind)
+        metadata = GOVERNANCE.replace(b"<metadata_protection_kind>ENCRYPT", b"<metadata_protection_kind>" + kind)
+        assert kinds(data, Grammar.GOVERNANCE) == {Kind.SCHEMA_INVALID}
+        assert kinds(metadata, Grammar.GOVERNANCE) == set()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "needle", "words"),
+    [
+        (b"<id>0</id>", b"<id>a</id>", b"<id>a", "expected xs:nonNegativeInteger, found 'a'"),
+        (b">DENY<", b">REFUSE<", b"REFUSE", "found 'REFUSE'"),
+        (b"2024-01-01T00", b"2024-13-01T00", b"2024-13", "expected xs:dateTime, found '2024-13-01T00:00:00'"),
+        (b"<default>DENY</default>", b"", b"<grant", "'default' expected"),
+        (b"<domains><id>0</id></domains>", b"", b"<allow_rule", "Tag 'domains' expected"),
+        (b"<topic>rt/chatter</topic>", b"", b"<publish><topics>", "Tag 'topic' expected"),
+        (b' name="/talker"', b"", b"<grant", "missing required attribute 'name'"),
+        (b"publish>", b"write>", b"<allow_rule", "Unexpected child with tag 'write'"),
+        (b"<grant", b"text<grant", b"<permissions>", "character data between child elements not allowed"),
+    ],
+)
+def test_failures_name_line_got_and_expected(old: bytes, new: bytes, needle: bytes, words: str) -> None:
+    content = PERMISSIONS.replace(old, new, -1 if b"publish" in old else 1)
+    (defect, *_) = defects(content, Grammar.PERMISSIONS)
+    assert defect.kind is Kind.SCHEMA_INVALID
+    assert defect.line == content.count(b"\n", 0, content.index(needle)) + FIRST_LINE
+    assert words in defect.detail
+
+
+def test_every_failure_is_named() -> None:
+    content = PERMISSIONS.replace(b"<id>0<", b"<id>a<").replace(b">DENY<", b">NO<").replace(b"2024", b"x")
+    assert len(defects(content, Grammar.PERMISSIONS)) == 3
+
+
+def test_doubled_elements_are_ambiguous_too() -> None:
+    content = PERMISSIONS.replace(b"<topics>", b"<topics><topic>secret</topic></topics><topics>")
+    assert kinds(content, Grammar.PERMISSIONS) == {Kind.SCHEMA_INVALID, Kind.XML_AMBIGUOUS}
+
+
+def test_explanations_are_bounded() -> None:
+    many = PERMISSIONS.replace(b"<topics>", b"<topics>" + b"<x/>" * 1000)
+    long = PERMISSIONS.replace(b"DENY", b"D" * 10_000)
+    huge = PERMISSIONS.replace(
+        b"<topics>", b"<topics>" + b"<topic>t</topic>\n" * (MAX_EXPLAINED_BYTES // 17) + b"<x/>" * 100
+    )
+    for content in (many, long, huge):
+        found = defects(content, Grammar.PERMISSIONS)
+        for kind in (Kind.SCHEMA_INVALID, Kind.XML_AMBIGUOUS):
+            assert len([defect for defect in found if defect.kind is kind]) <= MAX_DEFECTS
+        assert found
+        assert all(len(defect.detail) <= MAX_DETAIL for defect in found)
+
+
+# --- two validators, and the published schemas
+
+INTEGERS = ("0", "7", "+0", "00", "-0", " 0 ", "-1", "1.0", "10000000000000000000000", "")
+BOOLEANS = ("true", "false", "TRUE", "1", "0", " true ", "")
+KINDS = ("NONE", "none", " NONE", "SIGN", "ENCRYPT", "SIGN_WITH_ORIGIN_AUTHENTICATION", "ALLOW", "DENY", "Deny", "")
+DATES = (
+    *("2024-01-01T00:00:00", "2024-01-01", "2024-02-30T00:00:00", "2024-02-29T00:00:00", "2023-02-29T00:00:00"),
+    *("2024-01-01T24:00:00", "2024-01-01T00:00:60", "2024-01-01T00:00:00+15:00", "2024-01-01T00:00:00-14:00"),
+    *("0000-01-01T00:00:00", "-0001-01-01T00:00:00", "99999-01-01T00:00:00", "2024-01-01T00:00:00.", " ", ""),
+    *("2024-01-01T00:00:00.123456789Z", " 2024-01-01T00:00:00Z ", "2024-1-01T00:00:00", "x"),
+)
+VALUES = {
+    **dict.fromkeys(("id", "min", "max"), INTEGERS),
+    **dict.fromkeys(("not_before", "not_after"), DATES),
+    **dict.fromkeys(("subject_name", "topic", "partition", "topic_expression", "name", "value"), ("", "x", " x ")),
+}
+TAGS = (
+    *("id", "id_range", "min", "max", "domains", "publish", "subscribe", "relay", "topics", "topic", "partitions"),
+    *("default", "grant", "allow_rule", "deny_rule", "validity", "topic_rule", "domain_rule", "tag", "name", "value"),
+    *("enable_liveliness_protection", "x"),
+)
+
+
+def changed(root: etree._Element, rng: random.Random) -> etree._Element:
+    """One to three random changes of the tree."""
+    root = etree.fromstring(etree.tostring(root))
+    for _ in range(rng.choice((1, 1, 2, 3))):
+        element = rng.choice(list(root.iter()))
+        parent = element.getparent()
+        choice = rng.random()
+        if choice < 0.6 and len(element) == 0:
+            tag = str(element.tag)
+            fitting = VALUES.get(tag, BOOLEANS if tag.startswith(("enable", "allow_un")) else KINDS)
+            element.text = rng.choice(fitting if rng.random() < 0.8 else (*INTEGERS, *BOOLEANS, *KINDS, *DATES))
+        elif choice < 0.7 and parent is not None:
+            parent.remove(element)
+        elif choice < 0.8 and parent is not None:
+            parent.insert(rng.randrange(len(parent) + 1), etree.fromstring(etree.tostring(element, with_tail=False)))
+        elif choice < 0.9:
+            element.insert(rng.randrange(len(element) + 1), etree.Element(rng.choice(TAGS)))
+        elif choice < 0.95:
+            element.tag = rng.choice(TAGS)
+        else:
+            element.set(rng.choice(("name", "x")), "v")
+    return root
+
+
+def generated(grammar: Grammar, number: int) -> Iterator[etree._Element]:
+    rng = random.Random(f"{grammar.value} {number}")
+    bases = {
+        Grammar.GOVERNANCE: (GOVERNANCE, ARDENT_GOVERNANCE),
+        Grammar.PERMISSIONS: (PERMISSIONS, EVERYTHING_ALLOWED),
+    }
+    roots = [etree.fromstring(content) for content in bases[grammar]]
+    for _ in range(number):
+        yield changed(rng.choice(roots), rng)
+
+
+@lru_cache(maxsize=16)
+def libxml2(path: Path) -> etree.XMLSchema:
+    schema = path.read_bytes()  # in OpenDDS's, a comment stands before the declaration
+    return etree.XMLSchema(etree.fromstring(schema[schema.index(b"<?xml") :]))
+
+
+def agree(first: etree.XMLSchema, second: Callable[[etree._Element], bool], grammar: Grammar, number: int) -> None:
+    verdicts = []
+    for root in generated(grammar, number):
+        one = first.validate(root)
+        other = second(root)
+        assert one == other, etree.tostring(root).decode()
+        verdicts.append(one)
+    assert 0.05 * number < sum(verdicts) < 0.9 * number, "there are valid and invalid ones"
+
+
+@pytest.mark.parametrize("version", ["1.0", "1.1"])
+@pytest.mark.parametrize("grammar", Grammar)
+def test_two_validators_agree(version: str, grammar: Grammar) -> None:
+    path = schemas() / f"dds_security_{version}" / f"{grammar.value}.xsd"
+    agree(libxml2(path), xmlschema.XMLSchema10(str(path)).is_valid, grammar, 300)
+
+
+PUBLISHED = {
+    Grammar.GOVERNANCE: ("sros2-rolling/governance.xsd", "fast-dds/governance.xsd"),
+    Grammar.PERMISSIONS: (
+        "sros2-rolling/permissions.xsd",
+        "fast-dds/permissions.xsd",
+        "opendds/omg_shared_ca_permissions.xsd",
+    ),
+}
+"""OpenDDS's governance schema differs: its booleans may also be TRUE and FALSE."""
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="no ../shared here")
+@pytest.mark.parametrize("grammar", Grammar)
+def test_the_published_schemas_say_the_same(grammar: Grammar) -> None:
+    own = libxml2(schemas() / "dds_security_1.1" / f"{grammar.value}.xsd")
+    for name in PUBLISHED[grammar]:
+        agree(own, libxml2(SHARED / "reference/xsd" / name).validate, grammar, 2000)
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="no ../shared here")
+def test_opendds_differs_in_booleans_alone() -> None:
+    """Theirs are strings: TRUE and FALSE too, but no blanks around them (which are XML_AMBIGUOUS before any schema)."""
+    own = libxml2(schemas() / "dds_security_1.1/governance.xsd")
+    theirs = libxml2(SHARED / "reference/xsd/opendds/omg_shared_ca_governance.xsd")
+    differing = [root for root in generated(Grammar.GOVERNANCE, 2000) if own.validate(root) != theirs.validate(root)]
+    assert {theirs.validate(root) for root in differing} == {True, False}
+    for root in differing:
+        reason = "TRUE" if theirs.validate(root) else " true "
+        assert any(element.text == reason for element in root.iter()), etree.tostring(root).decode()
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="no ../shared here")
+def test_reference_documents_are_valid() -> None:
+    for path in sorted(SHARED.glob("reference/policies/**/permissions.xml")):
+        assert defects(path.read_bytes(), Grammar.PERMISSIONS) == (), path
+    governance = SHARED / "reference/xsd/sros2-rolling/defaults/governance.xml"
+    assert defects(governance.read_bytes(), Grammar.GOVERNANCE) == ()
