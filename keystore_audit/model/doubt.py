@@ -13,6 +13,7 @@ from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
+from keystore_audit.model.inventory import unclear
 from keystore_audit.model.meaning import Doubt
 from keystore_audit.model.trust import Verdict, document_verdict, is_authority, issue
 
@@ -38,24 +39,28 @@ def enclave_doubts(enclave: Enclave, *, pins_signer: bool) -> Iterator[Doubt]:
     file = enclave.files.files[Role.PERMISSIONS]
     if file.status.unknown:
         yield _doubt(enclave, file.path, f"permissions could not be read: {file.detail}")
-    for read, readable in (
-        (enclave.governance, enclave.governance is None or enclave.governance.governance is not None),
-        (enclave.permissions, enclave.permissions is None or enclave.permissions.permissions is not None),
+    governance, permissions = enclave.governance, enclave.permissions
+    if governance is not None and _unknown(
+        enclave, governance, parsed=governance.governance is not None, pins_signer=pins_signer
     ):
-        if read is not None and _unknown(enclave, read, readable=readable, pins_signer=pins_signer):
-            yield _document_doubt(enclave, read)
+        yield _document_doubt(enclave, governance)
+    if permissions is not None and _unknown(
+        enclave, permissions, parsed=permissions.permissions is not None, pins_signer=pins_signer
+    ):
+        yield _document_doubt(enclave, permissions)
 
 
-def _unknown(enclave: Enclave, read: GovernanceFile | PermissionsFile, *, readable: bool, pins_signer: bool) -> bool:
+def _unknown(enclave: Enclave, read: GovernanceFile | PermissionsFile, *, parsed: bool, pins_signer: bool) -> bool:
     verdict = document_verdict(read.signed, enclave.permissions_ca, pins_signer=pins_signer)
-    return verdict is Verdict.UNKNOWN or (verdict is Verdict.ACCEPTED and not readable)
+    return verdict is Verdict.UNKNOWN or (verdict is Verdict.ACCEPTED and (not parsed or unclear(read) is not None))
 
 
 def _document_doubt(enclave: Enclave, read: GovernanceFile | PermissionsFile) -> Doubt:
     defects: tuple[Defect, ...] = read.signed.defects + read.defects
     defect = next((defect for defect in defects if defect.kind.opaque), None)
     if defect is None:
-        return _doubt(enclave, read.signed.file.place, "the document has no meaning that every parser agrees on")
+        reason, line = unclear(read) or ("the document has no meaning that every parser agrees on", None)
+        return Doubt(enclave=enclave.path, location=Location(path=read.signed.file.place, line=line), reason=reason)
     location = Location(path=defect.path, line=defect.line)
     return Doubt(enclave=enclave.path, location=location, reason=defect.detail)
 

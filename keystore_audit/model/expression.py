@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from functools import partial
+from functools import lru_cache, partial
 from typing import Final
 
 from keystore_audit.model.posix import parse_posix
@@ -100,6 +100,7 @@ class Pattern:
         return True
 
 
+@lru_cache(maxsize=65_536)
 def parse(text: str, matcher: Matcher) -> Pattern:
     """Parse `text` as `matcher` reads it, in linear time. Every text has a meaning: nothing is raised."""
     tokens, malformed = _PARSERS[matcher](text)

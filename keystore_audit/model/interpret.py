@@ -8,8 +8,8 @@ from datetime import datetime
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.model.doubt import keystore_doubts
 from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.doubt import keystore_doubts
 from keystore_audit.model.meaning import Doubt, Meaning, UngovernedTopics, Usability
 from keystore_audit.model.permission import Permissions, members
 from keystore_audit.model.profiles import Profile
@@ -82,8 +82,8 @@ def _idle(systems: tuple[System, ...]) -> tuple[str, ...]:
         views = (RealmView(system, realm, permissions) for realm in range(len(system.realms)))
         if system.reading is Reading.MAY and not any(view.protection.governed for view in views):
             found.append(
-                f"Under {', '.join(system.profiles)} no enclave carries a governance that its peers accept: nothing starts, "
-                "and encryption and access control hold for want of anything to protect."
+                f"Under {', '.join(system.profiles)} no enclave carries a governance that its peers accept: nothing "
+                "starts, and encryption and access control hold for want of anything to protect."
             )
     return tuple(found)
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
 from keystore_audit.keystore.certificate import Certificate
-from keystore_audit.keystore.governance import Governance, GovernanceFile
+from keystore_audit.keystore.governance import Governance, GovernanceFile, Text
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import Grant, Permissions, PermissionsFile
+from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.trust import envelope
 from keystore_audit.model.validity import parse_instant
 
@@ -45,23 +46,44 @@ def documents_of(keystore: Keystore) -> tuple[Document, ...]:
         for role, read in ((Role.GOVERNANCE, enclave.governance), (Role.PERMISSIONS, enclave.permissions)):
             file = enclave.files.files[role]
             if isinstance(read, GovernanceFile):
-                found.setdefault(file.place, Document(file.place, read, governance=read.governance))
+                governance = None if unclear(read) else read.governance
+                found.setdefault(file.place, Document(file.place, read, governance=governance))
             elif isinstance(read, PermissionsFile):
-                permissions = read.permissions
-                if permissions is not None and not _dated(permissions):
-                    permissions = None
+                permissions = None if unclear(read) else read.permissions
                 found.setdefault(file.place, Document(file.place, read, permissions=permissions))
             elif role is Role.PERMISSIONS and file.status.unknown:
                 found.setdefault(file.place, Document(file.place, None))
     return tuple(found[place] for place in sorted(found))
 
 
-def _dated(permissions: Permissions) -> bool:
-    return all(
-        parse_instant(text.text) is not None
-        for grant in permissions.grants
-        for text in (grant.not_before, grant.not_after)
-    )
+def unclear(read: GovernanceFile | PermissionsFile) -> tuple[str, int | None] | None:
+    """Why a document that parsed has no one meaning, and the line: a date or expression that readers take differently.
+
+    None where it has one, or where it did not parse (its defects tell).
+    """
+    for text in _expressions(read):
+        malformed = parse(text.text, Matcher.POSIX).malformed
+        if malformed is not None:
+            return f"the expression {text.text!r} {malformed}", text.line
+    if isinstance(read, PermissionsFile) and read.permissions is not None:
+        for grant in read.permissions.grants:
+            for text in (grant.not_before, grant.not_after):
+                if parse_instant(text.text) is None:
+                    return f"{text.text!r} is no date that every implementation reads", text.line
+    return None
+
+
+def _expressions(read: GovernanceFile | PermissionsFile) -> Iterator[Text]:
+    """Every topic and partition expression of the document."""
+    if isinstance(read, GovernanceFile):
+        for rule in read.governance.domain_rules if read.governance else ():
+            yield from (topic.expression for topic in rule.topic_rules)
+        return
+    for grant in read.permissions.grants if read.permissions else ():
+        for permission_rule in grant.rules:
+            for criterion in permission_rule.criteria:
+                yield from criterion.topics
+                yield from criterion.partitions or ()
 
 
 def certificates_of(keystore: Keystore) -> tuple[Certificate, ...]:

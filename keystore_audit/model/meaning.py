@@ -47,7 +47,8 @@ class Meaning:
 
     `systems`: one for each kind of implementation among the chosen profiles and each reading (only MAY where
     there is no doubt, since MUST is then equal). `usability`: by (enclave directory, canonical profile name).
-    `over_budget`: why topic classes could not be computed; there are no systems then. `idle`: sentences that say which properties hold for want of anything to protect.
+    `over_budget`: why topic classes could not be computed; there are no systems then. `idle`: sentences that say
+    which properties hold for want of anything to protect.
     """
 
     systems: tuple[System, ...]
