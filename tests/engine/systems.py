@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta, timezone
 
 from keystore_audit.findings import Location
@@ -63,13 +63,14 @@ class Builder:
         not_before: int = 0,
         not_after: int = INSTANTS - 1,
         label: str | None = None,
+        place: str | None = None,
     ) -> int:
         """`issuers`: None for itself alone; `key`: None for one of its own."""
         index = len(self.certificates)
         self.certificates.append(
             CertificateAtom(
                 label=label or f"certificate {index}",
-                location=Location(path=f"{index}.cert.pem"),
+                location=Location(path=place or f"{index}.cert.pem"),
                 issuers=frozenset({index} if issuers is None else issuers),
                 authority=authority,
                 fit_to_sign=fit_to_sign,
@@ -81,13 +82,19 @@ class Builder:
         return index
 
     def document(
-        self, signers: Collection[int], *, intact: bool = True, opaque: bool = False, label: str | None = None
+        self,
+        signers: Collection[int],
+        *,
+        intact: bool = True,
+        opaque: bool = False,
+        label: str | None = None,
+        place: str | None = None,
     ) -> int:
         index = len(self.documents)
         self.documents.append(
             DocumentAtom(
                 label=label or f"document {index}",
-                location=Location(path=f"{index}.p7s"),
+                location=Location(path=place or f"{index}.p7s"),
                 intact=intact,
                 signers=frozenset(signers),
                 opaque=opaque,
@@ -297,6 +304,42 @@ def healthy_builder() -> Builder:
 
 def healthy() -> System:
     return healthy_builder().system()
+
+
+def stock() -> System:
+    """Talker and listener as `ros2 security` makes them: one CA for both roles, and its default governance."""
+    b = healthy_builder()
+    b.certificates.clear()
+    b.documents.clear()
+    b.realms.clear()
+    ca = b.certificate(authority=True, label="CN=sros2CA", place="public/ca.cert.pem")
+    for number, enclave in enumerate(b.enclaves):
+        place = f"enclaves{enclave.label}/cert.pem"
+        identity = b.certificate([ca], label=f"CN={enclave.label}", place=place, key=number)
+        b.enclaves[number] = replace(enclave, identity=identity, location=Location(path=f"enclaves{enclave.label}"))
+    places = ["enclaves/governance.p7s", *(f"enclaves{enclave.label}/permissions.p7s" for enclave in b.enclaves)]
+    for place in places:
+        b.document([ca], label=place, place=place)
+    b.realm([ca], [ca], GOVERNANCE)
+    encrypt = ProtectionKind.ENCRYPT
+    b.domain_rules[0] = replace(
+        b.domain_rules[0],
+        discovery_protection_kind=encrypt,
+        liveliness_protection_kind=encrypt,
+        rtps_protection_kind=ProtectionKind.SIGN,
+        location=Location(path=places[GOVERNANCE], line=6),
+    )
+    b.topic_rules[0] = replace(
+        b.topic_rules[0],
+        metadata_protection_kind=encrypt,
+        data_protection_kind=encrypt,
+        location=Location(path=places[GOVERNANCE], line=20),
+    )
+    for number, grant in enumerate(b.grants):
+        place = places[grant.document]
+        b.grants[number] = replace(grant, names=frozenset({1 + number}), location=Location(path=place, line=6))
+        b.rules[number] = replace(b.rules[number], location=Location(path=place, line=13))
+    return b.system()
 
 
 def random_system(seed: int) -> System:

@@ -20,8 +20,8 @@ from keystore_audit.errors import EngineFailed, EngineMissing, EngineTimeout
 OUTPUT_DIRECTORY: Final = "solutions"
 """Where the Analyzer puts instances, below the run's directory."""
 
-MAX_DIAGNOSTICS: Final = 1_000_000
-"""Bytes read of what the Analyzer writes to stderr: a line for each command, or a stack trace."""
+MAX_OUTPUT: Final = 1_000_000
+"""Bytes read of what the Analyzer writes to stderr, and to stdout: a line for each command, or a stack trace."""
 
 FIRST_COMPILER_ATOMS: Final = 2_500
 """Atoms up to which the JVM's first compiler alone is faster (0.8 s against 1.3 s for a small keystore)."""
@@ -30,6 +30,7 @@ STACK_MB: Final = 64
 """MiB of stack: the translator recurses along unions."""
 
 _DIAGNOSTICS: Final = "diagnostics"
+_MESSAGES: Final = "messages"
 _SCRATCH: Final = "scratch"
 
 _INHERITED: Final = ("PATH", "LANG", "LC_ALL", "SYSTEMROOT")
@@ -47,10 +48,14 @@ class Limits:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Output:
-    """How a run ended: `status` as in `subprocess` (negative: the signal), `diagnostics` its stderr."""
+    """How a run ended: `status` as in `subprocess` (negative: the signal).
+
+    `diagnostics`: its stderr, where the verdicts are; `messages`: its stdout, where the JVM itself complains.
+    """
 
     status: int
     diagnostics: str
+    messages: str
 
 
 class AnalyzerProcess:
@@ -104,9 +109,11 @@ class AnalyzerProcess:
                 f"The Alloy Analyzer was still at work after {self._limits.timeout:g} seconds and was ended; "
                 "--timeout gives it more."
             ) from None
-        with (self.directory / _DIAGNOSTICS).open("rb") as file:
-            diagnostics = file.read(MAX_DIAGNOSTICS).decode("utf-8", "replace")
-        return Output(status=status, diagnostics=diagnostics)
+        return Output(status=status, diagnostics=self._written(_DIAGNOSTICS), messages=self._written(_MESSAGES))
+
+    def _written(self, name: str) -> str:
+        with (self.directory / name).open("rb") as file:
+            return file.read(MAX_OUTPUT).decode("utf-8", "replace")
 
     def _write_files(self) -> None:
         try:
@@ -121,13 +128,16 @@ class AnalyzerProcess:
         # No symmetry breaking and no deeper Skolem functions (-d 0): every atom is named, every witness outermost.
         command += ["exec", "-f", "-t", "xml", "-d", "0", "-s", "sat4j", "-o", OUTPUT_DIRECTORY, self._main]
         try:
-            with (self.directory / _DIAGNOSTICS).open("wb") as diagnostics:
+            with (
+                (self.directory / _DIAGNOSTICS).open("wb") as diagnostics,
+                (self.directory / _MESSAGES).open("wb") as messages,
+            ):
                 return subprocess.Popen(
                     command,
                     cwd=self.directory,
                     env={name: os.environ[name] for name in _INHERITED if name in os.environ},
                     stdin=subprocess.DEVNULL,
-                    stdout=subprocess.DEVNULL,
+                    stdout=messages,
                     stderr=diagnostics,
                     start_new_session=True,
                 )
@@ -157,7 +167,6 @@ def _java_options(limits: Limits, scratch: Path) -> list[str]:
         "-XX:+UseSerialGC",
         "-XX:-UsePerfData",
         "-XX:+ExitOnOutOfMemoryError",
-        "-XX:-StackTraceInThrowable",  # the parser makes an exception for every name; nobody reads the traces
         f"-Xmx{limits.memory_mb}m",
         f"-Xss{STACK_MB}m",
         "-Djava.awt.headless=true",

@@ -133,7 +133,7 @@ def _modules() -> dict[str, str]:
 
 def _read(system: System, directory: Path, output: Output, java: Path, memory_mb: int) -> Decision:
     if output.status != 0:
-        raise failure(output.status, output.diagnostics, java=java, memory_mb=memory_mb)
+        raise failure(output.status, output.diagnostics + output.messages, java=java, memory_mb=memory_mb)
     found = verdicts(output.diagnostics, _COMMANDS)
     if not found[CONSISTENCY]:
         raise EngineFailed("The model contradicts itself, so that every property would hold of it.")

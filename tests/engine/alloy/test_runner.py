@@ -1,0 +1,278 @@
+"""The runner believes the Analyzer only where it answers completely, and leaves nothing behind."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from keystore_audit import resources
+from keystore_audit.engine.alloy import process, runner
+from keystore_audit.engine.alloy.facts import MODULES
+from keystore_audit.engine.alloy.install import Engine
+from keystore_audit.engine.alloy.runner import count_atoms, decide, decide_many, examine
+from keystore_audit.engine.alloy.solution import Command, verdicts, witness
+from keystore_audit.errors import EngineError, EngineFailed, EngineMissing, EngineOutOfScale, EngineTimeout
+from keystore_audit.properties import BY_ID, PROPERTIES, Status
+from keystore_audit.properties.property import Role
+from tests.engine.systems import CHATTER, LISTENER, healthy, healthy_builder, random_system, stock
+
+pytestmark = [pytest.mark.alloy, pytest.mark.xdist_group("alloy")]
+
+ENOUGH = 120.0
+"""Seconds for a small model on a busy machine."""
+
+
+@pytest.fixture(autouse=True)
+def nothing_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Run directories go below `tmp_path`, and none is left."""
+    place = tmp_path / "runs"
+    place.mkdir()
+    monkeypatch.setattr(process.tempfile, "tempdir", str(place))
+    yield
+    assert list(place.iterdir()) == []
+
+
+def java(tmp_path: Path, analyzer: Engine, script: str) -> Path:
+    """A program in Java's place; `$REAL` is the real one."""
+    path = tmp_path / "java"
+    path.write_text(f"#!/bin/sh\nREAL='{analyzer.java}'\n{script}\n")
+    path.chmod(0o755)
+    return path
+
+
+def test_a_healthy_system_holds_and_has_no_witness(analyzer: Engine) -> None:
+    answers = decide(healthy(), java=analyzer.java, jar=analyzer.jar, timeout=ENOUGH)
+    assert [answer.property_id for answer in answers.values()] == [prop.id for prop in PROPERTIES]
+    assert {(answer.status, answer.witnesses) for answer in answers.values()} == {(Status.HOLDS, ())}
+
+
+def test_a_violated_property_comes_with_its_witness(analyzer: Engine) -> None:
+    answer = decide(stock(), java=analyzer.java, jar=analyzer.jar, timeout=ENOUGH)["readers-cannot-forge"]
+    assert answer.status is Status.VIOLATED
+    assert answer.witnesses == ({Role.REALM: 0, Role.ENCLAVE: LISTENER, Role.CHANNEL: CHATTER},)
+
+
+def test_many_systems_keep_their_order(analyzer: Engine) -> None:
+    systems = [healthy(), stock(), random_system(159), healthy()]
+    together = decide_many(systems, java=analyzer.java, jar=analyzer.jar, timeout=ENOUGH)
+    assert together[0] == together[3]
+    assert [sum(a.status is Status.VIOLATED for a in answers.values()) for answers in together][:2] == [0, 1]
+    assert sum(a.status is Status.VIOLATED for a in together[2].values()) >= 8
+
+
+def test_no_systems_need_no_engine() -> None:
+    assert decide_many([], java=Path("/nonexistent"), jar=Path("/nonexistent"), timeout=1) == ()
+
+
+def test_families_with_nothing_to_check_are_named(analyzer: Engine) -> None:
+    builder = healthy_builder()
+    builder.topic_rules[0] = replace(builder.topic_rules[0], channels=frozenset())
+    decisions = examine([builder.system(), healthy()], java=analyzer.java, jar=analyzer.jar, timeout=ENOUGH)
+    assert decisions[0].idle == {"encryption", "access_control"}
+    assert decisions[1].idle == frozenset()
+
+
+def test_java_options_of_the_environment_are_not_inherited(analyzer: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
+    for variable in ("JAVA_TOOL_OPTIONS", "JDK_JAVA_OPTIONS", "_JAVA_OPTIONS"):
+        monkeypatch.setenv(variable, "-Xmx1k --nonsense")
+    monkeypatch.setenv("CLASSPATH", "/nonexistent")
+    assert decide(healthy(), java=analyzer.java, jar=analyzer.jar, timeout=ENOUGH)
+
+
+# Faults: each is an error with a sentence of its own, and nothing reads as "holds".
+
+
+def failing(analyzer: Engine, expected: type[EngineError], **changed: object) -> str:
+    arguments: dict[str, object] = {"java": analyzer.java, "jar": analyzer.jar, "timeout": ENOUGH}
+    with pytest.raises(EngineError) as caught:
+        decide_many([healthy(), stock()], **{**arguments, **changed})  # type: ignore[arg-type]
+    assert type(caught.value) is expected
+    message = caught.value.message
+    assert message.endswith((".", ")")) or len(message) > 40
+    return message
+
+
+def test_no_java(analyzer: Engine, tmp_path: Path) -> None:
+    assert "No such file" in failing(analyzer, EngineMissing, java=tmp_path / "nothing")
+
+
+def test_no_jar(analyzer: Engine, tmp_path: Path) -> None:
+    assert "jar" in failing(analyzer, EngineFailed, jar=tmp_path / "nothing.jar")
+
+
+def test_a_jar_that_is_none(analyzer: Engine, tmp_path: Path) -> None:
+    jar = tmp_path / "broken.jar"
+    jar.write_bytes(analyzer.jar.read_bytes()[:1_000_000])
+    assert "broken.jar" in failing(analyzer, EngineFailed, jar=jar)
+
+
+def test_a_killed_solver(analyzer: Engine, tmp_path: Path) -> None:
+    killed = java(tmp_path, analyzer, "kill -9 $$")
+    assert failing(analyzer, EngineFailed, java=killed) == "The Alloy Analyzer was killed by signal 9."
+
+
+def test_a_solver_that_does_not_end(analyzer: Engine, tmp_path: Path) -> None:
+    """Its children end with it."""
+    slow = java(tmp_path, analyzer, f"sleep 1234 & echo $! > '{tmp_path}/child'; wait")
+    started = time.monotonic()
+    assert "--timeout" in failing(analyzer, EngineTimeout, java=slow, timeout=1)
+    assert time.monotonic() - started < 10
+    child = Path(f"/proc/{(tmp_path / 'child').read_text().strip()}/stat")
+    assert not child.exists() or child.read_text().split()[2] == "Z"
+
+
+def test_the_real_analyzer_out_of_time(analyzer: Engine) -> None:
+    assert "0.05 seconds" in failing(analyzer, EngineTimeout, timeout=0.05)
+
+
+def test_out_of_memory(analyzer: Engine) -> None:
+    assert "4 MiB of memory" in failing(analyzer, EngineFailed, memory_mb=4)
+
+
+def test_java_too_old(analyzer: Engine, tmp_path: Path) -> None:
+    old = java(tmp_path, analyzer, 'echo "Unrecognized option: --enable-native-access=ALL-UNNAMED" >&2; exit 1')
+    assert "Java 17" in failing(analyzer, EngineFailed, java=old)
+
+
+def test_a_crash_without_a_word(analyzer: Engine, tmp_path: Path) -> None:
+    assert "status 3" in failing(analyzer, EngineFailed, java=java(tmp_path, analyzer, "exit 3"))
+
+
+def test_a_run_that_does_nothing(analyzer: Engine, tmp_path: Path) -> None:
+    """As the Analyzer itself does where no command matches: status 0, and not a word."""
+    assert "0 of 16" in failing(analyzer, EngineFailed, java=java(tmp_path, analyzer, "exit 0"))
+
+
+@pytest.mark.parametrize(
+    "filter_",
+    [
+        "head -n 15",
+        "sed 's/UNSAT/ERROR/'",
+        "sed 's/UNSAT$/UNSA/'",
+        "sed '$d' | sed '$p'",
+        "sed 's/OutsidersCannotRead/OutsidersCanRead/'",
+        "sed '1!G;h;$!d'",
+        "cat; echo '16. check Another 0 UNSAT'",
+        "cat; echo 'Exception in thread main'",
+    ],
+)
+def test_an_answer_that_is_not_exactly_the_expected_one(filter_: str, analyzer: Engine, tmp_path: Path) -> None:
+    altered = java(tmp_path, analyzer, f'"$REAL" "$@" 2>&1 >/dev/null | {{ {filter_}; }} >&2; exit 0')
+    failing(analyzer, EngineFailed, java=altered)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "rm",
+        "truncate -s 3000",
+        "sed -i 's/_enclave\"/_someone\"/'",
+        "sed -i 's/E1_listener/E7_listener/'",
+        "sed -i 's/E1_listener/T1_listener/'",
+        "printf '<alloy/>' >",
+    ],
+)
+def test_a_counterexample_that_cannot_be_read(damage: str, analyzer: Engine, tmp_path: Path) -> None:
+    damaged = java(
+        tmp_path, analyzer, f'"$REAL" "$@"; test -e solutions/ReadersCannotForge-solution-0.xml && {damage}; exit 0'
+    )
+    assert "ReadersCannotForge" in failing(analyzer, EngineFailed, java=damaged)
+
+
+def with_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, old: str, new: str) -> None:
+    """Use a copy of the modules in which `old` is `new`."""
+    folder = tmp_path / "alloy"
+    shutil.copytree(resources.alloy(), folder)
+    text = (folder / module).read_text()
+    assert old in text
+    (folder / module).write_text(text.replace(old, new, 1))
+    monkeypatch.setattr(resources, "alloy", lambda: folder)
+
+
+def test_a_syntax_error_in_a_module(analyzer: Engine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with_model(tmp_path, monkeypatch, "properties.als", "assert OutsidersCannotRead {", "assert {{{")
+    message = failing(analyzer, EngineFailed)
+    assert "properties.als, line" in message
+    assert str(tmp_path) not in message
+
+
+def test_a_name_that_no_module_defines(analyzer: Engine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fault that makes svROS report that every property holds."""
+    with_model(tmp_path, monkeypatch, "governance.als", "preceded_by.covers", "preceded_by.coverz")
+    assert "governance.als, line" in failing(analyzer, EngineFailed)
+
+
+def test_a_property_that_is_not_there(analyzer: Engine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with_model(tmp_path, monkeypatch, "properties.als", "assert OutsidersCannotRead {", "assert Another {")
+    assert "OutsidersCannotRead" in failing(analyzer, EngineFailed)
+
+
+def test_facts_that_contradict_each_other(analyzer: Engine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of an impossible world everything is true."""
+    with_model(tmp_path, monkeypatch, "vacuity.als", "open properties", "open properties\nfact { no Enclave }")
+    assert "contradicts itself" in failing(analyzer, EngineFailed)
+
+
+def test_a_missing_module(analyzer: Engine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "alloy"
+    folder.mkdir()
+    monkeypatch.setattr(resources, "alloy", lambda: folder)
+    assert MODULES[0] in failing(analyzer, EngineFailed)
+
+
+def test_a_system_out_of_scale_is_not_started(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runner, "MAX_ATOMS", count_atoms(healthy()) - 1)
+    with pytest.raises(EngineOutOfScale, match="atoms"):
+        decide(healthy(), java=Path("/nonexistent"), jar=Path("/nonexistent"), timeout=1)
+
+
+def test_an_interrupt_ends_the_solver(analyzer: Engine, tmp_path: Path) -> None:
+    slow = java(tmp_path, analyzer, f"echo $$ > '{tmp_path}/pid'; exec sleep 1234")
+    code = (
+        "from pathlib import Path\n"
+        "from keystore_audit.engine.alloy.runner import decide\n"
+        "from tests.engine.systems import healthy\n"
+        f"decide(healthy(), java=Path({str(slow)!r}), jar=Path('/dev/null'), timeout=60)\n"
+    )
+    child = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, cwd=Path(__file__).parents[3])
+    deadline = time.monotonic() + 30
+    while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text().strip():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    child.send_signal(signal.SIGINT)
+    _out, error = child.communicate(timeout=20)
+    assert b"KeyboardInterrupt" in error
+    with pytest.raises(ProcessLookupError):
+        os.kill(int((tmp_path / "pid").read_text()), 0)
+
+
+# The reader, alone.
+
+TWO = (Command(kind="run", name="FactsAreConsistent"), Command(kind="check", name="ReadersCannotForge"))
+
+
+def test_verdicts_are_read_with_the_progress_in_them() -> None:
+    text = (
+        "00. run   FactsAreConsistent       0\b\b\b    1/1     SAT\n01. check ReadersCannotForge       0       UNSAT\n"
+    )
+    assert verdicts(text, TWO) == {"FactsAreConsistent": True, "ReadersCannotForge": False}
+
+
+def test_a_counterexample_is_no_place_for_entities(tmp_path: Path) -> None:
+    (tmp_path / "secret").write_text("keystore/E0$0")
+    (tmp_path / "ReadersCannotForge-solution-0.xml").write_text(
+        f'<!DOCTYPE alloy [<!ENTITY e SYSTEM "{tmp_path}/secret">]>'
+        '<alloy><instance><skolem label="$ReadersCannotForge_realm"><tuple><atom label="&e;"/></tuple></skolem>'
+        "</instance></alloy>"
+    )
+    with pytest.raises(EngineFailed):
+        witness(tmp_path, BY_ID["readers-cannot-forge"], {Role.REALM: 1, Role.ENCLAVE: 1, Role.CHANNEL: 1})

@@ -1,0 +1,127 @@
+"""Counterexamples speak in the user's names and point at the lines that cause them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from keystore_audit.engine.counterexample import describe
+from keystore_audit.findings import Location
+from keystore_audit.model.system import Reading, System
+from keystore_audit.properties import BY_ID, PROPERTIES
+from keystore_audit.properties.counterexample import Counterexample, Step
+from keystore_audit.properties.property import Role
+from tests.engine.systems import (
+    CHATTER,
+    GOVERNANCE,
+    IDENTITY_CA,
+    LISTENER,
+    OTHER_TOPIC,
+    TALKER,
+    TALKER_IDENTITY,
+    TALKER_PERMISSIONS,
+    Builder,
+    healthy_builder,
+    random_system,
+    stock,
+)
+
+
+def tell(system: System, identifier: str, **atoms: int) -> Counterexample:
+    return describe(system, BY_ID[identifier], {Role(role): index for role, index in atoms.items()})
+
+
+def test_a_reader_that_forges_in_a_stock_keystore() -> None:
+    told = tell(stock(), "readers-cannot-forge", realm=0, enclave=LISTENER, channel=CHATTER)
+    assert told.text.startswith("/listener, which may only subscribe to /chatter (topic) in domains 0 to 0, can pass")
+    assert "rtps_protection_kind is SIGN, metadata_protection_kind ENCRYPT" in told.text
+    channel = "domains 0 to 0, topic rt/chatter"
+    assert told.steps == (
+        Step(
+            enclave="/listener",
+            channel=channel,
+            witness="rt/chatter",
+            path="enclaves/listener/permissions.p7s",
+            line=13,
+        ),
+        Step(enclave=None, channel=channel, witness="rt/chatter", path="enclaves/governance.p7s", line=20),
+        Step(enclave=None, channel=channel, witness="rt/chatter", path="enclaves/governance.p7s", line=6),
+    )
+
+
+def test_the_topic_rule_that_decides_is_named_and_not_one_after_it() -> None:
+    b = healthy_builder()
+    b.topic_rules[0] = replace(b.topic_rules[0], channels=frozenset({CHATTER}))
+    b.topic_rule(0, [CHATTER, OTHER_TOPIC], enable_read_access_control=False)
+    told = tell(b.system(), "nobody-reads-without-a-grant", realm=0, enclave=TALKER, channel=OTHER_TOPIC)
+    assert [(step.path, step.line) for step in told.steps] == [("0.p7s", 101)]
+    assert 'topics such as "any"' in told.text
+    assert "enable_read_access_control is false" in told.text
+
+
+def test_an_enclave_that_signs_for_itself_is_told_by_its_certificate() -> None:
+    b = Builder(**{**vars(healthy_builder()), "pins_signer": False})
+    b.realms[0] = replace(b.realms[0], permissions_ca=frozenset({IDENTITY_CA}))
+    told = tell(b.system(), "no-enclave-grants-itself-rights", realm=0, enclave=TALKER)
+    assert "/talker can sign itself permissions" in told.text
+    assert [step.path for step in told.steps] == ["2.cert.pem"]
+
+
+@pytest.mark.parametrize(
+    ("changed", "why"),
+    [
+        ({"issuers": frozenset()}, "no certificate of its identity CA has issued it"),
+        ({"not_after": 1}, "it is not in force"),
+    ],
+)
+def test_why_an_identity_is_not_trusted(changed: dict[str, object], why: str) -> None:
+    b = healthy_builder()
+    b.certificates[TALKER_IDENTITY] = replace(b.certificates[TALKER_IDENTITY], **changed)  # type: ignore[arg-type]
+    assert why in tell(b.system(), "identities-chain-to-the-identity-ca", enclave=TALKER).text
+
+
+def test_what_could_not_be_read_is_said_to_be_so() -> None:
+    b = healthy_builder()
+    b.reading = Reading.MAY
+    b.documents[GOVERNANCE] = replace(b.documents[GOVERNANCE], opaque=True)
+    for identifier, atoms in {
+        "only-authenticated-participants-join": {"domain": 0},
+        "outsiders-cannot-read": {"channel": CHATTER},
+        "outsiders-cannot-learn-names": {"channel": CHATTER},
+        "grants-are-enforced": {"channel": CHATTER},
+        "nobody-writes-without-a-grant": {"enclave": LISTENER, "channel": CHATTER},
+    }.items():
+        told = tell(b.system(), identifier, realm=0, **atoms)
+        assert "could not be read" in told.text
+        assert told.steps[0].path == "0.p7s"
+
+
+def test_a_permissions_document_of_another_signer_is_named() -> None:
+    b = healthy_builder()
+    b.documents[TALKER_PERMISSIONS] = replace(b.documents[TALKER_PERMISSIONS], signers=frozenset({TALKER_IDENTITY}))
+    told = tell(b.system(), "documents-signed-by-the-permissions-ca", enclave=TALKER, document=TALKER_PERMISSIONS)
+    assert told.text == (
+        "enclaves/talker/permissions.p7s, which /talker uses, is signed by /talker, not by the permissions CA alone."
+    )
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_any_witness_can_be_told(seed: int) -> None:
+    """Even one that no engine would give: an explanation must never be what ends an audit."""
+    system = random_system(seed)
+    sizes = {
+        Role.REALM: len(system.realms),
+        Role.DOMAIN: len(system.domains),
+        Role.ENCLAVE: len(system.enclaves),
+        Role.OTHER: len(system.enclaves),
+        Role.DOCUMENT: len(system.documents),
+        Role.CHANNEL: len(system.channels),
+    }
+    for prop in PROPERTIES:
+        for turn in range(6):
+            told = describe(system, prop, {role: turn % sizes[role] for role in prop.roles})
+            assert told.text.endswith(".")
+            assert "\n" not in told.text
+            for step in told.steps:
+                assert step.path is None or Location(path=step.path, line=step.line).path
