@@ -153,8 +153,12 @@ def _findings(found: Sequence[_Found]) -> tuple[Finding, ...]:
 
 
 def _fingerprint(rule: Rule[Any], violation: Violation, key: str | None = None) -> str:
+    key = violation.key if key is None else key
+    if rule.family == "KA7":
+        # A property is one of the whole keystore; which example of its violation is told depends on the engine.
+        return fingerprint(rule.code, None, None, key)
     path = violation.locations[0].path if violation.locations else None
-    return fingerprint(rule.code, violation.enclave, path, violation.key if key is None else key)
+    return fingerprint(rule.code, violation.enclave, path, key)
 
 
 def _order(rule: Rule[Any], violation: Violation) -> tuple[object, ...]:

@@ -19,8 +19,12 @@ from keystore_audit.rules.subjects import RevocationUse, revocation_uses
 from keystore_audit.rules.wording import defective, instant, listed, of_kinds, paths, places, quoted, sole
 
 NEW_LIST: Final = (
-    "Write the list again with the identity CA, `openssl ca -gencrl -crldays 30 -keyfile private/identity_ca.key.pem "
-    "-cert public/identity_ca.cert.pem -out crl.pem`, and copy it into every enclave."
+    "Keep what is revoked in an index.txt, named in a crl.cnf (`[ca] default_ca = crl`, `[crl] database = index.txt, "
+    "default_md = sha256`, a line each; `openssl ca -config crl.cnf -revoke cert.pem` adds to it), run `openssl ca "
+    "-gencrl "
+    "-config crl.cnf -crldays 30 -keyfile private/identity_ca.key.pem -cert public/identity_ca.cert.pem -out "
+    "crl.pem`, and "
+    "copy crl.pem into every enclave."
 )
 
 _FAST_DDS: Final = tuple(name for name in VARIANTS if name.startswith("fastdds"))

@@ -14,6 +14,7 @@ from keystore_audit.findings import Location, Result, Severity
 from keystore_audit.keystore.files import Status as FileStatus
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.properties import Status
+from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.rules import RULES
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import MAX_MESSAGE, judge
@@ -186,6 +187,16 @@ def test_a_violated_property_carries_the_fingerprints_of_its_causes() -> None:
     found = {finding.code: finding for finding in judged(one_authority(healthy()), results=results).findings}
     assert found["KA705"].explained_by == (found["KA222"].fingerprint,)
     assert found["KA222"].explained_by == ()
+
+
+def test_a_violated_property_is_one_finding_whatever_example_an_engine_gives() -> None:
+    other = Counterexample(text="Another example.", steps=EXAMPLE.steps[2:])
+    first, second = (
+        judged(results=(result("outsiders-cannot-read", spec=answer(Status.VIOLATED, example=example)),)).findings[0]
+        for example in (EXAMPLE, other)
+    )
+    assert first.locations != second.locations
+    assert first.fingerprint == second.fingerprint
 
 
 def test_a_cause_under_other_profiles_is_none() -> None:
