@@ -115,6 +115,9 @@ class Candidates(Sequence[Certificate]):
         return (certificates[0] for certificates in self._by_key.values())
 
 
+_NOBODY: Final = Candidates(())
+
+
 def read_signed(file: File, candidates: Sequence[Certificate]) -> SignedDocument:
     """Read a signed document and find whose keys made its signatures; never raises.
 
@@ -145,7 +148,7 @@ class _Reading:
         self.defects: list[Defect] = []
         self._file = file
         self._candidates = candidates
-        self._strangers = Candidates(())
+        self._strangers = _NOBODY
 
     def read(self, data: bytes) -> None:
         try:
@@ -214,7 +217,8 @@ class _Reading:
                 found.append(certificate)
                 strangers.append(certificate)
         self.embedded = tuple(found)
-        self._strangers = Candidates(strangers)
+        if strangers:
+            self._strangers = Candidates(strangers)
 
     def _signatures(self, signed: SignedData, entity: bytes, message: Message) -> None:
         line = message.signature_line
@@ -284,9 +288,9 @@ class _Reading:
         others = itertools.islice((other for other in keys if other.key not in tried), MAX_KEYS_TRIED)
         return next((other for other in others if _made_by(other, signer, data)), None)
 
-    def _distinct_keys(self, certificates: Iterable[Certificate], line: int) -> tuple[Certificate, ...]:
+    def _distinct_keys(self, certificates: Iterable[Certificate], line: int) -> list[Certificate]:
         """One certificate for each key; more than can be tried are a defect, since a run time would try them."""
-        distinct = tuple({certificate.key: certificate for certificate in certificates}.values())
+        distinct = list({certificate.key: certificate for certificate in certificates}.values())
         if len(distinct) > MAX_KEYS_TRIED:
             found = f"{len(distinct)} certificates that may be the signer's, {MAX_KEYS_TRIED} are tried"
             self._defect(Kind.CMS_MALFORMED, line, found)
