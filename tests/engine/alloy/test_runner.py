@@ -182,9 +182,8 @@ def test_an_answer_that_is_not_exactly_the_expected_one(filter_: str, analyzer: 
     ],
 )
 def test_a_counterexample_that_cannot_be_read(damage: str, analyzer: Engine, tmp_path: Path) -> None:
-    damaged = java(
-        tmp_path, analyzer, f'"$REAL" "$@"; test -e solutions/ReadersCannotForge-solution-0.xml && {damage}; exit 0'
-    )
+    instance = "solutions/ReadersCannotForge-solution-0.xml"
+    damaged = java(tmp_path, analyzer, f'"$REAL" "$@"; test -e {instance} && {damage} {instance}; exit 0')
     assert "ReadersCannotForge" in failing(analyzer, EngineFailed, java=damaged)
 
 
