@@ -32,9 +32,11 @@ one way to read the keystore, and a property is reported as holding only where i
 
 def folder_names(systems: Sequence[System]) -> tuple[str, ...]:
     """Return a folder name for each system, all different, from what tells them apart."""
+    doubtful = len({system.reading for system in systems}) > 1
     names: list[str] = []
     for system in systems:
-        name = f"{'pinned' if system.pins_signer else 'unpinned'}-signer-{system.reading.value}"
+        name = f"{'pinned' if system.pins_signer else 'unpinned'}-signer"
+        name += f"-{system.reading.value}" if doubtful else ""
         names.append(name if name not in names else f"{name}-{len(names) + 1}")
     return tuple(names)
 

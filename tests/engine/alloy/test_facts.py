@@ -17,7 +17,7 @@ from keystore_audit.engine.alloy.facts import MODULES, commands, facts, write_mo
 from keystore_audit.engine.alloy.relations import union
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
-from keystore_audit.model.system import System
+from keystore_audit.model.system import Reading, System
 from keystore_audit.properties import PROPERTIES
 from keystore_audit.properties.property import Role
 from tests.engine.systems import healthy, random_system, stock
@@ -154,9 +154,19 @@ def test_a_model_goes_only_into_an_empty_directory(tmp_path: Path) -> None:
 
 def test_several_models_get_a_folder_each_and_the_names_are_told(tmp_path: Path) -> None:
     pinned = stock()
-    write_model([pinned, replace(pinned, pins_signer=False), replace(pinned, pins_signer=False)], tmp_path)
-    folders = sorted(path.name for path in tmp_path.iterdir() if path.is_dir())
-    assert folders == ["pinned-signer-must", "unpinned-signer-must", "unpinned-signer-must-3"]
-    readme = (tmp_path / "pinned-signer-must/README.md").read_text()
+    unpinned = replace(pinned, pins_signer=False)
+    write_model([pinned, unpinned, unpinned], tmp_path / "certain")
+    write_model([pinned, replace(pinned, reading=Reading.MAY)], tmp_path / "doubtful")
+    assert [path.name for path in folders(tmp_path / "certain")] == [
+        "pinned-signer",
+        "unpinned-signer",
+        "unpinned-signer-3",
+    ]
+    assert [path.name for path in folders(tmp_path / "doubtful")] == ["pinned-signer-may", "pinned-signer-must"]
+    readme = (tmp_path / "certain/pinned-signer/README.md").read_text()
     assert "| `E0_talker` | /talker | enclaves/talker |" in readme
-    assert all(name in (tmp_path / "README.md").read_text() for name in folders)
+    assert "`unpinned-signer-3`" in (tmp_path / "certain/README.md").read_text()
+
+
+def folders(directory: Path) -> list[Path]:
+    return sorted(path for path in directory.iterdir() if path.is_dir())
