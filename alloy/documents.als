@@ -13,9 +13,12 @@ fun genuine: Realm -> Document {
 		some document.signer and document.signer in realm.permissions_ca }
 }
 
-/** Certificates that a realm takes for signers because the permissions CA issued them: none where it pins. */
+/**
+ * Certificates that a realm takes for signers because they chain to the permissions CA, over any number of
+ * authorities, since a message brings intermediates along: none where it pins.
+ */
 fun vouched_signer: Realm -> Certificate {
-	vouched[permissions_ca, Certificate] & (Realm - pins_signer) -> fit_to_sign
+	permissions_ca.^(~(issuer :> authority)) & (Realm - pins_signer) -> fit_to_sign
 }
 
 /** Documents that a realm obeys. An unreadable one may be any document, so it counts. */
@@ -24,7 +27,13 @@ fun accepted: Realm -> Document {
 	+ Realm -> (opaque & Document)
 }
 
-/** Enclaves whose own key signs documents that the realm obeys: they can give themselves any right. */
+/**
+ * Enclaves whose own key signs documents that the realm obeys: they can give themselves any right. It is the key of a
+ * permissions CA, or one that such a CA vouches for.
+ */
 fun self_granting: Realm -> Enclave {
-	authentic & (Realm -> (opaque & Enclave) + (vouched_signer.~identity))
+	authentic & (
+		Realm -> (opaque & Enclave)
+		+ vouched_signer.~identity
+		+ permissions_ca.public_key.~public_key.~identity)
 }

@@ -19,7 +19,7 @@ from keystore_audit.findings import Finding, Result, Severity
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.meaning import Meaning
-from keystore_audit.model.profiles import resolve
+from keystore_audit.model.profiles import DEFAULT, resolve
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineStatus
@@ -42,13 +42,18 @@ ASSUMPTIONS = (
 
 NOT_CHECKED = (
     (
-        "What differs between implementations beyond who may sign: rules, domains, partitions, defaults and dates are"
-        " read as DDS-Security 1.1 has them, for every profile."
+        "What differs between implementations beyond who may sign: rules, domains, partitions, defaults, dates and the "
+        "comparison of subject names (letter by letter here) are read as DDS-Security 1.1 has them, for every profile."
     ),
+    ("Signed documents that lie outside the enclaves, though peers take whatever valid document is presented to them."),
     "Flows through several enclaves, and flows by timing, acknowledgements or matching.",
     "The policy that the keystore was generated from, and the nodes that will use it.",
 )
 """What this version does not look at."""
+
+
+DEFAULT_NOTICE = timedelta(days=30)
+"""How long before it ends a validity is a finding."""
 
 
 class Progress(Protocol):
@@ -77,7 +82,7 @@ class Options:
     alloy_jar: Path | None = None
     timeout: float = 120.0
     fail_on: Severity | None = Severity.HIGH
-    expires_within: timedelta = timedelta(days=30)
+    expires_within: timedelta = DEFAULT_NOTICE
     deployed: bool = False
     select: tuple[str, ...] = field(default=())
     ignore: tuple[str, ...] = field(default=())
@@ -176,6 +181,11 @@ def _weakened(options: Options) -> tuple[str, ...]:
         weakened.append(f"--fail-on {options.fail_on.value if options.fail_on else 'never'}")
     weakened += [f"--ignore {code}" for code in options.ignore]
     weakened += [f"--select {code}" for code in options.select]
+    chosen = {profile.name for profile in resolve(options.profiles)}
+    if not chosen.issuperset(DEFAULT):
+        weakened += [f"--profile {name}" for name in options.profiles]
+    if options.expires_within < DEFAULT_NOTICE:
+        weakened.append(f"--expires-within {options.expires_within.days}")
     if options.at_given:
         weakened.append(f"--at {options.at:%Y-%m-%dT%H:%M:%SZ}")
     return tuple(weakened)

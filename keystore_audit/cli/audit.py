@@ -123,7 +123,7 @@ def command(keystores: tuple[str, ...], **given: Any) -> int:
     """  # noqa: D301 - click's mark for lines that stay as they are
     if given["quiet"] and given["verbose"]:
         raise click.UsageError("Choose --quiet or --verbose.")
-    output.check(given["targets"])
+    output.check(given["targets"], keystores)
     reports, code = _audit_all(keystores, _options(given), quiet=given["quiet"], verbose=given["verbose"])
     _deliver(reports, given, several=len(keystores) > 1)
     return code

@@ -42,15 +42,20 @@ def target(value: str) -> Target:
     return Target(format=kind, path=Path(name))
 
 
-def check(targets: Iterable[Target]) -> None:
+def check(targets: Iterable[Target], keystores: Iterable[str] = ()) -> None:
     """Make sure, before any work, that every target can be written; raise Unwritable with the reason.
+
+    Nothing is written into a keystore that is audited: the report could replace what it speaks of.
 
     A file is tried out beside the target, since that is how it will be written, and removed again at once:
     the target may lie in the keystore, which must not change while it is read.
     """
     seen: set[Path] = set()
+    roots = [Path(keystore).resolve() for keystore in keystores]
     for wanted in targets:
         path = _resolved(wanted.path)
+        if any(root == path or root in path.parents for root in roots):
+            raise Unwritable(f"{wanted.path} lies in the keystore that is audited; write the report elsewhere.")
         if path in seen:
             raise Unwritable(f"Two reports cannot both be written to {wanted.path}.")
         seen.add(path)

@@ -69,10 +69,14 @@ def _both_readings(statuses: Sequence[Status]) -> Status:
 def _counterexample(
     prop: Property, kind: tuple[int, ...], systems: Sequence[System], engines: Sequence[EngineAnswers]
 ) -> Counterexample | None:
-    """A counterexample in the user's names: from the MUST reading where it has one, since that is certain."""
+    """A counterexample in the user's names: from the MUST reading where it has one, since that is certain.
+
+    The native engine's comes first, so that a finding tells the same story whichever engines ran.
+    """
+    native_first = sorted(engines, key=lambda engine: engine.engine != "native")
     certain_first = sorted(kind, key=lambda number: systems[number].reading is Reading.MAY)
     for number in certain_first:
-        for engine in engines:
+        for engine in native_first:
             witnesses = engine.answers[number][prop.id].witnesses
             if witnesses:
                 return describe(systems[number], prop, witnesses[0])

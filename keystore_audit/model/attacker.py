@@ -95,18 +95,35 @@ class RealmView:
         return not self._system.pins_signer and self._fit_leaf(certificate)
 
     def _fit_leaf(self, certificate: int) -> bool:
-        return self._system.certificates[certificate].fit_to_sign and self.vouched(
-            self._realm.permissions_ca, certificate, in_force=False
-        )
+        """Whether the certificate is fit to sign and chains, over any number of authorities, to a permissions CA."""
+        return self._system.certificates[certificate].fit_to_sign and certificate in self._chained
+
+    @cached_property
+    def _chained(self) -> frozenset[int]:
+        """Certificates below the permissions CAs, over authorities that any document may bring along."""
+        certificates = self._system.certificates
+        found: set[int] = set()
+        pending = set(self._realm.permissions_ca)
+        while pending:
+            trusted = {number for number in pending if certificates[number].authority}
+            issued = {number for number, c in enumerate(certificates) if c.issuers & trusted}
+            pending = issued - found
+            found |= pending
+        return frozenset(found)
 
     def self_granting(self, enclave: int) -> bool:
-        """Whether the enclave can sign permissions for itself that peers take."""
+        """Whether the enclave can sign itself permissions that peers take: with the CA's key, or a key it vouches for."""
         atom = self._system.enclaves[enclave]
         if not self.authenticated(enclave):
             return False
         if atom.opaque:
             return True
-        return not self._system.pins_signer and atom.identity is not None and self._fit_leaf(atom.identity)
+        if atom.identity is None:
+            return False
+        keys = {self._system.certificates[authority].key for authority in self._realm.permissions_ca}
+        return self._system.certificates[atom.identity].key in keys or (
+            not self._system.pins_signer and self._fit_leaf(atom.identity)
+        )
 
     @cached_property
     def protection(self) -> Protection:

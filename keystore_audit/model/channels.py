@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.governance import TopicRule
 from keystore_audit.keystore.permissions import Criterion, Operation, Rule
 from keystore_audit.model.atoms import TopicClass, classify
@@ -20,6 +21,11 @@ from keystore_audit.model.system import ChannelAtom, DomainAtom
 
 ANY_TOPIC = "rt/chatter"
 """The name by which the channel of an ungoverned domain goes: every topic there is alike."""
+
+
+MAX_CELLS = 1_000_000
+"""Pairs of a topic class and a partition or domain class: about a second and 200 MB. Beyond it the answer is unknown;
+10,000 enclaves as `ros2 security` makes them have some 300,000."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,6 +84,7 @@ def build_channels(
     Raises errors.BudgetExceeded where the topic classes are too many.
     """
     columns = _columns(topic_rules, rules)
+    _check_cells(len(columns), sum(governed), "classes of topics in {} classes of domains")
     channels: list[ChannelAtom] = []
     hits: list[set[int]] = [set() for _ in range(len(topic_rules) + 3 * len(rules))]
     for number, is_governed in enumerate(governed):
@@ -109,6 +116,13 @@ def build_channels(
     )
 
 
+def _check_cells(classes: int, others: int, words: str) -> None:
+    """Raises errors.BudgetExceeded for more pairs than can be worked out."""
+    if classes * others > MAX_CELLS:
+        message = f"{classes} {words.format(others)} are more than can be worked out (limit {MAX_CELLS} pairs)."
+        raise BudgetExceeded(message)
+
+
 def _columns(topic_rules: Sequence[TopicRule], rules: Sequence[Rule]) -> list[_Column]:
     """Merged columns. A hit is the number of a topic rule, or of (permissions rule, operation) after those."""
     topics = _Classes(
@@ -120,6 +134,7 @@ def _columns(topic_rules: Sequence[TopicRule], rules: Sequence[Rule]) -> list[_C
         [text.text for rule in rules for criterion in rule.criteria for text in criterion.partitions or ()],
         with_empty=True,
     )
+    _check_cells(len(topics.classes), len(partitions.classes), "topic classes in {} partition classes")
     operations = {Operation.PUBLISH: 0, Operation.SUBSCRIBE: 1, Operation.RELAY: 2}
     hits: list[list[list[int]]] = [[[] for _ in topics.classes] for _ in partitions.classes]
     for number, topic_rule in enumerate(topic_rules):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from keystore_audit.keystore.certificate import Certificate
-from keystore_audit.keystore.governance import Governance, GovernanceFile, Text
+from keystore_audit.keystore.governance import DomainRange, Governance, GovernanceFile, Text
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import Grant, Permissions, PermissionsFile
@@ -65,12 +65,26 @@ def unclear(read: GovernanceFile | PermissionsFile) -> tuple[str, int | None] | 
         malformed = parse(text.text, Matcher.POSIX).malformed
         if malformed is not None:
             return f"the expression {text.text!r} {malformed}", text.line
+    for range_ in _ranges(read):
+        if range_.low is None or range_.high is None:
+            return "an <id_range> without <min> or <max>, in which implementations read different domains", range_.line
     if isinstance(read, PermissionsFile) and read.permissions is not None:
         for grant in read.permissions.grants:
             for text in (grant.not_before, grant.not_after):
                 if parse_instant(text.text) is None:
                     return f"{text.text!r} is no date that every implementation reads", text.line
     return None
+
+
+def _ranges(read: GovernanceFile | PermissionsFile) -> Iterator[DomainRange]:
+    """Every domain id and range of the document."""
+    if isinstance(read, GovernanceFile):
+        for rule in read.governance.domain_rules if read.governance else ():
+            yield from rule.domains
+        return
+    for grant in read.permissions.grants if read.permissions else ():
+        for permission_rule in grant.rules:
+            yield from permission_rule.domains
 
 
 def _expressions(read: GovernanceFile | PermissionsFile) -> Iterator[Text]:

@@ -9,10 +9,10 @@ from keystore_audit.keystore.keystore import Enclave
 def revoked_serials(enclave: Enclave) -> frozenset[tuple[bytes, int]]:
     """(issuer, serial number) of the certificates that `crl.pem` revokes under an identity CA of the enclave.
 
-    A list that no identity CA signed revokes nothing here: what it does at run time is a finding of its own,
-    and leaving an identity in is the careful reading for safety.
+    Of a file with several lists the first counts: run times read no other. A list that no identity CA signed revokes
+    nothing here: what it does at run time is a finding of its own, and leaving an identity in is the careful reading.
     """
-    lists: tuple[RevocationList, ...] = enclave.crl.revocation_lists if enclave.crl else ()
+    lists: tuple[RevocationList, ...] = enclave.crl.revocation_lists[:1] if enclave.crl else ()
     authorities = enclave.identity_ca.certificates if enclave.identity_ca else ()
     return frozenset(
         (revocations.issuer_der, serial)

@@ -154,6 +154,8 @@ def _identity_refusals(enclave: Enclave, certificate: Certificate) -> Iterator[s
     issuing = authorities.certificates if authorities is not None else ()
     if readable and not any(is_authority(a) and may_have_issued(a, certificate) for a in issuing):
         yield "the identity CA did not issue the identity certificate"
+    if certificate.unknown_critical:
+        yield "the identity certificate has a critical extension that no implementation knows"
     if (certificate.issuer_der, certificate.serial) in revoked_serials(enclave):
         yield "the identity certificate is revoked"
 
