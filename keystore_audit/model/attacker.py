@@ -112,7 +112,7 @@ class RealmView:
         return frozenset(found)
 
     def self_granting(self, enclave: int) -> bool:
-        """Whether the enclave can sign itself permissions that peers take: with the CA's key, or a key it vouches for."""
+        """Whether the enclave can sign itself permissions that peers take: with the CA's key, or one it vouches for."""
         atom = self._system.enclaves[enclave]
         if not self.authenticated(enclave):
             return False
