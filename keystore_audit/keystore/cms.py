@@ -30,6 +30,7 @@ MAX_ELEMENTS: Final = 10_000
 _SIGNED_DATA: Final = x509.ObjectIdentifier("1.2.840.113549.1.7.2")
 _DATA: Final = x509.ObjectIdentifier("1.2.840.113549.1.7.1")
 _DATA_DER: Final = asn1.encode_der(_DATA)
+_IDENTIFIER: Final = b"\x06"
 _OCTET_STRING: Final = b"\x04"
 _UTC_TIME: Final = b"\x17"
 _STRINGS: Final = frozenset({b"\x0c", b"\x12", b"\x13", b"\x14", b"\x16", b"\x1c", b"\x1e"})
@@ -77,9 +78,10 @@ class SignedData:
     problems: Problems
 
 
-# --- the structures. Four hints for `hazmat.asn1`: an optional TLV is refused, so an AlgorithmIdentifier is a TLV that
-# is read afterwards; OpenSSL does not sort the certificates, so they are a list although the standard says SET; the
-# signed attributes are encoded anew, with the tag of a SET, for the signature; a name is compared as its DER bytes.
+# --- the structures. Three hints for `hazmat.asn1`: an optional TLV is refused, so an AlgorithmIdentifier is a TLV that
+# is read afterwards; OpenSSL does not sort the certificates, so they are a list although the standard says SET; what
+# counts byte for byte (names, signed attributes, certificates) is cut out of the structure once it has been parsed,
+# since cryptography before 50 cannot encode a TLV again.
 
 
 @asn1.sequence
@@ -127,22 +129,6 @@ class _SignedData:
     signer_infos: SetOf[_SignerInfo]
 
 
-@asn1.sequence
-class _NameAttribute:
-    type: x509.ObjectIdentifier
-    value: TLV
-
-
-@asn1.sequence
-class _Wrapped:
-    element: TLV
-
-
-@asn1.sequence
-class _WrappedName:
-    name: list[SetOf[_NameAttribute]]
-
-
 # --- reading
 
 
@@ -153,6 +139,7 @@ def read_signed_data(der: bytes) -> SignedData:
     the structure: run times accept them), CMS_MALFORMED.
     """
     data = _parse(der)
+    fields = _children(_children(_children(der)[1])[0])
     problems = list(_envelope_problems(data))
     infos = data.signer_infos.as_list()
     if not infos:
@@ -161,29 +148,54 @@ def read_signed_data(der: bytes) -> SignedData:
         problems.append((Kind.CMS_MALFORMED, f"{len(infos)} signatures, at most {MAX_SIGNERS} are checked"))
         infos = []
     try:
-        listed = [read_digest(asn1.encode_der(digest)) for digest in data.digest_algorithms.as_list()]
-        signers = tuple(_signer(info, listed, problems) for info in infos)
+        listed = [read_digest(digest) for digest in _children(fields[1])]
+        signers = [
+            _signer(info, _children(der), listed, problems)
+            for info, der in zip(infos, _children(fields[-1]), strict=False)
+        ]
     except ValueError as error:
         raise CmsError(Kind.CMS_MALFORMED, f"an algorithm identifier cannot be read: {error}") from None
     if any(digest.has_parameters for digest in listed):
         problems.append((Kind.CMS_MALFORMED, "a digest algorithm that the message lists has parameters"))
-    certificates = tuple(asn1.encode_der(certificate) for certificate in data.certificates or ())
-    if len(certificates) > MAX_EMBEDDED:
-        problems.append((Kind.CMS_MALFORMED, f"{len(certificates)} certificates, at most {MAX_EMBEDDED} are read"))
-        certificates = ()
+    certificates: list[bytes] = []
+    if data.certificates is not None and len(data.certificates) > MAX_EMBEDDED:
+        found = f"{len(data.certificates)} certificates, at most {MAX_EMBEDDED} are read"
+        problems.append((Kind.CMS_MALFORMED, found))
+    elif data.certificates is not None:
+        certificates = _children(fields[3])
     return SignedData(
-        content=data.content.content, certificates=certificates, signers=signers, problems=tuple(problems)
+        content=data.content.content,
+        certificates=tuple(certificates),
+        signers=tuple(signers),
+        problems=tuple(problems),
     )
 
 
 def has_string_values(name_der: bytes) -> bool:
-    """Whether every attribute of a distinguished name is a string: else OpenSSL refuses the message around it."""
-    try:
-        wrapped = asn1.encode_der(_Wrapped(element=asn1.decode_der(TLV, name_der)))  # only structures can be decoded
-        name = asn1.decode_der(_WrappedName, wrapped).name
-    except ValueError:
-        return False
-    return all(attribute.value.tag_bytes in _STRINGS for names in name for attribute in names.as_list())
+    """Whether every attribute of a distinguished name is a string: else OpenSSL refuses the message around it.
+
+    The name is that of a certificate which has been parsed.
+    """
+    attributes = [attribute for relative in _children(name_der) for attribute in _children(relative)]
+    return all(_children(attribute)[1][:1] in _STRINGS for attribute in attributes)
+
+
+def _children(element: bytes) -> list[bytes]:
+    """The elements inside a constructed element of a structure that has been parsed as strict DER."""
+    position, found = _content_start(element, 0), []
+    while position < len(element):
+        start = _content_start(element, position)
+        length = element[position + 1]
+        if start - position > 2:
+            length = int.from_bytes(element[position + 2 : start], "big")
+        found.append(element[position : start + length])
+        position = start + length
+    return found
+
+
+def _content_start(element: bytes, position: int) -> int:
+    first = element[position + 1]
+    return position + 2 + (first & 0x7F if first & 0x80 else 0)
 
 
 def _parse(der: bytes) -> _SignedData:
@@ -213,8 +225,10 @@ def _envelope_problems(data: _SignedData) -> list[tuple[Kind, str]]:
     return [(Kind.CMS_MALFORMED, f"expected plain signed data, found {problem}") for problem in problems]
 
 
-def _signer(info: _SignerInfo, listed: list[Digest], problems: list[tuple[Kind, str]]) -> SignerInfo:
-    """Read one SignerInfo and append what is out of order in it."""
+def _signer(
+    info: _SignerInfo, fields: list[bytes], listed: list[Digest], problems: list[tuple[Kind, str]]
+) -> SignerInfo:
+    """Read one SignerInfo, whose `fields` are its elements as they stand, and append what is out of order in it."""
 
     def malformed(detail: str) -> None:
         problems.append((Kind.CMS_MALFORMED, detail))
@@ -223,8 +237,9 @@ def _signer(info: _SignerInfo, listed: list[Digest], problems: list[tuple[Kind, 
         malformed(f"a SignerInfo of version {info.version} (RFC 5652, 5.3: 1)")
     if info.unsigned_attributes is not None:
         malformed("unsigned attributes, which anybody can add or change")
-    digest = read_digest(asn1.encode_der(info.digest_algorithm))
-    scheme = read_scheme(asn1.encode_der(info.signature_algorithm), digest.name)
+    signed = None if info.signed_attributes is None else b"\x31" + fields[3][1:]  # RFC 5652, 5.4: as a SET OF
+    digest = read_digest(fields[2])
+    scheme = read_scheme(fields[3 if signed is None else 4], digest.name)
     problems += digest.problems + scheme.problems
     if digest not in listed:
         malformed(f"the digest algorithm {digest.name} of a signature is not among those that the message lists")
@@ -236,11 +251,11 @@ def _signer(info: _SignerInfo, listed: list[Digest], problems: list[tuple[Kind, 
     else:
         message_digest, signing_time = _attributes(info.signed_attributes.as_list(), malformed)
     return SignerInfo(
-        issuer_der=asn1.encode_der(info.identifier.issuer),
+        issuer_der=_children(fields[1])[0],
         serial=info.identifier.serial,
         digest=digest.name,
         message_digest=message_digest,
-        signed=None if info.signed_attributes is None else asn1.encode_der(info.signed_attributes),
+        signed=signed,
         signing_time=signing_time,
         scheme=scheme,
         signature=info.signature,
@@ -257,7 +272,7 @@ def _attributes(attributes: list[_Attribute], malformed: Callable[[str], None]) 
             malformed(f"the signed attribute {attribute.type.dotted_string} is there twice or has not one value")
         values[attribute.type] = single
     content_type, digest, time = (values.get(kind) for kind in (_CONTENT_TYPE, _MESSAGE_DIGEST, _SIGNING_TIME))
-    if content_type is None or asn1.encode_der(content_type) != _DATA_DER:
+    if content_type is None or content_type.tag_bytes != _IDENTIFIER or bytes(content_type.data) != _DATA_DER[2:]:
         malformed("the signed attribute contentType does not say id-data once (RFC 5652, 11.1)")
     if digest is None or digest.tag_bytes != _OCTET_STRING:
         malformed("the signed attribute messageDigest is not one octet string (RFC 5652, 11.2)")

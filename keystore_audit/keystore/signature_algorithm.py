@@ -54,7 +54,7 @@ _SIGNATURES: Final[Mapping[str, tuple[str, str | None]]] = {
 }
 _RSA_PSS: Final = "1.2.840.113549.1.1.10"
 _MGF1: Final = "1.2.840.113549.1.1.8"
-_NULL: Final = b"\x05\x00"
+_NULL: Final = b"\x05"
 
 
 @asn1.sequence
@@ -168,26 +168,29 @@ def _scheme(
     return Scheme(family=family, padding=rsa_padding, digest=DIGESTS.get(digest), problems=problems)
 
 
-def _read(der: bytes) -> tuple[str, bytes | None]:
+def _read(der: bytes) -> tuple[str, TLV | None]:
     """Identifier and parameters of an AlgorithmIdentifier; None for absent ones and NULL, which say the same."""
     try:
         return asn1.decode_der(_Algorithm, der).identifier.dotted_string, None
     except ValueError:  # it has parameters, which cannot be declared optional: see cms.py
         algorithm = asn1.decode_der(_AlgorithmWithParameters, der)
-    parameters = asn1.encode_der(algorithm.parameters)
-    return algorithm.identifier.dotted_string, None if parameters == _NULL else parameters
+    parameters = algorithm.parameters
+    absent = parameters.tag_bytes == _NULL and not bytes(parameters.data)
+    return algorithm.identifier.dotted_string, None if absent else parameters
 
 
-def _pss(der: bytes | None, digest: str) -> padding.PSS | None:
+def _pss(parameters: TLV | None, digest: str) -> padding.PSS | None:
     """Read RSASSA-PSS-params (RFC 4055, 3.1); None where the digests differ, are implied or the mask is not MGF1."""
+    if parameters is None:
+        return None
     try:
-        parameters = asn1.decode_der(_PssParameters, der or b"")
-        if parameters.digest is None or parameters.mask is None or parameters.salt_length is None:
+        pss = parameters.parse(_PssParameters)
+        if pss.digest is None or pss.mask is None or pss.salt_length is None:
             return None  # the implied digest is SHA-1
-        mask_digest, _ = _read(asn1.encode_der(parameters.mask.parameters))
+        mask_digest = pss.mask.parameters.parse(_AlgorithmWithParameters)
     except ValueError:
         return None
-    named = {_DIGEST_NAMES.get(parameters.digest.identifier.dotted_string), _DIGEST_NAMES.get(mask_digest)}
-    if parameters.mask.identifier.dotted_string != _MGF1 or named != {digest}:
+    named = {_DIGEST_NAMES.get(algorithm.identifier.dotted_string) for algorithm in (pss.digest, mask_digest)}
+    if pss.mask.identifier.dotted_string != _MGF1 or named != {digest}:
         return None
-    return padding.PSS(mgf=padding.MGF1(DIGESTS[digest]), salt_length=parameters.salt_length)
+    return padding.PSS(mgf=padding.MGF1(DIGESTS[digest]), salt_length=pss.salt_length)

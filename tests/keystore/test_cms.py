@@ -48,6 +48,10 @@ def oid(dotted: str) -> bytes:
     return asn1.encode_der(x509.ObjectIdentifier(dotted))
 
 
+def integer(number: int) -> bytes:
+    return tlv(2, number.to_bytes(number.bit_length() // 8 + 1, "big"))
+
+
 def algorithm(dotted: str, *parameters: bytes) -> bytes:
     return tlv(0x30, oid(dotted), *parameters)
 
@@ -93,7 +97,7 @@ class Info:
 
     def der(self) -> bytes:
         certificate = self.signer.certificate
-        name = tlv(0x30, certificate.issuer.public_bytes(), asn1.encode_der(certificate.serial_number))
+        name = tlv(0x30, certificate.issuer.public_bytes(), integer(certificate.serial_number))
         attributes = self.attributes
         if attributes is not None and self.sort:
             attributes = tuple(sorted(attributes))
