@@ -100,6 +100,12 @@ def weak_rule_last(b: Builder) -> None:
     b.topic_rules.reverse()
 
 
+def shared_keys(b: Builder) -> None:
+    """Everything encrypted, and no origin authenticated."""
+    b.domain_rules[0] = replace(b.domain_rules[0], rtps_protection_kind=ENCRYPT)
+    b.topic_rules[0] = replace(b.topic_rules[0], metadata_protection_kind=ENCRYPT)
+
+
 ALL_NONE = both(
     on("domain_rules", 0, rtps_protection_kind=NONE),
     on("topic_rules", 0, metadata_protection_kind=NONE, data_protection_kind=NONE),
@@ -183,12 +189,25 @@ MUTATIONS: dict[str, tuple[Change, set[str]]] = {
         {"grants-are-enforced", "nobody-writes-without-a-grant"},
     ),
     "join access control off": (on("domain_rules", 0, enable_join_access_control=False), {"grants-are-enforced"}),
-    "no origin authentication": (
+    "no origin authentication": (shared_keys, {"readers-cannot-forge"}),
+    "payloads encrypted, nothing else": (
         both(
-            on("domain_rules", 0, rtps_protection_kind=ENCRYPT),
-            on("topic_rules", 0, metadata_protection_kind=ENCRYPT),
+            on("domain_rules", 0, rtps_protection_kind=NONE),
+            on("topic_rules", 0, metadata_protection_kind=NONE, data_protection_kind=ENCRYPT),
         ),
         {"readers-cannot-forge"},
+    ),
+    "submessages encrypted, nothing else": (
+        both(
+            on("domain_rules", 0, rtps_protection_kind=NONE),
+            on("topic_rules", 0, metadata_protection_kind=ENCRYPT, data_protection_kind=NONE),
+        ),
+        {"readers-cannot-forge"},
+    ),
+    "default allow": (both(on("grants", 0, default_allow=True), shared_keys), {"readers-cannot-forge"}),
+    "default allow, but the only writer is denied: nobody to pass for": (
+        both(on("grants", 0, default_allow=True), on("rules", 0, allow=False), shared_keys),
+        set(),
     ),
     "messages encrypted for all, nothing else": (
         both(
