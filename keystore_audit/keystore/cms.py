@@ -182,20 +182,19 @@ def has_string_values(name_der: bytes) -> bool:
 
 def _children(element: bytes) -> list[bytes]:
     """The elements inside a constructed element of a structure that has been parsed as strict DER."""
-    position, found = _content_start(element, 0), []
+    found = []
+    length = element[1]
+    position = 2 if length < 0x80 else 2 + (length & 0x7F)
     while position < len(element):
-        start = _content_start(element, position)
         length = element[position + 1]
-        if start - position > 2:
-            length = int.from_bytes(element[position + 2 : start], "big")
-        found.append(element[position : start + length])
-        position = start + length
+        end = position + 2
+        if length & 0x80:
+            end += length & 0x7F
+            length = int.from_bytes(element[position + 2 : end], "big")
+        end += length
+        found.append(element[position:end])
+        position = end
     return found
-
-
-def _content_start(element: bytes, position: int) -> int:
-    first = element[position + 1]
-    return position + 2 + (first & 0x7F if first & 0x80 else 0)
 
 
 def _parse(der: bytes) -> _SignedData:
