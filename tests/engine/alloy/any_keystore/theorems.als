@@ -33,15 +33,20 @@ check DefaultDecidesTheRest {
 
 -- documents
 
+/** No enclave's identity has the key of a permissions CA. */
+pred authorities_keep_their_keys { no Enclave.identity.public_key & Realm.permissions_ca.public_key }
+
 /** Whatever the permissions CA signed is obeyed; where the signer is pinned and all was read, nothing else is. */
 check PinnedRealmsObeyTheirAuthorityOnly {
 	genuine in accepted
-	no opaque implies pins_signer <: accepted in genuine and no pins_signer.self_granting
+	no opaque implies pins_signer <: accepted in genuine
+	(no opaque and authorities_keep_their_keys) implies no pins_signer.self_granting
 } for 3 but 6 Entry, 2 Instant expect 0
 
-/** No enclave signs for itself where the permissions CA issued no identity. */
+/** No enclave signs for itself where no identity chains to a permissions CA or has its key. */
 check SplitAuthoritiesStopSelfGrants {
-	(no opaque and no Enclave.identity & issuer.(Realm.permissions_ca)) implies no self_granting
+	(no opaque and authorities_keep_their_keys and no Enclave.identity & (^issuer).(Realm.permissions_ca))
+		implies no self_granting
 } for 3 but 6 Entry, 2 Instant expect 0
 
 -- authentication
@@ -68,7 +73,8 @@ check GrantsCanBePresented {
 
 /** All access control on, the signer pinned, all documents read: nobody does more than the CA granted. */
 check AccessControlConfines {
-	(no opaque and Realm in pins_signer and TopicRule in enable_read_access_control & enable_write_access_control)
+	(no opaque and authorities_keep_their_keys and Realm in pins_signer
+		and TopicRule in enable_read_access_control & enable_write_access_control)
 		implies all realm: Realm {
 			may_write[realm] in granted[realm, publish_allowed]
 			may_read[realm] in granted[realm, subscribe_allowed]
