@@ -18,6 +18,8 @@ MALFORMED: Final = (
     x509.DuplicateExtension,
     x509.InvalidVersion,
     x509.UnsupportedGeneralNameType,
+    TypeError,  # a BIT STRING in a name, cryptography 50
+    KeyError,  # the same, cryptography 47 to 49
 )
 """What `cryptography` raises on structures that it refuses, at loading or when a part is first looked at."""
 
