@@ -70,7 +70,10 @@ def _moments(keystore: Keystore, system: System, at: datetime) -> Iterator[tuple
     Revocation lists have no instants in the system: they are void one second after nextUpdate.
     """
     found: dict[datetime, int] = {}
-    for index, instant in enumerate(system.instants):
+    validities = [(c.not_before, c.not_after) for c in system.certificates]
+    validities += [(grant.not_before, grant.not_after) for grant in system.grants]
+    for index in sorted({boundary for validity in validities for boundary in validity}):
+        instant = system.instants[index]
         if index > system.now:
             found[instant] = 2 * index
         if index >= system.now:

@@ -96,7 +96,7 @@ class Governance:
     line: int | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GovernanceFile:
     """A signed governance document; `governance` is None where the content has no single meaning."""
 

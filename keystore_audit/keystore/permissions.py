@@ -73,7 +73,7 @@ class Permissions:
     line: int | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PermissionsFile:
     """A signed permissions document; `permissions` is None where the content has no single meaning."""
 

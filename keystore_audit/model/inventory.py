@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from functools import lru_cache
 
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.governance import DomainRange, Governance, GovernanceFile, Text
@@ -56,6 +57,7 @@ def documents_of(keystore: Keystore) -> tuple[Document, ...]:
     return tuple(found[place] for place in sorted(found))
 
 
+@lru_cache(maxsize=16_384)
 def unclear(read: GovernanceFile | PermissionsFile) -> tuple[str, int | None] | None:
     """Why a document that parsed has no one meaning, and the line: a date or expression that readers take differently.
 

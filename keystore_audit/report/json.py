@@ -62,11 +62,11 @@ def _dump(document: Mapping[str, Any]) -> str:
 
 def _value(value: Any) -> str:
     r"""One value on one line. Lone surrogates (bytes that are no text), which readers refuse, are shown: `\udc80`."""
-    text = json.dumps(value, ensure_ascii=False, allow_nan=False)
-    if text.isascii():
+    text = json.dumps(value)  # without arguments: the one form for which Python keeps its encoder
+    if r"\ud" not in text:
         return text
-    shown = _SURROGATE.sub(lambda match: rf"\\u{ord(match[0]):04x}", text)
-    return json.dumps(json.loads(shown), ensure_ascii=True)
+    shown = _SURROGATE.sub(lambda match: rf"\\u{ord(match[0]):04x}", json.dumps(value, ensure_ascii=False))
+    return json.dumps(json.loads(shown))
 
 
 def _report(report: Report) -> dict[str, Any]:
