@@ -19,7 +19,7 @@ from keystore_audit.findings import Finding, Result, Severity
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.meaning import Meaning
-from keystore_audit.model.profiles import DEFAULT, resolve
+from keystore_audit.model.profiles import DEFAULT, Profile, resolve
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineStatus
@@ -139,7 +139,7 @@ def _report(context: Context, judgement: Judgement, safe: Horizon, options: Opti
         verdict=verdict,
         exit_code=exit_code,
         fail_on=options.fail_on,
-        weakened=_weakened(options),
+        weakened=_weakened(options, context.profiles),
         assumptions=ASSUMPTIONS,
         engines=context.engines,
         engines_agree=agree if len(answered) > 1 else None,
@@ -174,15 +174,14 @@ def _verdict(findings: Sequence[Finding], fail_on: Severity | None, *, complete:
     return (Verdict.FAIL, 1) if failing else (Verdict.PASS, 0)
 
 
-def _weakened(options: Options) -> tuple[str, ...]:
+def _weakened(options: Options, profiles: Sequence[Profile]) -> tuple[str, ...]:
     """What makes this gate laxer than the default one."""
     weakened = []
     if options.fail_on is None or not Severity.HIGH.at_least(options.fail_on):
         weakened.append(f"--fail-on {options.fail_on.value if options.fail_on else 'never'}")
     weakened += [f"--ignore {code}" for code in options.ignore]
     weakened += [f"--select {code}" for code in options.select]
-    chosen = {profile.name for profile in resolve(options.profiles)}
-    if not chosen.issuperset(DEFAULT):
+    if not {profile.name for profile in profiles}.issuperset(DEFAULT):
         weakened += [f"--profile {name}" for name in options.profiles]
     if options.expires_within < DEFAULT_NOTICE:
         weakened.append(f"--expires-within {options.expires_within.days}")

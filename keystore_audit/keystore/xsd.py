@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 from collections.abc import Iterator
 from enum import Enum
@@ -94,11 +95,9 @@ def _explained(root: etree._Element, grammar: Grammar) -> list[tuple[int | None,
     import xmlschema
 
     found: list[tuple[int | None, str]] = []
-    try:
-        for explanation in itertools.islice(_explanations(root, grammar), MAX_DEFECTS):
-            found.append(explanation)  # noqa: PERF402 - what came before a fault is kept
-    except (xmlschema.XMLSchemaException, LookupError, ValueError, TypeError, AttributeError):
-        return found  # the reader falls back on the words of lxml, which has refused the document
+    # What comes before a fault is kept; without any, the words of lxml, which has refused the document, stand.
+    with contextlib.suppress(xmlschema.XMLSchemaException, LookupError, ValueError, TypeError, AttributeError):
+        found.extend(itertools.islice(_explanations(root, grammar), MAX_DEFECTS))
     return found
 
 
