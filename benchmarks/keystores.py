@@ -82,7 +82,8 @@ def permissions(path: str) -> str:
     )
     discovery = "<topics><topic>ros_discovery_info</topic></topics>"
     return f"""<?xml version="1.0" encoding="UTF-8"?>
-<dds xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance">
+<dds xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"
+    xsi:noNamespaceSchemaLocation="http://www.omg.org/spec/DDS-SECURITY/20170901/omg_shared_ca_permissions.xsd">
   <permissions>
     <grant name="{path}">
       <subject_name>CN={path}</subject_name>

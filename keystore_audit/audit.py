@@ -14,6 +14,7 @@ from keystore_audit.engine.agreement import combine
 from keystore_audit.engine.alloy.facts import write_model
 from keystore_audit.engine.engines import run_engines
 from keystore_audit.engine.horizon import Horizon, horizon
+from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Finding, Result, Severity
 from keystore_audit.keystore.keystore import read_keystore
@@ -100,8 +101,9 @@ def audit(path: str | os.PathLike[str], options: Options, *, progress: Progress 
         progress.stage("working out what the documents mean")
     usabilities = Usabilities(options.domain)
     meaning = interpret(keystore, profiles, options.at, usabilities)
+    native = NativeEngine(meaning.systems)
     runs, answers = run_engines(
-        meaning.systems,
+        native,
         choice=options.engine,
         jar=options.alloy_jar,
         offline=options.offline,
@@ -120,7 +122,7 @@ def audit(path: str | os.PathLike[str], options: Options, *, progress: Progress 
         profiles=profiles,
     )
     judgement = judge(context, RULES, select=options.select, ignore=options.ignore)
-    safe = horizon(keystore, meaning.systems, profiles, options.at, usabilities)
+    safe = horizon(keystore, native, profiles, options.at, usabilities)
     return _report(context, judgement, safe, options)
 
 

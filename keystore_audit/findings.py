@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 
 class Severity(str, Enum):
@@ -90,9 +91,11 @@ class Result(str, Enum):
     OPEN = "open"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, order=True)
-class Outcome:
-    """The answer of rule `rule` (a code) about `subject` (an enclave, a path or a property id)."""
+class Outcome(NamedTuple):
+    """The answer of rule `rule` (a code) about `subject` (an enclave, a path or a property id).
+
+    A tuple, since there is one for every rule on every subject.
+    """
 
     rule: str
     subject: str

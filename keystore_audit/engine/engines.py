@@ -6,10 +6,10 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from keystore_audit.engine import native
 from keystore_audit.engine.agreement import EngineAnswers
 from keystore_audit.engine.alloy.install import locate
 from keystore_audit.engine.alloy.runner import decide_many
+from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import EngineError, EngineMissing, EngineOutOfScale, EngineTimeout
 from keystore_audit.model.system import System
 from keystore_audit.properties.property import Answer
@@ -20,7 +20,7 @@ CHOICES = ("auto", "both", "alloy", "native")
 
 
 def run_engines(
-    systems: Sequence[System],
+    native: NativeEngine,
     *,
     choice: str,
     jar: Path | None,
@@ -28,20 +28,23 @@ def run_engines(
     timeout: float,
     stage: Callable[[str], None] | None,
 ) -> tuple[tuple[EngineRun, ...], tuple[EngineAnswers, ...]]:
-    """How each engine fared, and the answers of those that did. `timeout` in seconds, of the solver."""
+    """How each engine fared about the systems of `native`, and the answers of those that did.
+
+    `timeout` in seconds, of the solver.
+    """
     runs: list[EngineRun] = []
     answers: list[EngineAnswers] = []
     if choice == "native":
         runs.append(_not_run("alloy", "--engine native"))
     else:
-        run, found = _alloy(systems, choice=choice, jar=jar, offline=offline, timeout=timeout, stage=stage)
+        run, found = _alloy(native.systems, choice=choice, jar=jar, offline=offline, timeout=timeout, stage=stage)
         runs.append(run)
         if found is not None:
             answers.append(EngineAnswers(engine="alloy", answers=tuple(found)))
     if choice == "alloy":
         runs.append(_not_run("native", "--engine alloy"))
     else:
-        answers.append(EngineAnswers(engine="native", answers=tuple(native.decide(s) for s in systems)))
+        answers.append(EngineAnswers(engine="native", answers=native.answers))
         runs.append(EngineRun(name="native", version=None, status=EngineStatus.OK, reason="", required=True))
     return tuple(runs), tuple(answers)
 

@@ -6,14 +6,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
-from keystore_audit.engine import native
+from keystore_audit.engine.native import NativeEngine
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.interpret import usability_by_profile
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.system import System
 from keystore_audit.model.usability import Usabilities
-from keystore_audit.properties import Status
+from keystore_audit.properties import Answer, Status
 
 MAX_MOMENTS = 64
 """Validity boundaries that are looked at.
@@ -38,26 +38,22 @@ class Horizon:
 
 def horizon(
     keystore: Keystore,
-    systems: Sequence[System],
+    native: NativeEngine,
     profiles: Sequence[Profile],
     at: datetime,
     usabilities: Usabilities,
 ) -> Horizon:
     """Looks at each validity boundary after `at` in turn, with the native engine."""
-    if not systems:
+    if not native.systems:
         return Horizon(instant=at, why="nothing could be decided")
-    usable = usability_by_profile(keystore, profiles, at, usabilities)
-    answers: list[dict[str, Status]] = []
-    for count, (moment, instant) in enumerate(_moments(keystore, systems[0], at)):
+    kinds = tuple({profile.pins_signer: profile for profile in profiles}.values())  # usability differs by nothing else
+    usable = usability_by_profile(keystore, kinds, at, usabilities)
+    for count, (moment, instant) in enumerate(_moments(keystore, native.systems[0], at)):
         if count == MAX_MOMENTS:
             return Horizon(instant=instant, why="later dates were not looked at")
-        why = _usability_change(usable, usability_by_profile(keystore, profiles, instant, usabilities))
+        why = _usability_change(usable, usability_by_profile(keystore, kinds, instant, usabilities))
         if not why:
-            answers = answers or [_statuses(system, None) for system in systems]
-            changes = (
-                _status_change(before, _statuses(system, moment))
-                for system, before in zip(systems, answers, strict=True)
-            )
+            changes = map(_status_change, native.answers, native.statuses(moment))
             why = next((change for change in changes if change), "")
         if why:
             return Horizon(instant=instant, why=why)
@@ -88,10 +84,6 @@ def _moments(keystore: Keystore, system: System, at: datetime) -> Iterator[tuple
         yield found[instant], instant
 
 
-def _statuses(system: System, moment: int | None) -> dict[str, Status]:
-    return {property_id: answer.status for property_id, answer in native.decide(system, moment).items()}
-
-
 def _usability_change(before: Mapping[tuple[str, str], Usability], after: Mapping[tuple[str, str], Usability]) -> str:
     changed = sorted({directory for (directory, profile), was in before.items() if after[directory, profile] != was})
     if not changed:
@@ -108,6 +100,6 @@ def _usability_change(before: Mapping[tuple[str, str], Usability], after: Mappin
     return f"{changed[0]}{more}: {reason}"
 
 
-def _status_change(before: Mapping[str, Status], after: Mapping[str, Status]) -> str:
-    changed = [property_id for property_id, status in before.items() if after[property_id] is not status]
+def _status_change(before: Mapping[str, Answer], after: Mapping[str, Status]) -> str:
+    changed = [property_id for property_id, answer in before.items() if after[property_id] is not answer.status]
     return f"{changed[0]}: {after[changed[0]].value}" if changed else ""

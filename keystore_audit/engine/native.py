@@ -6,11 +6,13 @@ Independent of Alloy, which decides the same questions from the same `System` wi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
+from itertools import islice
 
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.attacker import RealmView
-from keystore_audit.model.permission import Permissions, members
+from keystore_audit.model.permission import Decisions, Permissions, members
 from keystore_audit.model.system import System
 from keystore_audit.properties import (
     PROPERTIES,
@@ -32,28 +34,52 @@ A report shows one and says how many more; a thousand are more than anybody read
 
 
 class NativeEngine:
-    """Answers every property about one system."""
+    """Answers every property about each of the systems of one keystore.
 
-    def __init__(self, system: System, moment: int | None = None) -> None:
-        self._system = system
-        self._permissions = Permissions(system, moment)
-        self._realms = [RealmView(system, realm, self._permissions) for realm in range(len(system.realms))]
+    A moment is what `permission.Permissions` takes for one. What the systems have in common is worked out once.
+    """
 
-    def decide(self) -> dict[str, Answer]:
-        """The answer to each property, by id.
+    def __init__(self, systems: Sequence[System]) -> None:
+        self.systems = tuple(systems)
+        self._decisions: dict[tuple[int, int, int], Decisions] = {}
+
+    @cached_property
+    def answers(self) -> tuple[dict[str, Answer], ...]:
+        """For each system the answer to each property at the audit instant, by id.
 
         A witness is given for each violating assignment, up to MAX_WITNESSES.
         """
+        return tuple(_Questions(s, None, self._shared(s)).answers() for s in self.systems)
+
+    def statuses(self, moment: int) -> tuple[dict[str, Status], ...]:
+        """For each system the status of each property at `moment`, by id."""
+        return tuple(_Questions(s, moment, self._shared(s)).statuses() for s in self.systems)
+
+    def _shared(self, system: System) -> Decisions:
+        """Decisions for all systems that hold the same grants, rules and channels, as one keystore's mostly do."""
+        key = (id(system.grants), id(system.rules), id(system.channels))  # alive as long as `systems`
+        if key not in self._decisions:
+            self._decisions[key] = Decisions(system)
+        return self._decisions[key]
+
+
+class _Questions:
+    """The properties as questions about one system at one moment."""
+
+    def __init__(self, system: System, moment: int | None, decisions: Decisions) -> None:
+        self._system = system
+        self._permissions = Permissions(system, moment, decisions)
+        self._realms = [RealmView(system, realm, self._permissions) for realm in range(len(system.realms))]
+
+    def answers(self) -> dict[str, Answer]:
         return {prop.id: self._answer(prop) for prop in PROPERTIES}
 
+    def statuses(self) -> dict[str, Status]:
+        return {prop.id: _status(next(_QUESTIONS[prop.id](self), None)) for prop in PROPERTIES}
+
     def _answer(self, prop: Property) -> Answer:
-        witnesses: list[Witness] = []
-        for witness in _QUESTIONS[prop.id](self):
-            witnesses.append(witness)
-            if len(witnesses) == MAX_WITNESSES:
-                break
-        status = Status.VIOLATED if witnesses else Status.HOLDS
-        return Answer(property_id=prop.id, status=status, witnesses=tuple(witnesses))
+        witnesses = tuple(islice(_QUESTIONS[prop.id](self), MAX_WITNESSES))
+        return Answer(property_id=prop.id, status=_status(next(iter(witnesses), None)), witnesses=witnesses)
 
     def unauthenticated_joins(self) -> Iterator[Witness]:
         """Domains that an unauthenticated participant can join."""
@@ -191,22 +217,21 @@ def _channels(realm: int, channels: int, enclave: int | None = None) -> Iterator
         yield witness if enclave is None else {**witness, Role.ENCLAVE: enclave}
 
 
-_QUESTIONS: Mapping[str, Callable[[NativeEngine], Iterator[Witness]]] = {
-    authentication.ONLY_AUTHENTICATED_JOIN.id: NativeEngine.unauthenticated_joins,
-    authentication.IDENTITIES_CHAIN.id: NativeEngine.unvouched_identities,
-    authentication.DOCUMENTS_SIGNED.id: NativeEngine.unsigned_documents,
-    authentication.NO_SHARED_IDENTITY.id: NativeEngine.shared_identities,
-    authentication.NO_SELF_GRANTED_RIGHTS.id: NativeEngine.self_granted_rights,
-    encryption.OUTSIDERS_CANNOT_READ.id: NativeEngine.readable_outside,
-    encryption.OUTSIDERS_CANNOT_LEARN_NAMES.id: NativeEngine.names_outside,
-    encryption.OUTSIDERS_CANNOT_INJECT.id: NativeEngine.injectable_outside,
-    access_control.GRANTS_ARE_ENFORCED.id: NativeEngine.unenforced_grants,
-    access_control.NOBODY_WRITES_WITHOUT_A_GRANT.id: NativeEngine.ungranted_writes,
-    access_control.NOBODY_READS_WITHOUT_A_GRANT.id: NativeEngine.ungranted_reads,
-    access_control.READERS_CANNOT_FORGE.id: NativeEngine.forging_readers,
+_QUESTIONS: Mapping[str, Callable[[_Questions], Iterator[Witness]]] = {
+    authentication.ONLY_AUTHENTICATED_JOIN.id: _Questions.unauthenticated_joins,
+    authentication.IDENTITIES_CHAIN.id: _Questions.unvouched_identities,
+    authentication.DOCUMENTS_SIGNED.id: _Questions.unsigned_documents,
+    authentication.NO_SHARED_IDENTITY.id: _Questions.shared_identities,
+    authentication.NO_SELF_GRANTED_RIGHTS.id: _Questions.self_granted_rights,
+    encryption.OUTSIDERS_CANNOT_READ.id: _Questions.readable_outside,
+    encryption.OUTSIDERS_CANNOT_LEARN_NAMES.id: _Questions.names_outside,
+    encryption.OUTSIDERS_CANNOT_INJECT.id: _Questions.injectable_outside,
+    access_control.GRANTS_ARE_ENFORCED.id: _Questions.unenforced_grants,
+    access_control.NOBODY_WRITES_WITHOUT_A_GRANT.id: _Questions.ungranted_writes,
+    access_control.NOBODY_READS_WITHOUT_A_GRANT.id: _Questions.ungranted_reads,
+    access_control.READERS_CANNOT_FORGE.id: _Questions.forging_readers,
 }
 
 
-def decide(system: System, moment: int | None = None) -> dict[str, Answer]:
-    """The answer to each property about `system`, by property id, at `moment` (see `permission.Permissions`)."""
-    return NativeEngine(system, moment).decide()
+def _status(witness: Witness | None) -> Status:
+    return Status.HOLDS if witness is None else Status.VIOLATED

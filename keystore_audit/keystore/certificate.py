@@ -98,9 +98,12 @@ class Certificate:
     parsed: x509.Certificate = field(repr=False, compare=False)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CertificateFile:
-    """A file of certificates in file order, with revocation lists that stand in it (Fast DDS reads both)."""
+    """A file of certificates in file order, with revocation lists that stand in it (Fast DDS reads both).
+
+    Compared by identity, as all files: one that several enclaves share is read once.
+    """
 
     file: File
     certificates: tuple[Certificate, ...]

@@ -50,7 +50,7 @@ class RevocationList:
     parsed: x509.CertificateRevocationList = field(repr=False, compare=False)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CrlFile:
     """`crl.pem` of an enclave."""
 

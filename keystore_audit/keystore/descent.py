@@ -63,6 +63,7 @@ class Descent:
         self._directories: OrderedDict[Place, int] = OrderedDict()
         self._looked_at: dict[Place, os.stat_result] = {}
         self._targets: dict[Place, bytes] = {}
+        self._followed: dict[tuple[Place, bytes], tuple[Place, os.stat_result]] = {}
         self._steps_left = MAX_STEPS
 
     def close(self) -> None:
@@ -102,9 +103,17 @@ class Descent:
         exact on names there too, and a way that leaves the root and comes back needs no look outside.
         Raises Refusal where it ends nowhere, outside or never.
         """
+        # In a keystore they all lead up and to the same few files: a way is walked once from where it turns down.
+        base, rest = directory, target
+        while base and rest.startswith(b"../") and rest[3:4] not in (b"", b"/"):
+            base, rest = base[:-1], rest[3:]
+        known = self._followed.get((base, rest))
+        if known is not None:
+            return known
         try:
-            end, found = self._walk(directory, target)
-            return end, found if found is not None else self._look(end)
+            end, found = self._walk(base, rest)
+            known = self._followed[base, rest] = (end, found if found is not None else self._look(end))
+            return known
         except (OSError, ValueError) as error:
             shown = percent_path(target)
             missing = (Status.DANGLING, f"links to {shown}, which does not exist")

@@ -10,7 +10,7 @@ from lxml import etree
 
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.smime import SignedDocument
-from keystore_audit.keystore.xml import MAX_DEFECTS, read_xml, source_line
+from keystore_audit.keystore.xml import MAX_DEFECTS, read_xml
 from keystore_audit.keystore.xsd import Grammar, validate
 
 MAX_DOMAIN: Final = 232
@@ -33,6 +33,7 @@ class Document:
 
     def __init__(self, signed: SignedDocument, grammar: Grammar) -> None:
         self.signed = signed
+        self._line_before = None if signed.first_line is None else signed.first_line - 1
         root, defects = read_xml(signed)
         self._defects = list(defects)
         self._invalid = 0
@@ -55,7 +56,8 @@ class Document:
 
     def line(self, element: etree._Element) -> int | None:
         """The line of the file at which the element stands."""
-        return self.signed.line(source_line(element))
+        line: object = element.sourceline
+        return line + self._line_before if isinstance(line, int) and self._line_before is not None else None
 
     def invalid(self, element: etree._Element, detail: str, kind: Kind = Kind.VALUE_INVALID) -> None:
         """Note that the value of `element` is not one that DDS-Security gives a meaning to."""
@@ -100,9 +102,9 @@ class Document:
         return number
 
 
-def elements(parent: etree._Element) -> Iterator[etree._Element]:
+def elements(parent: etree._Element) -> list[etree._Element]:
     """The child elements, comments left out."""
-    return parent.iterchildren(etree.Element)
+    return [child for child in parent if type(child) is etree._Element]
 
 
 def joined(element: etree._Element) -> str:

@@ -22,7 +22,12 @@ class Status(str, Enum):
     @property
     def unknown(self) -> bool:
         """Whether a robot might read something here that we did not."""
-        return self in (Status.OUTSIDE, Status.SPECIAL, Status.TOO_LARGE, Status.UNREADABLE)
+        return self is not Status.PRESENT and self in (
+            Status.OUTSIDE,
+            Status.SPECIAL,
+            Status.TOO_LARGE,
+            Status.UNREADABLE,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,6 +53,19 @@ class File:
     def place(self) -> str:
         """The path to print: the resolved one where there is one."""
         return self.resolved if self.resolved is not None else self.path
+
+    def holding(self, content: bytes | None) -> File:
+        """The same file with other content, or none: what `dataclasses.replace` does, at a fourth of its cost."""
+        return File(
+            path=self.path,
+            resolved=self.resolved,
+            status=self.status,
+            detail=self.detail,
+            content=content,
+            sha256=self.sha256,
+            mode=self.mode,
+            link=self.link,
+        )
 
 
 class EntryKind(str, Enum):

@@ -22,9 +22,9 @@ from keystore_audit.keystore.root import Root
 from keystore_audit.keystore.smime import Candidates
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Enclave:
-    """One enclave: each reading is None where its file is not PRESENT (see `files.files`)."""
+    """One enclave, compared by identity: each reading is None where its file is not PRESENT (see `files.files`)."""
 
     files: EnclaveFiles
     identity_ca: CertificateFile | None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 from cryptography.exceptions import UnsupportedAlgorithm
@@ -44,7 +44,7 @@ def read_private_key(file: File) -> PrivateKey:
 
     The words of a defect are ours alone: what the library says of a key is not repeated.
     """
-    sealed = replace(file, content=None)
+    sealed = file.holding(None)
     if file.content is None:
         return _unread(sealed, Kind.KEY_UNREADABLE, None, f"expected a file with a key, found {file.detail}")
     block = _first_key(file.content)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import stat
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Final
 from urllib.parse import unquote_to_bytes
@@ -116,7 +116,7 @@ class Root:
         found = self._sealed.get(key)
         if found is None:
             read = self._files.get(key) or self._file(key, keep=False, needed=False)
-            found = self._sealed[key] = replace(read, content=None)
+            found = self._sealed[key] = read.holding(None)
         return found
 
     def secret(self, relative: bytes | str) -> File:
@@ -125,7 +125,7 @@ class Root:
         file = self._file(key, keep=False)
         if file.content is not None:
             self._secrets[file.place] = file.content
-        found = self._sealed[key] = replace(file, content=None)
+        found = self._sealed[key] = file.holding(None)
         return found
 
     def unsealed(self, file: File) -> File:
@@ -133,7 +133,7 @@ class Root:
         content = self._secrets.pop(file.place, None)
         if content is None:
             return self._file(unquote_to_bytes(file.path), keep=False)
-        return replace(file, content=content)
+        return file.holding(content)
 
     def fingerprint(self, relative: bytes) -> str:
         """Return the SHA-256 of the file at `relative` in hexadecimal, its status where it was not read."""
@@ -228,7 +228,10 @@ class Root:
         reading = self._known(inode, needed=needed)
         if reading is None:
             reading = self._content(descriptor, found)
-            self._readings[inode] = reading if keep else replace(reading, content=None)
+            kept = reading.content if keep else None
+            self._readings[inode] = _Reading(
+                status=reading.status, detail=reading.detail, content=kept, sha256=reading.sha256, mode=reading.mode
+            )
         return reading
 
     def _content(self, descriptor: int, found: os.stat_result) -> _Reading:

@@ -36,7 +36,7 @@ _SCHEMA_INSTANCE: Final = "http://www.w3.org/2001/XMLSchema-instance"
 _STOCK_START: Final = re.compile(
     rb'(?:<\?xml version="1\.0"(?: encoding="[Uu][Tt][Ff]-8")?\?>\s*)?'
     rb'<dds(?:\s+xmlns:xsi="http://www\.w3\.org/2001/XMLSchema-instance"'
-    rb'\s+xsi:noNamespaceSchemaLocation="[^"<&]*")?\s*>'
+    rb'(?:\s+xsi:noNamespaceSchemaLocation="[^"<&]*")?)?\s*>'
 )
 _LOCATION: Final = f"{{{_SCHEMA_INSTANCE}}}noNamespaceSchemaLocation"
 
@@ -205,9 +205,9 @@ class _Reading:
     def values(self, root: etree._Element) -> None:
         """Look at the values of a text in which there is nothing but elements."""
         for element in root.iter():
-            text = element.text if len(element) == 0 else None
-            if isinstance(text, str) and (text.strip(_BLANKS) != text or not text.isprintable()):
-                self._value(element, text)
+            text = element.text
+            if text is not None and (text.strip(_BLANKS) != text or not text.isprintable()) and len(element) == 0:
+                self._value(element, str(text))
 
     def nodes(self, root: etree._Element) -> None:
         """Look at every node, until there are defects enough."""

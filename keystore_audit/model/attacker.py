@@ -41,6 +41,7 @@ class RealmView:
         self.open = governance is not None and system.documents[governance].opaque
         self._any_opaque = any(document.opaque for document in system.documents)
         self._rights: dict[tuple[int, Operation, bool], int] = {}
+        self._self_granting: dict[int, bool] = {}
         self._abilities: dict[int, Abilities] = {}
 
     def vouched(self, pool: frozenset[int], certificate: int, *, in_force: bool) -> bool:
@@ -113,6 +114,12 @@ class RealmView:
 
     def self_granting(self, enclave: int) -> bool:
         """Whether the enclave can sign itself permissions that peers take: with the CA's key, or one it vouches for."""
+        known = self._self_granting.get(enclave)
+        if known is None:
+            known = self._self_granting[enclave] = self._signs_for_itself(enclave)
+        return known
+
+    def _signs_for_itself(self, enclave: int) -> bool:
         atom = self._system.enclaves[enclave]
         if not self.authenticated(enclave):
             return False
@@ -120,10 +127,13 @@ class RealmView:
             return True
         if atom.identity is None:
             return False
-        keys = {self._system.certificates[authority].key for authority in self._realm.permissions_ca}
-        return self._system.certificates[atom.identity].key in keys or (
+        return self._system.certificates[atom.identity].key in self._authority_keys or (
             not self._system.pins_signer and self._fit_leaf(atom.identity)
         )
+
+    @cached_property
+    def _authority_keys(self) -> frozenset[int]:
+        return frozenset(self._system.certificates[authority].key for authority in self._realm.permissions_ca)
 
     @cached_property
     def protection(self) -> Protection:

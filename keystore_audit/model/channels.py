@@ -162,15 +162,12 @@ def _column(
     signature: tuple[int, ...], cells: list[tuple[int, int]], topics: _Classes, partitions: _Classes
 ) -> _Column:
     """The column of these cells, with the witness that a person reads most easily."""
-    partition, topic = min(
-        cells,
-        key=lambda cell: (
-            cell[0] != 0,
-            not topics.classes[cell[1]].ros,
-            topics.classes[cell[1]].infinite,
-            cell,
-        ),
-    )
+    partition, topic = cells[0]
+    if len(cells) > 1:
+        partition, topic = min(
+            cells,
+            key=lambda cell: (cell[0] != 0, not topics.classes[cell[1]].ros, topics.classes[cell[1]].infinite, cell),
+        )
     return _Column(
         hits=signature,
         topic=topics.classes[topic],

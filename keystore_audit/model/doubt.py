@@ -5,6 +5,7 @@ and must).
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import CertificateFile, Issue
@@ -31,8 +32,13 @@ def keystore_doubts(keystore: Keystore, *, pins_signer: bool) -> Iterator[Doubt]
                 yield doubt
 
 
-def enclave_doubts(enclave: Enclave, *, pins_signer: bool) -> Iterator[Doubt]:
+@lru_cache(maxsize=32_768)  # asked for usability and for the report, under both kinds of implementation
+def enclave_doubts(enclave: Enclave, *, pins_signer: bool) -> tuple[Doubt, ...]:
     """Everything about the enclave that could not be read and that an implementation might act on."""
+    return tuple(_enclave_doubts(enclave, pins_signer=pins_signer))
+
+
+def _enclave_doubts(enclave: Enclave, *, pins_signer: bool) -> Iterator[Doubt]:
     for doubt in (identity_doubt(enclave), realm_doubt(enclave), _key_doubt(enclave)):
         if doubt is not None:
             yield doubt
@@ -128,7 +134,7 @@ def _file_doubt(
         return _doubt(enclave, enclave.files.pkcs11[role].path, _PKCS11)
     if file.status.unknown:
         return _doubt(enclave, file.path, f"{role.value} could not be read: {file.detail}")
-    if read is None:
+    if read is None or not read.defects:
         return None
     unreadable = next((defect for defect in read.defects if defect.kind.opaque), None)
     if unreadable is None or (only_without_certificate and read.certificates):

@@ -15,10 +15,16 @@ from keystore_audit.model.system import RuleAtom, System
 
 def bits(numbers: Iterable[int]) -> int:
     """The set of these numbers."""
-    value = 0
-    for number in numbers:
-        value |= 1 << number
-    return value
+    found = list(numbers)
+    if len(found) < 16:
+        value = 0
+        for number in found:
+            value |= 1 << number
+        return value
+    array = bytearray(max(found) // 8 + 1)  # a long integer is a new one after each bit
+    for number in found:
+        array[number >> 3] |= 1 << (number & 7)
+    return int.from_bytes(array, "little")
 
 
 def members(value: int) -> Iterable[int]:
@@ -29,16 +35,11 @@ def members(value: int) -> Iterable[int]:
         value ^= low
 
 
-class Permissions:
-    """The decisions of every grant of a system.
+class Decisions:
+    """What each grant of a system allows whenever it is in force; the same for all systems with these grants and rules."""
 
-    `moment` is twice the index of an instant, plus one for the time between it and the next; None: the audit
-    instant.
-    """
-
-    def __init__(self, system: System, moment: int | None = None) -> None:
+    def __init__(self, system: System) -> None:
         self._system = system
-        self._moment = 2 * system.now if moment is None else moment
         self._allowed: dict[tuple[int, Operation], int] = {}
         self.all_channels = (1 << len(system.channels)) - 1
         self.all_domains = (1 << len(system.domains)) - 1
@@ -47,10 +48,7 @@ class Permissions:
             channels_of[channel.domain].append(number)
         self.channels_in = [bits(channels) for channels in channels_of]
         """By domain class: its channels."""
-
-    def in_force(self, not_before: int, not_after: int) -> bool:
-        """Whether the moment lies between these instants, both included."""
-        return 2 * not_before <= self._moment <= 2 * not_after
+        self._within: dict[frozenset[int], int] = {}
 
     @cached_property
     def _rules(self) -> list[list[RuleAtom]]:
@@ -59,6 +57,68 @@ class Permissions:
         for rule in self._system.rules:
             rules[rule.grant].append(rule)
         return rules
+
+    def allowed(self, grant: int, operation: Operation) -> int:
+        """Channels on which the first matching rule allows, or none matches and the default does."""
+        known = self._allowed.get((grant, operation))
+        if known is not None:
+            return known
+        allowed, decided = 0, 0
+        for rule in self._rules[grant]:
+            applies = self._matches(rule, operation)
+            if applies:
+                if rule.allow:
+                    allowed |= applies & ~decided if decided else applies
+                decided |= applies
+        if self._system.grants[grant].default_allow:
+            allowed |= self.all_channels & ~decided
+        self._allowed[grant, operation] = allowed
+        return allowed
+
+    def _matches(self, rule: RuleAtom, operation: Operation) -> int:
+        """Channels whose domain, topic and partition the rule matches."""
+        if operation is Operation.PUBLISH:
+            named = rule.publish
+        else:
+            named = rule.subscribe if operation is Operation.SUBSCRIBE else rule.relay
+        if not named:
+            return 0
+        within = self._within.get(rule.domains)
+        if within is None:
+            within = 0
+            for domain in rule.domains:
+                within |= self.channels_in[domain]
+            self._within[rule.domains] = within
+        return bits(named) & within
+
+    def joins(self, grant: int) -> int:
+        """Domains that the grant lets its holder join."""
+        if self._system.grants[grant].default_allow:
+            return self.all_domains
+        joined = 0
+        for rule in self._rules[grant]:
+            if rule.allow:
+                joined |= bits(rule.domains)
+        return joined
+
+
+class Permissions:
+    """The decisions of every grant of a system at one moment.
+
+    `moment` is twice the index of an instant, plus one for the time between it and the next; None: the audit
+    instant. `decisions`: those of the system, where they are known already.
+    """
+
+    def __init__(self, system: System, moment: int | None = None, decisions: Decisions | None = None) -> None:
+        self._system = system
+        self._moment = 2 * system.now if moment is None else moment
+        known = Decisions(system) if decisions is None else decisions
+        self.allowed, self.joins = known.allowed, known.joins
+        self.all_channels, self.all_domains, self.channels_in = known.all_channels, known.all_domains, known.channels_in
+
+    def in_force(self, not_before: int, not_after: int) -> bool:
+        """Whether the moment lies between these instants, both included."""
+        return 2 * not_before <= self._moment <= 2 * not_after
 
     @cached_property
     def _chosen(self) -> dict[int, list[tuple[int, int]]]:
@@ -82,43 +142,3 @@ class Permissions:
         if certificate is None:
             return []
         return [grant for document, grant in self._chosen.get(certificate, ()) if document in documents]
-
-    def allowed(self, grant: int, operation: Operation) -> int:
-        """Channels on which the first matching rule allows, or none matches and the default does."""
-        known = self._allowed.get((grant, operation))
-        if known is not None:
-            return known
-        allowed, undecided = 0, self.all_channels
-        for rule in self._rules[grant]:
-            applies = self._matches(rule, operation) & undecided
-            if rule.allow:
-                allowed |= applies
-            undecided &= ~applies
-        if self._system.grants[grant].default_allow:
-            allowed |= undecided
-        self._allowed[grant, operation] = allowed
-        return allowed
-
-    def _matches(self, rule: RuleAtom, operation: Operation) -> int:
-        """Channels whose domain, topic and partition the rule matches."""
-        named = {
-            Operation.PUBLISH: rule.publish,
-            Operation.SUBSCRIBE: rule.subscribe,
-            Operation.RELAY: rule.relay,
-        }[operation]
-        if not named:
-            return 0
-        within = 0
-        for domain in rule.domains:
-            within |= self.channels_in[domain]
-        return bits(named) & within
-
-    def joins(self, grant: int) -> int:
-        """Domains that the grant lets its holder join."""
-        if self._system.grants[grant].default_allow:
-            return self.all_domains
-        joined = 0
-        for rule in self._rules[grant]:
-            if rule.allow:
-                joined |= bits(rule.domains)
-        return joined

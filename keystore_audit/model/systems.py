@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import datetime
+from functools import cached_property
 
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
-from keystore_audit.keystore.certificate import fit_to_sign
-from keystore_audit.keystore.governance import TopicRule
+from keystore_audit.keystore.certificate import CertificateFile, fit_to_sign
+from keystore_audit.keystore.crl import CrlFile
+from keystore_audit.keystore.governance import GovernanceFile, TopicRule
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.channels import Channels, RuleMatches, build_channels, covers_of, domain_classes
 from keystore_audit.model.domains import Interval, contains, covered
@@ -54,6 +56,8 @@ class SystemBuilder:
         self._rule_matches: dict[int, RuleMatches] = {}
         self._channels = self._classes()
         self._issuers = self._issue()
+        self._typed: dict[tuple[str, ...], _Typed] = {}
+        self._doubts = [(identity_doubt(enclave) is not None, realm_doubt(enclave)) for enclave in keystore.enclaves]
         self._keys = {key: n for n, key in enumerate(dict.fromkeys(c.key for c in self._certificates))}
         self._envelopes = {
             document.place: envelope(document.file.signed) for document in self._documents if document.file
@@ -112,12 +116,16 @@ class SystemBuilder:
         number = {document.place: n for n, document in enumerate(documents)}
         atoms = [self._document_atom(document, opaque=document.place in opaque) for document in documents]
         realms: dict[RealmAtom, int] = {}
+        trusts: dict[_Trust, RealmAtom] = {}
         enclaves: list[EnclaveAtom] = []
-        for enclave in self._keystore.enclaves:
-            unknown = identity_doubt(enclave) is not None
+        for enclave, (unknown, doubt) in zip(self._keystore.enclaves, self._doubts, strict=True):
             if unknown and not may:
                 continue
-            realm = self._realm(enclave, number, atoms, may=may)
+            if doubt is not None:
+                realm = _open_realm(atoms, doubt.location.path) if may else _CLOSED
+            else:
+                trust = _trust(enclave)
+                realm = trusts.get(trust) or trusts.setdefault(trust, self._realm(enclave, number))
             enclaves.append(
                 EnclaveAtom(
                     label=enclave.path,
@@ -141,15 +149,14 @@ class SystemBuilder:
                         opaque=True,
                     )
                 )
-        domain_rules, topic_rules = self._governance_atoms(documents)
-        grants, rules = self._permission_atoms(documents)
+        domain_rules, topic_rules, grants, rules = self._typed_atoms(documents)
         return System(
             profiles=profiles,
             pins_signer=pins_signer,
             reading=reading,
             instants=self._instants,
             now=self._instants.index(self._at),
-            certificates=self._certificate_atoms(),
+            certificates=self._certificate_atoms,
             documents=tuple(atoms),
             realms=tuple(realms),
             enclaves=tuple(enclaves),
@@ -187,11 +194,8 @@ class SystemBuilder:
             opaque=opaque,
         )
 
-    def _realm(self, enclave: Enclave, number: dict[str, int], atoms: list[DocumentAtom], *, may: bool) -> RealmAtom:
+    def _realm(self, enclave: Enclave, number: dict[str, int]) -> RealmAtom:
         """What the enclave's verdict on peers depends on."""
-        doubt = realm_doubt(enclave)
-        if doubt is not None:
-            return _open_realm(atoms, doubt.location.path) if may else _CLOSED
         place = enclave.governance.signed.file.place if enclave.governance else None
         identity_ca = enclave.identity_ca.certificates if enclave.identity_ca else ()
         permissions_ca = enclave.permissions_ca.certificates if enclave.permissions_ca else ()
@@ -211,6 +215,7 @@ class SystemBuilder:
         first = enclave.certificate.first if enclave.certificate else None
         return None if first is None else self._number[first.sha256]
 
+    @cached_property
     def _certificate_atoms(self) -> tuple[CertificateAtom, ...]:
         index = {instant: n for n, instant in enumerate(self._instants)}
         return tuple(
@@ -226,6 +231,13 @@ class SystemBuilder:
             )
             for n, certificate in enumerate(self._certificates)
         )
+
+    def _typed_atoms(self, documents: Sequence[Document]) -> _Typed:
+        """What the documents say, the same objects for every kind of implementation that reads the same ones."""
+        places = tuple(document.place for document in documents)
+        if places not in self._typed:
+            self._typed[places] = (*self._governance_atoms(documents), *self._permission_atoms(documents))
+        return self._typed[places]
 
     def _governance_atoms(
         self, documents: Sequence[Document]
@@ -301,6 +313,15 @@ class SystemBuilder:
         return frozenset(
             n for n, domain in enumerate(self._channels.domains) if contains(cover, domain.intervals[0][0])
         )
+
+
+_Typed = tuple[tuple[DomainRuleAtom, ...], tuple[TopicRuleAtom, ...], tuple[GrantAtom, ...], tuple[RuleAtom, ...]]
+_Trust = tuple[CertificateFile | None, CertificateFile | None, GovernanceFile | None, CrlFile | None]
+
+
+def _trust(enclave: Enclave) -> _Trust:
+    """What the realm of an enclave is made of: files, each one object however many enclaves share it."""
+    return enclave.identity_ca, enclave.permissions_ca, enclave.governance, enclave.crl
 
 
 _CLOSED = RealmAtom(identity_ca=frozenset(), permissions_ca=frozenset(), governance=None, revoked=frozenset())

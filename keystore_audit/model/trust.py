@@ -80,6 +80,7 @@ def may_sign(signer: Certificate, permissions_ca: CertificateFile, *, pins_signe
     )
 
 
+@lru_cache(maxsize=32_768)
 def document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | None, *, pins_signer: bool) -> Verdict:
     """What an enclave with this permissions CA file does with the document's signatures."""
     judged = envelope(signed)

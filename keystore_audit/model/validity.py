@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from datetime import datetime, timedelta, timezone
+from functools import lru_cache
 
 _DATE_TIME = re.compile(
     r"(?P<year>[0-9]{4})-(?P<month>[0-9][0-9])-(?P<day>[0-9][0-9])"
@@ -12,6 +13,7 @@ _DATE_TIME = re.compile(
 )
 
 
+@lru_cache(maxsize=4096)  # the dates of one keystore are mostly the same two
 def parse_instant(text: str) -> datetime | None:
     """The instant that `text` names, aware UTC.
 

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime, timezone
 from typing import Any, Final
 
-from keystore_audit.findings import Finding, Location, Severity, Suppression
+from keystore_audit.findings import Finding, Location, Outcome, Result, Severity, Suppression
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.result import EngineRun, ProfileResult, PropertyResult
 from keystore_audit.report.content import EnclaveEntry, Report
@@ -26,7 +26,7 @@ TOOL: Final = "keystore-audit"
 
 def render(report: Report) -> str:
     """Return the report of one keystore, ending in a newline."""
-    return _dump(_report(report))
+    return _dump(_report(report), {"outcomes": _encoded(report.outcomes)})
 
 
 def render_several(reports: Sequence[Report]) -> str:
@@ -38,8 +38,9 @@ def render_several(reports: Sequence[Report]) -> str:
     for report in reports:
         for severity, count in report.summary.items():
             summary[severity] += count
-    document = {"schema_version": SCHEMA_VERSION, "reports": [_report(report) for report in reports]}
-    return _dump({**document, "summary": _counts(summary)})
+    described = [{**_report(report), "outcomes": _outcomes(report.outcomes)} for report in reports]
+    document = {"schema_version": SCHEMA_VERSION, "reports": described, "summary": _counts(summary)}
+    return _dump(document, {})
 
 
 def instant(moment: datetime) -> str:
@@ -48,16 +49,23 @@ def instant(moment: datetime) -> str:
     return utc.isoformat(timespec="seconds") + "Z"
 
 
-def _dump(document: Mapping[str, Any]) -> str:
-    """A line for each key and for each item of a list: fit to read and to diff, ten times faster than indenting."""
+def _dump(document: Mapping[str, Any], encoded: Mapping[str, Sequence[str]]) -> str:
+    """A line for each key and for each item of a list: fit to read and to diff, ten times faster than indenting.
+
+    `encoded`: the last keys, lists whose items are JSON already.
+    """
     lines = []
     for key, value in document.items():
         if isinstance(value, list) and value:
-            items = ",\n".join(f"    {_value(item)}" for item in value)
-            lines.append(f"  {_value(key)}: [\n{items}\n  ]")
+            lines.append(_lines(key, [_value(item) for item in value]))
         else:
             lines.append(f"  {_value(key)}: {_value(value)}")
+    lines += [_lines(key, items) if items else f"  {_value(key)}: []" for key, items in encoded.items()]
     return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def _lines(key: str, items: Sequence[str]) -> str:
+    return f"  {_value(key)}: [\n    " + ",\n    ".join(items) + "\n  ]"
 
 
 def _value(value: Any) -> str:
@@ -87,11 +95,24 @@ def _report(report: Report) -> dict[str, Any]:
         "properties": [_property(result) for result in report.properties],
         "findings": [_finding(finding) for finding in report.findings],
         "summary": _counts(report.summary),
-        "outcomes": [
-            {"rule": outcome.rule, "subject": outcome.subject, "outcome": outcome.outcome.value}
-            for outcome in report.outcomes
-        ],
     }
+
+
+def _outcomes(outcomes: Iterable[Outcome]) -> list[dict[str, str]]:
+    return [{"rule": rule, "subject": subject, "outcome": outcome.value} for rule, subject, outcome in outcomes]
+
+
+def _encoded(outcomes: Iterable[Outcome]) -> list[str]:
+    """What `_outcomes` says, item by item: a thousand enclaves have 60,000, of few rules and subjects."""
+    ends = {outcome: f', "outcome": {_value(outcome.value)}}}' for outcome in Result}
+    starts: dict[str, str] = {}
+    subjects: dict[str, str] = {}
+    items = []
+    for rule, subject, outcome in outcomes:
+        start = starts.get(rule) or starts.setdefault(rule, f'{{"rule": {_value(rule)}, "subject": ')
+        name = subjects.get(subject) or subjects.setdefault(subject, _value(subject))
+        items.append(start + name + ends[outcome])
+    return items
 
 
 def _counts(summary: Mapping[Severity, int]) -> dict[str, int]:

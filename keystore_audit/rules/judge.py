@@ -105,14 +105,13 @@ class _Run:
             for rule in by_kind[kind]:
                 # A rule of KA7 is about the property of its name; others, of any family, about all of their kind.
                 if kind is not PropertyResult or rule.family != "KA7" or rule.name == name:
-                    outcome = self._put(rule, name, subject)
-                    self.outcomes.append(Outcome(rule=rule.code, subject=name, outcome=outcome))
+                    self.outcomes.append(Outcome(rule.code, name, self._put(rule, name, subject)))
 
     def _put(self, rule: Rule[Any], name: str, subject: object) -> Result:
         try:
-            if not rule.applies(subject, self._context):
+            if rule.applies is not None and not rule.applies(subject, self._context):
                 return Result.NOT_APPLICABLE
-            violations = list(rule.check(subject, self._context))
+            violations = [*rule.check(subject, self._context)]
         except Exception as error:  # noqa: BLE001 - whatever a rule raises, the others still speak, and it is no pass
             self._crashes.append(Crash(rule=rule.code, subject=name, exception=type(error).__name__))
             return Result.OPEN

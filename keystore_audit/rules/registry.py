@@ -47,7 +47,8 @@ class Rule(Generic[S]):
     remedy: str
     explains: frozenset[str]
     check: Callable[[S, Context], Iterator[Violation]] = field(repr=False)
-    applies: Callable[[S, Context], bool] = field(repr=False)
+    applies: Callable[[S, Context], bool] | None = field(repr=False)
+    """Whether the subject has what the rule is about; None: it always has."""
 
     @property
     def description(self) -> str:
@@ -66,10 +67,6 @@ class Rule(Generic[S]):
 _CODES: set[str] = set()
 
 
-def _always(_subject: Any, _context: Context) -> bool:
-    return True
-
-
 def rule(
     code: str,
     name: str,
@@ -79,7 +76,7 @@ def rule(
     clause: str,
     remedy: str,
     explains: tuple[str, ...] = (),
-    applies: Callable[[S, Context], bool] = _always,
+    applies: Callable[[S, Context], bool] | None = None,
 ) -> Callable[[Callable[[S, Context], Iterator[Violation]]], Rule[S]]:
     """Registers a rule; mypy rejects a function for another subject than `on`.
 
