@@ -12,7 +12,6 @@ from typing import Final, TypeVar
 
 from cryptography import x509
 from cryptography.exceptions import UnsupportedAlgorithm
-from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.utils import CryptographyDeprecationWarning
 from cryptography.x509.oid import PublicKeyAlgorithmOID
 
@@ -62,9 +61,9 @@ _KEY_USAGES: Final = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Certificate:
-    """One certificate of a PEM file (RFC 7468), found at `line` of `path`.
+    """One certificate of a PEM file (RFC 7468), found at `line` of `path`; `sha256` says whether two are the same.
 
     `subject` and `issuer` are RFC 4514 strings as untrusted text, `issuer_der`/`subject_der` the DER names
     that a CMS signer identifier is compared with. `key` identifies the public key: SHA-256 of its
@@ -95,7 +94,9 @@ class Certificate:
     """Dotted object identifiers, None where the extension is absent."""
     unknown_critical: tuple[str, ...]
     """Object identifiers of critical extensions that X.509 verifiers do not process (RFC 5280 4.2)."""
-    parsed: x509.Certificate = field(repr=False, compare=False)
+    algorithms_agree: bool
+    """Whether both statements of the signature algorithm are the same bytes (RFC 5280, 4.1.1.2)."""
+    parsed: x509.Certificate = field(repr=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -165,15 +166,15 @@ def read_certificates(file: File) -> CertificateFile:
     )
 
 
+@lru_cache(maxsize=65_536)  # a robot fleet's enclaves, each asked about by usability, trust, doubt and rules
 def issued_by(certificate: Certificate, issuer: Certificate) -> Issue:
-    """Whether `issuer` issued `certificate`: names, key identifiers and the signature, weak digests included.
-
-    Checked once for each pair of contents.
-    """
+    """Whether `issuer` issued `certificate`: names, key identifiers and the signature, weak digests included."""
     if certificate.issuer_der != issuer.subject_der and (
         not same_name(certificate.parsed.issuer, issuer.parsed.subject)
     ):
         return Issue.NAME_DIFFERS
+    if not certificate.algorithms_agree:  # X509_verify compares both statements of the algorithm first
+        return Issue.SIGNATURE_INVALID
     return _signed_by(certificate.parsed, issuer.parsed)
 
 
@@ -265,6 +266,7 @@ def _evidence(parsed: x509.Certificate, der: bytes, line: int, path: str) -> Cer
         key_usage=usage,
         extended_key_usage=extended,
         unknown_critical=tuple(critical),
+        algorithms_agree=signed[1] == parts(der, 2)[1],
         parsed=parsed,
     )
 
@@ -303,12 +305,9 @@ def _netscape_type(parsed: x509.Certificate) -> int | None:
     return None
 
 
-@lru_cache(maxsize=4096)
 def _signed_by(certificate: x509.Certificate, issuer: x509.Certificate) -> Issue:
     verified: bool | None = None
     try:
-        if _signed_parts(certificate)[1] != parts(certificate.public_bytes(Encoding.DER), 2)[1]:
-            return Issue.SIGNATURE_INVALID  # X509_verify compares both statements of the algorithm first
         if issuer.public_key_algorithm_oid != PublicKeyAlgorithmOID.RSASSA_PSS:  # such a key restricts what it signs
             verified = public_key.verifies(
                 issuer.public_key(),

@@ -112,12 +112,13 @@ class Descent:
             return known
         try:
             end, found = self._walk(base, rest)
-            known = self._followed[base, rest] = (end, found if found is not None else self._look(end))
-            return known
+            known = end, found if found is not None else self._look(end)
         except (OSError, ValueError) as error:
             shown = percent_path(target)
             missing = (Status.DANGLING, f"links to {shown}, which does not exist")
             raise refusal(error, f"links to {shown}, which cannot be read", missing=missing) from None
+        self._followed[base, rest] = known
+        return known
 
     def _walk(self, directory: Place, target: bytes) -> tuple[Place, os.stat_result | None]:
         depth = len(self._real)

@@ -36,7 +36,7 @@ def members(value: int) -> Iterable[int]:
 
 
 class Decisions:
-    """What each grant of a system allows whenever it is in force; the same for all systems with these grants and rules."""
+    """What each grant of a system allows whenever it is in force: the same for all systems with the same grants."""
 
     def __init__(self, system: System) -> None:
         self._system = system

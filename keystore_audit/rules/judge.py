@@ -53,7 +53,7 @@ def judge(
     """
     chosen = [rule for rule in rules if _chosen(rule, select, ignore)]
     run = _Run(context)
-    run.over(chosen, list(_subjects(context)))
+    run.over(chosen, _subjects(context))
     run.over(chosen, [*run.crashes(), *run.unspoken()])
     order = {rule.code: number for number, rule in enumerate(chosen)}
     return Judgement(
@@ -94,31 +94,34 @@ class _Run:
         self.found: list[_Found] = []
         self.outcomes: list[Outcome] = []
 
-    def over(self, rules: Iterable[Rule[Any]], subjects: Sequence[tuple[str, object]]) -> None:
+    def over(self, rules: Iterable[Rule[Any]], subjects: Iterable[tuple[str, object]]) -> None:
         """Put every rule to every subject that it is about."""
-        every = list(rules)
-        by_kind: dict[type, list[Rule[Any]]] = {}
+        by_kind: dict[type, list[tuple[str, object]]] = {}
         for name, subject in subjects:
-            kind = type(subject)
-            if kind not in by_kind:
-                by_kind[kind] = [rule for rule in every if issubclass(kind, rule.on)]
-            for rule in by_kind[kind]:
+            by_kind.setdefault(type(subject), []).append((name, subject))
+        for rule in rules:
+            for kind, about in by_kind.items():
+                if not issubclass(kind, rule.on):
+                    continue
                 # A rule of KA7 is about the property of its name; others, of any family, about all of their kind.
-                if kind is not PropertyResult or rule.family != "KA7" or rule.name == name:
-                    self.outcomes.append(Outcome(rule.code, name, self._put(rule, name, subject)))
+                one = kind is PropertyResult and rule.family == "KA7"
+                self._put(rule, [(name, subject) for name, subject in about if name == rule.name] if one else about)
 
-    def _put(self, rule: Rule[Any], name: str, subject: object) -> Result:
-        try:
-            if rule.applies is not None and not rule.applies(subject, self._context):
-                return Result.NOT_APPLICABLE
-            violations = [*rule.check(subject, self._context)]
-        except Exception as error:  # noqa: BLE001 - whatever a rule raises, the others still speak, and it is no pass
-            self._crashes.append(Crash(rule=rule.code, subject=name, exception=type(error).__name__))
-            return Result.OPEN
-        if not violations:
-            return Result.PASS
-        self.found += ((rule, violation) for violation in violations)
-        return Result.OPEN if any(violation.undecided for violation in violations) else Result.FAIL
+    def _put(self, rule: Rule[Any], subjects: Iterable[tuple[str, object]]) -> None:
+        """Put a rule to subjects; a loop of few steps, since there are 60 rules for each of thousands of enclaves."""
+        context, code, check, applies = self._context, rule.code, rule.check, rule.applies
+        for name, subject in subjects:
+            outcome = Result.PASS
+            try:
+                if applies is not None and not applies(subject, context):
+                    outcome = Result.NOT_APPLICABLE
+                elif violations := [*check(subject, context)]:
+                    self.found += [(rule, violation) for violation in violations]
+                    outcome = Result.OPEN if any(found.undecided for found in violations) else Result.FAIL
+            except Exception as error:  # noqa: BLE001 - whatever a rule raises, others still speak, and it is no pass
+                self._crashes.append(Crash(rule=code, subject=name, exception=type(error).__name__))
+                outcome = Result.OPEN
+            self.outcomes.append(Outcome(code, name, outcome))
 
     def crashes(self) -> Iterator[tuple[str, Crash]]:
         """The rules that raised, as subjects."""

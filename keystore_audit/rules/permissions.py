@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from datetime import datetime
-from functools import lru_cache
 from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
@@ -50,12 +49,9 @@ def own_grants(use: PermissionsUse) -> Iterator[Grant]:
     return (grant for grant in all_grants(use) if grant.subject_name.text in own)
 
 
-_parse_instant = lru_cache(maxsize=4096)(parse_instant)
-
-
 def instant_of(date: Text) -> datetime | None:
     """The instant that a date of a grant names, None where no two implementations agree on one."""
-    return _parse_instant(date.text)
+    return parse_instant(date.text)
 
 
 def about(use: PermissionsUse, grant: Grant, line: int | None, message: str, **more: Any) -> Violation:

@@ -34,7 +34,7 @@ def quoted(text: str) -> str:
 
 def instant(when: datetime) -> str:
     """`2026-11-21T12:00:00Z`."""
-    return f"{when:%Y-%m-%dT%H:%M:%SZ}"
+    return when.replace(tzinfo=None).isoformat(timespec="seconds") + "Z"
 
 
 def listed(names: Iterable[str]) -> str:
