@@ -7,7 +7,7 @@ purpose=$1 python=$2
 version_check='import sys
 sys.version_info >= (3, 10) or sys.exit("keystore-audit needs Python 3.10 or later; this one is " + sys.version.split()[0])'
 
-has_openssl_headers() { echo '#include <openssl/cms.h>' | gcc -E - >/dev/null 2>&1; }
+has_header() { echo "#include <$2>" | "$1" -E -x "$3" - >/dev/null 2>&1; }
 
 missing=
 case $purpose in
@@ -20,7 +20,10 @@ venv)
 test)
     command -v openssl >/dev/null || missing="$missing openssl"
     command -v gcc >/dev/null || missing="$missing gcc"
-    has_openssl_headers || missing="$missing libc6-dev libssl-dev"
+    command -v g++ >/dev/null || missing="$missing g++"
+    has_header gcc openssl/cms.h c || missing="$missing libc6-dev libssl-dev"
+    has_header g++ tinyxml2.h c++ || missing="$missing libtinyxml2-dev"            # Fast DDS's XML parser
+    has_header gcc dds/ddsrt/xmlparser.h c || missing="$missing cyclonedds-dev" # Cyclone DDS's own
     ;;
 *)
     echo "usage: system.sh venv|test PYTHON" >&2

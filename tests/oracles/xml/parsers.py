@@ -1,0 +1,118 @@
+"""How three XML parsers read a document: tinyxml2 (Fast DDS), Cyclone DDS's own, libxml2 (ours, through lxml)."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from lxml import etree
+
+from tests.conftest import IN_CI
+
+_SOURCES = Path(__file__).parent
+
+
+class Item(NamedTuple):
+    """One thing that a parser hands out, in document order: a value, an element with elements in it, an attribute."""
+
+    kind: str
+    path: str
+    value: str
+
+
+Reading = tuple[Item, ...] | None
+"""None: the parser refuses the document."""
+
+
+@dataclass(frozen=True)
+class Parser:
+    """A parser that we did not write, in a process that lives as long as the tests ask it."""
+
+    process: subprocess.Popen[bytes]
+
+    def items(self, document: bytes) -> tuple[Item, ...]:
+        """Everything the parser reads; a refusal is one item of kind R."""
+        stdin, stdout = self.process.stdin, self.process.stdout
+        assert stdin is not None
+        assert stdout is not None
+        stdin.write(len(document).to_bytes(4, "big") + document)
+        stdin.flush()
+        header = stdout.read(4)
+        assert len(header) == 4, f"the parser died ({self.process.wait()}) on {document!r}"
+        # Octets that are no UTF-8 stay apart from all that is: some parsers let them pass.
+        fields = stdout.read(int.from_bytes(header, "big")).decode("utf-8", "surrogateescape").split("\0")[:-1]
+        return tuple(Item(*fields[place : place + 3]) for place in range(0, len(fields), 3))
+
+    def read(self, document: bytes) -> Reading:
+        """What a DDS implementation reads with it: without the attributes that all of them pass over."""
+        items = self.items(document)
+        if items[0].kind == "R":
+            return None
+        return tuple(item for item in items if not item.path.startswith(_PASSED_OVER))
+
+
+_PASSED_OVER = ("dds@xmlns:xsi", "dds@xsi:noNamespaceSchemaLocation")
+
+
+@dataclass(frozen=True)
+class Parsers:
+    """The parsers of the two vendors."""
+
+    tinyxml2: Parser
+    cyclone: Parser
+
+
+@contextmanager
+def running(find: Callable[[str], str], directory: Path) -> Iterator[Parsers]:
+    """Compile both and keep them running; without compiler or library the test skips, in CI it fails."""
+    with ExitStack() as stack:
+        tinyxml2 = _compiled(find("c++"), "tinyxml2_reading.cpp", "-ltinyxml2", directory)
+        cyclone = _compiled(find("cc"), "cyclone_reading.c", "-lddsc", directory)
+        yield Parsers(stack.enter_context(_started(tinyxml2)), stack.enter_context(_started(cyclone)))
+
+
+def _compiled(compiler: str, source: str, library: str, directory: Path) -> Path:
+    program = (directory / source).with_suffix("")
+    command = [compiler, "-O1", "-Wall", "-Wextra", "-Werror", "-o", str(program), str(_SOURCES / source), library]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        missing = f"{source} does not compile (libtinyxml2-dev, cyclonedds-dev?): {done.stderr[:400]}"
+        if IN_CI:
+            pytest.fail(missing)
+        pytest.skip(missing)
+    return program
+
+
+@contextmanager
+def _started(program: Path) -> Iterator[Parser]:
+    with subprocess.Popen([program], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        yield Parser(process)
+        assert process.stdin is not None
+        process.stdin.close()
+
+
+def lxml_reading(document: bytes) -> Reading:
+    """What libxml2 reads when entities stay as they are and comments and CDATA count for nothing."""
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False)
+    try:
+        root = etree.fromstring(document, parser)
+    except (etree.XMLSyntaxError, ValueError, LookupError):
+        return None
+    return tuple(_walk(root, ""))
+
+
+def _walk(element: etree._Element, parent: str) -> Iterator[Item]:
+    path = f"{parent}{element.tag!s}"
+    children = list(element.iterchildren(etree.Element))
+    text = "" if children else (element.text or "") + "".join(child.tail or "" for child in element)
+    yield Item("E" if children else "V", path, str(text))
+    for name, value in element.items():
+        if not (parent == "" and str(name).endswith("}noNamespaceSchemaLocation")):
+            yield Item("A", f"{path}@{name!s}", str(value))
+    for child in children:
+        yield from _walk(child, path + "/")
