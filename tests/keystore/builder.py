@@ -11,6 +11,7 @@ import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
+from functools import lru_cache
 from pathlib import Path
 
 from cryptography import x509
@@ -178,8 +179,9 @@ def read(*pem: bytes) -> CertificateFile:
     return read_certificates(present(b"".join(pem)))
 
 
+@lru_cache(maxsize=256)
 def evidence(signed: Signed) -> Certificate:
-    """What the reader says of a certificate."""
+    """What the reader says of a certificate: the same object each time, since certificates are compared so."""
     (only,) = read(signed.pem).certificates
     return only
 

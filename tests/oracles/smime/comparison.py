@@ -1,0 +1,95 @@
+"""Our verdict on a message beside OpenSSL's, for implementations that pin the signer and for those that chain."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+from keystore_audit.keystore.certificate import CertificateFile
+from keystore_audit.keystore.defect import Defect
+from keystore_audit.keystore.smime import Candidates, SignedDocument, read_signed
+from keystore_audit.model.trust import Verdict, document_verdict
+from tests.keystore.builder import Signed, present, read
+from tests.oracles.smime.oracle import Answer, Oracle
+
+_VARIABLE = re.compile(
+    r'"[^"]*"|\b\d+(?:\.\d+)+\b|-?\b\d+\b|(?<=whose key is ).*|(?<=, key ).*'
+    r"|(?<=cannot be read as CMS signed data: ).*|(?<=an algorithm identifier cannot be read: ).*|(?<=base64: ).*",
+    re.DOTALL,
+)
+_ALGORITHMS = re.compile(r"\b(?:md5|sha\d+)\b")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """A message as we read it, our verdicts on it, and OpenSSL's."""
+
+    document: SignedDocument
+    pinned: Verdict
+    chained: Verdict
+    answer: Answer
+
+    def contradictions(self) -> list[str]:
+        """Where we are certain and wrong. Unknown contradicts nothing: the gate is then shut.
+
+        Accepted has to mean accepted with the same bytes, refused has to mean refused: a robot that grants what we
+        call denied is as bad as the opposite.
+        """
+        found = []
+        for variant, ours, theirs in (
+            ("pinned", self.pinned, self.answer.pinned),
+            ("chained", self.chained, self.answer.chained),
+        ):
+            if ours is Verdict.ACCEPTED and theirs is None:
+                found.append(f"{variant}: we accept, OpenSSL refuses")
+            elif ours is Verdict.ACCEPTED and theirs != self.document.content:
+                found.append(f"{variant}: we read other bytes than OpenSSL")
+            elif ours is Verdict.REFUSED and theirs is not None:
+                found.append(f"{variant}: we refuse, OpenSSL accepts")
+            elif ours is not Verdict.UNKNOWN and self.answer.split:
+                found.append(f"{variant}: we are certain, and OpenSSL reads a file in another way than memory")
+        return found
+
+    def stricter(self) -> frozenset[tuple[str, str]]:
+        """The reasons for which we leave open what OpenSSL accepts: kind of defect, and what it says."""
+        accepted = self.answer.pinned is not None or self.answer.chained is not None
+        if not accepted and not self.answer.split:
+            return frozenset()
+        if Verdict.UNKNOWN not in (self.pinned, self.chained):
+            return frozenset()
+        return frozenset((defect.kind.value, said(defect)) for defect in self.document.defects if defect.kind.opaque)
+
+    def columns(self) -> tuple[str, ...]:
+        """What stands in `verdicts.tsv`."""
+        found = sorted({defect.kind.value for defect in self.document.defects})
+        split = ", split" if self.answer.split else ""
+        theirs = ["refused" if content is None else "accepted" for content in (self.answer.pinned, self.answer.chained)]
+        ours = self.pinned.value, self.chained.value
+        return (" ".join(found) or "-", ours[0], theirs[0] + split, ours[1], theirs[1] + split)
+
+
+def said(defect: Defect) -> str:
+    """What a defect says, without what differs from one message to the next."""
+    return _ALGORITHMS.sub("…", _VARIABLE.sub("…", defect.detail))
+
+
+@lru_cache(maxsize=64)
+def _trusted(trusted: tuple[Signed, ...], known: tuple[Signed, ...]) -> tuple[bytes, CertificateFile, Candidates]:
+    pem = b"".join(signed.pem for signed in trusted)
+    file = read(pem)
+    return pem, file, Candidates([*file.certificates, *read(b"".join(signed.pem for signed in known)).certificates])
+
+
+def compare(oracle: Oracle, message: bytes, trusted: Sequence[Signed], known: Iterable[Signed] = ()) -> Comparison:
+    """Read a message and ask OpenSSL about it; `known` are other certificates of the keystore."""
+    pem, file, candidates = _trusted(tuple(trusted), tuple(known))
+    document = read_signed(present(message), candidates)
+    oracle.trust(pem)
+    return Comparison(
+        document=document,
+        pinned=document_verdict(document, file, pins_signer=True),
+        chained=document_verdict(document, file, pins_signer=False),
+        answer=oracle.ask(message),
+    )
