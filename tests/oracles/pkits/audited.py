@@ -1,0 +1,80 @@
+"""What the auditor says of one identity, from reading its files to the findings of KA2."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+from pathlib import Path
+
+from keystore_audit.findings import Result, Severity
+from keystore_audit.keystore.keystore import read_keystore
+from keystore_audit.keystore.layout import Role
+from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.interpret import interpret
+from keystore_audit.model.permission import Permissions
+from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.model.system import System
+from keystore_audit.model.usability import Usabilities
+from keystore_audit.rules import RULES
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.judge import judge
+from tests.oracles.pkits.suite import pem
+
+VENDORS = {"Fast DDS": "fastdds", "Cyclone DDS": "cyclonedds", "OpenDDS": "opendds"}
+
+
+def objections(
+    directory: Path, at: datetime, authorities: Sequence[bytes], leaf: bytes, *crls: bytes
+) -> dict[str, frozenset[str]]:
+    """Why the auditor would not call the identity accepted by a vendor's implementations at `at`; empty: it would.
+
+    `not-vouched`: no chain in the model. A code: a finding of KA2 that fails the default gate. `open`: a question of
+    KA2 that was left open. `unusable`: the model says that no participant is created, for reasons of the identity.
+    """
+    enclave = directory / "enclaves" / "e"
+    enclave.mkdir(parents=True)
+    (enclave / "identity_ca.cert.pem").write_bytes(pem("CERTIFICATE", *authorities))
+    (enclave / "cert.pem").write_bytes(pem("CERTIFICATE", leaf))
+    if crls:
+        (enclave / "crl.pem").write_bytes(pem("X509 CRL", *crls))
+    keystore = read_keystore(directory)
+    profiles = tuple(VARIANTS.values())
+    meaning = interpret(keystore, profiles, at, Usabilities(None))
+    context = Context(
+        keystore=keystore,
+        meaning=meaning,
+        results=(),
+        engines=(),
+        at=at,
+        expires_within=timedelta(0),
+        deployed=False,
+        profiles=profiles,
+    )
+    judgement = judge(context, RULES, select=("KA2",))
+    found: dict[str, frozenset[str]] = {}
+    for vendor, prefix in VENDORS.items():
+        variants = {profile.name for profile in profiles if profile.name.startswith(prefix)}
+        assert variants
+        said = {
+            finding.code
+            for finding in judgement.findings
+            if finding.severity.at_least(Severity.HIGH) and (not finding.profiles or variants & {*finding.profiles})
+        }
+        if any(outcome.outcome is Result.OPEN for outcome in judgement.outcomes):
+            said.add("open")
+        systems = [system for system in meaning.systems if variants & {*system.profiles}]
+        if not systems or not all(_vouched(system) for system in systems):
+            said.add("not-vouched")
+        ((place, _),) = {(place, "") for place, _variant in meaning.usability}
+        reasons = {reason for name in variants for reason in meaning.usability[place, name].reasons}
+        if any(not reason.startswith(tuple(f"{role.value}: " for role in Role)) for reason in reasons):
+            said.add("unusable")
+        found[vendor] = frozenset(said)
+    return found
+
+
+def _vouched(system: System) -> bool:
+    return any(
+        RealmView(system, enclave.realm, Permissions(system)).authenticated(number, in_force=True)
+        for number, enclave in enumerate(system.enclaves)
+    )

@@ -1,0 +1,167 @@
+"""Identities, certification paths and revocation lists of PKITS: the auditor beside OpenSSL as implementations ask it.
+
+PKITS expects path validation of RFC 5280. DDS implementations give what X509_verify_cert gives with their flags, so
+that this is the measure: PKITS says what is tried, and the implementation's call what is right. Policies (4.8 to 4.12)
+count for Fast DDS alone, which sets X509_V_FLAG_POLICY_CHECK; revocation (4.4, 4.14, 4.15) is checked for the identity
+alone, with one list, and partial or indirect lists are not used; everything else counts for all.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.oracles.pkits import paths, suite
+from tests.oracles.pkits.audited import objections
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+pytestmark = pytest.mark.xdist_group("pkits")  # every trial is made once
+
+AT = datetime(2020, 1, 1, tzinfo=timezone.utc)
+"""PKITS certificates are valid from 2010 to 2030, but for those whose validity is the test."""
+
+LISTED: dict[str, list[dict[str, Any]]] = tomllib.loads((Path(__file__).parent / "deviations.toml").read_text("utf-8"))
+FAULTS = [fault for fault in LISTED.get("fault", []) if "layout" in fault]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One identity under one identity CA file, with a revocation list or none.
+
+    `layout`: "anchor" (the file holds the trust anchor), "path" (trust anchor and intermediates), "issuer" (nothing but
+    the intermediate that issued the identity), each perhaps "with list".
+    """
+
+    layout: str
+    label: str
+    authorities: tuple[bytes, ...]
+    identity: bytes
+    crls: tuple[bytes, ...] = ()
+
+
+@dataclass(frozen=True)
+class Row:
+    """What came of a trial for one implementation. Empty `refused` and empty `said`: both accept."""
+
+    trial: Trial
+    vendor: str
+    refused: str
+    said: frozenset[str]
+
+    def __str__(self) -> str:
+        objections = ", ".join(sorted(self.said)) or "accepted"
+        return f"{self.trial.layout}: {self.trial.label}: {self.vendor} {self.refused or 'accepts'}, we: {objections}"
+
+
+def trials(pkits: suite.Suite, openssl: paths.Paths) -> Iterator[Trial]:
+    anchor = pkits.anchor
+    for name, certificate in pkits.certificates.items():
+        yield Trial("anchor", name, (anchor,), certificate)
+        if openssl.issued(anchor, certificate):
+            yield Trial("anchor with list", name, (anchor,), certificate, (pkits.anchor_list,))
+    for case in pkits.cases:
+        yield Trial("path", case.label, (anchor, *case.issuers), case.signer)
+        issuer = next((each for each in case.issuers if openssl.issued(each, case.signer)), None)
+        if issuer is None:
+            continue
+        yield Trial("issuer", case.label, (issuer,), case.signer)
+        for name, revocations in pkits.lists.items():
+            if openssl.names_issuer(issuer, revocations):
+                label = f"{case.label}, {name}"
+                yield Trial("path with list", label, (anchor, *case.issuers), case.signer, (revocations,))
+
+
+@pytest.fixture(scope="module")
+def rows(tmp_path_factory: pytest.TempPathFactory) -> list[Row]:
+    pkits, openssl = suite.load(), paths.load()
+    found = []
+    for trial in trials(pkits, openssl):
+        directory = tmp_path_factory.mktemp("keystore")
+        said = objections(directory, AT, trial.authorities, trial.identity, *trial.crls)
+        for caller in paths.CALLERS:
+            refused = openssl.accepts(caller, trial.authorities, trial.identity, AT, *trial.crls)
+            found.append(Row(trial, caller.name, refused, said[caller.name]))
+    return found
+
+
+def _is(row: Row, fault: dict[str, Any]) -> bool:
+    return bool(
+        not row.said
+        and row.refused
+        and re.fullmatch(fault["layout"], row.trial.layout)
+        and row.vendor in fault["vendors"]
+        and re.fullmatch(fault["refused"], row.refused)
+    )
+
+
+def test_the_suite_is_complete() -> None:
+    """Every number of every section once: the names were told apart rightly."""
+    numbers = sorted(case.number for case in suite.load().cases)
+    assert numbers == sorted(f"{name}.{n}" for name, each in suite.SECTIONS.items() for n in range(1, each.tests + 1))
+    assert len(numbers) == 224
+
+
+def test_rfc_5280_is_what_the_suite_says() -> None:
+    """The oracle itself: on whole paths without lists and policies, OpenSSL says what the name of the test says."""
+    pkits, openssl = suite.load(), paths.load()
+    for case in pkits.cases:
+        if case.section in {"4.1", "4.2", "4.3", "4.6", "4.13", "4.16"} and case.number != "4.1.5":
+            # 4.1.5 inherits DSA parameters from its issuer, which OpenSSL 3 does not do.
+            refused = openssl.accepts(paths.CALLERS[0], (pkits.anchor, *case.issuers), case.signer, AT)
+            assert (refused == "") == case.valid, (case.label, refused)
+
+
+def test_what_we_accept_is_accepted(rows: list[Row]) -> None:
+    """But for the faults that are known, each a failing test of its own."""
+    wrong = [row for row in rows if not row.said and row.refused and not any(_is(row, fault) for fault in FAULTS)]
+    assert not wrong, "\n".join(map(str, wrong))
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        pytest.param(
+            fault, id=fault["id"], marks=pytest.mark.xfail(strict=True, raises=AssertionError, reason=fault["reason"])
+        )
+        for fault in FAULTS
+    ],
+)
+def test_known_faults(rows: list[Row], fault: dict[str, Any]) -> None:
+    wrong = [row for row in rows if _is(row, fault)]
+    assert not wrong, f"{len(wrong)}: {wrong[0]}"
+
+
+def test_where_we_are_stricter_is_listed(rows: list[Row]) -> None:
+    """Each with a reason; the list neither grows nor keeps what is no longer so."""
+    found = {
+        (row.trial.layout, row.trial.label, tuple(sorted(row.said)), row.vendor)
+        for row in rows
+        if row.said and not row.refused
+    }
+    listed = {
+        (entry["layout"], test, tuple(sorted(entry["objections"])), vendor)
+        for entry in LISTED.get("stricter", [])
+        for test in entry["tests"]
+        for vendor in entry["vendors"]
+    }
+    assert all(entry["reason"] for entry in LISTED.get("stricter", []))
+    assert found == listed, "\n".join(map(str, sorted(found ^ listed)))
+
+
+def test_something_was_tried(rows: list[Row]) -> None:
+    """Both verdicts occur in every layout but the issuer alone, which nobody takes."""
+    for layout in {row.trial.layout for row in rows} - {"issuer"}:
+        assert {bool(row.refused) for row in rows if row.trial.layout == layout} == {True, False}, layout
+        assert {bool(row.said) for row in rows if row.trial.layout == layout} == {True, False}, layout
+    assert all(row.refused for row in rows if row.trial.layout == "issuer")

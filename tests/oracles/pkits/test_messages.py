@@ -1,0 +1,146 @@
+"""The S/MIME messages of PKITS: envelope, signer and content beside OpenSSL as DDS implementations call it.
+
+What is asked is what is asked of governance.p7s: pinned, whether a certificate of the permissions CA file made the
+signature (paths, dates and lists are nobody's business then); by the older variants, whether the signer chains to it.
+As they are, all messages carry revocation lists, which we do not interpret, so that they are tried without them too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import pytest
+
+from keystore_audit.keystore.certificate import CertificateFile
+from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.smime import Candidates, SignedDocument, read_signed
+from keystore_audit.model.trust import Verdict, document_verdict
+from tests.keystore.builder import present
+from tests.keystore.builder import read as read_pem
+from tests.oracles.pkits import suite
+from tests.oracles.pkits.suite import Case, pem
+from tests.oracles.smime.oracle import Oracle, running
+
+pytestmark = pytest.mark.xdist_group("pkits")
+
+UNKNOWN = {
+    "4.1.4 ValidDSASignaturesTest4": "signed with DSA, which is not checked here",
+    "4.1.5 ValidDSAParameterInheritanceTest5": "a DSA key without parameters; OpenSSL refuses it",
+    "4.1.6 InvalidDSASignatureTest6": "signed with DSA (the wrong signature is the certificate's)",
+}
+"""Messages that leave us in doubt: the audit is incomplete then."""
+
+
+@pytest.fixture(scope="module")
+def openssl(oracle: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Oracle]:
+    with running(oracle, tmp_path_factory.mktemp("oracle")) as asked:
+        yield asked
+        assert not asked.crashes
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A message as we read it, for a permissions CA file that holds one certificate."""
+
+    document: SignedDocument
+    authority: CertificateFile
+
+    def verdict(self, *, pins_signer: bool) -> Verdict:
+        return document_verdict(self.document, self.authority, pins_signer=pins_signer)
+
+
+def reading(message: bytes, authority: bytes) -> Reading:
+    file = read_pem(pem("CERTIFICATE", authority))
+    return Reading(read_signed(present(message, "permissions.p7s"), Candidates(file.certificates)), file)
+
+
+def asked(openssl: Oracle, message: bytes, authority: bytes) -> tuple[bytes | None, bytes | None]:
+    openssl.trust(pem("CERTIFICATE", authority))
+    answer = openssl.ask(message)
+    assert not answer.split
+    return answer.pinned, answer.chained
+
+
+def test_the_signer_as_permissions_ca(openssl: Oracle) -> None:
+    """Pinned: both accept, and read the same bytes."""
+    for case in suite.load().cases:
+        ours = reading(case.without_lists, case.signer)
+        pinned, _chained = asked(openssl, case.without_lists, case.signer)
+        verdict = ours.verdict(pins_signer=True)
+        if case.label in UNKNOWN:
+            assert verdict is Verdict.UNKNOWN, case.label
+        else:
+            assert verdict is Verdict.ACCEPTED, case.label
+            assert pinned is not None, case.label
+            assert ours.document.content == pinned == b"This is a sample signed message.\r\n", case.label
+
+
+def test_another_as_permissions_ca(openssl: Oracle) -> None:
+    """Pinned: neither the issuer nor the trust anchor nor another signer signed it."""
+    cases = suite.load().cases
+    for case, other in zip(cases, (*cases[1:], cases[0]), strict=True):
+        for authority in {suite.load().anchor, *case.issuers[-1:], other.signer} - {case.signer}:  # 4.14.18 is 19's too
+            pinned, _chained = asked(openssl, case.without_lists, authority)
+            assert pinned is None, case.label
+            wanted = Verdict.UNKNOWN if case.label in UNKNOWN else Verdict.REFUSED
+            assert reading(case.without_lists, authority).verdict(pins_signer=True) is wanted, case.label
+
+
+def test_messages_with_revocation_lists_are_unknown(openssl: Oracle) -> None:
+    """OpenSSL passes the lists by and accepts, so that refused would be wrong, and what they do is not ours to say."""
+    for case in suite.load().cases:
+        ours = reading(case.message, case.signer)
+        assert ours.verdict(pins_signer=True) is Verdict.UNKNOWN, case.label
+        assert Kind.CMS_MALFORMED in {defect.kind for defect in ours.document.defects}
+        pinned, _chained = asked(openssl, case.message, case.signer)
+        assert (pinned is None) == (case.number == "4.1.5"), case.label
+
+
+def test_a_changed_message_is_refused(openssl: Oracle) -> None:
+    for case in suite.load().cases[::8]:
+        changed = case.without_lists.replace(b"a sample", b"an evil")
+        pinned, chained = asked(openssl, changed, case.signer)
+        assert (pinned, chained) == (None, None)
+        assert reading(changed, case.signer).verdict(pins_signer=True) is not Verdict.ACCEPTED
+
+
+def chains(openssl: Oracle) -> Iterator[tuple[Case, Verdict, bool]]:
+    """What we and the older variants say of every message whose signer should chain to the trust anchor."""
+    anchor = suite.load().anchor
+    for case in suite.load().cases:
+        _pinned, chained = asked(openssl, case.without_lists, anchor)
+        yield case, reading(case.without_lists, anchor).verdict(pins_signer=False), chained is not None
+
+
+@pytest.mark.xfail(
+    strict=True,
+    raises=AssertionError,
+    reason="B4: a chain over certificates that the message alone brings is not followed",
+)
+def test_what_older_variants_accept_is_not_refused(openssl: Oracle) -> None:
+    wrong = [case.label for case, verdict, accepted in chains(openssl) if accepted and verdict is Verdict.REFUSED]
+    assert not wrong, f"{len(wrong)}: {wrong[0]}"
+
+
+@pytest.mark.xfail(
+    strict=True, raises=AssertionError, reason="B5: a signer's unknown critical extensions are not looked at (4.16.2)"
+)
+def test_what_older_variants_refuse_is_not_accepted(openssl: Oracle) -> None:
+    wrong = [case.label for case, verdict, accepted in chains(openssl) if not accepted and verdict is Verdict.ACCEPTED]
+    assert not wrong, wrong
+
+
+def test_the_other_chains_agree(openssl: Oracle) -> None:
+    """One step from the anchor, without the faults above."""
+    rest = [
+        (case.label, verdict, accepted)
+        for case, verdict, accepted in chains(openssl)
+        if not case.issuers and case.number != "4.16.2"
+    ]
+    assert {label for label, _verdict, _accepted in rest} == {
+        "4.8.15 UserNoticeQualifierTest15",
+        "4.8.19 UserNoticeQualifierTest19",
+        "4.16.1 ValidUnknownNotCriticalCertificateExtensionTest1",
+    }
+    assert {(verdict, accepted) for _label, verdict, accepted in rest} == {(Verdict.ACCEPTED, True)}
