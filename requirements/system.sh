@@ -22,6 +22,7 @@ test)
     command -v gcc >/dev/null || missing="$missing gcc"
     command -v g++ >/dev/null || missing="$missing g++"
     has_header gcc openssl/cms.h c || missing="$missing libc6-dev libssl-dev"
+    command -v strace >/dev/null || missing="$missing strace"                      # what the kernel saw the program open
     has_header g++ tinyxml2.h c++ || missing="$missing libtinyxml2-dev"            # Fast DDS's XML parser
     has_header gcc dds/ddsrt/xmlparser.h c || missing="$missing cyclonedds-dev" # Cyclone DDS's own
     ;;

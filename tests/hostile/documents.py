@@ -1,0 +1,284 @@
+"""Facts 4.1: signed XML that parsers read differently, that reaches for other files, or that costs too much."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Final
+
+from tests.hostile.store import GOVERNANCE_OF_ALL, PERMISSIONS_OF_VICTIM, Case, Finds, Store
+
+P: Final = PERMISSIONS_OF_VICTIM
+SUBJECT: Final = b"<subject_name>CN=/victim</subject_name>"
+DECLARATION: Final = b'<?xml version="1.0" encoding="UTF-8"?>\n'
+TOPIC: Final = b"<topic>rt/chatter</topic>"
+MARK: Final = b"<subject_name>"
+
+
+def edited(old: bytes, new: bytes) -> Callable[[Store], None]:
+    """The victim's permissions with one place changed; `{outside}` and `{url}` in it are where nobody may look."""
+
+    def spoil(store: Store) -> None:
+        assert old in P
+        text = P.replace(old, new, 1)
+        for name, value in ((b"{outside}", str(store.outside).encode()), (b"{url}", store.url.encode())):
+            text = text.replace(name, value)
+        store.permit(text)
+
+    return spoil
+
+
+def whole(text: bytes) -> Callable[[Store], None]:
+    return lambda store: store.permit(text)
+
+
+def doctype(declarations: bytes, subject: bytes = SUBJECT) -> Callable[[Store], None]:
+    """A document type in front of the root, and something in the grant that uses it."""
+    head = DECLARATION + b"<!DOCTYPE dds " + declarations + b">\n"
+
+    def spoil(store: Store) -> None:
+        text = head.replace(b"{outside}", str(store.outside).encode()).replace(b"{url}", store.url.encode())
+        store.permit(P.replace(DECLARATION, text, 1).replace(SUBJECT, subject, 1))
+
+    return spoil
+
+
+def ambiguous(name: str, spoil: Callable[[Store], None], at: bytes | None = MARK, line: int | None = None) -> Case:
+    return Case(name, spoil, (Finds("KA502", at=at, line=line),))
+
+
+def invalid(name: str, spoil: Callable[[Store], None], at: bytes = MARK) -> Case:
+    """XML that every parser reads alike, and no permissions document."""
+    return Case(name, spoil, (Finds("KA501", at=at),))
+
+
+def harmless(name: str, spoil: Callable[[Store], None]) -> Case:
+    """What only costs time; it is read to the end, and has the one meaning that it says."""
+    return Case(name, spoil, (), exit=0)
+
+
+def _entities(levels: int) -> bytes:
+    lines = [b'<!ENTITY e0 "EXPAN"><!ENTITY e1 "&e0;DED">']
+    lines += [b'<!ENTITY e%d "%s">' % (level, b"&e%d;" % (level - 1) * 10) for level in range(2, levels)]
+    return b"[" + b"\n".join(lines) + b"]"
+
+
+def _default(attribute: bytes, count: int) -> bytes:
+    return b"<default " + b" ".join(attribute % number for number in range(count)) + b">"
+
+
+XINCLUDE: Final = (
+    b'<xi:include xmlns:xi="http://www.w3.org/2001/XInclude" href="file://{outside}/secret" parse="text"/>'
+)
+USES: Final = b"<subject_name>CN=/&x;</subject_name>"
+EXPANDED: Final = (b"EXPANDED",)
+
+TYPES: Final = (
+    Case(
+        "an external entity that names a file",
+        doctype(b'[<!ENTITY x SYSTEM "file://{outside}/secret">]', USES),
+        (Finds("KA502", at=b"<!DOCTYPE"),),
+    ),
+    Case(
+        "an external entity that names a server",
+        doctype(b'[<!ENTITY x SYSTEM "{url}/x">]', USES),
+        (Finds("KA502", at=b"<!DOCTYPE"),),
+    ),
+    Case(
+        "an external entity that names a device",
+        doctype(b'[<!ENTITY x SYSTEM "file:///dev/zero">]', USES),
+        (Finds("KA502", at=b"<!DOCTYPE"),),
+    ),
+    Case(
+        "a parameter entity that names a file",
+        doctype(b'[<!ENTITY % p SYSTEM "file://{outside}/evil.dtd"> %p;]', USES),
+        (Finds("KA502", at=b"<!DOCTYPE"),),
+    ),
+    Case(
+        "an external document type in a file",
+        doctype(b'SYSTEM "{outside}/evil.dtd"', b"<subject_name>CN=&canary;</subject_name>"),
+        (Finds("KA502", at=b"<!DOCTYPE"),),
+    ),
+    Case(
+        "an external document type on a server",
+        doctype(b'PUBLIC "-//x//y" "{url}/evil.dtd"'),
+        (Finds("KA502", at=b"<!DOCTYPE"),),
+    ),
+    Case("a document type without anything in it", doctype(b""), (Finds("KA502", at=b"<!DOCTYPE"),)),
+    Case(
+        "an internal entity in text",
+        doctype(b'[<!ENTITY y "EXPAN"><!ENTITY x "&y;DED">]', USES),
+        (Finds("KA502", at=b"<!DOCTYPE"),),
+        secrets=EXPANDED,
+    ),
+    Case(
+        "an internal entity in an attribute",
+        lambda store: store.permit(
+            P.replace(DECLARATION, DECLARATION + b'<!DOCTYPE dds [<!ENTITY y "EXPAN"><!ENTITY x "&y;DED">]>\n').replace(
+                b'grant name="/victim"', b'grant name="&x;"'
+            )
+        ),
+        (Finds("KA502", at=b"<!DOCTYPE"),),
+        secrets=EXPANDED,
+    ),
+    Case(
+        "an attribute that the document type sets",
+        doctype(b'[<!ATTLIST grant name CDATA "injected">]'),
+        (Finds("KA502", at=b"<!DOCTYPE"),),
+    ),
+    Case(
+        "a billion laughs",
+        doctype(_entities(12), b"<subject_name>&e11;</subject_name>"),
+        (Finds("KA502", at=b"<!DOCTYPE"),),
+        secrets=EXPANDED,
+    ),
+    Case(
+        "a quadratic blow-up",
+        doctype(
+            b'[<!ENTITY x "' + b"EXPANDED" * 12_000 + b'">]', b"<subject_name>" + b"&x;" * 50_000 + b"</subject_name>"
+        ),
+        (Finds("KA502", at=b"<!DOCTYPE"),),
+        secrets=(b"EXPANDED" * 2,),
+    ),
+    ambiguous("an entity that nobody declared", edited(SUBJECT, USES)),
+)
+
+VALUES: Final = (
+    ambiguous("a comment in a value", edited(SUBJECT, b"<subject_name>CN=/vic<!-- x -->tim</subject_name>")),
+    ambiguous("an instruction in a value", edited(SUBJECT, b"<subject_name>CN=/vic<?x y?>tim</subject_name>")),
+    ambiguous("a CDATA section in a value", edited(SUBJECT, b"<subject_name>CN=/<![CDATA[victim]]></subject_name>")),
+    ambiguous("a C1 control character", edited(SUBJECT, "<subject_name>CN=/vic\u009btim</subject_name>".encode())),
+    ambiguous(
+        "a character that turns the line around",
+        edited(SUBJECT, "<subject_name>CN=/\u202emitciv</subject_name>".encode()),
+    ),
+    ambiguous("blanks around a value", edited(SUBJECT, b"<subject_name> CN=/victim </subject_name>")),
+    invalid("an element in no place for one", edited(SUBJECT, SUBJECT + XINCLUDE), at=b"<grant"),
+    invalid(
+        "a value that declares another type", edited(b"<default>", b'<default xsi:type="xsi:string">'), at=b"<default"
+    ),
+    invalid("a value that declares itself nil", edited(b"<default>", b'<default xsi:nil="true">'), at=b"<default"),
+    Case("an empty topic", edited(TOPIC, b"<topic/>"), (Finds("KA517", at=b"<topic/>"),)),
+    *(
+        ambiguous(f"the domain {shown}", edited(b"<id>0</id>", b"<id>" + shown.encode() + b"</id>"), at=b"<id>")
+        for shown in ("+0", "00", "-0", " 0 ", "1" + "0" * 22, "233")
+    ),
+    *(
+        ambiguous(f"the date {date}", edited(b"2034-01-01T00:00:00", date.encode()), at=b"<not_after>")
+        for date in ("99999-01-01T00:00:00", "-0001-01-01T00:00:00")
+    ),
+    Case(
+        "the date that has no second after it",
+        edited(b"2034-01-01T00:00:00", b"9999-12-31T23:59:59"),
+        (),
+        exit=0,
+        fault="OverflowError in engine/horizon.py: the second after the last one that Python has",
+    ),
+    invalid("a date that there is not", edited(b"2034-01-01T00:00:00", b"2034-02-30T00:00:00"), at=b"<not_after>"),
+    invalid("a date of words", edited(b"2034-01-01T00:00:00", b"for ever"), at=b"<not_after>"),
+)
+
+ENCODINGS: Final = (
+    Case("UTF-16", whole(P.decode().replace("UTF-8", "UTF-16").encode("utf-16")), (Finds("KA305", at=b"\xff\xfe<"),)),
+    Case("UTF-16 that says UTF-8", whole(P.decode().encode("utf-16-be")), (Finds("KA305", at=b"\x00<\x00?"),)),
+    ambiguous(
+        "ISO-8859-1", whole(P.replace(b"UTF-8", b"ISO-8859-1").replace(b"CN=/victim", b"CN=/v\xefctim")), at=b"<?xml"
+    ),
+    ambiguous("UTF-7", whole(P.replace(b"UTF-8", b"UTF-7")), at=b"<?xml"),
+    ambiguous("an encoding that there is not", whole(P.replace(b"UTF-8", b"x-" + b"no" * 2_000)), at=b"<?xml"),
+    ambiguous("EBCDIC", whole(P.replace(b"UTF-8", b"cp500").decode().encode("cp500")), line=9, at=None),
+    ambiguous("a byte order mark", whole(b"\xef\xbb\xbf" + P), at=b"<?xml"),
+    ambiguous("two byte order marks", whole(b"\xef\xbb\xbf" * 2 + P), at=b"<?xml"),
+    ambiguous("bytes that are no UTF-8", edited(SUBJECT, b"<subject_name>CN=/v\xffctim</subject_name>")),
+    ambiguous("UTF-8 that is too long", edited(SUBJECT, b"<subject_name>CN=/v\xc0\xafctim</subject_name>")),
+    ambiguous("half of a surrogate pair", edited(SUBJECT, b"<subject_name>CN=/\xed\xa0\x80</subject_name>")),
+    ambiguous("XML 9.9 in small letters", edited(b'version="1.0"', b"version='9'"), at=b"<?xml"),
+    ambiguous("an escape byte", edited(SUBJECT, b"<subject_name>CN=/\x1b[31m</subject_name>")),
+    ambiguous("a reference to an escape byte", edited(SUBJECT, b"<subject_name>CN=/&#27;</subject_name>")),
+    ambiguous("a reference to NUL", edited(SUBJECT, b"<subject_name>CN=/&#0;</subject_name>")),
+    Case(
+        "a NUL in a value", edited(SUBJECT, b"<subject_name>CN=/vic\x00tim</subject_name>"), (Finds("KA305", at=MARK),)
+    ),
+    Case("a NUL behind the root", whole(P + b"\x00<dds/>"), (Finds("KA305", at=b"\x00<dds/>"),)),
+)
+
+STRUCTURE: Final = (
+    ambiguous("a second root", whole(P + b"<dds>two</dds>\n"), at=b"<dds>two"),
+    ambiguous("no root", whole(b"<!-- nothing -->"), at=b"<!-- nothing -->"),
+    ambiguous("an empty document", whole(b""), line=9, at=None),
+    ambiguous("a document cut off", whole(P[: P.index(b"</validity>")]), at=b"<validity>"),
+    ambiguous("a namespace", edited(b"<permissions>", b'<permissions xmlns="urn:x">'), at=b"<permissions"),
+    invalid("another root", whole(re.sub(rb"(?s)<dds .*</dds>", b"<DDS/>", P)), at=b"<DDS/>"),
+    Case(
+        "a schema of the attacker's in a file",
+        edited(
+            b"http://www.omg.org/spec/DDS-SECURITY/20170901/omg_shared_ca_permissions.xsd", b"file://{outside}/evil.xsd"
+        ),
+        (),
+        exit=0,
+    ),
+    Case(
+        "a schema of the attacker's on a server, and a document that is invalid",
+        edited(
+            P[P.index(b"http://www.omg.org") : P.index(b"<validity>")],
+            b'{url}/evil.xsd" xsi:schemaLocation="urn:x {url}/evil.xsd">\n<permissions><grant name="x">',
+        ),
+        (Finds("KA501", at=b"<grant"),),
+    ),
+    invalid("a doubled element", edited(SUBJECT, SUBJECT + b"\n" + SUBJECT), at=b"<grant"),
+    Case(
+        "a rule without its domains",
+        edited(b"<domains><id>0</id></domains>", b""),
+        (Finds("KA518", at=b"<allow_rule>"), Finds("KA501", at=b"<allow_rule>")),
+    ),
+)
+
+COSTS: Final = (
+    Case("a text of 11 MB", edited(TOPIC, b"<topic>" + b"x" * (11 << 20) + b"</topic>"), (Finds("KA106"),)),
+    harmless("a text of 3 MB", edited(TOPIC, b"<topic>" + b"x" * (3 << 20) + b"</topic>")),
+    harmless("an attribute of 3 MB", edited(b'name="/victim"', b'name="' + b"x" * (3 << 20) + b'"')),
+    ambiguous("300 elements in one another", edited(TOPIC, b"<topic>" * 300 + b"</topic>" * 300), at=b"<topic>"),
+    ambiguous("300,000 elements in one another", edited(TOPIC, b"<a>" * 300_000), line=9, at=None),
+    ambiguous("a million elements", edited(TOPIC, b"<a/>" * 1_000_000), line=9, at=None),
+    invalid("90,000 elements that the schema does not know", edited(TOPIC, b"<a/>" * 90_000), at=b"<a/>"),
+    ambiguous("100,000 attributes", edited(b"<default>", _default(b'a%d=""', 100_000)), line=9, at=None),
+    ambiguous("30,000 namespaces", edited(b"<default>", _default(b'xmlns:a%d="u"', 30_000)), at=b"<default"),
+    harmless("80,000 comments", edited(b"<permissions>", b"<permissions>" + b"<!-- -->" * 80_000)),
+    ambiguous(
+        "400,000 CDATA sections",
+        edited(SUBJECT, b"<subject_name>" + b"<![CDATA[" * 400_000 + b"]]></subject_name>"),
+        line=9,
+        at=None,
+    ),
+    ambiguous("a tag that is never closed, of 3 MB", edited(TOPIC, b"<" + b"x" * (3 << 20)), at=b"<publish>"),
+    harmless(
+        "20,000 topics of one grant", edited(TOPIC, b"".join(b"<topic>rt/t%d</topic>\n" % i for i in range(20_000)))
+    ),
+)
+
+GOVERNANCES: Final = tuple(
+    Case(
+        f"a governance with {what}",
+        lambda store, text=text: store.govern(text),  # type: ignore[misc]
+        (Finds(code, "enclaves/victim/governance.p7s", at),),
+    )
+    for what, text, code, at in (
+        (
+            "an external entity",
+            GOVERNANCE_OF_ALL.replace(b"<dds ", b'<!DOCTYPE dds [<!ENTITY x SYSTEM "file:///dev/zero">]>\n<dds ', 1),
+            "KA402",
+            b"<!DOCTYPE",
+        ),
+        ("a comment in a value", GOVERNANCE_OF_ALL.replace(b">SIGN<", b">SI<!-- -->GN<"), "KA402", b">SI<!--"),
+        ("a second root", GOVERNANCE_OF_ALL + b"<dds>two</dds>", "KA402", b"<dds>two"),
+        (
+            "another order",
+            re.sub(rb"( *<rtps.*\n)(?s:(.*)</domain_rule>)", rb"\2\1</domain_rule>", GOVERNANCE_OF_ALL),
+            "KA401",
+            b"<domain_rule>",
+        ),
+        ("a kind that there is not", GOVERNANCE_OF_ALL.replace(b">SIGN<", b">SIGNED<"), "KA401", b">SIGNED<"),
+    )
+)
+
+CASES: Final = TYPES + VALUES + ENCODINGS + STRUCTURE + COSTS + GOVERNANCES
