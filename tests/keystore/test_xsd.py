@@ -8,35 +8,14 @@ from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.xml import MAX_DEFECTS, read_xml
 from keystore_audit.keystore.xsd import MAX_DETAIL, MAX_EXPLAINED_BYTES, Grammar, validate
 from tests.keystore.builder import GOVERNANCE
-from tests.keystore.documents import FIRST_LINE, PERMISSIONS, SHARED, signed
-
-EVERYTHING_ALLOWED = b"""<dds><permissions>
-  <grant name="g">
-    <subject_name>CN=/g</subject_name>
-    <validity><not_before>2024-01-01T00:00:00Z</not_before><not_after>2034-01-01T00:00:00.5+01:00</not_after></validity>
-    <deny_rule>
-      <domains><id_range><min>1</min></id_range><id>7</id></domains>
-      <publish><partitions><partition></partition><partition>p</partition></partitions><topics><topic>t</topic></topics></publish>
-      <subscribe>
-        <data_tags><tag><name>n</name><value>v</value></tag></data_tags><topics><topic>a</topic><topic>b</topic></topics>
-      </subscribe>
-      <relay><topics><topic>t</topic></topics></relay>
-    </deny_rule>
-    <allow_rule><domains><id_range><max>3</max></id_range></domains></allow_rule>
-    <default>ALLOW</default>
-  </grant>
-  <grant name="">
-    <subject_name></subject_name>
-    <validity><not_before>2024-01-01T00:00:00</not_before><not_after>2034-01-01T00:00:00</not_after></validity>
-    <default>DENY</default>
-  </grant>
-</permissions></dds>
-"""
-LIVELINESS = b"          <enable_liveliness_protection>true</enable_liveliness_protection>\n"
-ARDENT_GOVERNANCE = GOVERNANCE.replace(b"20170901", b"20160303").replace(LIVELINESS, b"")
-CRYSTAL_PERMISSIONS = PERMISSIONS.replace(
-    b"<publish>",
-    b"<subscribe><partitions><partition></partition></partitions><topics><topic>x</topic></topics></subscribe>\n<publish>",
+from tests.keystore.documents import (
+    ARDENT_GOVERNANCE,
+    CRYSTAL_PERMISSIONS,
+    EVERYTHING_ALLOWED,
+    FIRST_LINE,
+    PERMISSIONS,
+    SHARED,
+    signed,
 )
 
 

@@ -41,6 +41,14 @@ class Tree:
         """The document with this root."""
         return etree.tostring(self.element(), xml_declaration=True, encoding="UTF-8")
 
+    @classmethod
+    def of(cls, element: etree._Element) -> Tree:
+        """What was parsed; blanks between elements are left out."""
+        children = tuple(cls.of(child) for child in element)
+        text = "" if children else element.text or ""
+        attributes = tuple((str(name), str(value)) for name, value in element.attrib.items())
+        return cls(str(element.tag), children, text, attributes)
+
     def walk(self, path: tuple[int, ...] = ()) -> Iterator[tuple[int, ...]]:
         """The path of every element, this one's first."""
         yield path
@@ -256,6 +264,27 @@ def _other_children(draw: Draw, children: tuple[Tree, ...]) -> tuple[Tree, ...]:
     else:
         changed.insert(place, Tree(draw(st.sampled_from(_TAGS))))
     return tuple(changed)
+
+
+def single_changes(root: Tree) -> Iterator[Tree]:
+    """Every element left out, doubled, swapped with the next, named otherwise, and with every odd value."""
+    for path in root.walk():
+        found = root.at(path)
+        for text in _ODD_VALUES if not found.children else ("x",):
+            yield root.with_(path, replace(found, text=text))
+        yield root.with_(path, replace(found, tag=found.tag.upper()))
+        yield root.with_(path, replace(found, tag=f"{{urn:x}}{found.tag}"))
+        yield root.with_(path, replace(found, attributes=()))
+        yield root.with_(path, replace(found, attributes=(*found.attributes, ("x", "v"))))
+        siblings = found.children
+        for n, child in enumerate(siblings):
+            for others in (
+                siblings[:n] + siblings[n + 1 :],
+                (*siblings[:n], child, *siblings[n:]),
+                (*siblings[:n], *siblings[n + 1 : n + 2], child, *siblings[n + 2 :]),
+                (*siblings[:n], Tree("x"), *siblings[n:]),
+            ):
+                yield root.with_(path, replace(found, children=others))
 
 
 @st.composite
