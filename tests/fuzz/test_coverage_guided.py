@@ -1,0 +1,53 @@
+"""A short run of each coverage-guided target; `docs/testing.md` has the command for a long one."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import IN_CI
+from tests.fuzz.targets import CORPUS, MAX_INPUT, READERS
+
+SECONDS = 3
+LEAST = 500
+"""Inputs that the slowest target tries in that time on a busy machine."""
+
+
+@pytest.mark.parametrize("target", READERS)
+def test_target(target: str, repository: Path, tmp_path: Path) -> None:
+    if importlib.util.find_spec("atheris") is None:
+        if IN_CI and sys.platform == "linux":
+            pytest.fail("atheris is missing, and CI has to fuzz")
+        pytest.skip("atheris has no wheel here")
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.fuzz.run", target, f"--seconds={SECONDS}", f"--crashes={tmp_path}"],
+        cwd=repository,
+        env={**os.environ, "PYTHONPATH": str(repository)},
+        capture_output=True,
+        timeout=120,
+        check=False,
+    )
+    output = done.stderr.decode("utf-8", "replace") + done.stdout.decode("utf-8", "replace")
+    crashes = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert done.returncode == 0, f"{output[-3000:]}\n{crashes}"
+    assert not crashes
+    tried = re.search(r"number_of_executed_units: (\d+)", output)
+    assert tried is not None, output[-3000:]
+    assert int(tried[1]) >= LEAST
+
+
+@pytest.mark.parametrize("target", READERS)
+def test_corpus(target: str) -> None:
+    """What is kept is small, and each of it holds the promises without atheris too."""
+    seeds = sorted((CORPUS / target).iterdir())
+    assert len(seeds) >= 4
+    for seed in seeds:
+        data = seed.read_bytes()
+        assert len(data) <= MAX_INPUT
+        READERS[target](data)
