@@ -137,7 +137,7 @@ int main(void)
         while (s.current != NULL)
             pop(&s);
         s.path.length = 0;
-        answer(&s.reading);
+        answer(stdout, &s.reading);
     }
     return 0;
 }

@@ -56,14 +56,14 @@ static int next_document(struct octets *document)
     return 1;
 }
 
-static void answer(const struct octets *reading)
+static void answer(FILE *to, const struct octets *reading)
 {
     uint32_t n = (uint32_t)reading->length;
     unsigned char length[4] = {(unsigned char)(n >> 24), (unsigned char)(n >> 16), (unsigned char)(n >> 8),
                                (unsigned char)n};
-    fwrite(length, 1, 4, stdout);
-    fwrite(reading->start, 1, reading->length, stdout);
-    fflush(stdout);
+    fwrite(length, 1, 4, to);
+    fwrite(reading->start, 1, reading->length, to);
+    fflush(to);
 }
 
 #endif

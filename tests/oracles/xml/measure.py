@@ -1,4 +1,4 @@
-"""Ask every parser for every document of the corpus; `python -m tests.oracles.xml.measure` writes `measured.json`.
+"""Ask everybody for every document of the corpus; `python -m tests.oracles.xml.measure` writes the answers down.
 
 A reading is told by how it differs from that of the plain document: "as the plain one", "refused", or the items that
 only one of the two has, shortened.
@@ -16,7 +16,16 @@ from pathlib import Path
 
 from tests.oracles.xml import ours
 from tests.oracles.xml.corpus import DOCUMENTS, kind_of, plain_of
+from tests.oracles.xml.cyclone_plugin import Plugin, plugin
 from tests.oracles.xml.parsers import Item, Parsers, Reading, lxml_reading, running
+
+MEASURED = Path(__file__).parent / "measured.json"
+"""What each parser reads, and our verdict."""
+
+DECIDED = Path(__file__).parent / "measured_cyclone_plugin.json"
+"""What becomes of an enclave on Cyclone DDS."""
+
+TOPICS = ("rt/chatter", "rt/x")
 
 _SHOWN = 60
 _NAMESPACE = re.compile(r"\{[^}]*\}")
@@ -61,11 +70,20 @@ def measured(parsers: Parsers, document: bytes) -> dict[str, str]:
     }
 
 
+def decided(cyclone: Plugin, document: bytes) -> str:
+    """What becomes of /talker in domain 0; of a broken envelope only the code (the message holds addresses)."""
+    answer = str(cyclone.ask(cyclone.sign(document), kind_of(document), *TOPICS))
+    return "127: no signed content" if answer.startswith("127:") else answer
+
+
 def main() -> None:
     """Write the table of this machine's parsers."""
     with tempfile.TemporaryDirectory() as directory, running(_found, Path(directory)) as parsers:
         table = {title: measured(parsers, document) for title, document in DOCUMENTS.items()}
-    (Path(__file__).parent / "measured.json").write_text(json.dumps(table, indent=1) + "\n")
+        with plugin(_found, Path(directory)) as cyclone:
+            decisions = {title: decided(cyclone, document) for title, document in DOCUMENTS.items()}
+    MEASURED.write_text(json.dumps(table, indent=1) + "\n")
+    DECIDED.write_text(json.dumps(decisions, indent=1) + "\n")
 
 
 def _found(program: str) -> str:

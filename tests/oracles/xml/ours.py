@@ -32,11 +32,18 @@ class DocumentKind(Enum):
 
 @dataclass(frozen=True)
 class OurReading:
-    """`content`: the text as handed to a parser (line ends are CRLF). `values`: None unless it has one meaning."""
+    """`content`: the text as handed to a parser (line ends are CRLF). `typed`: None unless it has one meaning."""
 
     content: bytes
-    values: tuple[str, ...] | None
+    typed: Governance | Permissions | None
     kinds: frozenset[str]
+
+    @property
+    def values(self) -> tuple[str, ...] | None:
+        """The values that the meaning is made of."""
+        if isinstance(self.typed, Governance):
+            return tuple(_of_governance(self.typed))
+        return None if self.typed is None else tuple(_of_permissions(self.typed))
 
 
 def signed_message(document: bytes) -> bytes:
@@ -51,18 +58,16 @@ def read(document: bytes, kind: DocumentKind) -> OurReading | None:
 
 def read_message(message: bytes, kind: DocumentKind) -> OurReading | None:
     """Read a signed file; None where its envelope has no single content."""
-    values: tuple[str, ...] | None
+    typed: Governance | Permissions | None
     if kind is DocumentKind.GOVERNANCE:
         governance = read_governance(present(message, "enclaves/governance.p7s"), ())
-        signed, defects = governance.signed, governance.defects
-        values = None if governance.governance is None else tuple(_of_governance(governance.governance))
+        signed, defects, typed = governance.signed, governance.defects, governance.governance
     else:
         permissions = read_permissions(present(message, "enclaves/permissions.p7s"), ())
-        signed, defects = permissions.signed, permissions.defects
-        values = None if permissions.permissions is None else tuple(_of_permissions(permissions.permissions))
+        signed, defects, typed = permissions.signed, permissions.defects, permissions.permissions
     if signed.content is None:
         return None
-    return OurReading(signed.content, values, frozenset(defect.kind.value for defect in defects))
+    return OurReading(signed.content, typed, frozenset(defect.kind.value for defect in defects))
 
 
 _NAMES_NOT_KEPT = frozenset({"tag", "name", "value"})

@@ -40,7 +40,7 @@ int main()
             append_reading(&reading, "R", "", "no <dds>");
         else
             walk(root, "", &reading);
-        answer(&reading);
+        answer(stdout, &reading);
     }
     return 0;
 }

@@ -1,0 +1,86 @@
+"""Cyclone DDS's access control plugin as the oracle of whole documents: signed, parsed, chosen and decided by it."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from tests.keystore.builder import GOVERNANCE, Signed, authority, certificate
+from tests.keystore.documents import PERMISSIONS
+from tests.keystore.messages import PYCA_OPTIONS, by_pyca
+from tests.oracles.xml.ours import DocumentKind
+from tests.oracles.xml.parsers import compiled
+
+
+@dataclass(frozen=True)
+class Answer:
+    """`refused`: the plugin's code and message, or "crash"; None where the participant starts.
+
+    `topics`: by topic, what it may do: see cyclone_access_control.c.
+    """
+
+    refused: str | None
+    topics: Mapping[str, str] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        if self.refused is not None:
+            return self.refused
+        return ", ".join(f"{topic} {flags}" for topic, flags in self.topics.items())
+
+
+class Plugin:
+    """One enclave, /talker, and the plugin in a process that is started again when a document crashes it."""
+
+    def __init__(self, program: Path) -> None:
+        self._program = program
+        self._process: subprocess.Popen[bytes] | None = None
+        self._authority: Signed = authority("permissions CA")
+        self._identity = certificate("/talker", self._authority).pem
+        self._plain = {DocumentKind.GOVERNANCE: self.sign(GOVERNANCE), DocumentKind.PERMISSIONS: self.sign(PERMISSIONS)}
+
+    def sign(self, document: bytes) -> bytes:
+        """The signed message, as sros2 makes it."""
+        return by_pyca(PYCA_OPTIONS["pyca as sros2"], self._authority, document)
+
+    def ask(self, message: bytes, kind: DocumentKind, *topics: str, domain: int = 0) -> Answer:
+        """What becomes of the enclave with this document and a plain one of the other kind."""
+        both = self._plain | {kind: message}
+        documents = both[DocumentKind.GOVERNANCE], both[DocumentKind.PERMISSIONS]
+        fields = (self._authority.pem, self._identity, *documents, b"%d" % domain, "\n".join(topics).encode())
+        process = self._running()
+        assert process.stdin is not None
+        assert process.stdout is not None
+        process.stdin.write(b"".join(len(each).to_bytes(4, "big") + each for each in fields))
+        process.stdin.flush()
+        header = process.stdout.read(4)
+        if len(header) < 4:
+            self.close()
+            assert process.returncode in (-11, -6), f"the plugin ended with {process.returncode} on {message!r}"
+            return Answer("crash")
+        strings = process.stdout.read(int.from_bytes(header, "big")).decode("utf-8", "replace").split("\0")[:-1]
+        if strings[0] == "R":
+            return Answer(f"{strings[1]}: {strings[2]}")
+        return Answer(None, dict(zip(strings[4::3], strings[5::3], strict=True)))
+
+    def _running(self) -> subprocess.Popen[bytes]:
+        if self._process is None:
+            pipe = subprocess.PIPE
+            self._process = subprocess.Popen([self._program], stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL)
+        return self._process
+
+    def close(self) -> None:
+        """End the process, if there is one."""
+        if self._process is not None:
+            self._process.communicate(timeout=10)
+            self._process = None
+
+
+@contextmanager
+def plugin(find: Callable[[str], str], directory: Path) -> Iterator[Plugin]:
+    """Compile the program around the plugin; without compiler or header the test skips, in CI it fails."""
+    asked = Plugin(compiled(find("cc"), "cyclone_access_control.c", directory, "-lddsc", "-ldl"))
+    yield asked
+    asked.close()
