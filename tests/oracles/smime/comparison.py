@@ -10,9 +10,14 @@ from functools import lru_cache
 from keystore_audit.keystore.certificate import CertificateFile
 from keystore_audit.keystore.defect import Defect
 from keystore_audit.keystore.smime import Candidates, SignedDocument, read_signed
+from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.trust import Verdict, document_verdict
 from tests.keystore.builder import Signed, present, read
 from tests.oracles.smime.oracle import Answer, Oracle
+
+PINNED = VARIANTS["spec"].trust
+CHAINED = VARIANTS["fastdds-2.9"].trust
+"""Implementations that pin the signer, and those that follow a chain: the latter as Fast DDS 2.9.1 does."""
 
 _VARIABLE = re.compile(
     r'"[^"]*"|\b\d+(?:\.\d+)+\b|-?\b\d+\b|(?<=whose key is ).*|(?<=, key ).*'
@@ -89,7 +94,7 @@ def compare(oracle: Oracle, message: bytes, trusted: Sequence[Signed], known: It
     oracle.trust(pem)
     return Comparison(
         document=document,
-        pinned=document_verdict(document, file, pins_signer=True),
-        chained=document_verdict(document, file, pins_signer=False),
+        pinned=document_verdict(document, file, PINNED),
+        chained=document_verdict(document, file, CHAINED),
         answer=oracle.ask(message),
     )

@@ -24,9 +24,9 @@ from tests.keystore.builder import GOVERNANCE, Signed, authority, certificate, s
 from tests.keystore.messages import by_openssl, corpus, taken_apart, with_signature
 from tests.oracles.smime.comparison import compare
 from tests.oracles.smime.crafted import CRAFTED
-from tests.oracles.smime.der import ED25519, NULL, RSA, algorithm, tlv
+from tests.oracles.smime.der import ED25519, NULL, RSA, algorithm, parse, tlv
 from tests.oracles.smime.oracle import Oracle, compile_oracle
-from tests.oracles.smime.signed_data import CA, ED_CA, GOOD, LEAF, MESSAGE, RSA_CA, Info
+from tests.oracles.smime.signed_data import CA, ED_CA, GOOD, LEAF, MESSAGE, RSA_CA, Info, sign
 from tests.oracles.smime.textual import textual
 
 TABLE = Path(__file__).parent / "verdicts.tsv"
@@ -60,8 +60,7 @@ def _writers() -> Iterator[Case]:
             yield Case(name=f"{kind}: {title} -text", message=by_openssl((title, "-text"), signer), trusted=(signer,))
     yield Case(name="Ed25519: by hand", message=_signed_by(ED_CA), trusted=(ED_CA,))  # openssl 3.0 cannot
     yield _key_for_pss_alone()
-    key_identifier = x509.SubjectKeyIdentifier.from_public_key(CA.key.public_key())
-    named = authority(extensions=[(key_identifier, False)])
+    named = named_key()
     yield Case(name="EC: cms -text -keyid", message=by_openssl(("cms", "-text", "-keyid"), named), trusted=(named,))
 
 
@@ -212,11 +211,52 @@ def _chains() -> Iterator[Case]:
         ("an enclave, trusted itself", _signed_by(LEAF), (LEAF,)),
     ):
         yield Case(name=f"chain: {title}", message=message, trusted=trusted)
+    other_key = x509.AuthorityKeyIdentifier(b"another key", None, None)
+    yield Case(
+        name="chain: an enclave whose authority key identifier names another key",
+        message=_signed_by(certificate("/a", named_key(), extensions=[(other_key, False)])),
+        trusted=(named_key(),),
+    )
+    for title, length in (("none", 0), ("one", 1)):
+        root = certificate("root", ca=None, extensions=[(x509.BasicConstraints(True, length), True)])
+        below_root = certificate("middle", root, ca=True)
+        yield Case(
+            name=f"chain: an enclave below a middle authority where the path may hold {title}",
+            message=_signed_by(certificate("/a", below_root), below_root),
+            trusted=(root,),
+        )
+    first = _version_1()
+    yield Case(name="chain: the authority of version 1", message=_signed_by(first), trusted=(first,))
+    below_first = certificate("/a", first)
+    yield Case(name="chain: an enclave of an authority of version 1", message=_signed_by(below_first), trusted=(first,))
+    renamed = certificate("another name", key=CA.key, ca=True)
+    yield Case(
+        name="chain: an enclave that the key of the authority signed in another name",
+        message=_signed_by(certificate("/a", renamed)),
+    )
     yield Case(
         name="chain: an enclave below a middle authority of the keystore",
         message=_signed_by(below),
         known=(middle, below),
     )
+
+
+@lru_cache(maxsize=1)
+def named_key() -> Signed:
+    """An authority that says which key it has."""
+    key = ec.generate_private_key(ec.SECP256R1())
+    return authority(key=key, extensions=[(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), False)])
+
+
+def _version_1() -> Signed:
+    """A self-signed certificate of version 1, which has no extensions."""
+    (structure,) = parse(CA.certificate.public_bytes(Encoding.DER))
+    signed, _, signature = structure.children
+    del signed.children[0], signed.children[-1]
+    signature.octets = b"\0" + sign(CA, signed.encode())
+    made = x509.load_der_x509_certificate(structure.encode())
+    assert made.version is x509.Version.v1
+    return Signed(CA.key, made)
 
 
 def table(oracle: Oracle) -> Iterator[str]:

@@ -21,6 +21,7 @@ from tests.oracles.smime.der import (
     algorithm,
     attribute,
     oid,
+    parse,
     tlv,
 )
 from tests.oracles.smime.signed_data import (
@@ -63,6 +64,16 @@ VALUES = {
     "BMPString of three bytes": tlv(0x1E, b"abc"),
     "primitive sequence": tlv(0x10, b"ab"),
 }
+
+
+def _odd_certificate() -> bytes:
+    """A certificate whose signature algorithm has a malformed parameter."""
+    (structure,) = parse(RSA_CA.certificate.public_bytes(Encoding.DER))
+    identifier, parameter = structure.children[0].children[2].children
+    identifier.octets, parameter.octets = b"\x2a\x03\x04", b"x"
+    return structure.encode()
+
+
 CRAFTED: dict[str, bytes] = {
     "good": GOOD.der(),
     "digest algorithm without NULL": replace(changed(digest=algorithm(SHA256)), digests=(algorithm(SHA256),)).der(),
@@ -114,6 +125,9 @@ CRAFTED: dict[str, bytes] = {
     "content of another type": replace(GOOD, content=tlv(48, oid("1.2.3.4"))).der(),
     "revocation lists": replace(GOOD, crls=tlv(161, crl(CA).public_bytes(Encoding.DER))).der(),
     "a certificate that is none": replace(GOOD, certificates=tlv(160, tlv(48, NULL))).der(),
+    "a certificate whose algorithm nobody knows has a malformed parameter": replace(
+        GOOD, certificates=tlv(0xA0, _odd_certificate())
+    ).der(),
     "a certificate whose name is no string": replace(
         GOOD,
         certificates=tlv(

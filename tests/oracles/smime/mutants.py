@@ -10,7 +10,6 @@ from itertools import chain
 
 from tests.oracles.smime.comparison import Comparison, compare
 from tests.oracles.smime.corpus import Case, cases
-from tests.oracles.smime.faults import known
 from tests.oracles.smime.mutation import mutated
 from tests.oracles.smime.oracle import Oracle
 from tests.oracles.smime.resigning import Signers
@@ -28,7 +27,6 @@ class Tally:
     verdicts: Counter[tuple[str, str]] = field(default_factory=Counter)
     contradictions: list[tuple[str, bytes, bytes]] = field(default_factory=list)
     """What is wrong, the message, and the permissions CA file."""
-    known: Counter[str] = field(default_factory=Counter)
     stricter: Counter[tuple[str, str]] = field(default_factory=Counter)
     examples: dict[tuple[str, str], bytes] = field(default_factory=dict)
 
@@ -37,11 +35,7 @@ class Tally:
         theirs = "refused" if comparison.answer.pinned is None else "accepted"
         self.verdicts[comparison.pinned.value, theirs] += 1
         for text in comparison.contradictions():
-            fault = known(text, comparison, message)
-            if fault is not None:
-                self.known[fault] += 1
-            else:
-                self.contradictions.append((text, message, trusted))
+            self.contradictions.append((text, message, trusted))
         for reason in comparison.stricter():
             self.stricter[reason] += 1
             self.examples.setdefault(reason, message)

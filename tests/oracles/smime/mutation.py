@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from tests.keystore.messages import put_together, taken_apart
 from tests.oracles.smime.der import DATA, NULL, SHA1, SHA256, SHA512, Element, algorithm, attribute, oid, parse, tlv
-from tests.oracles.smime.resigning import Signers, canonical, entity_of, other_header, other_text, sign
+from tests.oracles.smime.resigning import Signers, covered_by, other_header, other_text, sign
 
 
 def mutated(message: bytes, rng: random.Random, signers: Signers) -> bytes:
@@ -178,7 +178,7 @@ def _structure(message: bytes, rng: random.Random) -> bytes:
 def _structure_signed_again(message: bytes, rng: random.Random, signers: Signers) -> bytes:
     before, der, behind = taken_apart(message)
     structure = _other_structure(der, rng)
-    sign(structure, canonical(entity_of(message)[1]), signers, digest=rng.random() < 0.5)
+    sign(structure, covered_by(structure, message), signers, digest=rng.random() < 0.5)
     return put_together(before, structure.encode(), behind)
 
 

@@ -40,6 +40,16 @@ def entity_of(message: bytes) -> tuple[bytes, bytes, bytes]:
     return match[1], match[3], match[4]
 
 
+def covered_by(structure: Element, message: bytes) -> bytes:
+    """What a signature has to cover: the text outside the structure or, in an opaque message, the one inside."""
+    if _ENTITY.match(message) is not None:
+        return canonical(entity_of(message)[1])
+    try:
+        return structure.children[1].children[0].children[2].children[1].children[0].octets
+    except IndexError:
+        raise ValueError(message) from None
+
+
 def canonical(entity: bytes) -> bytes:
     """What is signed of a text: its lines without their ends, joined by CRLF."""
     return b"\r\n".join(line.rstrip(b"\r") for line in entity.split(b"\n"))

@@ -21,7 +21,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-static const time_t INSTANT = 1767225600; /* 2026-01-01T00:00:00Z */
+static const time_t INSTANT = 1893456000; /* 2030-01-01T00:00:00Z */
 static const size_t LARGEST_REQUEST = 64 << 20;
 
 static STACK_OF(X509) *authorities;

@@ -21,7 +21,6 @@ def answers(oracle: Callable[[str], str], tmp_path_factory: pytest.TempPathFacto
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:Attribute's length must be:UserWarning")  # a known fault: test_corpus.py
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
 def test_no_mutation_is_accepted_that_openssl_refuses(seed: int, answers: Oracle) -> None:
     tally = run(answers, MUTATIONS, seed)
