@@ -33,7 +33,7 @@ NAMES: Final = {
     "a JSON string that ends": '"}],"verdict":"pass","x":["\\u0022',
     "a format string": "%s%n{0.__class__}${jndi:ldap://x}$(id)`id`",
     "tags of an invisible plane": "/a\U000e0041\U000e0042",
-    "a name of 20 kB": "/" + "x\u0301" * 6_000,
+    "a name of 12 kB": "/" + "x\u0301" * 4_000,
 }
 MARK: Final = "INJECTED"
 
@@ -85,10 +85,8 @@ UNREAD: Final = frozenset(
     | {"a right-to-left override", "bidi isolates", "zero-width characters", "a JSON string that ends"}
 )
 
-WARNS: Final = {"a name of 20 kB": "cryptography's UserWarning about its length reaches stderr"}
-
 SUBJECTS: Final = tuple(
-    Case(f"a subject with {what}", in_certificate(name), (Finds("KA503", CERT, line=1),), 1, fault=WARNS.get(what, ""))
+    Case(f"a subject with {what}", in_certificate(name), (Finds("KA503", CERT, line=1),), 1)
     for what, name in NAMES.items()
 )
 GRANTS: Final = tuple(
@@ -101,7 +99,6 @@ AUTHORITIES: Final = tuple(
         (Finds("KA301", P7S, line=1),),
         1,
         bystander_changes=True,
-        fault=WARNS.get(what, ""),
     )
     for what, name in NAMES.items()
 )

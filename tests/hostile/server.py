@@ -139,6 +139,7 @@ def audited(request: dict[str, Any]) -> dict[str, Any]:
         **texts,
         "exit": os.waitstatus_to_exitcode(status),
         "seconds": time.monotonic() - started,
+        "cpu": usage.ru_utime + usage.ru_stime,
         "peak": usage.ru_maxrss * 1024,
         "opens": watched["opens"] if watched else 0,
         "strangers": watched["strangers"] if watched else None,

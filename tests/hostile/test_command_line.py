@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.hostile import credentials, directories, documents, envelopes, names
-from tests.hostile.conftest import AT
+from tests.hostile.client import AT
 from tests.hostile.server import SECONDS, installation
 from tests.hostile.store import OUTSIDE, Base, Case, Store, secrets_of, steering
 
