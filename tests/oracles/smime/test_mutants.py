@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import random
+from collections import Counter
 from collections.abc import Callable, Iterator
 
 import pytest
 
+from keystore_audit.model.trust import Verdict
+from tests.keystore.messages import with_signature
+from tests.oracles.smime.comparison import compare
+from tests.oracles.smime.der import attribute, tlv
 from tests.oracles.smime.mutants import run
 from tests.oracles.smime.oracle import Oracle, running
+from tests.oracles.smime.signed_data import CA, CONTENT_TYPE, MESSAGE, MESSAGE_DIGEST, changed
 from tests.oracles.smime.stricter import listed
 
 MUTATIONS = 5000
@@ -32,3 +39,20 @@ def test_no_mutation_is_accepted_that_openssl_refuses(seed: int, answers: Oracle
     assert tally.verdicts["accepted", "accepted"] > MUTATIONS * 0.05, "some leave the signature intact"
     assert tally.verdicts["refused", "refused"] > MUTATIONS * 0.1, "some break it"
     assert tally.verdicts["unknown", "accepted"] < MUTATIONS * 0.15, "we do not hide behind not knowing"
+
+
+def test_values_of_signed_attributes(answers: Oracle) -> None:
+    """Every tag with contents of all kinds, signed by the authority: OpenSSL decodes the value, we only look at it."""
+    rng = random.Random(1)
+    seen: Counter[tuple[Verdict, bool]] = Counter()
+    for _ in range(1000):
+        tag = rng.choice((*range(0x1F), *range(0x20, 0x3F), 0x80, 0xA0, 0x65))
+        value = tlv(tag, bytes(rng.choices((0, 1, 4, 0x7F, 0x80, 0x81, 0xFF), k=rng.randrange(5))))
+        der = changed(attributes=(CONTENT_TYPE, MESSAGE_DIGEST, attribute("1.2.3.4", value))).der()
+        comparison = compare(answers, with_signature(MESSAGE, der), (CA,))
+        assert comparison.contradictions() == [], value.hex()
+        assert comparison.stricter() <= listed().keys(), value.hex()
+        seen[comparison.pinned, comparison.answer.pinned is not None] += 1
+    assert seen[Verdict.ACCEPTED, True] > 250
+    assert seen[Verdict.UNKNOWN, False] > 250
+    assert seen[Verdict.UNKNOWN, True] < 200
