@@ -1,4 +1,4 @@
-"""Coverage-guided fuzzing of one reader: `python -m tests.fuzz.run TARGET [--seconds N] [--keep]`.
+"""Coverage-guided fuzzing of one reader: `python -m tests.fuzz.run TARGET [--seconds N]`.
 
 atheris watches which lines of keystore_audit an input reaches and keeps mutating those that reach new ones. An input
 that breaks a promise of tests/fuzz/targets.py ends the run with code 1 and is written to `crash-…` in the directory
@@ -49,13 +49,13 @@ def main() -> None:
     arguments = _arguments()
     import atheris  # only where it has a wheel: see pyproject.toml
 
-    with atheris.instrument_imports(include=["keystore_audit"], enable_loader_override=False):
+    with atheris.instrument_imports(include=["keystore_audit"]):
         from tests.fuzz.targets import CORPUS, MAX_INPUT, READERS
     seeds = CORPUS / arguments.target
     with tempfile.TemporaryDirectory() as found:
         options = [f"-max_len={MAX_INPUT}", f"-rss_limit_mb={MAX_MEMORY}", f"-timeout={MAX_SECONDS}"]
-        options += [f"-max_total_time={arguments.seconds}", f"-seed={arguments.seed}", "-print_final_stats=1"]
-        options += [f"-artifact_prefix={arguments.crashes}/", "-verbosity=0"]
+        options += [f"-max_total_time={arguments.seconds}", f"-runs={arguments.runs}", f"-seed={arguments.seed}"]
+        options += [f"-artifact_prefix={arguments.crashes}/", "-verbosity=0", "-print_final_stats=1"]
         inside = {"custom_mutator": _mutate_inside} if arguments.target in ENCODED else {}
         atheris.Setup([sys.argv[0], *options, found, str(seeds)], READERS[arguments.target], **inside)
         if arguments.keep:
@@ -76,6 +76,7 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz.run", description=__doc__)
     parser.add_argument("target", metavar="TARGET")
     parser.add_argument("--seconds", type=int, default=60, help="how long (default 60)")
+    parser.add_argument("--runs", type=int, default=-1, help="how many inputs at most (default: any number)")
     parser.add_argument("--seed", type=int, default=1, help="of the random numbers (default 1)")
     parser.add_argument("--crashes", default=".", help="directory for inputs that break a promise")
     parser.add_argument("--keep", action="store_true", help="add inputs that reach new lines to the corpus")
