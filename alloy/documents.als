@@ -21,9 +21,14 @@ fun vouched_signer: Realm -> Certificate {
 	permissions_ca.^(~(issuer :> authority)) & (Realm - pins_signer) -> fit_to_sign
 }
 
+/** Whose documents a realm obeys: the permissions CA's own, if it is fit to sign where nobody pins, and those signers'. */
+fun trusted_signer: Realm -> Certificate {
+	pins_signer <: permissions_ca + (permissions_ca & Realm -> fit_to_sign) + vouched_signer
+}
+
 /** Documents that a realm obeys. An unreadable one may be any document, so it counts. */
 fun accepted: Realm -> Document {
-	{ realm: Realm, document: intact | some document.signer and document.signer in realm.(permissions_ca + vouched_signer) }
+	{ realm: Realm, document: intact | some document.signer and document.signer in realm.trusted_signer }
 	+ Realm -> (opaque & Document)
 }
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import datetime, timedelta, timezone
 
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.keystore.keystore import Keystore
@@ -27,6 +27,9 @@ _TICK = timedelta(seconds=1)
 A certificate is void one second after notAfter.
 """
 
+_LAST = datetime.max.replace(microsecond=0, tzinfo=timezone.utc) - _TICK
+"""Beyond, there is no later second: 99991231235959Z means "no expiration" (RFC 5280, 4.1.2.5)."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Horizon:
@@ -46,7 +49,7 @@ def horizon(
     """Looks at each validity boundary after `at` in turn, with the native engine."""
     if not native.systems:
         return Horizon(instant=at, why="nothing could be decided")
-    kinds = tuple({profile.pins_signer: profile for profile in profiles}.values())  # usability differs by nothing else
+    kinds = tuple({profile.trust: profile for profile in profiles}.values())  # usability differs by nothing else
     usable = usability_by_profile(keystore, kinds, at, usabilities)
     for count, (moment, instant) in enumerate(_moments(keystore, native.systems[0], at)):
         if count == MAX_MOMENTS:
@@ -72,11 +75,11 @@ def _moments(keystore: Keystore, system: System, at: datetime) -> Iterator[tuple
         instant = system.instants[index]
         if index > system.now:
             found[instant] = 2 * index
-        if index >= system.now:
+        if index >= system.now and instant <= _LAST:
             found.setdefault(instant + _TICK, 2 * index + 1)
     for enclave in keystore.enclaves:
         for revocations in enclave.crl.revocation_lists if enclave.crl else ():
-            if revocations.next_update is not None and revocations.next_update >= at:
+            if revocations.next_update is not None and at <= revocations.next_update <= _LAST:
                 later = revocations.next_update + _TICK
                 before = sum(1 for instant in system.instants if instant <= later)
                 found.setdefault(later, 2 * before - 1)

@@ -12,7 +12,6 @@ from typing import Final, TypeVar
 
 from cryptography import x509
 from cryptography.exceptions import UnsupportedAlgorithm
-from cryptography.utils import CryptographyDeprecationWarning
 from cryptography.x509.oid import PublicKeyAlgorithmOID
 
 from keystore_audit.keystore import public_key
@@ -46,9 +45,14 @@ _PROCESSED: Final = frozenset(
         "2.16.840.1.113730.1.1",  # Netscape certificate type
     }
 )
+_CONSTRAINTS: Final = frozenset({"2.5.29.30", "2.5.29.33", "2.5.29.36", "2.5.29.54"})
+"""nameConstraints, policyMappings, policyConstraints, inhibitAnyPolicy: no sros2 certificate has one."""
+
 _EMAIL_PROTECTION: Final = "1.3.6.1.5.5.7.3.4"  # id-kp-emailProtection, RFC 5280, 4.2.1.12
 _NETSCAPE_TYPE: Final = x509.ObjectIdentifier("2.16.840.1.113730.1.1")
 _NETSCAPE_SMIME_OR_CLIENT: Final = 0x20 | 0x80  # SSL client too: "workaround for some buggy certificates" (v3_purp.c)
+
+_NETSCAPE_AUTHORITY: Final = 0x01 | 0x02 | 0x04  # of objects, S/MIME and SSL
 
 _KEY_USAGES: Final = (
     ("digital_signature", "digitalSignature"),
@@ -75,6 +79,8 @@ class Certificate:
     sha256: str
     subject: str
     issuer: str
+    subject_name: x509.Name = field(repr=False)
+    issuer_name: x509.Name = field(repr=False)
     subject_der: bytes = field(repr=False)
     issuer_der: bytes = field(repr=False)
     serial: int
@@ -94,6 +100,8 @@ class Certificate:
     """Dotted object identifiers, None where the extension is absent."""
     unknown_critical: tuple[str, ...]
     """Object identifiers of critical extensions that X.509 verifiers do not process (RFC 5280 4.2)."""
+    constraints: tuple[str, ...]
+    """Object identifiers of name and policy constraints, critical or not: what they rule out is not worked out here."""
     algorithms_agree: bool
     """Whether both statements of the signature algorithm are the same bytes (RFC 5280, 4.1.1.2)."""
     parsed: x509.Certificate = field(repr=False)
@@ -169,9 +177,7 @@ def read_certificates(file: File) -> CertificateFile:
 @lru_cache(maxsize=65_536)  # a robot fleet's enclaves, each asked about by usability, trust, doubt and rules
 def issued_by(certificate: Certificate, issuer: Certificate) -> Issue:
     """Whether `issuer` issued `certificate`: names, key identifiers and the signature, weak digests included."""
-    if certificate.issuer_der != issuer.subject_der and (
-        not same_name(certificate.parsed.issuer, issuer.parsed.subject)
-    ):
+    if certificate.issuer_der != issuer.subject_der and (not same_name(certificate.issuer_name, issuer.subject_name)):
         return Issue.NAME_DIFFERS
     if not certificate.algorithms_agree:  # X509_verify compares both statements of the algorithm first
         return Issue.SIGNATURE_INVALID
@@ -192,6 +198,34 @@ def fit_to_sign(certificate: Certificate) -> bool:
         return False
     netscape = _netscape_type(certificate.parsed)
     return netscape is None or bool(netscape & _NETSCAPE_SMIME_OR_CLIENT)
+
+
+def lets_sign(authority: Certificate) -> bool:
+    """Whether the extended key usage of an authority lets those below it sign S/MIME: it binds them too."""
+    return authority.extended_key_usage is None or _EMAIL_PROTECTION in authority.extended_key_usage
+
+
+def may_issue(certificate: Certificate) -> bool:
+    """Whether OpenSSL's X509_check_ca admits it as an issuer (crypto/x509/v3_purp.c).
+
+    keyUsage absent or with keyCertSign; basicConstraints with CA:TRUE or, where that is absent, what older authorities
+    look like: a self-signed one of version 1, one with keyUsage, one with a Netscape type of an authority.
+    """
+    usage = certificate.key_usage
+    if usage is not None and "keyCertSign" not in usage:
+        return False
+    if certificate.is_ca is not None:
+        return certificate.is_ca
+    old_root = certificate.parsed.version is x509.Version.v1 and names_itself(certificate)
+    return old_root or usage is not None or bool((_netscape_type(certificate.parsed) or 0) & _NETSCAPE_AUTHORITY)
+
+
+def names_itself(certificate: Certificate) -> bool:
+    """Whether OpenSSL takes it for self-signed (EXFLAG_SS): the issuer is the subject, and its key identifier fits."""
+    own = certificate.issuer_der == certificate.subject_der or same_name(
+        certificate.issuer_name, certificate.subject_name
+    )
+    return own and _key_identifier_fits(certificate.parsed, certificate.parsed)
 
 
 def _read(part: Block | Problem, path: str) -> Certificate | RevocationList | Defect:
@@ -220,8 +254,9 @@ def _read_certificate(der: bytes, line: int, path: str) -> Certificate | Defect:
         return _defect(path, Kind.CERTIFICATE_UNREADABLE, line, long)
     try:
         with warnings.catch_warnings():
-            # A serial number that is not positive warns; it is evidence and no news for stderr.
-            warnings.simplefilter("ignore", CryptographyDeprecationWarning)
+            # A serial number that is not positive and a name of no or more than 64 characters warn; both are evidence
+            # and no news for stderr.
+            warnings.simplefilter("ignore", UserWarning)
             return _evidence(x509.load_der_x509_certificate(der), der, line, path)
     except MALFORMED:
         malformed = "expected an X.509 certificate in DER (RFC 5280, 4.1), found a malformed one or other bytes"
@@ -231,14 +266,18 @@ def _read_certificate(der: bytes, line: int, path: str) -> Certificate | Defect:
 def _evidence(parsed: x509.Certificate, der: bytes, line: int, path: str) -> Certificate:
     """Look at every part, so that whatever is malformed raises here and not in a rule."""
     signed = _signed_parts(parsed)
+    subject, issuer = parsed.subject, parsed.issuer  # the library reads them anew each time, and warns each time
     key, key_kind = _key(parsed, signed[5])
     is_ca: bool | None = None
     path_length: int | None = None
     usage: frozenset[str] | None = None
     extended: frozenset[str] | None = None
     critical: list[str] = []
+    constraints: list[str] = []
     for extension in parsed.extensions:
         value = extension.value
+        if extension.oid.dotted_string in _CONSTRAINTS:
+            constraints.append(extension.oid.dotted_string)
         if isinstance(value, x509.BasicConstraints):
             is_ca, path_length = value.ca, value.path_length
         elif isinstance(value, x509.KeyUsage):
@@ -251,8 +290,10 @@ def _evidence(parsed: x509.Certificate, der: bytes, line: int, path: str) -> Cer
         path=path,
         line=line,
         sha256=hashlib.sha256(der).hexdigest(),
-        subject=parsed.subject.rfc4514_string(),
-        issuer=parsed.issuer.rfc4514_string(),
+        subject=subject.rfc4514_string(),
+        issuer=issuer.rfc4514_string(),
+        subject_name=subject,
+        issuer_name=issuer,
         subject_der=signed[4],
         issuer_der=signed[2],
         serial=parsed.serial_number,
@@ -266,6 +307,7 @@ def _evidence(parsed: x509.Certificate, der: bytes, line: int, path: str) -> Cer
         key_usage=usage,
         extended_key_usage=extended,
         unknown_critical=tuple(critical),
+        constraints=tuple(constraints),
         algorithms_agree=signed[1] == parts(der, 2)[1],
         parsed=parsed,
     )

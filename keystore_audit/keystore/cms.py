@@ -16,7 +16,15 @@ from cryptography.hazmat import asn1
 from cryptography.hazmat.asn1 import TLV, Explicit, GeneralizedTime, Implicit, SetOf, UTCTime
 
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.keystore.signature_algorithm import Digest, Problems, Scheme, read_digest, read_scheme
+from keystore_audit.keystore.signature_algorithm import (
+    DIGESTS,
+    Digest,
+    Problems,
+    Scheme,
+    read_digest,
+    read_scheme,
+)
+from keystore_audit.keystore.universal import well_formed
 
 MAX_SIGNERS: Final = 16
 """SignerInfos whose signatures are checked: a real document has one, each costs a public-key operation per key."""
@@ -155,6 +163,11 @@ def read_signed_data(der: bytes) -> SignedData:
         ]
     except ValueError as error:
         raise CmsError(Kind.CMS_MALFORMED, f"an algorithm identifier cannot be read: {error}") from None
+    problems += [
+        (Kind.UNSUPPORTED_ALGORITHM, f"the digest algorithm {digest.name} is listed, and run times may not know it")
+        for digest in listed
+        if digest.name not in DIGESTS
+    ]
     if any(digest.has_parameters for digest in listed):
         problems.append((Kind.CMS_MALFORMED, "a digest algorithm that the message lists has parameters"))
     certificates: list[bytes] = []
@@ -269,6 +282,8 @@ def _attributes(attributes: list[_Attribute], malformed: Callable[[str], None]) 
         single = alternatives[0] if len(alternatives) == 1 and attribute.type not in values else None
         if single is None:
             malformed(f"the signed attribute {attribute.type.dotted_string} is there twice or has not one value")
+        elif not well_formed(single.tag_bytes[0], bytes(single.data)):
+            malformed(f"the signed attribute {attribute.type.dotted_string} has a malformed value")
         values[attribute.type] = single
     content_type, digest, time = (values.get(kind) for kind in (_CONTENT_TYPE, _MESSAGE_DIGEST, _SIGNING_TIME))
     if content_type is None or content_type.tag_bytes != _IDENTIFIER or bytes(content_type.data) != _DATA_DER[2:]:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Final
 
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
-from cryptography.utils import CryptographyDeprecationWarning
 
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.der import MALFORMED, parts
@@ -41,12 +40,15 @@ class RevocationList:
     path: str
     line: int
     issuer: str
+    issuer_name: x509.Name = field(repr=False)
     issuer_der: bytes = field(repr=False)
     this_update: datetime
     next_update: datetime | None
     revoked: frozenset[int]
     signature_algorithm: str
     unknown_critical: tuple[str, ...]
+    scope: frozenset[str]
+    """Fields of issuingDistributionPoint that narrow the list (RFC 5280, 5.2.5), by their names there."""
     parsed: x509.CertificateRevocationList = field(repr=False, compare=False)
 
 
@@ -96,7 +98,7 @@ def read_revocation_list(block: Block, path: str) -> RevocationList | Problem:
     """Read an `X509 CRL` block of any file, or say what is there instead. Never raises."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", CryptographyDeprecationWarning)  # evidence, not news for stderr
+            warnings.simplefilter("ignore", UserWarning)  # odd names and numbers are evidence, no news for stderr
             return _parsed(x509.load_der_x509_crl(block.der or b""), block.line, path)
     except MALFORMED:
         return Problem(line=block.line, detail="bytes that are no revocation list (RFC 5280, 5.1)")
@@ -127,6 +129,7 @@ def crl_signed_by(crl: RevocationList, ca: Certificate) -> bool | None:
 def _parsed(parsed: x509.CertificateRevocationList, line: int, path: str) -> RevocationList:
     """Look at every part, so that whatever is malformed raises here and not in a rule."""
     revoked: set[int] = set()
+    issuer = parsed.issuer  # the library reads it anew each time, and warns each time
     critical = set(_critical(parsed.extensions, _PROCESSED))
     for entry in parsed:
         extensions = entry.extensions
@@ -138,13 +141,15 @@ def _parsed(parsed: x509.CertificateRevocationList, line: int, path: str) -> Rev
     return RevocationList(
         path=path,
         line=line,
-        issuer=parsed.issuer.rfc4514_string(),
+        issuer=issuer.rfc4514_string(),
+        issuer_name=issuer,
         issuer_der=_signed_parts(parsed)[1],
         this_update=parsed.last_update_utc,
         next_update=parsed.next_update_utc,
         revoked=frozenset(revoked),
         signature_algorithm=signature_algorithm(parsed.signature_algorithm_oid.dotted_string),
         unknown_critical=tuple(sorted(critical)),
+        scope=_scope(parsed.extensions),
         parsed=parsed,
     )
 
@@ -159,6 +164,27 @@ def _critical(extensions: x509.Extensions, processed: frozenset[str]) -> Iterato
     for extension in extensions:
         if extension.critical and extension.oid.dotted_string not in processed:
             yield extension.oid.dotted_string
+
+
+_SCOPES: Final = (
+    ("full_name", "distributionPoint"),
+    ("relative_name", "distributionPoint"),
+    ("only_contains_user_certs", "onlyContainsUserCerts"),
+    ("only_contains_ca_certs", "onlyContainsCACerts"),
+    ("only_contains_attribute_certs", "onlyContainsAttributeCerts"),
+    ("only_some_reasons", "onlySomeReasons"),
+    ("indirect_crl", "indirectCRL"),
+)
+
+
+def _scope(extensions: x509.Extensions) -> frozenset[str]:
+    return frozenset(
+        name
+        for extension in extensions
+        if isinstance(extension.value, x509.IssuingDistributionPoint)
+        for attribute, name in _SCOPES
+        if getattr(extension.value, attribute)
+    )
 
 
 def _removed(extensions: x509.Extensions) -> bool:

@@ -29,19 +29,19 @@ def parts(structure: bytes, count: int) -> list[bytes]:
 
     Raises ValueError if there are fewer, or if the structure is cut off.
     """
-    position, end = _content(structure, 0)
+    position, end = content_of(structure, 0)
     found: list[bytes] = []
     while len(found) < count:
         if position >= end:
             raise ValueError("too few elements")
-        _, next_position = _content(structure, position)
+        _, next_position = content_of(structure, position)
         found.append(structure[position:next_position])
         position = next_position
     return found
 
 
-def _content(structure: bytes, position: int) -> tuple[int, int]:
-    """Return where the content of the element at `position` begins and ends."""
+def content_of(structure: bytes, position: int) -> tuple[int, int]:
+    """Return where the content of the element at `position` begins and ends; raise ValueError if it is cut off."""
     if position + 2 > len(structure):
         raise ValueError("cut off in a header")
     length = structure[position + 1]

@@ -210,7 +210,7 @@ def _with_subject_as_path(layout: Layout, certificates: list[_CertificatesOf]) -
 def _common_name(file: CertificateFile | None) -> str | None:
     if file is None or file.first is None:
         return None
-    for attribute in file.first.parsed.subject.get_attributes_for_oid(NameOID.COMMON_NAME):
+    for attribute in file.first.subject_name.get_attributes_for_oid(NameOID.COMMON_NAME):
         return attribute.value if isinstance(attribute.value, str) else None
     return None
 

@@ -19,6 +19,7 @@ from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.mime import Message, MimeError, read_message, split_text
 from keystore_audit.keystore.signature_algorithm import DIGESTS
+from keystore_audit.keystore.universal import well_formed_throughout
 
 MAX_KEYS_TRIED: Final = 64
 """Distinct keys that are tried on one signature beyond those that it names: a document that no certificate of the
@@ -311,6 +312,8 @@ def _made_by(certificate: Certificate, signer: SignerInfo, data: bytes) -> bool 
 
 def _certificate(der: bytes, file: File, line: int) -> Certificate | None:
     """Read a certificate that stands in no file of its own."""
+    if not well_formed_throughout(der):
+        return None
     pem = b"-----BEGIN CERTIFICATE-----\n" + base64.encodebytes(der) + b"-----END CERTIFICATE-----\n"
     alone = File(path=file.path, resolved=file.resolved, status=Status.PRESENT, content=pem)
     first = read_certificates(alone).first

@@ -25,6 +25,9 @@ MAX_DETAIL: Final = 400
 
 _CURRENT: Final = "1.1"
 _OLD: Final = "1.0"
+_RAISED_BY_XMLSCHEMA: Final = (LookupError, ValueError, TypeError, AttributeError, ArithmeticError)
+"""Beside its own exceptions: on xsi:type, on years of twenty digits."""
+
 _VALUE_TYPES: Final = frozenset({"xs:boolean", "xs:dateTime", "xs:nonNegativeInteger"})
 
 
@@ -96,7 +99,7 @@ def _explained(root: etree._Element, grammar: Grammar) -> list[tuple[int | None,
 
     found: list[tuple[int | None, str]] = []
     # What comes before a fault is kept; without any, the words of lxml, which has refused the document, stand.
-    with contextlib.suppress(xmlschema.XMLSchemaException, LookupError, ValueError, TypeError, AttributeError):
+    with contextlib.suppress(xmlschema.XMLSchemaException, *_RAISED_BY_XMLSCHEMA):
         found.extend(itertools.islice(_explanations(root, grammar), MAX_DEFECTS))
     return found
 

@@ -91,9 +91,10 @@ class RealmView:
         )
 
     def _may_sign(self, certificate: int) -> bool:
-        if certificate in self._realm.permissions_ca:
-            return True
-        return not self._system.pins_signer and self._fit_leaf(certificate)
+        if self._system.pins_signer:
+            return certificate in self._realm.permissions_ca
+        fit = self._system.certificates[certificate].fit_to_sign
+        return fit and (certificate in self._realm.permissions_ca or certificate in self._chained)
 
     def _fit_leaf(self, certificate: int) -> bool:
         """Whether the certificate is fit to sign and chains, over any number of authorities, to a permissions CA."""

@@ -16,16 +16,17 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.inventory import unclear
 from keystore_audit.model.meaning import Doubt
-from keystore_audit.model.trust import Verdict, document_verdict, is_authority, issue
+from keystore_audit.model.profiles import Trust
+from keystore_audit.model.trust import MAX_AUTHORITIES, Verdict, document_verdict, is_authority, issue
 
 
-def keystore_doubts(keystore: Keystore, *, pins_signer: bool) -> Iterator[Doubt]:
+def keystore_doubts(keystore: Keystore, trust: Trust) -> Iterator[Doubt]:
     """Everything that could not be read, each place once."""
     seen: set[tuple[str, int | None]] = set()
     for file in (*keystore.layout.directory_links, *keystore.layout.unreadable_directories):
         yield Doubt(enclave=None, location=Location(path=file.path), reason=file.detail)
     for enclave in keystore.enclaves:
-        for doubt in enclave_doubts(enclave, pins_signer=pins_signer):
+        for doubt in enclave_doubts(enclave, trust):
             place = (doubt.location.path, doubt.location.line)
             if place not in seen:
                 seen.add(place)
@@ -33,12 +34,12 @@ def keystore_doubts(keystore: Keystore, *, pins_signer: bool) -> Iterator[Doubt]
 
 
 @lru_cache(maxsize=32_768)  # asked for usability and for the report, under both kinds of implementation
-def enclave_doubts(enclave: Enclave, *, pins_signer: bool) -> tuple[Doubt, ...]:
+def enclave_doubts(enclave: Enclave, trust: Trust) -> tuple[Doubt, ...]:
     """Everything about the enclave that could not be read and that an implementation might act on."""
-    return tuple(_enclave_doubts(enclave, pins_signer=pins_signer))
+    return tuple(_enclave_doubts(enclave, trust))
 
 
-def _enclave_doubts(enclave: Enclave, *, pins_signer: bool) -> Iterator[Doubt]:
+def _enclave_doubts(enclave: Enclave, trust: Trust) -> Iterator[Doubt]:
     for doubt in (identity_doubt(enclave), realm_doubt(enclave), _key_doubt(enclave)):
         if doubt is not None:
             yield doubt
@@ -46,18 +47,14 @@ def _enclave_doubts(enclave: Enclave, *, pins_signer: bool) -> Iterator[Doubt]:
     if file.status.unknown:
         yield _doubt(enclave, file.path, f"permissions could not be read: {file.detail}")
     governance, permissions = enclave.governance, enclave.permissions
-    if governance is not None and _unknown(
-        enclave, governance, parsed=governance.governance is not None, pins_signer=pins_signer
-    ):
+    if governance is not None and _unknown(enclave, governance, trust, parsed=governance.governance is not None):
         yield _document_doubt(enclave, governance)
-    if permissions is not None and _unknown(
-        enclave, permissions, parsed=permissions.permissions is not None, pins_signer=pins_signer
-    ):
+    if permissions is not None and _unknown(enclave, permissions, trust, parsed=permissions.permissions is not None):
         yield _document_doubt(enclave, permissions)
 
 
-def _unknown(enclave: Enclave, read: GovernanceFile | PermissionsFile, *, parsed: bool, pins_signer: bool) -> bool:
-    verdict = document_verdict(read.signed, enclave.permissions_ca, pins_signer=pins_signer)
+def _unknown(enclave: Enclave, read: GovernanceFile | PermissionsFile, trust: Trust, *, parsed: bool) -> bool:
+    verdict = document_verdict(read.signed, enclave.permissions_ca, trust)
     return verdict is Verdict.UNKNOWN or (verdict is Verdict.ACCEPTED and (not parsed or unclear(read) is not None))
 
 
@@ -78,6 +75,10 @@ def identity_doubt(enclave: Enclave) -> Doubt | None:
     if doubt is not None or first is None:
         return doubt
     authorities = enclave.identity_ca.certificates if enclave.identity_ca else ()
+    constrained = next((c for c in (first, *authorities) if c.constraints), None)
+    if constrained is not None:
+        reason = f"{constrained.path} has name or policy constraints ({', '.join(constrained.constraints)}), which "
+        return _doubt(enclave, constrained.path, f"{reason}implementations weigh and this audit does not")
     issues = [issue(authority, first) for authority in authorities if is_authority(authority)]
     if Issue.UNSUPPORTED not in issues or Issue.ISSUED in issues:
         return None
@@ -98,6 +99,9 @@ def realm_doubt(enclave: Enclave) -> Doubt | None:
         doubt = _file_doubt(enclave, role, read, only_without_certificate=False)
         if doubt is not None:
             return doubt
+        if read is not None and len(read.certificates) > MAX_AUTHORITIES:
+            reason = f"{len(read.certificates)} certificates are more than chains are looked for among"
+            return _doubt(enclave, read.file.place, f"{reason} (limit {MAX_AUTHORITIES})")
     file = enclave.files.files[Role.GOVERNANCE]
     if file.status.unknown:
         return _doubt(enclave, file.path, f"governance could not be read: {file.detail}")

@@ -44,32 +44,31 @@ def usability_by_profile(
     keystore: Keystore, profiles: Sequence[Profile], at: datetime, usabilities: Usabilities
 ) -> dict[tuple[str, str], Usability]:
     """Usability by (enclave directory, profile name)."""
-    kinds = {profile.pins_signer for profile in profiles}
+    rows = {profile.trust for profile in profiles}
     found: dict[tuple[str, str], Usability] = {}
     for enclave in keystore.enclaves:
-        by_kind = {pins_signer: usabilities.of(enclave, at, pins_signer=pins_signer) for pins_signer in kinds}
+        by_row = {trust: usabilities.of(enclave, at, trust) for trust in rows}
         for profile in profiles:
-            found[enclave.files.directory, profile.name] = by_kind[profile.pins_signer]
+            found[enclave.files.directory, profile.name] = by_row[profile.trust]
     return found
 
 
 def _systems(builder: SystemBuilder, profiles: Sequence[Profile]) -> tuple[System, ...]:
-    """One system for each kind of implementation, and a MUST reading beside each that leaves doubt."""
+    """One system for each way in which the profiles read the keystore, and a MUST reading beside each with doubt."""
     systems: list[System] = []
-    for pins_signer in sorted({profile.pins_signer for profile in profiles}, reverse=True):
-        names = tuple(profile.name for profile in profiles if profile.pins_signer is pins_signer)
-        may = builder.build(pins_signer=pins_signer, profiles=names, reading=Reading.MAY)
+    for trust, names in builder.kinds(profiles).items():
+        may = builder.build(trust, profiles=names, reading=Reading.MAY)
         systems.append(may)
         if may.has_doubt:
-            systems.append(builder.build(pins_signer=pins_signer, profiles=names, reading=Reading.MUST))
+            systems.append(builder.build(trust, profiles=names, reading=Reading.MUST))
     return tuple(systems)
 
 
 def _doubts(keystore: Keystore, profiles: Sequence[Profile]) -> tuple[Doubt, ...]:
     """What any of the kinds of implementation may act on although we could not read it."""
     doubts: dict[tuple[str | None, Location], Doubt] = {}
-    for pins_signer in {profile.pins_signer for profile in profiles}:
-        for doubt in keystore_doubts(keystore, pins_signer=pins_signer):
+    for trust in dict.fromkeys(profile.trust for profile in profiles):
+        for doubt in keystore_doubts(keystore, trust):
             doubts.setdefault((doubt.enclave, doubt.location), doubt)
     return tuple(sorted(doubts.values(), key=lambda d: (d.location.path, d.location.line or 0, d.enclave or "")))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import lru_cache
@@ -13,7 +13,7 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import Grant, Permissions, PermissionsFile
 from keystore_audit.model.expression import Matcher, parse
-from keystore_audit.model.trust import envelope
+from keystore_audit.model.trust import envelope, is_authority
 from keystore_audit.model.validity import parse_instant
 
 
@@ -102,7 +102,14 @@ def _expressions(read: GovernanceFile | PermissionsFile) -> Iterator[Text]:
                 yield from criterion.partitions or ()
 
 
-def certificates_of(keystore: Keystore) -> tuple[Certificate, ...]:
+def embedded_authorities(documents: Iterable[Document]) -> Iterator[Certificate]:
+    """Authorities that signed messages bring along: implementations that do not pin the signer chain over them."""
+    for document in documents:
+        if document.file is not None and envelope(document.file.signed).signers:
+            yield from (certificate for certificate in document.file.signed.embedded if is_authority(certificate))
+
+
+def certificates_of(keystore: Keystore, documents: Iterable[Document]) -> tuple[Certificate, ...]:
     """Every distinct certificate that plays a part: identities, authorities and signers, by place."""
     found: dict[str, Certificate] = {}
     for enclave in keystore.enclaves:
@@ -114,6 +121,8 @@ def certificates_of(keystore: Keystore) -> tuple[Certificate, ...]:
         for document in (enclave.governance, enclave.permissions):
             for signer in envelope(document.signed).signers if document else ():
                 found.setdefault(signer.sha256, signer)
+    for certificate in embedded_authorities(documents):
+        found.setdefault(certificate.sha256, certificate)
     return tuple(sorted(found.values(), key=lambda c: (c.path, c.line, c.sha256)))
 
 

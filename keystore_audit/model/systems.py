@@ -5,21 +5,27 @@ Evidence in, normalised facts out, one for each kind of implementation and readi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from functools import cached_property
 
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
-from keystore_audit.keystore.certificate import CertificateFile, fit_to_sign
-from keystore_audit.keystore.crl import CrlFile
-from keystore_audit.keystore.governance import GovernanceFile, TopicRule
+from keystore_audit.keystore.certificate import fit_to_sign
+from keystore_audit.keystore.governance import TopicRule
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.channels import Channels, RuleMatches, build_channels, covers_of, domain_classes
 from keystore_audit.model.domains import Interval, contains, covered
 from keystore_audit.model.doubt import identity_doubt, realm_doubt
-from keystore_audit.model.inventory import Document, certificates_of, dates_of, documents_of, instants_of
-from keystore_audit.model.revocation import revoked_serials
+from keystore_audit.model.inventory import (
+    Document,
+    certificates_of,
+    dates_of,
+    documents_of,
+    embedded_authorities,
+    instants_of,
+)
+from keystore_audit.model.profiles import Profile, Trust
 from keystore_audit.model.system import (
     CertificateAtom,
     DocumentAtom,
@@ -32,7 +38,8 @@ from keystore_audit.model.system import (
     System,
     TopicRuleAtom,
 )
-from keystore_audit.model.trust import Verdict, envelope, is_authority, may_have_issued, may_sign
+from keystore_audit.model.trust import is_authority, may_have_issued
+from keystore_audit.model.trust_view import TrustFiles, TrustViews, trust_files
 
 MAX_ISSUER_CHECKS = 50_000
 """Pairs of certificate and authority whose signature is verified: five seconds at worst; 10,000 enclaves of one
@@ -49,19 +56,17 @@ class SystemBuilder:
         self._keystore = keystore
         self._at = at
         self._documents = documents_of(keystore)
-        self._certificates = certificates_of(keystore)
+        self._certificates = certificates_of(keystore, self._documents)
         self._number = {certificate.sha256: n for n, certificate in enumerate(self._certificates)}
         self._instants = instants_of(self._certificates, self._documents, at)
         self._topic_matches: dict[int, frozenset[int]] = {}
         self._rule_matches: dict[int, RuleMatches] = {}
         self._channels = self._classes()
         self._issuers = self._issue()
-        self._typed: dict[tuple[str, ...], _Typed] = {}
+        self._typed: dict[object, _Typed] = {}
         self._doubts = [(identity_doubt(enclave) is not None, realm_doubt(enclave)) for enclave in keystore.enclaves]
         self._keys = {key: n for n, key in enumerate(dict.fromkeys(c.key for c in self._certificates))}
-        self._envelopes = {
-            document.place: envelope(document.file.signed) for document in self._documents if document.file
-        }
+        self._views = TrustViews(keystore, self._documents, self._certificates)
 
     def _classes(self) -> Channels:
         """Domain classes and channels over all readable documents."""
@@ -89,14 +94,14 @@ class SystemBuilder:
         return channels
 
     def _issue(self) -> tuple[frozenset[int], ...]:
-        """For each certificate, those of CA files that issued it: names and signature, not dates."""
+        """For each certificate, those of CA files and messages that issued it: names and signature, not dates."""
         authorities = {
             certificate.sha256
             for enclave in self._keystore.enclaves
             for file in (enclave.identity_ca, enclave.permissions_ca)
             if file is not None
             for certificate in file.certificates
-        }
+        } | {certificate.sha256 for certificate in embedded_authorities(self._documents)}
         pool = [(n, c) for n, c in enumerate(self._certificates) if c.sha256 in authorities]
         if len(pool) * len(self._certificates) > MAX_ISSUER_CHECKS:
             raise BudgetExceeded(
@@ -108,15 +113,19 @@ class SystemBuilder:
             for certificate in self._certificates
         )
 
-    def build(self, *, pins_signer: bool, profiles: tuple[str, ...], reading: Reading) -> System:
-        """The system as implementations read it that do, or do not, pin the signer."""
+    def kinds(self, profiles: Sequence[Profile]) -> dict[Trust, tuple[str, ...]]:
+        """The names of the profiles that read this keystore alike, under one of their trust rows."""
+        return self._views.kinds(profiles)
+
+    def build(self, trust: Trust, *, profiles: tuple[str, ...], reading: Reading) -> System:
+        """The system as implementations with this trust row read it."""
         may = reading is Reading.MAY
-        opaque = {d.place for d in self._documents if self._opaque(d, pins_signer=pins_signer)}
+        opaque = self._views.opaque(trust)
         documents = [d for d in self._documents if may or d.place not in opaque]
         number = {document.place: n for n, document in enumerate(documents)}
-        atoms = [self._document_atom(document, opaque=document.place in opaque) for document in documents]
+        atoms = [self._document_atom(document, trust, opaque=document.place in opaque) for document in documents]
         realms: dict[RealmAtom, int] = {}
-        trusts: dict[_Trust, RealmAtom] = {}
+        trusts: dict[TrustFiles, RealmAtom] = {}
         enclaves: list[EnclaveAtom] = []
         for enclave, (unknown, doubt) in zip(self._keystore.enclaves, self._doubts, strict=True):
             if unknown and not may:
@@ -124,8 +133,8 @@ class SystemBuilder:
             if doubt is not None:
                 realm = _open_realm(atoms, doubt.location.path) if may else _CLOSED
             else:
-                trust = _trust(enclave)
-                realm = trusts.get(trust) or trusts.setdefault(trust, self._realm(enclave, number))
+                files = trust_files(enclave)
+                realm = trusts.get(files) or trusts.setdefault(files, self._realm(enclave, number, trust))
             enclaves.append(
                 EnclaveAtom(
                     label=enclave.path,
@@ -149,10 +158,10 @@ class SystemBuilder:
                         opaque=True,
                     )
                 )
-        domain_rules, topic_rules, grants, rules = self._typed_atoms(documents)
+        domain_rules, topic_rules, grants, rules = self._typed_atoms(documents, trust)
         return System(
             profiles=profiles,
-            pins_signer=pins_signer,
+            pins_signer=trust.pins_signer,
             reading=reading,
             instants=self._instants,
             now=self._instants.index(self._at),
@@ -168,47 +177,25 @@ class SystemBuilder:
             rules=rules,
         )
 
-    def _opaque(self, document: Document, *, pins_signer: bool) -> bool:
-        """Whether some enclave may accept the document although we do not know what it says."""
-        if document.file is None:
-            return True
-        judged = self._envelopes[document.place]
-        if judged.verdict is Verdict.UNKNOWN:
-            return True
-        if judged.verdict is Verdict.REFUSED or document.readable:
-            return False
-        return any(
-            all(may_sign(signer, enclave.permissions_ca, pins_signer=pins_signer) for signer in judged.signers)
-            for enclave in self._keystore.enclaves
-            if enclave.permissions_ca is not None
-        )
-
-    def _document_atom(self, document: Document, *, opaque: bool) -> DocumentAtom:
-        judged = self._envelopes.get(document.place)
-        intact = judged is not None and judged.verdict is Verdict.ACCEPTED and not opaque
+    def _document_atom(self, document: Document, trust: Trust, *, opaque: bool) -> DocumentAtom:
+        signers = self._views.signers(document, trust) if not opaque else frozenset()
         return DocumentAtom(
             label=document.place,
             location=Location(path=document.place),
-            intact=intact,
-            signers=frozenset(self._number[s.sha256] for s in judged.signers) if intact and judged else frozenset(),
+            intact=bool(signers),
+            signers=signers,
             opaque=opaque,
         )
 
-    def _realm(self, enclave: Enclave, number: dict[str, int]) -> RealmAtom:
+    def _realm(self, enclave: Enclave, number: dict[str, int], trust: Trust) -> RealmAtom:
         """What the enclave's verdict on peers depends on."""
         place = enclave.governance.signed.file.place if enclave.governance else None
-        identity_ca = enclave.identity_ca.certificates if enclave.identity_ca else ()
-        permissions_ca = enclave.permissions_ca.certificates if enclave.permissions_ca else ()
-        revoked = revoked_serials(enclave)
+        identity_ca, permissions_ca, revoked = self._views.authorities(enclave, trust)
         return RealmAtom(
-            identity_ca=frozenset(self._number[c.sha256] for c in identity_ca),
-            permissions_ca=frozenset(self._number[c.sha256] for c in permissions_ca),
+            identity_ca=identity_ca,
+            permissions_ca=permissions_ca,
             governance=number.get(place) if place else None,
-            revoked=(
-                frozenset(n for n, c in enumerate(self._certificates) if (c.issuer_der, c.serial) in revoked)
-                if revoked
-                else frozenset()
-            ),
+            revoked=revoked,
         )
 
     def _identity(self, enclave: Enclave) -> int | None:
@@ -232,12 +219,13 @@ class SystemBuilder:
             for n, certificate in enumerate(self._certificates)
         )
 
-    def _typed_atoms(self, documents: Sequence[Document]) -> _Typed:
-        """What the documents say, the same objects for every kind of implementation that reads the same ones."""
-        places = tuple(document.place for document in documents)
-        if places not in self._typed:
-            self._typed[places] = (*self._governance_atoms(documents), *self._permission_atoms(documents))
-        return self._typed[places]
+    def _typed_atoms(self, documents: Sequence[Document], trust: Trust) -> _Typed:
+        """What the documents say, the same objects for every kind of implementation that reads the same there."""
+        names = self._views.names(trust)
+        key = (tuple(document.place for document in documents), tuple(names.items()))
+        if key not in self._typed:
+            self._typed[key] = (*self._governance_atoms(documents), *self._permission_atoms(documents, names))
+        return self._typed[key]
 
     def _governance_atoms(
         self, documents: Sequence[Document]
@@ -274,10 +262,9 @@ class SystemBuilder:
             location=Location(path=document.place, line=topic.line),
         )
 
-    def _permission_atoms(self, documents: Sequence[Document]) -> tuple[tuple[GrantAtom, ...], tuple[RuleAtom, ...]]:
-        by_subject: dict[str, set[int]] = {}
-        for n, certificate in enumerate(self._certificates):
-            by_subject.setdefault(certificate.subject, set()).add(n)
+    def _permission_atoms(
+        self, documents: Sequence[Document], names: Mapping[str, frozenset[int]]
+    ) -> tuple[tuple[GrantAtom, ...], tuple[RuleAtom, ...]]:
         index = {instant: n for n, instant in enumerate(self._instants)}
         grants: list[GrantAtom] = []
         rules: list[RuleAtom] = []
@@ -300,7 +287,7 @@ class SystemBuilder:
                 grants.append(
                     GrantAtom(
                         document=number,
-                        names=frozenset(by_subject.get(grant.subject_name.text, ())),
+                        names=names[grant.subject_name.text],
                         not_before=index[not_before],
                         not_after=index[not_after],
                         default_allow=grant.default_allow,
@@ -316,14 +303,6 @@ class SystemBuilder:
 
 
 _Typed = tuple[tuple[DomainRuleAtom, ...], tuple[TopicRuleAtom, ...], tuple[GrantAtom, ...], tuple[RuleAtom, ...]]
-_Trust = tuple[CertificateFile | None, CertificateFile | None, GovernanceFile | None, CrlFile | None]
-
-
-def _trust(enclave: Enclave) -> _Trust:
-    """What the realm of an enclave is made of: files, each one object however many enclaves share it."""
-    return enclave.identity_ca, enclave.permissions_ca, enclave.governance, enclave.crl
-
-
 _CLOSED = RealmAtom(identity_ca=frozenset(), permissions_ca=frozenset(), governance=None, revoked=frozenset())
 """(MUST) The realm of an enclave whose trust could not be read: it accepts nobody."""
 

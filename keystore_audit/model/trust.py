@@ -5,13 +5,29 @@ The evidence comes from `keystore/`; what it means depends on the profile (DDS-S
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from enum import Enum
 from functools import lru_cache
+from typing import Final
 
-from keystore_audit.keystore.certificate import Certificate, CertificateFile, Issue, fit_to_sign, issued_by
+from keystore_audit.keystore.certificate import (
+    Certificate,
+    CertificateFile,
+    Issue,
+    fit_to_sign,
+    issued_by,
+    lets_sign,
+    may_issue,
+    names_itself,
+)
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.smime import Signature, SignedDocument
+from keystore_audit.model.profiles import Trust
+
+MAX_AUTHORITIES: Final = 64
+"""Certificates of one CA file that chains are looked for among; a file with more leaves its enclave unknown."""
 
 _REFUSED_BY_ALL = frozenset({Kind.NOT_SMIME, Kind.NO_TEXT_PLAIN, Kind.NO_SIGNER, Kind.DIGEST_MISMATCH})
 """Forms that every measured implementation refuses (docs/security-model.md)."""
@@ -64,50 +80,107 @@ def _signer(signature: Signature) -> Certificate | None:
     return next((certificate for certificate in signature.named if certificate.sha256 in verified), None)
 
 
-def may_sign(signer: Certificate, permissions_ca: CertificateFile, *, pins_signer: bool) -> bool:
-    """Whether `signer` may sign documents for an enclave with this permissions CA file.
+def authorities_read(file: CertificateFile, trust: Trust) -> tuple[Certificate, ...]:
+    """The certificates of a CA file that count: all, or the first alone."""
+    return file.certificates[:1] if trust.first_authority_only else file.certificates[:MAX_AUTHORITIES]
 
-    Pinned: it is one of the file's certificates (issuer, serial number and key: here, the same bytes).
-    Otherwise any certificate that one of them issued and that is fit for S/MIME signing will do too:
-    CVE-2023-24010, CVE-2023-24011, CVE-2023-24012.
+
+@lru_cache(maxsize=4096)
+def trusted_authorities(file: CertificateFile, trust: Trust, at: datetime | None = None) -> tuple[Certificate, ...]:
+    """The authorities of an identity CA file that can vouch for an identity, in force at `at` with all above them.
+
+    Where the chain has to end at a root (X509_verify_cert of OpenSSL), each is one or was issued by another of them,
+    within the path lengths that those above it allow (RFC 5280, 6.1.4 l and m); otherwise every certificate of the file
+    is an anchor. `at` None: whatever the dates.
     """
-    if any(signer.sha256 == authority.sha256 for authority in permissions_ca.certificates):
+    pool = [
+        authority
+        for authority in authorities_read(file, trust)
+        if is_authority(authority) and (at is None or authority.not_before <= at <= authority.not_after)
+    ]
+    return _below(pool, [root for root in pool if is_root(root)]) if trust.needs_root else tuple(pool)
+
+
+def _below(pool: Sequence[Certificate], roots: Sequence[Certificate]) -> tuple[Certificate, ...]:
+    """The authorities of the pool on some path from the roots, which are of the pool, within its path lengths."""
+    # By certificate: how many more authorities that are not self-issued may follow below it.
+    left: dict[Certificate, int] = {root: _allowance(root, len(pool)) for root in roots}
+    pending = list(left)
+    while pending:
+        above = pending.pop()
+        for below in pool:
+            if is_root(below) or not may_have_issued(above, below):
+                continue
+            self_issued = below.subject_der == below.issuer_der
+            allowed = min(left[above] - (not self_issued), _allowance(below, len(pool)))
+            if allowed >= 0 and allowed > left.get(below, -1):
+                left[below] = allowed
+                pending.append(below)
+    return tuple(authority for authority in pool if authority in left)
+
+
+def _allowance(authority: Certificate, unlimited: int) -> int:
+    return unlimited if authority.path_length is None else min(authority.path_length, unlimited)
+
+
+def is_root(certificate: Certificate) -> bool:
+    """Whether it is self-signed, so that a chain can end there."""
+    return names_itself(certificate) and may_have_issued(certificate, certificate)
+
+
+def may_sign(signer: Certificate, signed: SignedDocument, permissions_ca: CertificateFile, trust: Trust) -> bool:
+    """Whether an enclave with this permissions CA file takes `signer` as a signer of the document.
+
+    Pinned: it is one of the file's certificates (issuer, serial number and key: here, the same bytes). Otherwise it has
+    to be in the message, the first there of its issuer and serial number, fit for S/MIME signing, and to chain to a
+    root of the file over authorities of the file and the message: CVE-2023-24010, CVE-2023-24011, CVE-2023-24012
+    (PKCS7_verify with a store and PKCS7_TEXT; measured against libcrypto). Dates are not looked at.
+    """
+    read = authorities_read(permissions_ca, trust)
+    if trust.pins_signer:
+        return any(signer.sha256 == authority.sha256 for authority in read)
+    if not is_first_embedded(signer, signed) or not fit_to_sign(signer) or signer.unknown_critical:
+        return False
+    roots = [root for root in read if is_root(root)]
+    if any(signer.sha256 == root.sha256 for root in roots):
         return True
-    return (
-        not pins_signer
-        and fit_to_sign(signer)
-        and any(is_authority(a) and may_have_issued(a, signer) for a in permissions_ca.certificates)
-    )
+    pool = {c.sha256: c for c in (*read, *signed.embedded) if is_authority(c) and lets_sign(c)}
+    above = _below(list(pool.values()), [root for root in roots if root.sha256 in pool])
+    return any(may_have_issued(authority, signer) for authority in above)
 
 
-@lru_cache(maxsize=32_768)
-def document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | None, *, pins_signer: bool) -> Verdict:
+def is_first_embedded(signer: Certificate, signed: SignedDocument) -> bool:
+    """Whether it is the first certificate in the message of its issuer and serial number: the one OpenSSL takes."""
+    name = (signer.issuer_der, signer.serial)
+    first = next((c for c in signed.embedded if (c.issuer_der, c.serial) == name), None)
+    return first is not None and first.sha256 == signer.sha256
+
+
+@lru_cache(maxsize=65_536)
+def document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | None, trust: Trust) -> Verdict:
     """What an enclave with this permissions CA file does with the document's signatures."""
     judged = envelope(signed)
     if judged.verdict is not Verdict.ACCEPTED:
         return judged.verdict
     if permissions_ca is None:
         return Verdict.REFUSED
-    if all(may_sign(signer, permissions_ca, pins_signer=pins_signer) for signer in judged.signers):
+    if all(may_sign(signer, signed, permissions_ca, trust) for signer in judged.signers):
         return Verdict.ACCEPTED
     return Verdict.REFUSED
 
 
 def is_authority(certificate: Certificate) -> bool:
-    """Whether it may issue certificates.
-
-    CA:TRUE and, where keyUsage is present, keyCertSign (RFC 5280, 4.2.1.3, 4.2.1.9).
-    """
-    return bool(certificate.is_ca) and (certificate.key_usage is None or "keyCertSign" in certificate.key_usage)
+    """Whether it may issue certificates: `may_issue`, and no critical extension that nobody processes."""
+    return may_issue(certificate) and not certificate.unknown_critical
 
 
 def issue(authority: Certificate, certificate: Certificate) -> Issue:
     """Whether `authority` issued the certificate: names and signature, not dates. UNSUPPORTED: it cannot be told.
 
-    A self-issued certificate is nobody's but its own, even where an older one has the same name and key: OpenSSL, and
-    with it every measured implementation, refuses a self-signed certificate that is not among the trusted ones.
+    A self-signed certificate is nobody's but its own, even where an older one has the same name and key: OpenSSL, and
+    with it every measured implementation, refuses one that is not among the trusted ones.
     """
-    if certificate.subject_der == certificate.issuer_der and certificate.sha256 != authority.sha256:
+    if certificate.sha256 != authority.sha256 and names_itself(certificate):
         return Issue.NAME_DIFFERS
     return issued_by(certificate, authority)
 

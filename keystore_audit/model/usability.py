@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
 
-from keystore_audit.keystore.certificate import Certificate
+from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.governance import DomainRule, GovernanceFile
 from keystore_audit.keystore.keystore import Enclave
@@ -15,8 +15,18 @@ from keystore_audit.keystore.permissions import Grant
 from keystore_audit.model.domains import Interval, contains, covered, elementary
 from keystore_audit.model.doubt import enclave_doubts
 from keystore_audit.model.meaning import Usability
-from keystore_audit.model.revocation import revoked_serials
-from keystore_audit.model.trust import Verdict, document_verdict, is_authority, may_have_issued, vouches
+from keystore_audit.model.profiles import Trust
+from keystore_audit.model.revocation import list_missing, lists_read, revoked
+from keystore_audit.model.subject import names
+from keystore_audit.model.trust import (
+    Verdict,
+    authorities_read,
+    document_verdict,
+    is_authority,
+    is_root,
+    may_have_issued,
+    trusted_authorities,
+)
 from keystore_audit.model.validity import parse_instant
 
 REQUIRED = (
@@ -37,7 +47,10 @@ class _Dated:
     """What depends on the instant: the identity, its issuers, and the enclave's own grants with their dates."""
 
     certificate: Certificate | None
-    issuers: tuple[Certificate, ...]
+    identity_ca: CertificateFile | None
+    """None where no authority of the file issued the identity: that is a reason of its own."""
+    permissions_ca: Certificate | None
+    """None where its dates do not count."""
     grants: tuple[tuple[datetime, datetime, bool], ...] | None
     """not_before, not_after and whether it lets the enclave join; None where the document has no meaning."""
     stale_after: tuple[datetime, ...]
@@ -52,30 +65,28 @@ class Usabilities:
     def __init__(self, domain: int | None) -> None:
         self._domain = domain
         self._governed: dict[str, _Governed] = {}
-        self._standing: dict[tuple[str, bool], tuple[tuple[str, ...], tuple[str, ...]]] = {}
-        self._dated: dict[str, _Dated] = {}
+        self._standing: dict[tuple[str, Trust], tuple[tuple[str, ...], tuple[str, ...]]] = {}
+        self._dated: dict[tuple[str, Trust], _Dated] = {}
 
-    def of(self, enclave: Enclave, at: datetime, *, pins_signer: bool) -> Usability:
+    def of(self, enclave: Enclave, at: datetime, trust: Trust) -> Usability:
         """Whether a participant of the enclave is created at `at` (aware UTC).
 
         `usable` is None where something could not be read and nothing else already rules it out.
         """
-        directory = enclave.files.directory
-        key = (directory, pins_signer)
+        key = (enclave.files.directory, trust)
         if key not in self._standing:
             self._standing[key] = (
-                tuple(self._refusals(enclave, pins_signer=pins_signer)),
-                tuple(doubt.reason for doubt in enclave_doubts(enclave, pins_signer=pins_signer)),
+                tuple(self._refusals(enclave, trust)),
+                tuple(doubt.reason for doubt in enclave_doubts(enclave, trust)),
             )
-        if directory not in self._dated:
-            self._dated[directory] = self._dates(enclave)
+            self._dated[key] = self._dates(enclave, trust)
         refusals, doubts = self._standing[key]
-        reasons = (*refusals, *_refusals_at(self._dated[directory], at))
+        reasons = (*refusals, *_refusals_at(self._dated[key], trust, at))
         if reasons:
             return Usability(usable=False, reasons=reasons)
         return Usability(usable=None if doubts else True, reasons=doubts)
 
-    def _refusals(self, enclave: Enclave, *, pins_signer: bool) -> Iterator[str]:
+    def _refusals(self, enclave: Enclave, trust: Trust) -> Iterator[str]:
         """Reasons that hold at every instant."""
         for role in REQUIRED:
             file = enclave.files.files[role]
@@ -84,31 +95,34 @@ class Usabilities:
                 yield f"{role.value}: {file.detail or file.status.value}"
         certificate = enclave.certificate.first if enclave.certificate else None
         if certificate is not None:
-            yield from _identity_refusals(enclave, certificate)
+            yield from _identity_refusals(enclave, certificate, trust)
+        yield from _authority_refusals(enclave, trust)
         for role, read in ((Role.GOVERNANCE, enclave.governance), (Role.PERMISSIONS, enclave.permissions)):
-            if read is not None and enclave.permissions_ca is not None:
-                verdict = document_verdict(read.signed, enclave.permissions_ca, pins_signer=pins_signer)
-                if verdict is Verdict.REFUSED:
-                    whom = "the permissions CA" if pins_signer else "anybody whom the permissions CA vouches for"
-                    yield f"{role.value}.p7s is not validly signed by {whom}"
+            if read is None or enclave.permissions_ca is None:
+                continue
+            if document_verdict(read.signed, enclave.permissions_ca, trust) is Verdict.REFUSED:
+                whom = "the permissions CA" if trust.pins_signer else "anybody whom the permissions CA vouches for"
+                yield f"{role.value}.p7s is not validly signed by {whom}"
         governance = enclave.governance
         readable = governance is not None and governance.governance is not None
         if governance is not None and readable and not self._governed_domains(governance):
             yield "the governance covers " + ("no domain" if self._domain is None else f"not domain {self._domain}")
 
-    def _dates(self, enclave: Enclave) -> _Dated:
+    def _dates(self, enclave: Enclave, trust: Trust) -> _Dated:
         certificate = enclave.certificate.first if enclave.certificate else None
-        authorities = enclave.identity_ca.certificates if enclave.identity_ca else ()
-        revocations = enclave.crl.revocation_lists if enclave.crl else ()
+        file = enclave.identity_ca
+        issued = file is not None and certificate is not None and _issued(file, certificate, trust, None)
+        authority = enclave.permissions_ca.first if enclave.permissions_ca else None
         return _Dated(
             certificate=certificate,
-            issuers=tuple(a for a in authorities if certificate is not None and vouches(a, certificate)),
-            grants=self._own_grants(enclave, certificate),
-            stale_after=tuple(r.next_update for r in revocations if r.next_update is not None),
+            identity_ca=file if issued else None,
+            permissions_ca=authority if trust.checks_permissions_ca else None,
+            grants=self._own_grants(enclave, certificate, trust),
+            stale_after=tuple(r.next_update for r in lists_read(enclave, trust) if r.next_update is not None),
         )
 
     def _own_grants(
-        self, enclave: Enclave, certificate: Certificate | None
+        self, enclave: Enclave, certificate: Certificate | None, trust: Trust
     ) -> tuple[tuple[datetime, datetime, bool], ...] | None:
         """The grants of the enclave's own document that name its certificate."""
         permissions = enclave.permissions.permissions if enclave.permissions else None
@@ -120,7 +134,8 @@ class Usabilities:
         found = []
         for grant in permissions.grants:
             not_before, not_after = parse_instant(grant.not_before.text), parse_instant(grant.not_after.text)
-            if grant.subject_name.text == certificate.subject and not_before is not None and not_after is not None:
+            named = names(grant.subject_name.text, certificate, trust.subjects)
+            if named and not_before is not None and not_after is not None:
                 found.append((not_before, not_after, governed is None or not governed or _joins(governed, grant)))
         return tuple(found)
 
@@ -143,30 +158,65 @@ class Usabilities:
         return self._governed[place]
 
 
-def _identity_refusals(enclave: Enclave, certificate: Certificate) -> Iterator[str]:
+def _identity_refusals(enclave: Enclave, certificate: Certificate, trust: Trust) -> Iterator[str]:
     if enclave.key is not None:
         if enclave.key.encrypted:
             yield "the private key is encrypted, and no password is passed"
-        elif enclave.key.key is not None and enclave.key.key != certificate.key:
+        elif trust.compares_key and enclave.key.key is not None and enclave.key.key != certificate.key:
             yield "the private key does not belong to the certificate"
-    authorities = enclave.identity_ca
-    readable = authorities is not None and not any(defect.kind.opaque for defect in authorities.defects)
-    issuing = authorities.certificates if authorities is not None else ()
-    if readable and not any(is_authority(a) and may_have_issued(a, certificate) for a in issuing):
-        yield "the identity CA did not issue the identity certificate"
+    file = enclave.identity_ca
+    if file is not None and not any(defect.kind.opaque for defect in file.defects):
+        if not _issued(file, certificate, trust, None):
+            yield "the identity CA did not issue the identity certificate" + _why_not(file, certificate, trust)
+        elif list_missing(enclave, certificate, trust):
+            yield "no revocation list that it carries can be used for the identity, so every identity is refused"
     if certificate.unknown_critical:
         yield "the identity certificate has a critical extension that no implementation knows"
-    if (certificate.issuer_der, certificate.serial) in revoked_serials(enclave):
+    if trust.identity_keys is not None and certificate.key_kind not in trust.identity_keys:
+        yield f"it takes no identity with a key of kind {certificate.key_kind}"
+    if trust.identity_algorithms is not None and certificate.signature_algorithm not in trust.identity_algorithms:
+        yield f"it takes no identity signed with {certificate.signature_algorithm}"
+    if revoked(enclave, (certificate,), trust):
         yield "the identity certificate is revoked"
 
 
-def _refusals_at(dated: _Dated, at: datetime) -> Iterator[str]:
+def _why_not(file: CertificateFile, certificate: Certificate, trust: Trust) -> str:
+    """What stands in the way where a certificate of the file did issue it."""
+    issuers = [a for a in file.certificates if is_authority(a) and may_have_issued(a, certificate)]
+    if not issuers:
+        return ""
+    if trust.first_authority_only and file.first not in issuers:
+        return f": it reads the first certificate of {file.file.place} alone"
+    return f": no chain in {file.file.place} ends at a self-signed certificate within its path lengths"
+
+
+def _issued(file: CertificateFile, certificate: Certificate, trust: Trust, at: datetime | None) -> bool:
+    """Whether an authority that the implementation trusts issued the certificate, all of them in force at `at`."""
+    return any(may_have_issued(authority, certificate) for authority in trusted_authorities(file, trust, at))
+
+
+def _authority_refusals(enclave: Enclave, trust: Trust) -> Iterator[str]:
+    """Reasons in the permissions CA file."""
+    file = enclave.permissions_ca
+    if file is None or file.first is None:
+        return
+    if trust.ca_algorithms is not None and file.first.signature_algorithm not in trust.ca_algorithms:
+        yield f"it loads no permissions CA signed with {file.first.signature_algorithm}"
+    if trust.checks_permissions_ca and not any(is_root(authority) for authority in authorities_read(file, trust)):
+        yield f"no certificate that counts in {file.file.place} is self-signed, so the permissions CA is refused"
+
+
+def _refusals_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:
     """Reasons that hold at `at`."""
     certificate = dated.certificate
     if certificate is not None and not certificate.not_before <= at <= certificate.not_after:
         yield "the identity certificate is outside its validity"
-    if dated.issuers and not any(issuer.not_before <= at <= issuer.not_after for issuer in dated.issuers):
+    file = dated.identity_ca
+    if certificate is not None and file is not None and not _issued(file, certificate, trust, at):
         yield "the identity CA certificate is outside its validity"
+    authority = dated.permissions_ca
+    if authority is not None and not authority.not_before <= at <= authority.not_after:
+        yield "the permissions CA certificate is outside its validity"
     if any(end < at for end in dated.stale_after):
         yield "the revocation list is stale, so every identity is refused"
     if certificate is not None and dated.grants is not None:

@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import Final
 
+from keystore_audit.keystore.certificate import CertificateFile
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.smime import SignedDocument
-from keystore_audit.model.profiles import VARIANTS, Profile
+from keystore_audit.model.profiles import VARIANTS, Profile, Trust
 from keystore_audit.model.trust import Verdict, document_verdict, envelope
+
+ROWS: Final = tuple(dict.fromkeys(profile.trust for profile in VARIANTS.values()))
+"""The trust rows of all known variants, the specification's first."""
+
+SPEC: Final = VARIANTS["spec"].trust
+"""The row by which a document is genuine: a certificate of the permissions CA file made every signature."""
 
 
 def unpinned() -> tuple[Profile, ...]:
     """Every known variant that takes documents from any signer that chains to the permissions CA."""
-    return tuple(profile for profile in VARIANTS.values() if not profile.pins_signer)
+    return tuple(profile for profile in VARIANTS.values() if not profile.trust.pins_signer)
 
 
 def pinned() -> tuple[Profile, ...]:
     """Every known variant that takes documents from the permissions CA itself alone."""
-    return tuple(profile for profile in VARIANTS.values() if profile.pins_signer)
+    return tuple(profile for profile in VARIANTS.values() if profile.trust.pins_signer)
 
 
 def unread_authority(enclave: Enclave) -> bool:
@@ -31,9 +39,15 @@ def unread_authority(enclave: Enclave) -> bool:
     )
 
 
-def verdict(signed: SignedDocument, enclave: Enclave, *, pins_signer: bool) -> Verdict:
+def accepting(signed: SignedDocument, files: Iterable[CertificateFile]) -> tuple[Profile, ...]:
+    """The known variants under which an enclave with one of these permissions CA files takes the document."""
+    takes = {trust for trust in ROWS for file in files if document_verdict(signed, file, trust) is Verdict.ACCEPTED}
+    return tuple(profile for profile in VARIANTS.values() if profile.trust in takes)
+
+
+def verdict(signed: SignedDocument, enclave: Enclave, trust: Trust) -> Verdict:
     """What the enclave does with the document; UNKNOWN too where its permissions CA could not be read."""
-    said = document_verdict(signed, enclave.permissions_ca, pins_signer=pins_signer)
+    said = document_verdict(signed, enclave.permissions_ca, trust)
     if said is not Verdict.REFUSED or not unread_authority(enclave):
         return said
     return said if envelope(signed).verdict is Verdict.REFUSED else Verdict.UNKNOWN
@@ -44,13 +58,9 @@ def may_be_taken(signed: SignedDocument, enclaves: Sequence[Enclave]) -> bool:
 
     Where none may, what its XML says is of no consequence: the signature's finding says everything.
     """
-    return any(
-        verdict(signed, enclave, pins_signer=pins_signer) is not Verdict.REFUSED
-        for pins_signer in (True, False)
-        for enclave in enclaves
-    )
+    return any(verdict(signed, enclave, trust) is not Verdict.REFUSED for trust in ROWS for enclave in enclaves)
 
 
 def genuine_for(signed: SignedDocument, enclaves: Sequence[Enclave]) -> int:
     """How many of the enclaves have a permissions CA that signed the document."""
-    return sum(verdict(signed, enclave, pins_signer=True) is Verdict.ACCEPTED for enclave in enclaves)
+    return sum(verdict(signed, enclave, SPEC) is Verdict.ACCEPTED for enclave in enclaves)

@@ -76,7 +76,7 @@ def one_ca_for_both_roles(keystore: Keystore, context: Context) -> Iterator[Viol
             both = {c.key for c in identity.certificates} & {c.key for c in permissions.certificates}
             if both:
                 shared.setdefault(tuple(sorted(both)), (identity, permissions, []))[2].append(enclave)
-    bites = any(not profile.pins_signer for profile in context.profiles)
+    bites = any(not profile.trust.pins_signer for profile in context.profiles)
     for keys, (identity, permissions, enclaves) in shared.items():
         of_both = [c for file in (identity, permissions) for c in file.certificates if c.key in keys]
         yield Violation(

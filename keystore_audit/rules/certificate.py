@@ -198,7 +198,7 @@ def certificate_not_yet_valid(use: CertificateUse, context: Context) -> Iterator
 def certificate_expires_soon(use: CertificateUse, context: Context) -> Iterator[Violation]:
     """The certificate ends within the notice period (--expires-within, 30 days): afterwards nothing new starts."""
     for certificate in use.in_use:
-        if context.at <= certificate.not_after <= context.at + context.expires_within:
+        if context.at <= certificate.not_after and certificate.not_after - context.at <= context.expires_within:
             days = (certificate.not_after - context.at).days
             yield at(
                 use,

@@ -152,14 +152,23 @@ def grant_outside_governance_domains(use: PermissionsUse, _context: Context) -> 
     applies=speaks,
 )
 def rule_domain_range_open(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
-    """An <id_range> of a rule lacks <min> or <max>, and implementations read different domains in it (measured)."""
+    """An <id_range> of a rule lacks <min> or <max>, and implementations read different domains in it (measured).
+
+    Critical without <min>: evaluating such a rule crashes Cyclone DDS 0.10.2 (measured with its plugin). Permissions
+    come from peers too, so that one signed document takes others down.
+    """
     for grant in all_grants(use):
         for permission_rule in grant.rules:
             for domains in permission_rule.domains:
                 why = _open_range(domains)
                 if why is not None:
                     key = f"{grant.subject_name.text} {domains.low} {domains.high}"
-                    yield about(use, grant, domains.line, f"{why}.", key=key)
+                    crashes = domains.low is None
+                    message = (
+                        f"{why}.{' Cyclone DDS 0.10 dies when it comes to the rule (measured).' if crashes else ''}"
+                    )
+                    severity = Severity.CRITICAL if crashes else None
+                    yield about(use, grant, domains.line, message, key=key, severity=severity)
 
 
 DOMAIN: tuple[Rule[Any], ...] = (

@@ -17,7 +17,7 @@ from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Grant
 from keystore_audit.model.trust import Verdict
 from keystore_audit.model.validity import parse_instant
-from keystore_audit.rules.acceptance import verdict
+from keystore_audit.rules.acceptance import ROWS, verdict
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import AMBIGUOUS
 from keystore_audit.rules.registry import Rule, Violation, rule
@@ -169,9 +169,7 @@ def no_grant_for_certificate(use: PermissionsUse, _context: Context) -> Iterator
 
 def _refused_by(use: PermissionsUse, enclave: Enclave) -> bool:
     """Whether the enclave takes the document under no known implementation."""
-    return all(
-        verdict(use.signed, enclave, pins_signer=pins_signer) is Verdict.REFUSED for pins_signer in (True, False)
-    )
+    return all(verdict(use.signed, enclave, trust) is Verdict.REFUSED for trust in ROWS)
 
 
 @rule(

@@ -12,6 +12,7 @@ from keystore_audit.keystore.distinguished_name import same_name
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.model.revocation import NO_IDENTITIES, names_revoked
 from keystore_audit.rules.certificate import ISSUE_AGAIN
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
@@ -55,20 +56,15 @@ def identity_revoked(keystore: Keystore, _context: Context) -> Iterator[Violatio
 
     Enclaves that do not carry it accept the identity as before. Lists that no identity CA signed revoke nothing here.
     """
-    serials: dict[bytes, set[int]] = {}
-    for enclave in keystore.enclaves:
-        if enclave.certificate is not None and enclave.certificate.first is not None:
-            serials.setdefault(enclave.certificate.first.issuer_der, set()).add(enclave.certificate.first.serial)
-    revoked: dict[tuple[bytes, int], list[tuple[RevocationUse, RevocationList]]] = {}
-    for use in revocation_uses(keystore):
-        for revocations in use.in_use:
-            named = revocations.revoked & serials.get(revocations.issuer_der, set())
-            if named and _signed(use, revocations):
-                for serial in named:
-                    revoked.setdefault((revocations.issuer_der, serial), []).append((use, revocations))
+    lists = [
+        (use, revocations)
+        for use in revocation_uses(keystore)
+        for revocations in use.in_use
+        if revocations.revoked and _signed(use, revocations)
+    ]
     for enclave in keystore.enclaves:
         first = enclave.certificate.first if enclave.certificate else None
-        found = revoked.get((first.issuer_der, first.serial), []) if first is not None else []
+        found = [(use, each) for use, each in lists if first is not None and names_revoked(each, first)]
         if first is not None and found:
             holders = {holder.path: holder for use, _ in found for holder in use.enclaves}
             yield Violation(
@@ -129,14 +125,23 @@ def _why_invalid(use: RevocationUse, revocations: RevocationList) -> tuple[str, 
         return "", False  # whose certificate is missing or unreadable is said elsewhere
     if revocations.unknown_critical:
         return f"it has critical extensions that OpenSSL refuses, {listed(revocations.unknown_critical)}", False
-    named = [ca for ca in use.authorities if same_name(ca.parsed.subject, revocations.parsed.issuer)]
+    named = [ca for ca in use.authorities if same_name(ca.subject_name, revocations.issuer_name)]
     if not named:
         expected = quoted(use.authorities[0].subject)
         return f"got the issuer {quoted(revocations.issuer)}, expected {expected}", False
     signed = _signed(use, revocations)
     if signed is None:
         return f"its signature ({revocations.signature_algorithm}) cannot be verified here", True
-    return ("", False) if signed else (f"both say {quoted(revocations.issuer)}, but another key signed", False)
+    if not signed:
+        return f"both say {quoted(revocations.issuer)}, but another key signed", False
+    if all(ca.key_usage is not None and "cRLSign" not in ca.key_usage for ca in named):
+        return "the keyUsage of the identity CA does not let it sign revocation lists", False
+    authority_too = any(e.certificate and e.certificate.first and e.certificate.first.is_ca for e in use.enclaves)
+    if revocations.scope & (NO_IDENTITIES - ({"onlyContainsCACerts"} if authority_too else frozenset())):
+        return f"it holds no identities ({listed(sorted(revocations.scope))})", False
+    if revocations.scope:
+        return f"whether its scope fits the identities is not worked out ({listed(sorted(revocations.scope))})", True
+    return "", False
 
 
 @rule(

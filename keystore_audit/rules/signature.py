@@ -15,8 +15,9 @@ from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.smime import Signature
+from keystore_audit.model.profiles import VARIANTS, Profile
 from keystore_audit.model.trust import Verdict, document_verdict, may_sign, vouches
-from keystore_audit.rules.acceptance import pinned, unpinned
+from keystore_audit.rules.acceptance import SPEC, accepting
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse
@@ -55,7 +56,7 @@ def _maker(use: DocumentUse, signature: Signature, context: Context) -> tuple[_M
     signer = next((certificate for certificate in signature.named if certificate.sha256 in verified), None)
     if signer is None:
         return _unnamed(use, signature)
-    if all(may_sign(signer, file, pins_signer=True) for _enclave, file in use.judging):
+    if all(may_sign(signer, use.signed, file, SPEC) for _enclave, file in use.judging):
         return _Maker.AUTHORITY, signer
     if _holder(signer, context) is not None:
         return _Maker.IDENTITY, signer
@@ -115,26 +116,24 @@ def _comparable(use: DocumentUse, context: Context) -> bool:
 def _refusing(use: DocumentUse) -> tuple[tuple[Enclave, CertificateFile], ...]:
     """The enclaves whose permissions CA did not sign."""
     return tuple(
-        (enclave, file)
-        for enclave, file in use.judging
-        if document_verdict(use.signed, file, pins_signer=True) is Verdict.REFUSED
+        (enclave, file) for enclave, file in use.judging if document_verdict(use.signed, file, SPEC) is Verdict.REFUSED
     )
 
 
-def _accepted_unpinned(use: DocumentUse) -> bool:
-    """Whether an implementation that does not pin the signer takes the document in one of those enclaves."""
-    return any(
-        document_verdict(use.signed, file, pins_signer=False) is Verdict.ACCEPTED for _enclave, file in _refusing(use)
-    )
+def _accepting(use: DocumentUse) -> tuple[Profile, ...]:
+    """The known variants that take the document in one of those enclaves all the same."""
+    return accepting(use.signed, [file for _enclave, file in _refusing(use)])
 
 
 def _consequence(use: DocumentUse) -> str:
     """Who refuses and who accepts a document that not every enclave's permissions CA signed."""
     refusing = _refusing(use)
     whom = "" if len(refusing) == len(use.enclaves) else f" in {paths(enclave for enclave, _file in refusing)}"
-    if not _accepted_unpinned(use):
+    accepted = _accepting(use)
+    if not accepted:
         return f"refused by every known implementation{whom}"
-    return f"accepted by {implementations(unpinned())}; refused{whom} by {implementations(pinned())}"
+    others = [profile for profile in VARIANTS.values() if profile not in accepted]
+    return f"accepted by {implementations(accepted)}; refused{whom} by {implementations(others)}"
 
 
 def _violation(use: DocumentUse, message: str, signer: Certificate | None, key: str, **more: Any) -> Violation:
@@ -187,7 +186,7 @@ def signer_not_permissions_ca(use: DocumentUse, context: Context) -> Iterator[Vi
             f"Signed by {got}; {_expected(use)}: {_consequence(use)}.",
             signer,
             signer.key if signer is not None else f"{signature.serial:x}",
-            explains=frozenset(_FORGED if _accepted_unpinned(use) else (_SIGNED,)),
+            explains=frozenset(_FORGED if _accepting(use) else (_SIGNED,)),
         )
 
 
@@ -219,7 +218,7 @@ def signed_by_an_identity(use: DocumentUse, context: Context) -> Iterator[Violat
             f"Signed by {who}, {quoted(signer.subject)}; {_expected(use)}: {_consequence(use)}.",
             signer,
             signer.key,
-            explains=frozenset(_FORGED if _accepted_unpinned(use) else (_SIGNED,)),
+            explains=frozenset(_FORGED if _accepting(use) else (_SIGNED,)),
         )
 
 

@@ -82,7 +82,7 @@ def grant_not_yet_valid(use: PermissionsUse, context: Context) -> Iterator[Viola
 def grant_expires_soon(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """The grant of the enclave ends within the notice period (--expires-within, 30 days): then nothing new starts."""
     for grant, start, end in _dated(use):
-        if start <= end and context.at <= end <= context.at + context.expires_within:
+        if start <= end and context.at <= end and end - context.at <= context.expires_within:
             message = (
                 f"{_whose(grant)} expires at {instant(end)}, in {(end - context.at).days} days (notice: "
                 f"{context.expires_within.days})."

@@ -182,7 +182,12 @@ def test_every_invalid_value_is_named() -> None:
 NAMES = st.text(st.characters(codec="utf-8", exclude_categories=("Cc", "Cf", "Cs", "Cn", "Co", "Zl", "Zp")), min_size=1)
 
 
-@given(st.lists(NAMES.filter(lambda name: name == name.strip(" \t\r\n")), min_size=1, max_size=5), NAMES)
+QUOTES = ("\"", "'", "\u2018", "\u201c")
+"""Signs at the start of a value for which Cyclone DDS refuses the document."""
+VALUES = NAMES.filter(lambda name: name == name.strip(" \t\r\n") and not name.startswith(QUOTES))
+
+
+@given(st.lists(VALUES, min_size=1, max_size=5), NAMES)
 def test_names_come_out_as_they_went_in(topics: list[str], grant_name: str) -> None:
     root = etree.fromstring(PERMISSIONS)
     listed = root.find(".//topics")

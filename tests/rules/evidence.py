@@ -190,8 +190,9 @@ def signed(
 ) -> SignedDocument:
     """A signed document, by the permissions CA unless signatures are given."""
     made = signatures or (signature(first("public/permissions_ca.cert.pem", PERMISSIONS_CA)),)
+    embedded = tuple(certificate for each in made for certificate in each.named)
     return SignedDocument(
-        file=file(path), content=content, first_line=10, embedded=(), signatures=made, defects=defects
+        file=file(path), content=content, first_line=10, embedded=embedded, signatures=made, defects=defects
     )
 
 

@@ -3,14 +3,58 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum
+
+
+class SubjectComparison(str, Enum):
+    """How the subject_name of a grant is compared with the subject of a certificate (`model.subject`)."""
+
+    EXACT = "exact"
+    FASTDDS_ORDERED = "fastdds-ordered"
+    FASTDDS_PARSED = "fastdds-parsed"
+    CYCLONEDDS = "cyclonedds"
+    CYCLONEDDS_TRIMMED = "cyclonedds-trimmed"
+    OPENDDS = "opendds"
+
+
+class RevocationLists(str, Enum):
+    """Where revocation lists of identities are read from."""
+
+    NONE = "none"
+    CRL_FILE = "crl.pem"
+    CRL_AND_CA_FILE = "crl.pem and the identity CA file"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trust:
+    """Whom an implementation trusts. Profiles with equal rows read a keystore alike.
+
+    `pins_signer`: a document must be signed by a certificate of the permissions CA file itself; otherwise any
+    certificate that chains to one and is fit for S/MIME signing will do (CVE-2023-24010, -24011, -24012).
+    `first_authority_only`: of a CA file the first certificate counts alone. `needs_root`: a chain has to end at a
+    self-signed certificate of the CA file (OpenSSL without X509_V_FLAG_PARTIAL_CHAIN). `checks_permissions_ca`: the
+    permissions CA has to be in force and to chain to a root. `ca_algorithms`, `identity_algorithms`: signature
+    algorithms, as OpenSSL names them, of the first permissions CA certificate and of the identity (None: all).
+    `identity_keys`: kinds of key of the identity (None: all). `compares_key`: whether a private key of another
+    certificate keeps the participant from being created.
+    """
+
+    pins_signer: bool
+    first_authority_only: bool
+    needs_root: bool
+    checks_permissions_ca: bool
+    revocation: RevocationLists
+    subjects: SubjectComparison
+    ca_algorithms: frozenset[str] | None
+    identity_algorithms: frozenset[str] | None
+    identity_keys: frozenset[str] | None
+    compares_key: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profile:
     """What one implementation does, for the versions named.
 
-    `pins_signer`: a document must be signed by a certificate of the permissions CA file itself; otherwise any
-    certificate that chains to one and is fit for S/MIME signing will do (CVE-2023-24010, -24011, -24012).
     `distributions`: ROS 2 distributions that ship it. `measured`: the trust rows were measured on the real
     plugins, else read in their source. `source`: where the row comes from.
     """
@@ -19,6 +63,6 @@ class Profile:
     title: str
     versions: str
     distributions: tuple[str, ...]
-    pins_signer: bool
+    trust: Trust
     measured: bool
     source: str

@@ -1,23 +1,78 @@
 """The canonical variants and their aliases (design section 3).
 
-Trust rows from the project's measurements on the real plugins: `signer` was put to each version
-marked measured with documents signed by a leaf of the CA.
+The trust rows are those of the project's tables, which docs/security-model.md repeats with their sources: measured
+on the real plugins of the versions named, read in the source where `measured` is false.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from difflib import get_close_matches
+from typing import Final
 
 from keystore_audit.errors import UsageError
-from keystore_audit.model.profiles.profile import Profile
+from keystore_audit.model.profiles.profile import Profile, RevocationLists, SubjectComparison, Trust
+
+_SPEC: Final = Trust(
+    pins_signer=True,
+    first_authority_only=False,
+    needs_root=False,
+    checks_permissions_ca=False,
+    revocation=RevocationLists.CRL_FILE,
+    subjects=SubjectComparison.EXACT,
+    ca_algorithms=None,
+    identity_algorithms=None,
+    identity_keys=None,
+    compares_key=True,
+)
+"""DDS-Security 1.1: each certificate of a CA file is an anchor (9.3.1.1), it signs documents itself (9.4.1.1)."""
+
+_FASTDDS_ALGORITHMS: Final = frozenset({"ecdsa-with-SHA256", "sha256WithRSAEncryption", "sha1WithRSAEncryption"})
+"""What `get_signature_algorithm` of Fast DDS knows (Permissions.cpp, PKIDH.cpp); measured on 2.9.1."""
+
+_FASTDDS: Final = Trust(
+    pins_signer=True,
+    first_authority_only=False,
+    needs_root=True,
+    checks_permissions_ca=True,
+    revocation=RevocationLists.CRL_AND_CA_FILE,
+    subjects=SubjectComparison.FASTDDS_PARSED,
+    ca_algorithms=_FASTDDS_ALGORITHMS,
+    identity_algorithms=_FASTDDS_ALGORITHMS,
+    identity_keys=None,
+    compares_key=True,
+)
+_FASTDDS_2_6: Final = replace(_FASTDDS, subjects=SubjectComparison.FASTDDS_ORDERED)
+_FASTDDS_UNPINNED: Final = replace(_FASTDDS_2_6, pins_signer=False)
+
+_CYCLONEDDS_11: Final = Trust(
+    pins_signer=True,
+    first_authority_only=True,
+    needs_root=True,
+    checks_permissions_ca=False,
+    revocation=RevocationLists.CRL_FILE,
+    subjects=SubjectComparison.CYCLONEDDS_TRIMMED,
+    ca_algorithms=None,
+    identity_algorithms=None,
+    # RSA of 2,048 bits, or EC of 256 bits on whatever curve (auth_utils.c, check_key_type_and_size).
+    identity_keys=frozenset({"RSA 2048", "EC secp256r1", "EC secp256k1", "EC brainpoolP256r1"}),
+    compares_key=False,
+)
+_CYCLONEDDS_0_10: Final = replace(
+    _CYCLONEDDS_11, pins_signer=False, checks_permissions_ca=True, subjects=SubjectComparison.CYCLONEDDS
+)
+
+_OPENDDS: Final = replace(
+    _CYCLONEDDS_11, revocation=RevocationLists.NONE, subjects=SubjectComparison.OPENDDS, identity_keys=None
+)
 
 SPEC = Profile(
     name="spec",
     title="DDS-Security 1.1",
     versions="formal/2018-04-01",
     distributions=(),
-    pins_signer=True,
+    trust=_SPEC,
     measured=False,
     source="DDS-Security 1.1, 9.4.1.1: the permissions CA signs governance and permissions",
 )
@@ -31,7 +86,7 @@ VARIANTS: dict[str, Profile] = {
             title="Fast DDS up to 2.6.4",
             versions="2.3.6, 2.6.0 to 2.6.4, 2.7.1",
             distributions=("galactic",),
-            pins_signer=False,
+            trust=_FASTDDS_UNPINNED,
             measured=False,
             source="eProsima/Fast-DDS tags: PKCS7_NOINTERN only from 2.6.5 on",
         ),
@@ -40,7 +95,7 @@ VARIANTS: dict[str, Profile] = {
             title="Fast DDS 2.6",
             versions="2.6.5 to 2.6.12; 2.6.12 measured",
             distributions=("humble",),
-            pins_signer=True,
+            trust=_FASTDDS_2_6,
             measured=True,
             source="leaf-signed documents refused by 2.6.12",
         ),
@@ -49,7 +104,7 @@ VARIANTS: dict[str, Profile] = {
             title="Fast DDS 2.9.1",
             versions="2.9.1 (Debian's package)",
             distributions=(),
-            pins_signer=False,
+            trust=_FASTDDS_UNPINNED,
             measured=True,
             source="leaf-signed documents accepted by 2.9.1",
         ),
@@ -58,7 +113,7 @@ VARIANTS: dict[str, Profile] = {
             title="Fast DDS 2.14",
             versions="2.14.5 and 2.14.6; 2.14.6 measured",
             distributions=("jazzy",),
-            pins_signer=True,
+            trust=_FASTDDS,
             measured=True,
             source="leaf-signed documents refused by 2.14.6",
         ),
@@ -67,7 +122,7 @@ VARIANTS: dict[str, Profile] = {
             title="Fast DDS 3.2",
             versions="3.2.5",
             distributions=("kilted",),
-            pins_signer=True,
+            trust=_FASTDDS,
             measured=True,
             source="leaf-signed documents refused by 3.2.5",
         ),
@@ -76,7 +131,7 @@ VARIANTS: dict[str, Profile] = {
             title="Fast DDS 3.6",
             versions="3.6.2",
             distributions=("lyrical", "rolling"),
-            pins_signer=True,
+            trust=_FASTDDS,
             measured=True,
             source="leaf-signed documents refused by 3.6.2",
         ),
@@ -85,7 +140,7 @@ VARIANTS: dict[str, Profile] = {
             title="Cyclone DDS 0.10",
             versions="0.10.2 measured; 0.10.5 has the same code",
             distributions=("humble", "jazzy", "kilted"),
-            pins_signer=False,
+            trust=_CYCLONEDDS_0_10,
             measured=True,
             source="leaf-signed documents accepted by 0.10.2",
         ),
@@ -94,7 +149,7 @@ VARIANTS: dict[str, Profile] = {
             title="Cyclone DDS 11",
             versions="11.0.1",
             distributions=("lyrical", "rolling"),
-            pins_signer=True,
+            trust=_CYCLONEDDS_11,
             measured=True,
             source="leaf-signed documents refused by 11.0.1",
         ),
@@ -103,7 +158,7 @@ VARIANTS: dict[str, Profile] = {
             title="OpenDDS",
             versions="after 2023-01-18 (read at 2fea234)",
             distributions=(),
-            pins_signer=True,
+            trust=_OPENDDS,
             measured=False,
             source="OpenDDS/OpenDDS:dds/DCPS/security/SSL/SignedDocument.cpp",
         ),

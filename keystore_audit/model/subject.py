@@ -1,0 +1,288 @@
+"""Whether the subject_name of a grant names a certificate, as each implementation compares them.
+
+DDS-Security 1.1 (9.4.1.3) asks for the subject in the form of RFC 2253 and leaves the comparison open; every
+implementation has one of its own (sources: docs/security-model.md). All of them find the name that `ros2 security`
+writes; they differ about order, blanks, quotes, escapes, repeated attributes and text that does not belong there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache
+from typing import Final
+
+from cryptography import x509
+
+from keystore_audit.keystore.certificate import Certificate
+from keystore_audit.model.profiles import SubjectComparison
+
+MAX_PAIRS: Final = 200_000
+"""Grants and certificates that are compared one by one: half a second. Only names in odd forms are; beyond it a grant
+counts as naming every certificate that an index cannot rule out."""
+
+_FASTDDS_MAX_ATTRIBUTES: Final = 20
+"""Attributes of a name that Fast DDS keeps (DistinguishedName.h, MAX_VALUES_)."""
+
+_CYCLONEDDS_MAX_ATTRIBUTES: Final = 20
+"""Attributes of a grant's subject that Cyclone DDS keeps (ac_check_subjects_are_equal)."""
+
+_CYCLONEDDS_DELIMITERS: Final = str.maketrans("/|", ",,")
+
+_SHORT_NAMES: Final[Mapping[str, str]] = {
+    # OpenSSL's short names (crypto/objects/objects.txt) of what stands in subjects; cryptography knows nine of them.
+    "2.5.4.3": "CN",
+    "2.5.4.4": "SN",
+    "2.5.4.5": "serialNumber",
+    "2.5.4.6": "C",
+    "2.5.4.7": "L",
+    "2.5.4.8": "ST",
+    "2.5.4.9": "street",
+    "2.5.4.10": "O",
+    "2.5.4.11": "OU",
+    "2.5.4.12": "title",
+    "2.5.4.17": "postalCode",
+    "2.5.4.41": "name",
+    "2.5.4.42": "GN",
+    "2.5.4.43": "initials",
+    "2.5.4.44": "generationQualifier",
+    "2.5.4.46": "dnQualifier",
+    "2.5.4.65": "pseudonym",
+    "0.9.2342.19200300.100.1.1": "UID",
+    "0.9.2342.19200300.100.1.25": "DC",
+    "1.2.840.113549.1.9.1": "emailAddress",
+}
+
+Attributes = tuple[tuple[str, str], ...]
+"""Types and values, in order."""
+
+
+def matching(
+    subjects: Sequence[str], certificates: Sequence[Certificate], comparison: SubjectComparison
+) -> dict[str, frozenset[int]]:
+    """For each text of `subjects` the certificates (indices) that a grant with this subject_name is taken to name."""
+    wanted = dict.fromkeys(subjects)
+    if comparison is SubjectComparison.EXACT:
+        by_name: dict[str, set[int]] = {}
+        for number, certificate in enumerate(certificates):
+            by_name.setdefault(certificate.subject, set()).add(number)
+        return {text: frozenset(by_name.get(text, ())) for text in wanted}
+    if comparison is SubjectComparison.FASTDDS_ORDERED:
+        return _by_key(wanted, certificates, _ordered, escape_non_ascii=False)
+    if comparison is SubjectComparison.OPENDDS:
+        return _by_key(wanted, certificates, _distinguished, escape_non_ascii=False)
+    if comparison is SubjectComparison.FASTDDS_PARSED:
+        return _indexed(wanted, certificates, _fastdds_attributes, _fastdds_names, escape_non_ascii=False)
+    trimmed = comparison is SubjectComparison.CYCLONEDDS_TRIMMED
+
+    def parts(text: str) -> Attributes:
+        return _cyclonedds_attributes(text, trimmed=trimmed)
+
+    return _indexed(wanted, certificates, parts, _cyclonedds_names, escape_non_ascii=True)
+
+
+@lru_cache(maxsize=65_536)
+def names(subject: str, certificate: Certificate, comparison: SubjectComparison) -> bool:
+    """Whether a grant with this subject_name is taken to name the certificate."""
+    return bool(matching((subject,), (certificate,), comparison)[subject])
+
+
+def printed(certificate: Certificate, *, escape_non_ascii: bool) -> str:
+    """The subject as X509_NAME_print_ex gives it with XN_FLAG_RFC2253, without ASN1_STRFLGS_ESC_MSB unless asked.
+
+    As the implementations compute it: Fast DDS leaves UTF-8 as it is (PKIDH.cpp), Cyclone DDS escapes each byte of it
+    (access_control_utils.c).
+    """
+    relative = reversed(list(certificate.subject_name.rdns))
+    return ",".join("+".join(_attribute(each, escape=escape_non_ascii) for each in rdn) for rdn in relative)
+
+
+def _attribute(attribute: x509.NameAttribute[str | bytes], *, escape: bool) -> str:
+    kind = attribute.oid.dotted_string
+    value = attribute.value if isinstance(attribute.value, str) else "#" + attribute.value.hex().upper()
+    return f"{_SHORT_NAMES.get(kind, kind)}={_escaped(value, escape=escape)}"
+
+
+def _escaped(value: str, *, escape: bool) -> str:
+    """Escapes of RFC 2253, 2.4, as do_esc_char of OpenSSL makes them (crypto/asn1/a_strex.c)."""
+    pieces = []
+    for place, character in enumerate(value):
+        edge = (place == 0 and character in " #") or (place == len(value) - 1 and character == " ")
+        if edge or character in ',+"\\<>;':
+            pieces.append("\\" + character)
+        elif ord(character) < 0x20 or ord(character) == 0x7F or (escape and ord(character) > 0x7F):
+            pieces.append("".join(f"\\{byte:02X}" for byte in character.encode("utf-8", "surrogatepass")))
+        else:
+            pieces.append(character)
+    return "".join(pieces)
+
+
+# --- equal keys
+
+
+def _by_key(
+    subjects: Iterable[str],
+    certificates: Sequence[Certificate],
+    key: Callable[[str], object],
+    *,
+    escape_non_ascii: bool,
+) -> dict[str, frozenset[int]]:
+    """Names that are equal when their keys are."""
+    found: dict[object, set[int]] = {}
+    for number, certificate in enumerate(certificates):
+        found.setdefault(key(_printed(certificate, escape_non_ascii)), set()).add(number)
+    return {text: frozenset(found.get(key(text), ())) for text in subjects}
+
+
+@lru_cache(maxsize=32_768)
+def _printed(certificate: Certificate, escape_non_ascii: bool) -> str:
+    return printed(certificate, escape_non_ascii=escape_non_ascii)
+
+
+def _ordered(text: str) -> tuple[str, ...]:
+    """Fast DDS before 2.14: pieces between commas, blanks around them off, up to the first empty piece.
+
+    Permissions.cpp, rfc2253_string_compare at v2.6.12 (read; order, blanks and the trailing comma measured).
+    """
+    pieces = []
+    for piece in text.split(","):
+        if not piece:
+            break
+        pieces.append(_trimmed(piece))
+    return tuple(pieces)
+
+
+def _trimmed(piece: str) -> str:
+    """Blanks off, save that a piece of two characters keeps its blank: the loops there stop one too early."""
+    low, high = 0, len(piece) - 1
+    while low < len(piece) and piece[low] == " " and low + 1 != high:
+        low += 1
+    while high > 0 and piece[high] == " " and high - 1 != low:
+        high -= 1
+    return piece[low : high + 1]
+
+
+def _distinguished(text: str) -> tuple[frozenset[tuple[str, str]], ...] | str:
+    """OpenDDS: relative names in order, each a set of attributes, blanks off and escapes resolved (read only)."""
+    relative = []
+    for rdn in _split(text, ","):
+        attributes = [each.partition("=") for each in _split(rdn, "+")]
+        if not all(sign for _kind, sign, _value in attributes):
+            return text
+        relative.append(frozenset((kind.strip(" "), _unescaped(value.strip(" "))) for kind, _sign, value in attributes))
+    return tuple(relative)
+
+
+def _split(text: str, delimiter: str) -> Iterator[str]:
+    """The pieces between delimiters that no backslash escapes and no quotes enclose."""
+    begin, place, quoted = 0, 0, False
+    while place < len(text):
+        if text[place] == "\\":
+            place += 1
+        elif text[place] == '"':
+            quoted = not quoted
+        elif text[place] == delimiter and not quoted:
+            yield text[begin:place]
+            begin = place + 1
+        place += 1
+    yield text[begin:]
+
+
+def _unescaped(value: str) -> str:
+    if len(value) > 1 and value[0] == value[-1] == '"':
+        value = value[1:-1]
+    pieces = value.split("\\")
+    return pieces[0] + "".join(pieces[1:])
+
+
+# --- one name within another
+
+
+def _indexed(
+    subjects: Iterable[str],
+    certificates: Sequence[Certificate],
+    parse: Callable[[str], Attributes],
+    names: Callable[[Attributes, Attributes], bool],
+    *,
+    escape_non_ascii: bool,
+) -> dict[str, frozenset[int]]:
+    """Names that are compared attribute by attribute: a certificate can only be named by a text with its rarest one.
+
+    `names`: whether the attributes of a text name those of a certificate.
+    """
+    parsed = [parse(_printed(certificate, escape_non_ascii)) for certificate in certificates]
+    counts: dict[tuple[str, str], int] = {}
+    for attributes in parsed:
+        for attribute in set(attributes):
+            counts[attribute] = counts.get(attribute, 0) + 1
+    by_rarest: dict[tuple[str, str] | None, list[int]] = {}
+    for number, attributes in enumerate(parsed):
+        rarest = min(attributes, key=lambda attribute: (counts[attribute], attribute), default=None)
+        by_rarest.setdefault(rarest, []).append(number)
+    found: dict[str, frozenset[int]] = {}
+    pairs = 0
+    for text in subjects:
+        attributes = parse(text)
+        candidates = [n for each in dict.fromkeys((*attributes, None)) for n in by_rarest.get(each, ())]
+        pairs += len(candidates)
+        unlimited = pairs <= MAX_PAIRS
+        found[text] = frozenset(n for n in candidates if not unlimited or names(attributes, parsed[n]))
+    return found
+
+
+def _fastdds_attributes(text: str) -> Attributes:
+    """Fast DDS since 2.14: `type=value` between commas outside quotes and escapes, as far as the text has that form.
+
+    Blanks around, quotes and backslashes do not count (DistinguishedName.cpp; measured on 2.14.6, 3.2.5 and 3.6.2).
+    """
+    attributes: list[tuple[str, str]] = []
+    rest = text.lstrip(" ")
+    while rest and len(attributes) < _FASTDDS_MAX_ATTRIBUTES:
+        kind, sign, behind = _cut(rest, "=")
+        if not sign:
+            break
+        value, _sign, following = _cut(behind, ",")
+        # A cut of no length takes everything there (Attribute::cut), so an empty type or value is all that follows.
+        attributes.append((_plain(kind or rest), _plain(value or behind)))
+        rest = following.lstrip(" ")
+    return tuple(attributes)
+
+
+def _cut(text: str, delimiter: str) -> tuple[str, str, str]:
+    """Like str.partition, at the first delimiter outside quotes and escapes."""
+    head = next(_split(text, delimiter))
+    return head, text[len(head) : len(head) + 1], text[len(head) + 1 :]
+
+
+def _plain(text: str) -> str:
+    return text.strip(" ").replace("\\", "").replace('"', "")
+
+
+def _fastdds_names(text: Attributes, certificate: Attributes) -> bool:
+    """As many attributes, and each of the text is the first of its type in the certificate.
+
+    So a repeated attribute names other subjects, and a subject with a repeated type is not even named by itself.
+    """
+    first = dict(reversed(certificate))
+    return len(text) == len(certificate) and all(first.get(kind, "") == value for kind, value in text)
+
+
+def _cyclonedds_attributes(text: str, *, trimmed: bool) -> Attributes:
+    """Cyclone DDS: pieces between `,`, `/` and `|`, each `type=value`, or a type without value.
+
+    So `CN=/robot/arm` is `CN=`, `robot=` and `arm=` (access_control_utils.c, string_to_properties; the subset measured
+    on 0.10.2 and 11.0.1, the pieces of a path read). Of a certificate no piece but the last may be empty: nothing names
+    it then, which the empty type stands for here.
+    """
+    attributes = []
+    for piece in text.translate(_CYCLONEDDS_DELIMITERS).removesuffix(",").split(","):
+        kind, _sign, value = piece.partition("=")
+        attributes.append((kind.strip(" "), value.strip(" ")) if trimmed else (kind, value))
+    return tuple(attributes)
+
+
+def _cyclonedds_names(text: Attributes, certificate: Attributes) -> bool:
+    """Every attribute of the certificate is the first of its type in the text, whatever else the text has."""
+    if len(text) > _CYCLONEDDS_MAX_ATTRIBUTES:
+        return False
+    first = dict(reversed(text))
+    return all(kind and first.get(kind) == value for kind, value in certificate)

@@ -1,0 +1,110 @@
+"""What of a keystore depends on whom an implementation trusts: one view for each trust row of `model.profiles`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from keystore_audit.keystore.certificate import Certificate, CertificateFile
+from keystore_audit.keystore.crl import CrlFile
+from keystore_audit.keystore.governance import GovernanceFile
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.model.inventory import Document
+from keystore_audit.model.profiles import Profile, SubjectComparison, Trust
+from keystore_audit.model.revocation import revoked
+from keystore_audit.model.subject import matching
+from keystore_audit.model.trust import (
+    Verdict,
+    authorities_read,
+    document_verdict,
+    envelope,
+    is_first_embedded,
+    is_root,
+    trusted_authorities,
+)
+
+TrustFiles = tuple[CertificateFile | None, CertificateFile | None, GovernanceFile | None, CrlFile | None]
+
+
+def trust_files(enclave: Enclave) -> TrustFiles:
+    """What the realm of an enclave is made of: files, each one object however many enclaves share it."""
+    return enclave.identity_ca, enclave.permissions_ca, enclave.governance, enclave.crl
+
+
+class TrustViews:
+    """The views of one keystore. A certificate is its index in `certificates`."""
+
+    def __init__(self, keystore: Keystore, documents: Sequence[Document], certificates: Sequence[Certificate]) -> None:
+        self._documents = documents
+        self._certificates = certificates
+        self._number = {certificate.sha256: number for number, certificate in enumerate(certificates)}
+        self._realms = list({trust_files(enclave): enclave for enclave in keystore.enclaves}.values())
+        self._permissions_cas = list(dict.fromkeys(enclave.permissions_ca for enclave in keystore.enclaves))
+        self._named: dict[SubjectComparison, dict[str, frozenset[int]]] = {}
+
+    def kinds(self, profiles: Sequence[Profile]) -> dict[Trust, tuple[str, ...]]:
+        """The names of the profiles that read this keystore alike, under one of their trust rows."""
+        found: dict[object, tuple[Trust, list[str]]] = {}
+        for profile in profiles:
+            found.setdefault(self._reading(profile.trust), (profile.trust, []))[1].append(profile.name)
+        return {trust: tuple(names) for trust, names in found.values()}
+
+    def _reading(self, trust: Trust) -> object:
+        """Everything about this keystore that depends on the trust row: equal where it is read alike."""
+        return (
+            trust.pins_signer,
+            tuple(self.authorities(enclave, trust) for enclave in self._realms),
+            tuple(self.names(trust).items()),
+            self.opaque(trust),
+            () if trust.pins_signer else tuple(self.signers(document, trust) for document in self._documents),
+        )
+
+    def authorities(self, enclave: Enclave, trust: Trust) -> tuple[frozenset[int], frozenset[int], frozenset[int]]:
+        """Identity CAs that vouch, permissions CAs that count, and what is revoked."""
+        vouching = trusted_authorities(enclave.identity_ca, trust) if enclave.identity_ca else ()
+        signing = authorities_read(enclave.permissions_ca, trust) if enclave.permissions_ca else ()
+        if not trust.pins_signer:  # a signer's chain ends at a root
+            signing = tuple(authority for authority in signing if is_root(authority))
+        return (
+            frozenset(self._number[certificate.sha256] for certificate in vouching),
+            frozenset(self._number[certificate.sha256] for certificate in signing),
+            frozenset(self._number[c.sha256] for c in revoked(enclave, self._certificates, trust)),
+        )
+
+    def names(self, trust: Trust) -> dict[str, frozenset[int]]:
+        """The certificates that each subject_name of a grant is taken to name."""
+        if trust.subjects not in self._named:
+            subjects = [
+                grant.subject_name.text
+                for document in self._documents
+                if document.permissions
+                for grant in document.permissions.grants
+            ]
+            self._named[trust.subjects] = matching(subjects, self._certificates, trust.subjects)
+        return self._named[trust.subjects]
+
+    def opaque(self, trust: Trust) -> frozenset[str]:
+        """The places of documents that some enclave may accept although we do not know what they say."""
+        return frozenset(document.place for document in self._documents if self._is_opaque(document, trust))
+
+    def _is_opaque(self, document: Document, trust: Trust) -> bool:
+        if document.file is None:
+            return True
+        judged = envelope(document.file.signed)
+        if judged.verdict is Verdict.UNKNOWN:
+            return True
+        if judged.verdict is Verdict.REFUSED or document.readable:
+            return False
+        signed = document.file.signed
+        return any(document_verdict(signed, file, trust) is Verdict.ACCEPTED for file in self._permissions_cas)
+
+    def signers(self, document: Document, trust: Trust) -> frozenset[int]:
+        """Who made the signatures, as the implementation finds them: in the message, where it does not pin."""
+        if document.file is None:
+            return frozenset()
+        signed = document.file.signed
+        judged = envelope(signed)
+        if judged.verdict is not Verdict.ACCEPTED:
+            return frozenset()
+        if not trust.pins_signer and not all(is_first_embedded(signer, signed) for signer in judged.signers):
+            return frozenset()
+        return frozenset(self._number[signer.sha256] for signer in judged.signers)
