@@ -13,12 +13,14 @@ from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.permission import Permissions
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.model.system import System
+from keystore_audit.model.system import Reading, System
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.rules import RULES
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import judge
 from tests.oracles.pkits.suite import pem
+
+REFUSALS = frozenset({"denied", "unusable"})
 
 VENDORS = {"Fast DDS": "fastdds", "Cyclone DDS": "cyclonedds", "OpenDDS": "opendds"}
 
@@ -28,8 +30,9 @@ def objections(
 ) -> dict[str, frozenset[str]]:
     """Why the auditor would not call the identity accepted by a vendor's implementations at `at`; empty: it would.
 
-    `not-vouched`: no chain in the model. A code: a finding of KA2 that fails the default gate. `open`: a question of
-    KA2 that was left open. `unusable`: the model says that no participant is created, for reasons of the identity.
+    `denied`: peers refuse it even in the MAY reading. `doubted`: in the MUST reading alone. `unusable`: no participant
+    is created, for reasons of the identity. A code: a finding of KA2 that fails the default gate. `open`: a question of
+    KA2 that was left open. What is in `REFUSALS` says that implementations refuse the identity.
     """
     enclave = directory / "enclaves" / "e"
     enclave.mkdir(parents=True)
@@ -63,8 +66,8 @@ def objections(
         if any(outcome.outcome is Result.OPEN for outcome in judgement.outcomes):
             said.add("open")
         systems = [system for system in meaning.systems if variants & {*system.profiles}]
-        if not systems or not all(_vouched(system) for system in systems):
-            said.add("not-vouched")
+        assert systems
+        said |= {"denied" if system.reading is Reading.MAY else "doubted" for system in systems if not _vouched(system)}
         ((place, _),) = {(place, "") for place, _variant in meaning.usability}
         reasons = {reason for name in variants for reason in meaning.usability[place, name].reasons}
         if any(not reason.startswith(tuple(f"{role.value}: " for role in Role)) for reason in reasons):

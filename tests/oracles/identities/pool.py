@@ -1,0 +1,143 @@
+"""Authorities, identities and revocation lists that fit together in some combinations and in others do not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import timedelta
+from random import Random
+from typing import Any
+
+from cryptography import x509
+from cryptography.hazmat.primitives.serialization import Encoding
+from cryptography.x509.name import _ASN1Type
+from cryptography.x509.oid import NameOID
+
+from tests.keystore.builder import START, Signed, certificate, crl
+
+_Extension = tuple[x509.ExtensionType, bool]
+
+_USAGES = (
+    *("digital_signature", "content_commitment", "key_encipherment", "data_encipherment", "key_agreement"),
+    *("key_cert_sign", "crl_sign", "encipher_only", "decipher_only"),
+)
+
+
+def _constraints(length: int | None = None) -> _Extension:
+    return x509.BasicConstraints(ca=True, path_length=length), True
+
+
+def _usage(*which: str) -> _Extension:
+    return x509.KeyUsage(**{name: name in which for name in _USAGES}), True
+
+
+def _subject_key(signed: Signed) -> _Extension:
+    return x509.SubjectKeyIdentifier.from_public_key(signed.key.public_key()), False
+
+
+def _authority_key(issuer: Signed) -> _Extension:
+    return x509.AuthorityKeyIdentifier.from_issuer_public_key(issuer.key.public_key()), False
+
+
+def _authority(
+    subject: str | x509.Name,
+    issuer: Signed | None = None,
+    *extensions: _Extension,
+    length: int | None = None,
+    **how: Any,
+) -> Signed:
+    return certificate(subject, issuer, ca=None, extensions=(_constraints(length), *extensions), **how)
+
+
+def _printable(text: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text, _ASN1Type.PrintableString)])
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Everything by name; the lists are DER."""
+
+    authorities: dict[str, Signed]
+    identities: dict[str, Signed]
+    lists: dict[str, bytes]
+
+
+def pool() -> Pool:
+    root = _authority("root")
+    short = _authority("short", length=0)
+    below = _authority("below", root)
+    unknown = x509.UnrecognizedExtension(x509.ObjectIdentifier("1.2.3.4"), b"\x05\x00"), True
+    authorities = {
+        "root": root,
+        "renewed root": _authority("root", key=root.key, serial=7),
+        "other root": _authority("root"),
+        "expired root": _authority("root", key=root.key, end=START + timedelta(days=30)),
+        "printable root": _authority(_printable("root"), key=root.key),
+        "no authority": certificate("root", key=root.key, ca=False),
+        "may not sign": _authority("root", None, _usage("digital_signature", "crl_sign"), key=root.key),
+        "may not revoke": _authority("root", None, _usage("key_cert_sign"), key=root.key),
+        "unknown extension": _authority("root", None, unknown, key=root.key),
+        "below": below,
+        "below below": _authority("below below", below),
+        "expired below": _authority("below", root, key=below.key, end=START + timedelta(days=30)),
+        "forged below": _authority("below", _authority("root"), key=below.key),
+        "old root": certificate("old root", ca=None, extensions=[_usage("key_cert_sign", "crl_sign")]),
+        "old below": certificate("old below", root, ca=None, extensions=[_usage("key_cert_sign", "crl_sign")]),
+        "short root": short,
+        "below short": _authority("below short", short),
+    }
+    authorities["below below short"] = _authority("below below short", authorities["below short"])
+    # A new key of the root, signed with the old one, as RFC 4210 4.4 has it; with key identifiers and without.
+    plain = _authority("root", root)
+    marked_key = certificate("root")
+    authorities["new with old"] = plain
+    authorities["new with old, marked"] = _authority(
+        "root", root, _subject_key(marked_key), _authority_key(root), key=marked_key.key
+    )
+    identities = {f"of {name}": certificate("/talker", issuer) for name, issuer in authorities.items()}
+    identities["printable issuer"] = certificate("/talker", root, issuer_name=_printable("ROOT"))
+    identities["expired"] = certificate("/talker", root, end=START + timedelta(days=30))
+    identities["marked"] = certificate("/talker", root, extensions=[_authority_key(root)])
+    identities["marked otherwise"] = certificate("/talker", root, extensions=[_authority_key(below)])
+    identities["root itself"] = root
+    identities["below itself"] = below
+    serials = [each.certificate.serial_number for each in identities.values()]
+    made = {
+        "empty": crl(root),
+        "all of root": crl(root, serials),
+        "stale": crl(root, end=START + timedelta(days=30)),
+        "not yet": crl(root, days=3000),
+        "of below": crl(below, serials[::2]),
+        "of other root": crl(authorities["other root"]),
+        "of printable root": crl(authorities["printable root"], serials),
+    }
+    lists = {name: each.public_bytes(Encoding.DER) for name, each in made.items()}
+    return Pool(authorities, identities, lists)
+
+
+@dataclass(frozen=True)
+class Combination:
+    """An identity CA file, an identity, and a list or none, by name."""
+
+    authorities: tuple[str, ...]
+    identity: str
+    revocations: str | None
+
+
+def combinations(pool: Pool, number: int, seed: int) -> Iterator[Combination]:
+    """Each identity under the certificate that issued it, alone and below the root, then random ones."""
+    for identity in pool.identities:
+        issuer = identity.removeprefix("of ")
+        alone = (issuer if issuer in pool.authorities else "root",)
+        yield Combination(alone, identity, None)
+        if issuer != "root":
+            yield Combination(("root", *alone), identity, None)
+        yield from (Combination(alone, identity, revocations) for revocations in pool.lists)
+    random = Random(seed)
+    for _ in range(number):
+        identity = random.choice(list(pool.identities))
+        issuer = identity.removeprefix("of ")
+        chosen = random.sample(list(pool.authorities), random.choice((1, 1, 2, 2, 3, 4)))
+        if issuer in pool.authorities and issuer not in chosen and random.random() < 0.7:
+            chosen.insert(random.randrange(len(chosen) + 1), issuer)
+        yield Combination(tuple(chosen), identity, random.choice((None, None, *pool.lists)))

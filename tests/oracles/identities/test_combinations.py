@@ -1,0 +1,106 @@
+"""Identity CA files of every make beside OpenSSL as implementations ask it: what PKITS has no combination of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import timedelta
+
+import pytest
+from cryptography.hazmat.primitives.serialization import Encoding
+
+from tests.keystore.builder import START, Signed
+from tests.oracles.identities.pool import Combination, combinations, pool
+from tests.oracles.pkits import paths
+from tests.oracles.pkits.audited import REFUSALS, objections
+
+pytestmark = pytest.mark.xdist_group("identities")  # every combination is tried once
+
+AT = START + timedelta(days=400)
+NUMBER = 300
+"""Random combinations, 15 ms each."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """What came of a combination for one implementation. Empty `refused` and empty `said`: both accept."""
+
+    combination: Combination
+    vendor: str
+    refused: str
+    said: frozenset[str]
+
+    @property
+    def wrong(self) -> bool:
+        """Whether accepted does not mean accepted, or refused not refused. What is open is neither."""
+        return (self.refused != "" and not self.said) or (self.refused == "" and bool(self.said & REFUSALS))
+
+    def __str__(self) -> str:
+        return f"{self.combination}: {self.vendor} {self.refused or 'accepts'}, we: {sorted(self.said)}"
+
+
+FAULTS: dict[str, tuple[str, Callable[[Row], bool]]] = {
+    "B6": (
+        "self-issued certificates by another key: nobody's here; OpenSSL goes on above them, or takes them for roots",
+        lambda row: any("new with old" in name for name in (*row.combination.authorities, row.combination.identity)),
+    ),
+    "B7": (
+        "names of lists, and of the issuers of what they revoke, are compared byte for byte",
+        lambda row: "printable" in str(row.combination) and row.combination.revocations is not None,
+    ),
+    "B10": (
+        "a keyUsage without basicConstraints does for the root alone (check_extensions in x509_vfy.c)",
+        lambda row: row.refused == "invalid CA certificate",
+    ),
+    "B9": (
+        "of several authorities with the issuer's name OpenSSL asks the first alone",
+        lambda row: (
+            row.refused in {"certificate signature failure", "key usage does not include CRL signing"}
+            and len(row.combination.authorities) > 1
+        ),
+    ),
+}
+
+
+def der(signed: Signed) -> bytes:
+    return signed.certificate.public_bytes(Encoding.DER)
+
+
+@pytest.fixture(scope="module")
+def rows(tmp_path_factory: pytest.TempPathFactory) -> list[Row]:
+    made, openssl = pool(), paths.load()
+    found = []
+    for combination in combinations(made, NUMBER, seed=20261121):
+        authorities = [der(made.authorities[name]) for name in combination.authorities]
+        identity = der(made.identities[combination.identity])
+        lists = [made.lists[combination.revocations]] if combination.revocations is not None else []
+        said = objections(tmp_path_factory.mktemp("keystore"), AT, authorities, identity, *lists)
+        for caller in paths.CALLERS:
+            refused = openssl.accepts(caller, authorities, identity, AT, *lists)
+            found.append(Row(combination, caller.name, refused, said[caller.name]))
+    return found
+
+
+def test_accepted_is_accepted_and_refused_is_refused(rows: list[Row]) -> None:
+    wrong = [row for row in rows if row.wrong and not any(is_it(row) for _reason, is_it in FAULTS.values())]
+    assert not wrong, "\n".join(map(str, wrong))
+
+
+@pytest.mark.parametrize(
+    "is_it",
+    [
+        pytest.param(is_it, id=name, marks=pytest.mark.xfail(strict=True, raises=AssertionError, reason=reason))
+        for name, (reason, is_it) in FAULTS.items()
+    ],
+)
+def test_known_faults(rows: list[Row], is_it: Callable[[Row], bool]) -> None:
+    wrong = [row for row in rows if row.wrong and is_it(row)]
+    assert not wrong, f"{len(wrong)}: {wrong[0]}"
+
+
+def test_both_verdicts_occur(rows: list[Row]) -> None:
+    for vendor in {row.vendor for row in rows}:
+        mine = [row for row in rows if row.vendor == vendor]
+        assert sum(not row.said for row in mine) > 20
+        assert sum(bool(row.said & REFUSALS) for row in mine) > 20
+        assert sum(row.refused == "" for row in mine) > 20
