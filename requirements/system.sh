@@ -23,8 +23,10 @@ test)
     command -v g++ >/dev/null || missing="$missing g++"
     has_header gcc openssl/cms.h c || missing="$missing libc6-dev libssl-dev"
     command -v strace >/dev/null || missing="$missing strace"                      # what the kernel saw the program open
-    has_header g++ tinyxml2.h c++ || missing="$missing libtinyxml2-dev"            # Fast DDS's XML parser
-    has_header gcc dds/ddsrt/xmlparser.h c || missing="$missing cyclonedds-dev" # Cyclone DDS's own
+    # Fast DDS with its XML parser, Cyclone DDS with its own
+    has_header g++ tinyxml2.h c++ || missing="$missing libtinyxml2-dev"
+    has_header g++ fastrtps/config.h c++ || missing="$missing libfastrtps-dev"
+    has_header gcc dds/ddsrt/xmlparser.h c || missing="$missing cyclonedds-dev"
     ;;
 *)
     echo "usage: system.sh venv|test PYTHON" >&2

@@ -90,6 +90,25 @@ def compiled(compiler: str, source: str, directory: Path, *libraries: str) -> Pa
     return program
 
 
+MEASURED_WITH = {"TINYXML2_MAJOR_VERSION": "9", "DDS_VERSION": '"0.10.2"', "FASTRTPS_VERSION_STR": '"2.9.1"'}
+"""What the committed tables were measured with: Debian 12."""
+
+_HEADERS = ("tinyxml2.h", "dds/version.h", "fastrtps/config.h")
+
+
+def require_measured_versions(find: Callable[[str], str]) -> None:
+    """Skip where other releases are installed than those of the tables, which say nothing of them; fail in CI."""
+    command = [find("c++"), "-E", "-dM", "-x", "c++", *(f"-include{header}" for header in _HEADERS), "/dev/null"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    words = [line.split(maxsplit=2) for line in done.stdout.splitlines()]
+    installed = {word[1]: word[2] for word in words if len(word) == 3 and word[1] in MEASURED_WITH}
+    if installed != MEASURED_WITH:
+        other = f"measured with {MEASURED_WITH}, here are {installed}"
+        if IN_CI:
+            pytest.fail(other)
+        pytest.skip(other)
+
+
 @contextmanager
 def _started(program: Path) -> Iterator[Parser]:
     with subprocess.Popen([program], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:

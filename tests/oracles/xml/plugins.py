@@ -1,7 +1,8 @@
-"""Cyclone DDS's access control plugin as the oracle of whole documents: signed, parsed, chosen and decided by it."""
+"""The vendors' access control plugins as oracles of whole documents: verified, parsed, chosen and decided by them."""
 
 from __future__ import annotations
 
+import re
 import subprocess
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -14,12 +15,15 @@ from tests.keystore.messages import PYCA_OPTIONS, by_pyca
 from tests.oracles.xml.ours import DocumentKind
 from tests.oracles.xml.parsers import compiled
 
+_PASSING = re.compile(r" file://\S+| \(\./src.*|: [0-9A-F]{16}:error.*", re.DOTALL)
+"""Of a message: where the file was, where the source stands, addresses in OpenSSL's errors."""
+
 
 @dataclass(frozen=True)
 class Answer:
     """`refused`: the plugin's code and message, or "crash"; None where the participant starts.
 
-    `topics`: by topic, what it may do: see cyclone_access_control.c.
+    `topics`: by topic, what it may do: see cyclone_access_control.c; Fast DDS answers alike.
     """
 
     refused: str | None
@@ -34,11 +38,12 @@ class Answer:
 class Plugin:
     """One enclave, /talker, and the plugin in a process that is started again when a document crashes it."""
 
-    def __init__(self, program: Path) -> None:
-        self._program = program
+    def __init__(self, *command: str | Path) -> None:
+        self._command = command
         self._process: subprocess.Popen[bytes] | None = None
         self._authority: Signed = authority("permissions CA")
-        self._identity = certificate("/talker", self._authority).pem
+        identity = certificate("/talker", self._authority)
+        self._identity = identity.pem + identity.key_pem
         self._plain = {DocumentKind.GOVERNANCE: self.sign(GOVERNANCE), DocumentKind.PERMISSIONS: self.sign(PERMISSIONS)}
 
     def sign(self, document: bytes) -> bytes:
@@ -62,13 +67,13 @@ class Plugin:
             return Answer("crash")
         strings = process.stdout.read(int.from_bytes(header, "big")).decode("utf-8", "replace").split("\0")[:-1]
         if strings[0] == "R":
-            return Answer(f"{strings[1]}: {strings[2]}")
+            return Answer(f"{strings[1]}: {_PASSING.sub('', strings[2])}")
         return Answer(None, dict(zip(strings[4::3], strings[5::3], strict=True)))
 
     def _running(self) -> subprocess.Popen[bytes]:
         if self._process is None:
             pipe = subprocess.PIPE
-            self._process = subprocess.Popen([self._program], stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL)
+            self._process = subprocess.Popen(self._command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL)
         return self._process
 
     def close(self) -> None:
@@ -79,8 +84,13 @@ class Plugin:
 
 
 @contextmanager
-def plugin(find: Callable[[str], str], directory: Path) -> Iterator[Plugin]:
-    """Compile the program around the plugin; without compiler or header the test skips, in CI it fails."""
-    asked = Plugin(compiled(find("cc"), "cyclone_access_control.c", directory, "-lddsc", "-ldl"))
-    yield asked
-    asked.close()
+def both(find: Callable[[str], str], directory: Path) -> Iterator[dict[str, Plugin]]:
+    """By vendor; without compiler, header or library the test skips, in CI it fails."""
+    files = directory / "files"
+    files.mkdir()
+    cyclone = compiled(find("cc"), "cyclone_access_control.c", directory, "-lddsc", "-ldl")
+    fastdds = compiled(find("c++"), "fastdds_access_control.cpp", directory, "-lfastrtps", "-lfastcdr")
+    plugins = {"cyclone": Plugin(cyclone), "fastdds": Plugin(fastdds, files)}
+    yield plugins
+    for plugin in plugins.values():
+        plugin.close()

@@ -1,0 +1,108 @@
+"""Where we say that a document has one meaning, the vendors' own plugins give it that meaning, or a named reason.
+
+Cyclone DDS 0.10 decides by the letter of DDS-Security 1.1, 9.4.1.2 and 9.4.1.3; Fast DDS 2.9 in its own way, which
+`decisions.by_fastdds` says. Both are started with real keys and signatures and asked what /talker may do.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from keystore_audit.keystore import xsd
+from keystore_audit.keystore.governance import Governance
+from keystore_audit.keystore.permissions import Permissions
+from tests.oracles.xml import ours, policy
+from tests.oracles.xml.corpus import DOCUMENTS, kind_of
+from tests.oracles.xml.decisions import by_fastdds, by_the_letter, holds
+from tests.oracles.xml.measure import DECIDED, TOPICS, decided
+from tests.oracles.xml.mutation import documents
+from tests.oracles.xml.parsers import require_measured_versions
+from tests.oracles.xml.plugins import Plugin, both
+from tests.oracles.xml.test_one_meaning import known_fault
+
+pytestmark = pytest.mark.xdist_group("xml-oracle")
+
+LARGEST_DOMAIN = 230
+"""Of Cyclone DDS 0.10: a larger one and the file is refused."""
+
+
+@pytest.fixture(scope="module")
+def plugins(oracle: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Plugin]]:
+    require_measured_versions(oracle)
+    with both(oracle, tmp_path_factory.mktemp("plugins")) as running:
+        yield running
+
+
+@pytest.mark.parametrize("vendor", ["cyclone", "fastdds"])
+def test_the_plugins_answer_as_measured(plugins: dict[str, Plugin], vendor: str) -> None:
+    table: dict[str, dict[str, str]] = json.loads(DECIDED.read_text())
+    expected = {title: answers[vendor] for title, answers in table.items()}
+    assert {title: decided(plugins[vendor], document) for title, document in DOCUMENTS.items()} == expected
+
+
+def set_aside(typed: Governance | Permissions) -> bool:
+    """What either is known to refuse or to read in its own way (facts, dds-semantics 1.3 to 1.6)."""
+    if isinstance(typed, Permissions):
+        grant = typed.grants[0]
+        domains = [entry for rule in grant.rules for entry in rule.domains]
+        expressions = [text.text for rule in grant.rules for criterion in rule.criteria for text in criterion.topics]
+        dates = (grant.not_before.text[:4], grant.not_after.text[:4])
+        named = len(typed.grants) == 1 and grant.subject_name.text == "CN=/talker"
+        usual = named and "2000" <= dates[0] <= "2026" and "2027" <= dates[1] <= "2261"
+        zone = any(len(text) > len("2024-01-01T00:00:00") for text in (grant.not_before.text, grant.not_after.text))
+        if not usual or zone or "T24" in grant.not_before.text + grant.not_after.text:
+            return True
+    else:
+        domains = [entry for rule in typed.domain_rules for entry in rule.domains]
+        expressions = [rule.expression.text for each in typed.domain_rules for rule in each.topic_rules]
+        if not any(holds(rule.domains, 0) for rule in typed.domain_rules):
+            return True
+    beyond = any(max(entry.low or 0, entry.high or 0) > LARGEST_DOMAIN for entry in domains)
+    half_open = any(entry.low is None or entry.high is None for entry in domains)
+    own_matching = any(sign in text for text in expressions for sign in "[\\") or not all(map(str.isascii, expressions))
+    return beyond or half_open or own_matching
+
+
+def assert_decided_as_written(plugins: dict[str, Plugin], document: bytes) -> bool:
+    """Whether it was asked of them: only with one meaning, and none of the reasons to set a document aside."""
+    reading = ours.read(document, kind_of(document))
+    if reading is None or reading.typed is None or reading.kinds or known_fault(document) or set_aside(reading.typed):
+        return False
+    cyclone = plugins["cyclone"]
+    answer = cyclone.ask(cyclone.sign(document), kind_of(document), *TOPICS)
+    assert answer.refused is None
+    assert answer.topics == {topic: by_the_letter(reading.typed, topic) for topic in TOPICS}
+    fastdds = plugins["fastdds"]
+    answer = fastdds.ask(fastdds.sign(document), kind_of(document), *TOPICS)
+    if isinstance(reading.typed, Permissions) and not any(rule.allow for rule in reading.typed.grants[0].rules):
+        assert answer.refused == "participant: Not found a rule allowing to use the domain_id"
+        return True
+    assert answer.refused is None
+    assert answer.topics == {topic: by_fastdds(reading.typed, topic) for topic in TOPICS}
+    return True
+
+
+@settings(max_examples=700)
+@given(document=st.one_of(policy.permissions(), policy.governance()))
+def test_competing_rules_are_decided_as_written(plugins: dict[str, Plugin], document: bytes) -> None:
+    if not assert_decided_as_written(plugins, document):
+        assert b"<domain_rule>" in document, "only a governance without domain 0 is set aside"
+
+
+def test_no_change_makes_a_plugin_decide_otherwise(plugins: dict[str, Plugin]) -> None:
+    asked: list[bool] = []
+
+    @settings(max_examples=900)
+    @given(document=documents())
+    def search(document: bytes) -> None:
+        asked.append(assert_decided_as_written(plugins, document))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(xsd, "MAX_EXPLAINED_BYTES", 0)  # whether a document is valid, not why
+        search()
+    assert sum(asked) >= 30
