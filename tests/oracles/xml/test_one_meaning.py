@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from _pytest.mark import ParameterSet
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 
 from keystore_audit.keystore import xsd
 from tests.oracles.xml import ours
@@ -23,18 +21,6 @@ from tests.oracles.xml.parsers import Parsers, lxml_reading, require_measured_ve
 pytestmark = pytest.mark.xdist_group("xml-oracle")
 
 MEASURED: dict[str, dict[str, str]] = json.loads(MEASURED_FILE.read_text())
-
-FAULTS = {
-    "a blank in an end tag": re.compile(rb"</[^\s<>]+\s"),
-    "a reference to a blank between elements": re.compile(rb"&#(?:0*(?:9|10|13|32)|x0*(?:9|a|d|20));", re.IGNORECASE),
-    "a quotation mark first in a value": re.compile(rb">(?:[\"']|\xe2\x80[\x98\x9c])"),
-    "a line feed or tab in an attribute": re.compile(rb"=\s*(?:\"[^\"<]*[\t\r\n]|'[^'<]*[\t\r\n])"),
-}
-"""What keystore/xml.py lets pass and should not: strict in the corpus (a repair shows), set aside in the search."""
-
-
-def known_fault(document: bytes) -> str | None:
-    return next((name for name, pattern in FAULTS.items() if pattern.search(document)), None)
 
 
 @pytest.fixture(scope="module")
@@ -64,16 +50,7 @@ def test_every_parser_reads_what_was_measured(parsers: Parsers, title: str) -> N
     assert measured(parsers, DOCUMENTS[title]) == MEASURED[title]
 
 
-def _case(title: str) -> ParameterSet:
-    parsers_read = {MEASURED[title][parser] for parser in ("tinyxml2", "cyclone", "lxml")}
-    alike = len(parsers_read) == 1 and parsers_read != {"refused"}
-    if alike or MEASURED[title]["ours"] != "one meaning":
-        return pytest.param(title)
-    reason = f"keystore/xml.py lets pass {known_fault(DOCUMENTS[title])}"
-    return pytest.param(title, marks=pytest.mark.xfail(strict=True, reason=reason))
-
-
-@pytest.mark.parametrize("title", [_case(title) for title in DOCUMENTS])
+@pytest.mark.parametrize("title", DOCUMENTS)
 def test_one_meaning_is_one_reading(parsers: Parsers, title: str) -> None:
     reading = ours.read(DOCUMENTS[title], kind_of(DOCUMENTS[title]))
     if reading is not None:
@@ -107,7 +84,6 @@ def test_no_change_makes_two_readings_of_one_meaning(parsers: Parsers) -> None:
     @settings(max_examples=5_600)
     @given(document=documents())
     def search(document: bytes) -> None:
-        assume(known_fault(document) is None)
         reading = ours.read(document, kind_of(document))
         if reading is not None:
             tried.append(reading.values is not None)
