@@ -77,9 +77,9 @@ def decided(plugin: Plugin, document: bytes) -> str:
 
 def main() -> None:
     """Write the table of this machine's parsers."""
-    with tempfile.TemporaryDirectory() as directory, running(_found, Path(directory)) as parsers:
+    with tempfile.TemporaryDirectory() as directory, running(found, Path(directory)) as parsers:
         table = {title: measured(parsers, document) for title, document in DOCUMENTS.items()}
-    with tempfile.TemporaryDirectory() as directory, both(_found, Path(directory)) as plugins:
+    with tempfile.TemporaryDirectory() as directory, both(found, Path(directory)) as plugins:
         decisions = {
             title: {name: decided(plugin, document) for name, plugin in plugins.items()}
             for title, document in DOCUMENTS.items()
@@ -88,7 +88,7 @@ def main() -> None:
     DECIDED.write_text(json.dumps(decisions, indent=1) + "\n")
 
 
-def _found(program: str) -> str:
+def found(program: str) -> str:
     path = shutil.which(program)
     return path if path is not None else sys.exit(f"no {program} here")
 

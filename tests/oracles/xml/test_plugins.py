@@ -19,7 +19,7 @@ from keystore_audit.keystore.permissions import Permissions
 from tests.oracles.xml import ours, policy
 from tests.oracles.xml.corpus import DOCUMENTS, kind_of
 from tests.oracles.xml.decisions import by_fastdds, by_the_letter, holds
-from tests.oracles.xml.measure import DECIDED, TOPICS, decided
+from tests.oracles.xml.measure import DECIDED, MEASURED, TOPICS, decided
 from tests.oracles.xml.mutation import documents
 from tests.oracles.xml.parsers import require_measured_versions
 from tests.oracles.xml.plugins import Plugin, both
@@ -42,6 +42,30 @@ def test_the_plugins_answer_as_measured(plugins: dict[str, Plugin], vendor: str)
     table: dict[str, dict[str, str]] = json.loads(DECIDED.read_text())
     expected = {title: answers[vendor] for title, answers in table.items()}
     assert {title: decided(plugins[vendor], document) for title, document in DOCUMENTS.items()} == expected
+
+
+REFUSED = {
+    ("range without minimum", "cyclone"): "crashes; KA515",
+    ("range without minimum in the governance", "cyclone"): "KA419",
+    ("domain 231", "cyclone"): "KA420",
+    ("domain 231 in the governance", "cyclone"): "KA420",
+    ("hour 24", "cyclone"): "counts as expired; no finding yet",
+    ("hour 24", "fastdds"): "malformed; no finding yet",
+    ("time zone far east", "cyclone"): "offsets beyond 12 hours count as expired",
+    ("year beyond 64 bits of nanoseconds", "cyclone"): "counts as expired",
+}
+"""Documents with one meaning that an implementation does not take all the same, and what says so to the user."""
+
+_ANOTHER_SUBJECT = ("146: Subject name is invalid", "permissions: Not found the identity subject name")
+_ALTERED_BY_THE_SIGNER = ("127: Failed to parse PKCS7", "permissions: Failed verification")  # a lone carriage return
+
+
+def test_what_has_one_meaning_is_refused_for_named_reasons_alone() -> None:
+    meaning = {title for title, reading in json.loads(MEASURED.read_text()).items() if reading["ours"] == "one meaning"}
+    table: dict[str, dict[str, str]] = json.loads(DECIDED.read_text())
+    taken = ("rt/chatter ", *_ANOTHER_SUBJECT, *_ALTERED_BY_THE_SIGNER)
+    answers = {(title, vendor): answer for title in meaning for vendor, answer in table[title].items()}
+    assert {case for case, answer in answers.items() if not answer.startswith(taken)} == set(REFUSED)
 
 
 def set_aside(typed: Governance | Permissions) -> bool:
