@@ -97,7 +97,7 @@ int main(void)
 {
     static const char *const names[] = {"dds.sec.access.permissions_ca", "dds.sec.auth.identity_certificate",
                                         "dds.sec.access.governance", "dds.sec.access.permissions"};
-    enum { PROPERTIES = sizeof names / sizeof *names, SECONDS = 3 };
+    enum { PROPERTIES = sizeof names / sizeof *names, SECONDS = 20 };
     /* The plugin prints its complaints: what it writes to the standard output goes to the error output. */
     FILE *answers = fdopen(dup(STDOUT_FILENO), "w");
     if (answers == NULL || dup2(STDERR_FILENO, STDOUT_FILENO) < 0)

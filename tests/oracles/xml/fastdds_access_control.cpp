@@ -113,7 +113,7 @@ int main(int count, char **arguments)
             !next_file(directory + "permissions.p7s", permissions, &other_document) || !next_document(&number) ||
             !next_document(&topics))
             return 0;
-        alarm(3); /* a document on which it hangs ends the process, as one that crashes it does */
+        alarm(20); /* a document on which it hangs ends the process, as one that crashes it does */
         reading.length = 0;
         const int domain = atoi(number.start);
         SecurityException why;
