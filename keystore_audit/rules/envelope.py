@@ -138,6 +138,7 @@ def weak_digest(use: DocumentUse, _context: Context) -> Iterator[Violation]:
     on=DocumentUse,
     clause="RFC 5652, 5.1; measured: every SignerInfo has to verify",
     remedy="Sign with one authority. " + SIGN_AGAIN,
+    explains=("documents-signed-by-the-permissions-ca",),
 )
 def several_signers(use: DocumentUse, _context: Context) -> Iterator[Violation]:
     """The document has several signers.

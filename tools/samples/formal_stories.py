@@ -98,11 +98,12 @@ def _documents() -> Iterator[Story]:
         "no-enclave-grants-itself-rights",
         bad=Case(
             "The authorities are separate, but permissions_ca.cert.pem holds both certificates, put "
-            "together by somebody who knew bundles from web servers. Where the signer is not pinned, "
-            "every identity can then sign rights.",
+            "together by somebody who knew bundles from web servers. Fast DDS reads both, and where it does "
+            "not pin the signer, every identity can then sign rights.",
             replace(TWO, changes={"public/permissions_ca.cert.pem": bundle}),
         ),
         good=Case("permissions_ca.cert.pem holds the permissions CA alone.", TWO),
+        options=("--profile", "fastdds-2.9"),
     )
 
 

@@ -36,9 +36,10 @@ check DefaultDecidesTheRest {
 /** No enclave's identity has the key of a permissions CA. */
 pred authorities_keep_their_keys { no Enclave.identity.public_key & Realm.permissions_ca.public_key }
 
-/** Whatever the permissions CA signed is obeyed; where the signer is pinned and all was read, nothing else is. */
+/** Whatever a permissions CA fit to sign signed is obeyed; where it is pinned and all was read, nothing else is. */
 check PinnedRealmsObeyTheirAuthorityOnly {
-	genuine in accepted
+	pins_signer <: genuine in accepted
+	Realm.permissions_ca in fit_to_sign implies genuine in accepted
 	no opaque implies pins_signer <: accepted in genuine
 	(no opaque and authorities_keep_their_keys) implies no pins_signer.self_granting
 } for 3 but 6 Entry, 2 Instant expect 0
@@ -66,9 +67,9 @@ check TheRevokedAreShunned {
 
 -- access control and keys
 
-/** What the CA granted can be presented. */
+/** What a CA fit to sign granted can be presented. */
 check GrantsCanBePresented {
-	all realm: Realm | granted[realm, publish_allowed] in presentable[realm, publish_allowed]
+	Realm.permissions_ca in fit_to_sign implies all realm: Realm | granted[realm, publish_allowed] in presentable[realm, publish_allowed]
 } for 3 but 6 Entry, 2 Instant expect 0
 
 /** All access control on, the signer pinned, all documents read: nobody does more than the CA granted. */
