@@ -11,6 +11,7 @@ from tests.hostile.store import GOVERNANCE_OF_ALL, PERMISSIONS_OF_VICTIM, Case, 
 P: Final = PERMISSIONS_OF_VICTIM
 SUBJECT: Final = b"<subject_name>CN=/victim</subject_name>"
 DECLARATION: Final = b'<?xml version="1.0" encoding="UTF-8"?>\n'
+RULE: Final = P[P.index(b"<allow_rule>") : P.index(b"</allow_rule>")] + b"</allow_rule>"
 TOPIC: Final = b"<topic>rt/chatter</topic>"
 MARK: Final = b"<subject_name>"
 
@@ -250,6 +251,29 @@ COSTS: Final = (
     ),
 )
 
+
+def _topics(*topics: str) -> Callable[[Store], None]:
+    return edited(TOPIC, b"".join(b"<topic>%s</topic>\n" % topic.encode() for topic in topics))
+
+
+EXPRESSIONS: Final = (
+    Case(
+        "20 topics that multiply the states of the automaton",
+        _topics(
+            *(
+                "*" + "*".join("abc"[(number * position) % 3] for position in range(2, 14)) + f"{number}*"
+                for number in range(20)
+            )
+        ),
+        (),
+        bystander_changes=True,
+        fault="the budget of topic classes lets it take 4 s and 415 MB",
+    ),
+    harmless("600 topics of 1 to 600 question marks", _topics(*("?" * length for length in range(1, 600)))),
+    harmless("a topic of 500 stars", _topics("*a" * 500)),
+    harmless("3,000 rules", edited(RULE, RULE * 3_000)),
+)
+
 GOVERNANCES: Final = tuple(
     Case(
         f"a governance with {what}",
@@ -275,4 +299,4 @@ GOVERNANCES: Final = tuple(
     )
 )
 
-CASES: Final = TYPES + VALUES + ENCODINGS + STRUCTURE + COSTS + GOVERNANCES
+CASES: Final = TYPES + VALUES + ENCODINGS + STRUCTURE + COSTS + EXPRESSIONS + GOVERNANCES
