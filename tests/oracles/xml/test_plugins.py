@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -42,6 +43,22 @@ def test_the_plugins_answer_as_measured(plugins: dict[str, Plugin], vendor: str)
     table: dict[str, dict[str, str]] = json.loads(DECIDED.read_text())
     expected = {title: answers[vendor] for title, answers in table.items()}
     assert {title: decided(plugins[vendor], document) for title, document in DOCUMENTS.items()} == expected
+
+
+@pytest.mark.parametrize("family", ["healthy", "stock"])
+def test_sound_samples_start_on_cyclone(plugins: dict[str, Plugin], repository: Path, family: str) -> None:
+    enclaves = [path.parent for path in (repository / "sample_keystores" / family).rglob("permissions.p7s")]
+    refused = {enclave: plugins["cyclone"].ask_enclave(enclave).refused for enclave in enclaves}
+    assert len(enclaves) >= 10
+    assert {enclave: why for enclave, why in refused.items() if why is not None} == {}
+
+
+@pytest.mark.parametrize("rule", ["empty-topic-expression", "rule-without-domains"])
+def test_what_the_samples_say_crashes_cyclone_does(plugins: dict[str, Plugin], repository: Path, rule: str) -> None:
+    (keystore,) = (repository / "sample_keystores" / "rules").glob(f"KA*-{rule}")
+    refused = [plugins["cyclone"].ask_enclave(path.parent).refused for path in keystore.rglob("permissions.p7s")]
+    assert "crash" in refused, "the bad one"
+    assert None in refused, "the good one"
 
 
 REFUSED = {
