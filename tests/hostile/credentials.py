@@ -19,6 +19,7 @@ from cryptography.hazmat.primitives.serialization import (
 
 from tests.hostile.store import CERT, KEY, Case, Finds, Store
 from tests.keystore.builder import END, START, PrivateKey, authority, certificate, crl
+from tests.oracles.smime.der import parse
 
 CRL: Final = "enclaves/victim/crl.pem"
 IDENTITY_CA: Final = "enclaves/victim/identity_ca.cert.pem"
@@ -129,6 +130,14 @@ def _stranger(store: Store) -> None:
 
 def _revoking(store: Store, **others: Any) -> bytes:
     return crl(store.base.identity, [store.base.victim.certificate.serial_number], **others).public_bytes(Encoding.PEM)
+
+
+def _long_list(store: Store) -> bytes:
+    """The same entry over and over, so that the signature is wrong and all of it has to be hashed."""
+    (tree,) = parse(crl(store.base.identity, [1]).public_bytes(Encoding.DER))
+    entries = next(each for each in tree.children[0].children if each.tag == 0x30 and each.children[0].tag == 0x30)
+    entries.children *= 60_000
+    return pem("X509 CRL", tree.encode())
 
 
 def _address(store: Store) -> None:
@@ -335,10 +344,11 @@ LISTS: Final = (
         exit=1,
         bystander_changes=True,
     ),
+    case("a list of 3 MB", CRL, _long_list, "KA213", exit=1, bystander_changes=True),
     case(
-        "a list of 20,000 serial numbers",
+        "a list of 5,000 serial numbers",
         CRL,
-        lambda s: crl(s.base.identity, range(1, 20_000)).public_bytes(Encoding.PEM),
+        lambda s: crl(s.base.identity, range(1, 5_000)).public_bytes(Encoding.PEM),
         "KA215",
         exit=1,
         line=None,
