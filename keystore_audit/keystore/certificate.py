@@ -225,7 +225,12 @@ def names_itself(certificate: Certificate) -> bool:
     own = certificate.issuer_der == certificate.subject_der or same_name(
         certificate.issuer_name, certificate.subject_name
     )
-    return own and _key_identifier_fits(certificate.parsed, certificate.parsed)
+    return own and key_identifier_fits(certificate, certificate)
+
+
+def key_identifier_fits(certificate: Certificate, issuer: Certificate) -> bool:
+    """Whether nothing in authorityKeyIdentifier contradicts `issuer` (X509_check_akid in v3_purp.c)."""
+    return _key_identifier_fits(certificate.parsed, issuer.parsed)
 
 
 def _read(part: Block | Problem, path: str) -> Certificate | RevocationList | Defect:
@@ -369,7 +374,6 @@ def _signed_by(certificate: x509.Certificate, issuer: x509.Certificate) -> Issue
 
 
 def _key_identifier_fits(certificate: x509.Certificate, issuer: x509.Certificate) -> bool:
-    """Whether nothing in authorityKeyIdentifier contradicts `issuer` (X509_check_akid in v3_purp.c)."""
     authority = _extension(certificate, x509.AuthorityKeyIdentifier)
     if authority is None:
         return True

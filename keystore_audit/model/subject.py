@@ -86,6 +86,14 @@ def names(subject: str, certificate: Certificate, comparison: SubjectComparison)
     return bool(matching((subject,), (certificate,), comparison)[subject])
 
 
+def same_meaning(subject: str, certificate: Certificate) -> bool:
+    """Whether the text means the certificate's subject: the same attributes in whatever order and spelling."""
+    text, own = _distinguished(subject), _distinguished(_printed(certificate, escape_non_ascii=False))
+    if isinstance(text, str) or isinstance(own, str):
+        return text == own
+    return sorted(map(sorted, text)) == sorted(map(sorted, own))
+
+
 def printed(certificate: Certificate, *, escape_non_ascii: bool) -> str:
     """The subject as X509_NAME_print_ex gives it with XN_FLAG_RFC2253, without ASN1_STRFLGS_ESC_MSB unless asked.
 

@@ -18,6 +18,7 @@ from keystore_audit.keystore.certificate import (
     Issue,
     fit_to_sign,
     issued_by,
+    key_identifier_fits,
     lets_sign,
     may_issue,
     names_itself,
@@ -98,7 +99,9 @@ def trusted_authorities(file: CertificateFile, trust: Trust, at: datetime | None
         for authority in authorities_read(file, trust)
         if is_authority(authority) and (at is None or authority.not_before <= at <= authority.not_after)
     ]
-    return _below(pool, [root for root in pool if is_root(root)]) if trust.needs_root else tuple(pool)
+    if not trust.needs_root:
+        return tuple(pool)
+    return _below(pool, [root for root in pool if is_root(root, signed=trust.checks_root_signature)])
 
 
 def _below(pool: Sequence[Certificate], roots: Sequence[Certificate]) -> tuple[Certificate, ...]:
@@ -109,7 +112,8 @@ def _below(pool: Sequence[Certificate], roots: Sequence[Certificate]) -> tuple[C
     while pending:
         above = pending.pop()
         for below in pool:
-            if is_root(below) or not may_have_issued(above, below):
+            # The older forms of an authority count at the end of a chain alone (x509_vfy.c, check_extensions).
+            if names_itself(below) or not below.is_ca or not may_have_issued(above, below):
                 continue
             self_issued = below.subject_der == below.issuer_der
             allowed = min(left[above] - (not self_issued), _allowance(below, len(pool)))
@@ -123,9 +127,39 @@ def _allowance(authority: Certificate, unlimited: int) -> int:
     return unlimited if authority.path_length is None else min(authority.path_length, unlimited)
 
 
-def is_root(certificate: Certificate) -> bool:
-    """Whether it is self-signed, so that a chain can end there."""
-    return names_itself(certificate) and may_have_issued(certificate, certificate)
+def is_root(certificate: Certificate, *, signed: bool = False) -> bool:
+    """Whether a chain can end there: it names itself and, if `signed` is looked at, made its own signature."""
+    return names_itself(certificate) and (not signed or may_have_issued(certificate, certificate))
+
+
+def is_issued(file: CertificateFile, certificate: Certificate, trust: Trust, at: datetime | None = None) -> bool:
+    """Whether one of the `trusted_authorities` of an identity CA file issued the certificate."""
+    return any(may_have_issued(authority, certificate) for authority in trusted_authorities(file, trust, at))
+
+
+def chain_refusal(certificate: Certificate, file: CertificateFile, trust: Trust) -> str | None:
+    """Why the certificate does not chain to an identity CA of the file, whatever the dates; None where it does.
+
+    OpenSSL takes the first certificate with the issuer's name and key identifier for the issuer, and tries no other one
+    if that did not sign (X509_STORE_CTX_get1_issuer; measured with 3.0.19): all authorities of sros2 have one name.
+    """
+    place = file.file.place
+    if not is_issued(file, certificate, trust):
+        issuers = [authority for authority in file.certificates if may_have_issued(authority, certificate)]
+        if not issuers:
+            return f"no certificate in {place} has the key that signed it"
+        if not any(is_authority(authority) for authority in issuers):
+            return f"the certificate in {place} that signed it is no authority"
+        if trust.first_authority_only and file.first not in issuers:
+            return f"of {place} the first certificate alone is read"
+        return f"no chain in {place} ends at a self-signed certificate within its path lengths"
+    if trust.needs_root:
+        named = (Issue.ISSUED, Issue.UNSUPPORTED, Issue.SIGNATURE_INVALID)
+        likely = (a for a in authorities_read(file, trust) if issue(a, certificate) in named)
+        first = next((a for a in likely if key_identifier_fits(certificate, a)), None)
+        if first is not None and not may_have_issued(first, certificate):
+            return f"the first certificate in {place} of the issuer's name is another authority's; no other is tried"
+    return None
 
 
 def may_sign(signer: Certificate, signed: SignedDocument, permissions_ca: CertificateFile, trust: Trust) -> bool:

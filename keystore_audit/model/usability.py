@@ -21,11 +21,10 @@ from keystore_audit.model.subject import names
 from keystore_audit.model.trust import (
     Verdict,
     authorities_read,
+    chain_refusal,
     document_verdict,
-    is_authority,
+    is_issued,
     is_root,
-    may_have_issued,
-    trusted_authorities,
 )
 from keystore_audit.model.validity import parse_instant
 
@@ -111,7 +110,7 @@ class Usabilities:
     def _dates(self, enclave: Enclave, trust: Trust) -> _Dated:
         certificate = enclave.certificate.first if enclave.certificate else None
         file = enclave.identity_ca
-        issued = file is not None and certificate is not None and _issued(file, certificate, trust, None)
+        issued = file is not None and certificate is not None and is_issued(file, certificate, trust, None)
         authority = enclave.permissions_ca.first if enclave.permissions_ca else None
         return _Dated(
             certificate=certificate,
@@ -166,8 +165,9 @@ def _identity_refusals(enclave: Enclave, certificate: Certificate, trust: Trust)
             yield "the private key does not belong to the certificate"
     file = enclave.identity_ca
     if file is not None and not any(defect.kind.opaque for defect in file.defects):
-        if not _issued(file, certificate, trust, None):
-            yield "the identity CA did not issue the identity certificate" + _why_not(file, certificate, trust)
+        refusal = chain_refusal(certificate, file, trust)
+        if refusal is not None:
+            yield f"the identity CA did not issue the identity certificate: {refusal}"
         elif list_missing(enclave, certificate, trust):
             yield "no revocation list that it carries can be used for the identity, so every identity is refused"
     if certificate.unknown_critical:
@@ -178,21 +178,6 @@ def _identity_refusals(enclave: Enclave, certificate: Certificate, trust: Trust)
         yield f"it takes no identity signed with {certificate.signature_algorithm}"
     if revoked(enclave, (certificate,), trust):
         yield "the identity certificate is revoked"
-
-
-def _why_not(file: CertificateFile, certificate: Certificate, trust: Trust) -> str:
-    """What stands in the way where a certificate of the file did issue it."""
-    issuers = [a for a in file.certificates if is_authority(a) and may_have_issued(a, certificate)]
-    if not issuers:
-        return ""
-    if trust.first_authority_only and file.first not in issuers:
-        return f": it reads the first certificate of {file.file.place} alone"
-    return f": no chain in {file.file.place} ends at a self-signed certificate within its path lengths"
-
-
-def _issued(file: CertificateFile, certificate: Certificate, trust: Trust, at: datetime | None) -> bool:
-    """Whether an authority that the implementation trusts issued the certificate, all of them in force at `at`."""
-    return any(may_have_issued(authority, certificate) for authority in trusted_authorities(file, trust, at))
 
 
 def _authority_refusals(enclave: Enclave, trust: Trust) -> Iterator[str]:
@@ -212,7 +197,7 @@ def _refusals_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:
     if certificate is not None and not certificate.not_before <= at <= certificate.not_after:
         yield "the identity certificate is outside its validity"
     file = dated.identity_ca
-    if certificate is not None and file is not None and not _issued(file, certificate, trust, at):
+    if certificate is not None and file is not None and not is_issued(file, certificate, trust, at):
         yield "the identity CA certificate is outside its validity"
     authority = dated.permissions_ca
     if authority is not None and not authority.not_before <= at <= authority.not_after:

@@ -9,12 +9,13 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.certificate import Certificate, Issue
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
-from keystore_audit.model.trust import issue, vouches
+from keystore_audit.model.profiles import VARIANTS, Profile
+from keystore_audit.model.trust import chain_refusal, issue, may_have_issued, vouches
 from keystore_audit.rules.certificate import ISSUE_AGAIN, RENEW_AUTHORITY, what
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import CertificateUse
-from keystore_audit.rules.wording import instant, paths, places, quoted, sole
+from keystore_audit.rules.wording import implementations, instant, paths, places, quoted, sole
 
 
 def is_identity(use: CertificateUse, _context: Context) -> bool:
@@ -105,6 +106,77 @@ def not_issued_by_identity_ca(use: CertificateUse, _context: Context) -> Iterato
             undecided=unread or Issue.UNSUPPORTED in answers,
             key=certificate.sha256,
         )
+
+
+@rule(
+    "KA226",
+    "identity-refused-by-implementations",
+    Severity.HIGH,
+    on=CertificateUse,
+    clause="RFC 5280, 6.1; measured on Fast DDS, Cyclone DDS and libcrypto (X509_verify_cert)",
+    remedy="Let identity_ca.cert.pem hold one self-signed certificate, that of the authority which issues the "
+    "identities. " + ISSUE_AGAIN,
+    applies=is_identity,
+)
+def identity_refused_by_implementations(use: CertificateUse, context: Context) -> Iterator[Violation]:
+    """A certificate of the identity CA file issued the identity, and some implementations find no chain all the same.
+
+    Cyclone DDS and OpenDDS read the first certificate of the file alone; Fast DDS reads all and wants a chain that ends
+    at a self-signed one, within the path lengths; of two authorities with one name OpenSSL tries the first alone.
+    High where a chosen profile refuses, else medium.
+    """
+    for enclave, certificate in _carriers(use):
+        file = enclave.identity_ca
+        if file is None or not any(may_have_issued(authority, certificate) for authority in file.certificates):
+            continue
+        refusals: dict[str, list[Profile]] = {}
+        for profile in VARIANTS.values():
+            why = chain_refusal(certificate, file, profile.trust)
+            if why is not None:
+                refusals.setdefault(why, []).append(profile)
+        refusing = [profile for profiles in refusals.values() for profile in profiles]
+        if not refusing:
+            continue
+        reasons = "; ".join(f"{implementations(profiles)}: {why}" for why, profiles in refusals.items())
+        accepting = [profile for profile in VARIANTS.values() if profile not in refusing]
+        accepted = f"; accepted by {implementations(accepting)}" if accepting else ""
+        yield Violation(
+            message=f"{what(use, certificate)} is refused ({reasons}){accepted}.",
+            locations=(
+                Location(path=certificate.path, line=certificate.line),
+                Location(path=file.file.place, line=1, message="the identity CA"),
+            ),
+            enclave=enclave.path,
+            severity=None if {*refusing} & {*context.profiles} else Severity.MEDIUM,
+            profiles=tuple(profile.name for profile in refusing),
+            key=certificate.sha256,
+            explains=frozenset({"identities-chain-to-the-identity-ca"}),
+        )
+
+
+@rule(
+    "KA227",
+    "identity-without-subject",
+    Severity.CRITICAL,
+    on=CertificateUse,
+    clause="RFC 5280, 4.1.2.6; measured: Fast DDS 2.6 to 3.6 crash",
+    remedy=ISSUE_AGAIN,
+    applies=is_identity,
+)
+def identity_without_subject(use: CertificateUse, _context: Context) -> Iterator[Violation]:
+    """The identity certificate has an empty subject, and Fast DDS dies when it reads it (measured, every version).
+
+    No grant can name it. Peers are shown the certificate in the handshake, before they look at permissions.
+    """
+    for enclave, certificate in _carriers(use):
+        if not list(certificate.subject_name):
+            yield Violation(
+                message=f"The identity of {enclave.path} has an empty subject: Fast DDS crashes on it.",
+                locations=(Location(path=certificate.path, line=certificate.line),),
+                enclave=enclave.path,
+                profiles=tuple(name for name in VARIANTS if name.startswith("fastdds")),
+                key=certificate.sha256,
+            )
 
 
 def _why_not(certificate: Certificate, answers: dict[Issue, Certificate]) -> tuple[str, Certificate]:
@@ -215,6 +287,8 @@ def subject_shared_by_certificates(keystore: Keystore, _context: Context) -> Ite
 IDENTITY: tuple[Rule[Any], ...] = (
     certificate_outlives_its_ca,
     not_issued_by_identity_ca,
+    identity_refused_by_implementations,
+    identity_without_subject,
     identity_shared_by_enclaves,
     subject_differs_from_enclave,
     subject_shared_by_certificates,

@@ -32,16 +32,18 @@ class Trust:
     `pins_signer`: a document must be signed by a certificate of the permissions CA file itself; otherwise any
     certificate that chains to one and is fit for S/MIME signing will do (CVE-2023-24010, -24011, -24012).
     `first_authority_only`: of a CA file the first certificate counts alone. `needs_root`: a chain has to end at a
-    self-signed certificate of the CA file (OpenSSL without X509_V_FLAG_PARTIAL_CHAIN). `checks_permissions_ca`: the
-    permissions CA has to be in force and to chain to a root. `ca_algorithms`, `identity_algorithms`: signature
-    algorithms, as OpenSSL names them, of the first permissions CA certificate and of the identity (None: all).
-    `identity_keys`: kinds of key of the identity (None: all). `compares_key`: whether a private key of another
-    certificate keeps the participant from being created.
+    self-signed certificate of the CA file (OpenSSL without X509_V_FLAG_PARTIAL_CHAIN), `checks_root_signature`: whose
+    signature is checked too (X509_V_FLAG_CHECK_SS_SIGNATURE). `checks_permissions_ca`: the permissions CA has to be in
+    force and to chain to a root. `ca_algorithms`, `identity_algorithms`: signature algorithms, as OpenSSL names them,
+    of the first permissions CA certificate and of the identity (None: all). `identity_keys`: kinds of key of the
+    identity (None: all). `compares_key`: whether a private key of another certificate keeps the participant from being
+    created.
     """
 
     pins_signer: bool
     first_authority_only: bool
     needs_root: bool
+    checks_root_signature: bool
     checks_permissions_ca: bool
     revocation: RevocationLists
     subjects: SubjectComparison

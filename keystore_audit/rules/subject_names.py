@@ -1,0 +1,118 @@
+"""KA5: which identities implementations take the subject name of a grant to name (DDS-Security 1.1, 9.4.1.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+from keystore_audit.findings import Location, Severity
+from keystore_audit.keystore.certificate import Certificate
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.permissions import Grant
+from keystore_audit.model.profiles import VARIANTS, Profile, SubjectComparison
+from keystore_audit.model.subject import matching, same_meaning
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.permissions import WRITE_AGAIN
+from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.subjects import PermissionsUse, permissions_uses
+from keystore_audit.rules.wording import implementations, places, quoted
+
+SAFE_FORM: Final = (
+    "Use subjects that every implementation reads alike: one CN, the enclave's path, whose parts are not all parts of "
+    "another enclave's path; in the grant `CN=/path` to the letter, ASCII, without blanks, quotes and escapes. Issue "
+    f"the certificates again where that changes a subject, and {WRITE_AGAIN}"
+)
+
+_Named = tuple[Grant, PermissionsUse, Certificate, tuple[Profile, ...]]
+"""A grant, the document that holds it, a certificate, and the variants under which the grant names it."""
+
+
+def _named(keystore: Keystore) -> Iterator[_Named]:
+    """Each grant of a document that may be taken, with each identity that some variants, not all, take it to name."""
+    grants: dict[str, list[tuple[Grant, PermissionsUse]]] = {}
+    for use in permissions_uses(keystore):
+        for grant in use.document.permissions.grants if use.speaks and use.document.permissions else ():
+            grants.setdefault(grant.subject_name.text, []).append((grant, use))
+    firsts = (enclave.certificate.first for enclave in keystore.enclaves if enclave.certificate)
+    identities = list({first.sha256: first for first in firsts if first is not None}.values())
+    tables = {comparison: matching(list(grants), identities, comparison) for comparison in SubjectComparison}
+    for subject, holders in grants.items():
+        by_certificate: dict[int, set[SubjectComparison]] = {}
+        for comparison, table in tables.items():
+            for number in table[subject]:
+                by_certificate.setdefault(number, set()).add(comparison)
+        for number, comparisons in by_certificate.items():
+            if len(comparisons) < len(tables):
+                naming = tuple(p for p in VARIANTS.values() if p.trust.subjects in comparisons)
+                for grant, use in holders:
+                    yield grant, use, identities[number], naming
+
+
+@rule(
+    "KA519",
+    "grant-names-another-subject",
+    Severity.CRITICAL,
+    on=Keystore,
+    clause="DDS-Security 1.1, 9.4.1.3 (subject_name); DistinguishedName.cpp of Fast DDS, access_control_utils.c of "
+    "Cyclone DDS; measured",
+    remedy=SAFE_FORM,
+)
+def grant_names_another_subject(keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """Some implementation takes a grant to name an identity whose subject is another one.
+
+    Peers take whatever validly signed document an enclave presents, so that this identity has the rights of the grant.
+    Fast DDS since 2.14 counts attributes and looks each up by its type, so that a repeated one stands for others.
+    Cyclone DDS cuts names at `,`, `/` and `|` and wants every piece of the certificate's in the grant's: `/robot` has
+    the rights of `/robot/arm`, and `/arm/robot` as well. High where no chosen profile does so.
+    """
+    for grant, use, certificate, naming in _named(keystore):
+        if same_meaning(grant.subject_name.text, certificate):
+            continue
+        yield Violation(
+            message=f"The grant of {quoted(grant.subject_name.text)} names {quoted(certificate.subject)} too, for "
+            f"{implementations(naming)}: that enclave has its rights.",
+            locations=_places(use, grant, certificate),
+            severity=None if {*naming} & {*context.profiles} else Severity.HIGH,
+            profiles=tuple(profile.name for profile in naming),
+            key=f"{grant.subject_name.text}\0{certificate.subject}",
+        )
+
+
+@rule(
+    "KA520",
+    "subject-read-differently",
+    Severity.HIGH,
+    on=Keystore,
+    clause="DDS-Security 1.1, 9.4.1.3 (subject_name); RFC 2253; measured",
+    remedy=SAFE_FORM,
+)
+def subject_read_differently(keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """A grant means an identity, and some implementations do not find it: the enclave has no rights there.
+
+    Order, blanks, quotes, escapes, characters beyond ASCII and repeated attributes are read differently. High where a
+    chosen profile does not find it, else low.
+    """
+    for grant, use, certificate, naming in _named(keystore):
+        if not same_meaning(grant.subject_name.text, certificate):
+            continue
+        missing = [profile for profile in VARIANTS.values() if profile not in naming]
+        yield Violation(
+            message=f"The grant of {quoted(grant.subject_name.text)} does not name {quoted(certificate.subject)} for "
+            f"{implementations(missing)}, though it means that subject.",
+            locations=_places(use, grant, certificate),
+            severity=None if {*missing} & {*context.profiles} else Severity.LOW,
+            profiles=tuple(profile.name for profile in missing),
+            key=f"{grant.subject_name.text}\0{certificate.subject}",
+        )
+
+
+def _places(use: PermissionsUse, grant: Grant, certificate: Certificate) -> tuple[Location, ...]:
+    return places(
+        (
+            Location(path=use.signed.file.place, line=grant.subject_name.line),
+            Location(path=certificate.path, line=certificate.line, message="the identity"),
+        )
+    )
+
+
+SUBJECT_NAMES: tuple[Rule[Any], ...] = (grant_names_another_subject, subject_read_differently)
