@@ -299,4 +299,27 @@ GOVERNANCES: Final = tuple(
     )
 )
 
-CASES: Final = TYPES + VALUES + ENCODINGS + STRUCTURE + COSTS + EXPRESSIONS + GOVERNANCES
+
+def _domain_rule(number: int) -> bytes:
+    return DOMAIN_RULE.replace(b"<id>0", b"<id>%d" % (number % 233))
+
+
+DOMAIN_RULE: Final = GOVERNANCE_OF_ALL[GOVERNANCE_OF_ALL.index(b"<domain_rule>") :].partition(b"</domain_rule>")[0]
+DOMAIN_RULES: Final = tuple(
+    Case(
+        f"a governance of {count:,} domain rules",
+        lambda store, count=count: store.govern(  # type: ignore[misc]
+            GOVERNANCE_OF_ALL.replace(
+                DOMAIN_RULE, b"</domain_rule>".join(_domain_rule(number) for number in range(count)), 1
+            )
+        ),
+        (Finds("KA416", "enclaves/victim/governance.p7s"),),
+        exit=1,
+        bystander_changes=True,
+        fault=fault,
+    )
+    for count, fault in ((200, ""), (4_000, "quadratic in the domain rules: 30 s"))
+)
+
+
+CASES: Final = TYPES + VALUES + ENCODINGS + STRUCTURE + COSTS + EXPRESSIONS + GOVERNANCES + DOMAIN_RULES
