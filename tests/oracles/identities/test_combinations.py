@@ -40,18 +40,6 @@ class Row:
 
 
 FAULTS: dict[str, tuple[str, Callable[[Row], bool]]] = {
-    "B6": (
-        "self-issued certificates by another key: nobody's here; OpenSSL goes on above them, or takes them for roots",
-        lambda row: any("new with old" in name for name in (*row.combination.authorities, row.combination.identity)),
-    ),
-    "B7": (
-        "names of lists, and of the issuers of what they revoke, are compared byte for byte",
-        lambda row: "printable" in str(row.combination) and row.combination.revocations is not None,
-    ),
-    "B10": (
-        "a keyUsage without basicConstraints does for the root alone (check_extensions in x509_vfy.c)",
-        lambda row: row.refused == "invalid CA certificate",
-    ),
     "B9": (
         "of several authorities with the issuer's name OpenSSL asks the first alone",
         lambda row: (
