@@ -18,7 +18,8 @@ from tempfile import TemporaryDirectory
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding
-from cryptography.x509.oid import ExtendedKeyUsageOID, ObjectIdentifier
+from cryptography.x509.name import _ASN1Type
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID, ObjectIdentifier
 
 from tests.keystore.builder import GOVERNANCE, Signed, authority, certificate, signed_document
 from tests.keystore.messages import by_openssl, corpus, taken_apart, with_signature
@@ -104,6 +105,7 @@ def _signers() -> Iterator[Case]:
     impostor = authority()
     twin = certificate("sros2CA", ca=True, serial=CA.certificate.serial_number)
     renewed = certificate("sros2CA", ca=True, key=CA.key)
+    printable = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "sros2CA", _type=_ASN1Type.PrintableString)])
     stock = ("smime", "-text")
     for title, message, trusted in (
         ("the authority", by_openssl(stock, CA), (CA,)),
@@ -122,6 +124,11 @@ def _signers() -> Iterator[Case]:
             (renewed,),
         ),
         ("the authority, its certificate behind a false one", _bringing(twin, CA), (CA,)),
+        (
+            "the authority, its certificate behind a false one with another type of string",
+            _bringing(certificate(printable, ca=True, serial=CA.certificate.serial_number), CA),
+            (CA,),
+        ),
         ("the authority, its certificate before a false one", _bringing(CA, twin), (CA,)),
         ("nobody trusted", by_openssl(stock, CA), ()),
     ):
