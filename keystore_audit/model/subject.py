@@ -8,7 +8,8 @@ writes; they differ about order, blanks, quotes, escapes, repeated attributes an
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import lru_cache, partial
 from typing import Final
 
 from cryptography import x509
@@ -70,14 +71,9 @@ def matching(
         return _by_key(wanted, certificates, _ordered, escape_non_ascii=False)
     if comparison is SubjectComparison.OPENDDS:
         return _by_key(wanted, certificates, _distinguished, escape_non_ascii=False)
-    if comparison is SubjectComparison.FASTDDS_PARSED:
-        return _indexed(wanted, certificates, _fastdds_attributes, _fastdds_names, escape_non_ascii=False)
-    trimmed = comparison is SubjectComparison.CYCLONEDDS_TRIMMED
-
-    def parts(text: str) -> Attributes:
-        return _cyclonedds_attributes(text, trimmed=trimmed)
-
-    return _indexed(wanted, certificates, parts, _cyclonedds_names, escape_non_ascii=True)
+    by_attribute = _BY_ATTRIBUTE[comparison]
+    index = _Index([by_attribute.parse(_printed(c, by_attribute.escape_non_ascii)) for c in certificates], by_attribute)
+    return {text: index.named(text) for text in wanted}
 
 
 @lru_cache(maxsize=65_536)
@@ -205,36 +201,56 @@ def _unescaped(value: str) -> str:
 # --- one name within another
 
 
-def _indexed(
-    subjects: Iterable[str],
-    certificates: Sequence[Certificate],
-    parse: Callable[[str], Attributes],
-    names: Callable[[Attributes, Attributes], bool],
-    *,
-    escape_non_ascii: bool,
-) -> dict[str, frozenset[int]]:
-    """Names that are compared attribute by attribute: a certificate can only be named by a text with its rarest one.
+class _Index:
+    """Certificates by attributes that a text needs to have, or to share with them, to name them."""
 
-    `names`: whether the attributes of a text name those of a certificate.
+    def __init__(self, certificates: Sequence[Attributes], comparison: Comparison) -> None:
+        self._certificates = certificates
+        self._comparison = comparison
+        self._found: dict[tuple[str, str], list[int]] = {}
+        self._pairs_left = MAX_PAIRS
+        counts: dict[tuple[str, str], int] = {}
+        for attributes in certificates:
+            for attribute in set(attributes):
+                counts[attribute] = counts.get(attribute, 0) + 1
+        for number, attributes in enumerate(certificates):
+            wanted = set(attributes)
+            if comparison.whole:  # all of them have to be in the text: the rarest is enough to look for
+                wanted = {min(wanted, key=lambda attribute: (counts[attribute], attribute))} if wanted else set()
+            for attribute in wanted:
+                self._found.setdefault(attribute, []).append(number)
+        # Nothing has to be in the text for a name of no attributes: Cyclone DDS takes any for it (read).
+        self._nameless = [number for number, attributes in enumerate(certificates) if not attributes]
+
+    def named(self, text: str) -> frozenset[int]:
+        """The certificates that the text names; beyond the budget, all that the index cannot rule out."""
+        attributes = self._comparison.parse(text)
+        if self._comparison.whole:
+            found = [number for each in dict.fromkeys(attributes) for number in self._found.get(each, ())]
+            candidates = [*found, *self._nameless]
+        elif attributes and attributes[0][1]:
+            candidates = self._found.get(attributes[0], [])
+        else:  # an empty value is equal to none at all
+            candidates = list(range(len(self._certificates)))
+        self._pairs_left -= len(candidates)
+        if self._pairs_left < 0:
+            return frozenset(candidates)
+        names = self._comparison.names
+        return frozenset(number for number in candidates if names(attributes, self._certificates[number]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """A comparison attribute by attribute.
+
+    `names`: whether the attributes of a text name those of a certificate; `whole`: only if all of the certificate's are
+    in the text. `escape_non_ascii`: how the certificate's name is printed before it is parsed.
     """
-    parsed = [parse(_printed(certificate, escape_non_ascii)) for certificate in certificates]
-    counts: dict[tuple[str, str], int] = {}
-    for attributes in parsed:
-        for attribute in set(attributes):
-            counts[attribute] = counts.get(attribute, 0) + 1
-    by_rarest: dict[tuple[str, str] | None, list[int]] = {}
-    for number, attributes in enumerate(parsed):
-        rarest = min(attributes, key=lambda attribute: (counts[attribute], attribute), default=None)
-        by_rarest.setdefault(rarest, []).append(number)
-    found: dict[str, frozenset[int]] = {}
-    pairs = 0
-    for text in subjects:
-        attributes = parse(text)
-        candidates = [n for each in dict.fromkeys((*attributes, None)) for n in by_rarest.get(each, ())]
-        pairs += len(candidates)
-        unlimited = pairs <= MAX_PAIRS
-        found[text] = frozenset(n for n in candidates if not unlimited or names(attributes, parsed[n]))
-    return found
+
+    parse: Callable[[str], Attributes]
+    names: Callable[[Attributes, Attributes], bool]
+    whole: bool
+    escape_non_ascii: bool
 
 
 def _fastdds_attributes(text: str) -> Attributes:
@@ -281,6 +297,8 @@ def _cyclonedds_attributes(text: str, *, trimmed: bool) -> Attributes:
     on 0.10.2 and 11.0.1, the pieces of a path read). Of a certificate no piece but the last may be empty: nothing names
     it then, which the empty type stands for here.
     """
+    if not text:
+        return ()
     attributes = []
     for piece in text.translate(_CYCLONEDDS_DELIMITERS).removesuffix(",").split(","):
         kind, _sign, value = piece.partition("=")
@@ -294,3 +312,19 @@ def _cyclonedds_names(text: Attributes, certificate: Attributes) -> bool:
         return False
     first = dict(reversed(text))
     return all(kind and first.get(kind) == value for kind, value in certificate)
+
+
+_BY_ATTRIBUTE: Final = {
+    SubjectComparison.FASTDDS_PARSED: Comparison(
+        parse=_fastdds_attributes, names=_fastdds_names, whole=False, escape_non_ascii=False
+    ),
+    SubjectComparison.CYCLONEDDS: Comparison(
+        parse=partial(_cyclonedds_attributes, trimmed=False),
+        names=_cyclonedds_names,
+        whole=True,
+        escape_non_ascii=True,
+    ),
+    SubjectComparison.CYCLONEDDS_TRIMMED: Comparison(
+        parse=partial(_cyclonedds_attributes, trimmed=True), names=_cyclonedds_names, whole=True, escape_non_ascii=True
+    ),
+}

@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from cryptography import x509
+
 from tests.keystore.builder import GOVERNANCE, Signed, authority, certificate
 from tests.keystore.documents import PERMISSIONS
 from tests.keystore.messages import PYCA_OPTIONS, by_pyca
@@ -42,9 +44,14 @@ class Plugin:
         self._command = command
         self._process: subprocess.Popen[bytes] | None = None
         self._authority: Signed = authority("permissions CA")
-        identity = certificate("/talker", self._authority)
-        self._identity = identity.pem + identity.key_pem
+        self.take("/talker")
         self._plain = {DocumentKind.GOVERNANCE: self.sign(GOVERNANCE), DocumentKind.PERMISSIONS: self.sign(PERMISSIONS)}
+
+    def take(self, subject: str | x509.Name) -> Signed:
+        """Take another identity, which is given back."""
+        identity = certificate(subject, self._authority)
+        self._identity = identity.pem + identity.key_pem
+        return identity
 
     def sign(self, document: bytes) -> bytes:
         """The signed message, as sros2 makes it."""
