@@ -201,7 +201,7 @@ ENCODINGS: Final = (
 STRUCTURE: Final = (
     ambiguous("a second root", whole(P + b"<dds>two</dds>\n"), at=b"<dds>two"),
     ambiguous("no root", whole(b"<!-- nothing -->"), at=b"<!-- nothing -->"),
-    ambiguous("an empty document", whole(b""), line=9, at=None),
+    Case("an empty document", whole(b""), (Finds("KA521", line=9),)),
     ambiguous("a document cut off", whole(P[: P.index(b"</validity>")]), at=b"<validity>"),
     ambiguous("a namespace", edited(b"<permissions>", b'<permissions xmlns="urn:x">'), at=b"<permissions"),
     invalid("another root", whole(re.sub(rb"(?s)<dds .*</dds>", b"<DDS/>", P)), at=b"<DDS/>"),
