@@ -6,19 +6,15 @@ import hashlib
 import warnings
 from dataclasses import dataclass, field
 from datetime import datetime
-from enum import Enum
-from functools import lru_cache
-from typing import Final, TypeVar
+from typing import Final
 
 from cryptography import x509
 from cryptography.exceptions import UnsupportedAlgorithm
-from cryptography.x509.oid import PublicKeyAlgorithmOID
 
 from keystore_audit.keystore import public_key
 from keystore_audit.keystore.crl import REVOCATION_LIST_LABEL, RevocationList, read_revocation_list
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.der import MALFORMED, parts
-from keystore_audit.keystore.distinguished_name import same_name
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.pem import BEGIN_CERTIFICATES, DUMP_OF_CERTIFICATE, Block, Problem, read_pem
 
@@ -48,11 +44,6 @@ _PROCESSED: Final = frozenset(
 _CONSTRAINTS: Final = frozenset({"2.5.29.30", "2.5.29.33", "2.5.29.36", "2.5.29.54"})
 """nameConstraints, policyMappings, policyConstraints, inhibitAnyPolicy: no sros2 certificate has one."""
 
-_EMAIL_PROTECTION: Final = "1.3.6.1.5.5.7.3.4"  # id-kp-emailProtection, RFC 5280, 4.2.1.12
-_NETSCAPE_TYPE: Final = x509.ObjectIdentifier("2.16.840.1.113730.1.1")
-_NETSCAPE_SMIME_OR_CLIENT: Final = 0x20 | 0x80  # SSL client too: "workaround for some buggy certificates" (v3_purp.c)
-
-_NETSCAPE_AUTHORITY: Final = 0x01 | 0x02 | 0x04  # of objects, S/MIME and SSL
 
 _KEY_USAGES: Final = (
     ("digital_signature", "digitalSignature"),
@@ -125,19 +116,6 @@ class CertificateFile:
         return self.certificates[0] if self.certificates else None
 
 
-class Issue(str, Enum):
-    """Whether one certificate issued another, as OpenSSL's X509_check_issued and X509_verify judge.
-
-    Not dates, not CA:TRUE. UNSUPPORTED: the library cannot check such a signature, so a robot may accept it.
-    """
-
-    ISSUED = "issued"
-    NAME_DIFFERS = "name-differs"
-    KEY_IDENTIFIER_DIFFERS = "key-identifier-differs"
-    SIGNATURE_INVALID = "signature-invalid"
-    UNSUPPORTED = "unsupported"
-
-
 def read_certificates(file: File) -> CertificateFile:
     """Read a PEM file of certificates; what cannot be read, and whatever else stands in it, is a defect.
 
@@ -172,65 +150,6 @@ def read_certificates(file: File) -> CertificateFile:
         revocation_lists=tuple(revocation_lists),
         defects=tuple(defects),
     )
-
-
-@lru_cache(maxsize=65_536)  # a robot fleet's enclaves, each asked about by usability, trust, doubt and rules
-def issued_by(certificate: Certificate, issuer: Certificate) -> Issue:
-    """Whether `issuer` issued `certificate`: names, key identifiers and the signature, weak digests included."""
-    if certificate.issuer_der != issuer.subject_der and (not same_name(certificate.issuer_name, issuer.subject_name)):
-        return Issue.NAME_DIFFERS
-    if not certificate.algorithms_agree:  # X509_verify compares both statements of the algorithm first
-        return Issue.SIGNATURE_INVALID
-    return _signed_by(certificate.parsed, issuer.parsed)
-
-
-def fit_to_sign(certificate: Certificate) -> bool:
-    """Whether OpenSSL's purpose X509_PURPOSE_SMIME_SIGN admits the certificate (crypto/x509/v3_purp.c).
-
-    Extended key usage absent or with emailProtection (anyExtendedKeyUsage does not do, measured), keyUsage
-    absent or with digitalSignature or nonRepudiation, Netscape certificate type absent or S/MIME or SSL
-    client. PKCS7_verify asks for it in the implementations that do not pin the signer (CVE-2023-24010).
-    """
-    extended, usage = certificate.extended_key_usage, certificate.key_usage
-    if extended is not None and _EMAIL_PROTECTION not in extended:
-        return False
-    if usage is not None and not usage & {"digitalSignature", "nonRepudiation"}:
-        return False
-    netscape = _netscape_type(certificate.parsed)
-    return netscape is None or bool(netscape & _NETSCAPE_SMIME_OR_CLIENT)
-
-
-def lets_sign(authority: Certificate) -> bool:
-    """Whether the extended key usage of an authority lets those below it sign S/MIME: it binds them too."""
-    return authority.extended_key_usage is None or _EMAIL_PROTECTION in authority.extended_key_usage
-
-
-def may_issue(certificate: Certificate) -> bool:
-    """Whether OpenSSL's X509_check_ca admits it as an issuer (crypto/x509/v3_purp.c).
-
-    keyUsage absent or with keyCertSign; basicConstraints with CA:TRUE or, where that is absent, what older authorities
-    look like: a self-signed one of version 1, one with keyUsage, one with a Netscape type of an authority.
-    """
-    usage = certificate.key_usage
-    if usage is not None and "keyCertSign" not in usage:
-        return False
-    if certificate.is_ca is not None:
-        return certificate.is_ca
-    old_root = certificate.parsed.version is x509.Version.v1 and names_itself(certificate)
-    return old_root or usage is not None or bool((_netscape_type(certificate.parsed) or 0) & _NETSCAPE_AUTHORITY)
-
-
-def names_itself(certificate: Certificate) -> bool:
-    """Whether OpenSSL takes it for self-signed (EXFLAG_SS): the issuer is the subject, and its key identifier fits."""
-    own = certificate.issuer_der == certificate.subject_der or same_name(
-        certificate.issuer_name, certificate.subject_name
-    )
-    return own and key_identifier_fits(certificate, certificate)
-
-
-def key_identifier_fits(certificate: Certificate, issuer: Certificate) -> bool:
-    """Whether nothing in authorityKeyIdentifier contradicts `issuer` (X509_check_akid in v3_purp.c)."""
-    return _key_identifier_fits(certificate.parsed, issuer.parsed)
 
 
 def _read(part: Block | Problem, path: str) -> Certificate | RevocationList | Defect:
@@ -341,61 +260,6 @@ def _usages(usage: x509.KeyUsage) -> frozenset[str]:
         names |= {"encipherOnly"} if usage.encipher_only else set()
         names |= {"decipherOnly"} if usage.decipher_only else set()
     return frozenset(names)
-
-
-def _netscape_type(parsed: x509.Certificate) -> int | None:
-    """Return the bits of the Netscape certificate type, 0 if it is malformed, None where it is absent."""
-    for extension in parsed.extensions:
-        if extension.oid == _NETSCAPE_TYPE and isinstance(extension.value, x509.UnrecognizedExtension):
-            value = extension.value.value  # a BIT STRING: tag, length, unused bits, bits
-            return value[3] if len(value) > 3 and value[0] == 0x03 else 0
-    return None
-
-
-def _signed_by(certificate: x509.Certificate, issuer: x509.Certificate) -> Issue:
-    verified: bool | None = None
-    try:
-        if issuer.public_key_algorithm_oid != PublicKeyAlgorithmOID.RSASSA_PSS:  # such a key restricts what it signs
-            verified = public_key.verifies(
-                issuer.public_key(),
-                certificate.signature,
-                certificate.tbs_certificate_bytes,
-                algorithm=certificate.signature_algorithm_oid.dotted_string,
-                parameters=certificate.signature_algorithm_parameters,
-                digest=certificate.signature_hash_algorithm,
-            )
-    except (ValueError, UnsupportedAlgorithm):
-        verified = None
-    if verified is False:
-        return Issue.SIGNATURE_INVALID
-    if not _key_identifier_fits(certificate, issuer):
-        return Issue.KEY_IDENTIFIER_DIFFERS
-    return Issue.ISSUED if verified else Issue.UNSUPPORTED
-
-
-def _key_identifier_fits(certificate: x509.Certificate, issuer: x509.Certificate) -> bool:
-    authority = _extension(certificate, x509.AuthorityKeyIdentifier)
-    if authority is None:
-        return True
-    subject = _extension(issuer, x509.SubjectKeyIdentifier)
-    named = authority.key_identifier
-    if named is not None and subject is not None and named != subject.digest:
-        return False
-    serial = authority.authority_cert_serial_number
-    if serial is not None and serial != issuer.serial_number:
-        return False
-    names = [n.value for n in authority.authority_cert_issuer or () if isinstance(n, x509.DirectoryName)]
-    return not names or same_name(names[0], issuer.issuer)
-
-
-_E = TypeVar("_E", bound=x509.ExtensionType)
-
-
-def _extension(certificate: x509.Certificate, kind: type[_E]) -> _E | None:
-    for extension in certificate.extensions:
-        if isinstance(extension.value, kind):
-            return extension.value
-    return None
 
 
 def _defect(path: str, kind: Kind, line: int | None, detail: str) -> Defect:

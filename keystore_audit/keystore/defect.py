@@ -38,6 +38,7 @@ class Kind(str, Enum):
     VALUE_INVALID = "value-invalid"
     EMPTY_TOPIC = "empty-topic"
     RULE_WITHOUT_DOMAINS = "rule-without-domains"
+    EMPTY_ELEMENT = "empty-element"
     DDS_SECURITY_1_0 = "dds-security-1.0"
 
     @property
@@ -65,6 +66,7 @@ _OPAQUE = frozenset(
         Kind.VALUE_INVALID,
         Kind.EMPTY_TOPIC,
         Kind.RULE_WITHOUT_DOMAINS,
+        Kind.EMPTY_ELEMENT,
     }
 )
 

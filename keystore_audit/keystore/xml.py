@@ -72,6 +72,9 @@ def read_xml(signed: SignedDocument) -> tuple[etree._Element | None, tuple[Defec
     if len(content) > MAX_BYTES or content.count(b"<") > MAX_TAGS:
         reading.add(Kind.XML_MALFORMED, 1, f"more than {MAX_BYTES} bytes or {MAX_TAGS} tags, which are not read")
         return None, reading.found()
+    if not content.strip():
+        reading.add(Kind.EMPTY_ELEMENT, 1, "the document is empty")
+        return None, reading.found()
     if not reading.plain_bytes(content):
         return None, reading.found()
     try:

@@ -8,9 +8,10 @@ from collections.abc import Iterator
 from functools import lru_cache
 
 from keystore_audit.findings import Location
-from keystore_audit.keystore.certificate import CertificateFile, Issue
+from keystore_audit.keystore.certificate import CertificateFile
 from keystore_audit.keystore.defect import Defect
 from keystore_audit.keystore.governance import GovernanceFile
+from keystore_audit.keystore.issuer import Issue
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile

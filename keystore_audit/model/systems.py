@@ -11,8 +11,8 @@ from functools import cached_property
 
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
-from keystore_audit.keystore.certificate import fit_to_sign
 from keystore_audit.keystore.governance import TopicRule
+from keystore_audit.keystore.issuer import fit_to_sign
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.channels import Channels, RuleMatches, build_channels, covers_of, domain_classes
 from keystore_audit.model.domains import Interval, contains, covered

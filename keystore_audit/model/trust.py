@@ -12,9 +12,9 @@ from enum import Enum
 from functools import lru_cache
 from typing import Final
 
-from keystore_audit.keystore.certificate import (
-    Certificate,
-    CertificateFile,
+from keystore_audit.keystore.certificate import Certificate, CertificateFile
+from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.issuer import (
     Issue,
     fit_to_sign,
     issued_by,
@@ -23,7 +23,6 @@ from keystore_audit.keystore.certificate import (
     may_issue,
     names_itself,
 )
-from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.smime import Signature, SignedDocument
 from keystore_audit.model.profiles import Trust
 

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from keystore_audit.findings import Location, Severity
-from keystore_audit.keystore.certificate import Certificate, Issue
+from keystore_audit.keystore.certificate import Certificate
+from keystore_audit.keystore.issuer import Issue
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.model.profiles import VARIANTS, Profile

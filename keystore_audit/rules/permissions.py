@@ -315,6 +315,28 @@ def rule_without_domains(use: PermissionsUse, _context: Context) -> Iterator[Vio
     )
 
 
+@rule(
+    "KA521",
+    "empty-element",
+    Severity.CRITICAL,
+    on=PermissionsUse,
+    clause="Measured: Fast DDS 2.9.1 and 2.14.6 crash; schema-invalid",
+    remedy="Find out who signed it, write the document anew and sign it again with the permissions CA.",
+)
+def empty_element(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+    """The document, or the date of a grant, is empty: Fast DDS 2.9 and 2.14 dereference nothing and die (measured).
+
+    Others refuse the document. Permissions come from peers too, so that one document which the authority signed takes
+    others down.
+    """
+    yield from defective(
+        of_kinds(use.document.defects, Kind.EMPTY_ELEMENT),
+        use.enclaves,
+        _CRASHES,
+        undecided=use.may_be_taken,
+    )
+
+
 PERMISSIONS: tuple[Rule[Any], ...] = (
     permissions_schema_invalid,
     permissions_ambiguous,
@@ -324,4 +346,5 @@ PERMISSIONS: tuple[Rule[Any], ...] = (
     grant_without_allow_rule,
     empty_topic_expression,
     rule_without_domains,
+    empty_element,
 )

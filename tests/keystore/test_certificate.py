@@ -17,8 +17,9 @@ from cryptography.x509.oid import NameOID
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from keystore_audit.keystore.certificate import Certificate, Issue, fit_to_sign, issued_by
+from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.issuer import Issue, fit_to_sign, issued_by
 from keystore_audit.keystore.pem import MAX_BLOCKS
 from tests.keystore import libcrypto
 from tests.keystore.builder import START, Signed, authority, certificate, crl, evidence, issued_by_openssl, name, read

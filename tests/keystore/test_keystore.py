@@ -15,9 +15,9 @@ import pytest
 from cryptography.hazmat.primitives.serialization import Encoding
 
 from keystore_audit.errors import NothingToAudit
-from keystore_audit.keystore.certificate import Issue, issued_by
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.files import Status
+from keystore_audit.keystore.issuer import Issue, issued_by
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from tests.keystore.builder import authority, certificate, crl, flat, signed_document, sros2

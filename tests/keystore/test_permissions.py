@@ -182,7 +182,7 @@ def test_every_invalid_value_is_named() -> None:
 NAMES = st.text(st.characters(codec="utf-8", exclude_categories=("Cc", "Cf", "Cs", "Cn", "Co", "Zl", "Zp")), min_size=1)
 
 
-QUOTES = ("\"", "'", "\u2018", "\u201c")
+QUOTES = ('"', "'", "\u2018", "\u201c")
 """Signs at the start of a value for which Cyclone DDS refuses the document."""
 VALUES = NAMES.filter(lambda name: name == name.strip(" \t\r\n") and not name.startswith(QUOTES))
 

@@ -35,7 +35,7 @@ DIGESTS: dict[str, hashes.HashAlgorithm] = {
 class Certificate:
     """A certificate to be issued. The defaults are those of an identity that sros2 issues.
 
-    `subject` is the common name, `also` further (type, value) pairs behind it. `issuer` None: self-signed.
+    `subject` is the common name (empty: none), `also` further (type, value) pairs. `issuer` None: self-signed.
     `signed_by`: the key that really signs, where that is not the issuer's. `ca`: BasicConstraints' cA, None
     for no such extension. `serial` None: 20 octets derived from the content.
     """
@@ -56,7 +56,7 @@ class Certificate:
 
     def name(self) -> x509.Name:
         """The subject."""
-        pairs = (("common_name", self.subject), *self.also)
+        pairs = (*((("common_name", self.subject),) if self.subject else ()), *self.also)
         # Lists of pairs, not a dict: the order of a name is part of it.
         sets = [
             x509.RelativeDistinguishedName([x509.NameTypeAndValue({"type": kind, "value": _utf8(value)})])

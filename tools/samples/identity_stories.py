@@ -193,6 +193,26 @@ def _names() -> Iterator[Story]:
         ),
         good=Case("Each has a name of its own.", TWO),
     )
+    yield from pair(
+        "KA226",
+        "identity-refused-by-implementations",
+        bad=Case(
+            "identity_ca.cert.pem was made a bundle, with another authority first. Fast DDS looks through it, Cyclone "
+            "DDS reads the first certificate and refuses everybody.",
+            replace(ONE, changes={"public/identity_ca.cert.pem": PERMISSIONS_CA.pem() + IDENTITY_CA.pem()}),
+        ),
+        good=Case("identity_ca.cert.pem holds the identity CA alone.", ONE),
+    )
+    yield from pair(
+        "KA227",
+        "identity-without-subject",
+        bad=Case(
+            "The request was made with -subj / and the authority did not look: the certificate has no subject. Fast "
+            "DDS crashes on it.",
+            with_talker(certificate=replace(TALKER_CERTIFICATE, subject="")),
+        ),
+        good=Case("The subject is the enclave's path.", ONE),
+    )
 
 
 def _together() -> Iterator[Story]:

@@ -8,6 +8,7 @@ from datetime import datetime, timezone
 
 from .base import (
     LISTENER,
+    LISTENER_CERTIFICATE,
     LISTENER_GRANT,
     ONE,
     TALKER_CERTIFICATE,
@@ -16,6 +17,7 @@ from .base import (
     TWO,
     talker,
     with_grant,
+    with_listener,
     with_talker,
 )
 from .documents import DISCOVERY, Permissions, Rule, edited
@@ -91,6 +93,16 @@ def _documents() -> Iterator[Story]:
         ),
         good=Case("Every rule names its domains.", ONE),
     )
+    yield from pair(
+        "KA521",
+        "empty-element",
+        bad=Case(
+            "The grant was to end some day, and nobody wrote the date: Fast DDS 2.14 crashes on it, also when a peer "
+            "presents it.",
+            _text("<not_after>2100-01-01T00:00:00</not_after>", "<not_after></not_after>"),
+        ),
+        good=Case("Both dates are there.", ONE),
+    )
 
 
 def _head(topic: str) -> str:
@@ -107,6 +119,31 @@ def _grants() -> Iterator[Story]:
             with_grant(subject="CN=/speaker"),
         ),
         good=Case("The grant names the certificate's subject.", ONE),
+    )
+    nested = "/talker/listener"
+    yield from pair(
+        "KA519",
+        "grant-names-another-subject",
+        bad=Case(
+            "The listener lies below the talker, as namespaces do. Cyclone DDS cuts names at every slash, and all "
+            "parts of CN=/talker are in CN=/talker/listener: the talker may present the listener's permissions.",
+            with_listener(
+                path=nested,
+                certificate=replace(LISTENER_CERTIFICATE, subject=nested),
+                permissions=Permissions(grants=(replace(LISTENER_GRANT, path=nested),)),
+            ),
+        ),
+        good=Case("Neither path is made of parts of the other.", TWO),
+    )
+    yield from pair(
+        "KA520",
+        "subject-read-differently",
+        bad=Case(
+            "Somebody laid the grant out for the eye: CN = /talker. Fast DDS since 2.14 finds it, Fast DDS 2.6 and "
+            "Cyclone DDS 0.10 do not, and the talker has no rights there.",
+            with_grant(subject="CN = /talker"),
+        ),
+        good=Case("The subject is written without blanks.", ONE),
     )
     wide = replace(TALKER_GRANT, rules=(Rule(publish=("rt/cmd_vel",)), DISCOVERY))
     yield from pair(

@@ -9,8 +9,9 @@ from datetime import datetime
 import pytest
 from asn1crypto import crl, x509  # type: ignore[import-untyped]
 
-from keystore_audit.keystore.certificate import Certificate, Issue, issued_by, read_certificates
+from keystore_audit.keystore.certificate import Certificate, read_certificates
 from keystore_audit.keystore.crl import RevocationList, crl_signed_by, read_crl
+from keystore_audit.keystore.issuer import Issue, issued_by
 from tests.keystore.builder import present
 from tests.oracles.pkits import paths, suite
 
