@@ -14,6 +14,7 @@ from typing import Final
 
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.distinguished_name import same_name
 from keystore_audit.keystore.issuer import (
     Issue,
     fit_to_sign,
@@ -183,9 +184,12 @@ def may_sign(signer: Certificate, signed: SignedDocument, permissions_ca: Certif
 
 
 def is_first_embedded(signer: Certificate, signed: SignedDocument) -> bool:
-    """Whether it is the first certificate in the message of its issuer and serial number: the one OpenSSL takes."""
-    name = (signer.issuer_der, signer.serial)
-    first = next((c for c in signed.embedded if (c.issuer_der, c.serial) == name), None)
+    """Whether it is the first certificate in the message of its issuer and serial number: the one OpenSSL takes.
+
+    Issuers are compared by meaning (X509_NAME_cmp).
+    """
+    named = (c for c in signed.embedded if c.serial == signer.serial and same_name(c.issuer_name, signer.issuer_name))
+    first = next(named, None)
     return first is not None and first.sha256 == signer.sha256
 
 

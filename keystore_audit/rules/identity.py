@@ -11,7 +11,7 @@ from keystore_audit.keystore.issuer import Issue
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.model.profiles import VARIANTS, Profile
-from keystore_audit.model.trust import chain_refusal, issue, may_have_issued, vouches
+from keystore_audit.model.trust import chain_refusal, is_authority, issue, may_have_issued, vouches
 from keystore_audit.rules.certificate import ISSUE_AGAIN, RENEW_AUTHORITY, what
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
@@ -128,7 +128,10 @@ def identity_refused_by_implementations(use: CertificateUse, context: Context) -
     """
     for enclave, certificate in _carriers(use):
         file = enclave.identity_ca
-        if file is None or not any(may_have_issued(authority, certificate) for authority in file.certificates):
+        issuers = [
+            a for a in (file.certificates if file else ()) if is_authority(a) and may_have_issued(a, certificate)
+        ]
+        if file is None or not issuers:
             continue
         refusals: dict[str, list[Profile]] = {}
         for profile in VARIANTS.values():

@@ -151,7 +151,6 @@ def test_the_older_form_keeps_the_order_of_the_document() -> None:
         (b"2024-01-01T00:00:00Z", b"-0001-01-01T00:00:00", Kind.VALUE_INVALID, 14),
         (b"2024-01-01T00:00:00Z", b"2024-02-30T00:00:00", Kind.SCHEMA_INVALID, 14),
         (b"2024-01-01T00:00:00Z", b"2024-01-01", Kind.SCHEMA_INVALID, 14),
-        (b"2024-01-01T00:00:00Z", b"", Kind.SCHEMA_INVALID, 14),
         (b"CN=/a,O=x", b"CN=/a<!-- -->b", Kind.XML_AMBIGUOUS, 12),
         (b">ALLOW<", b">AL<!-- -->LOW<", Kind.XML_AMBIGUOUS, 46),
         (b">ALLOW<", b">allow<", Kind.SCHEMA_INVALID, 46),
@@ -170,6 +169,14 @@ def test_a_rule_without_domains_crashes_an_implementation() -> None:
     (crash,) = [defect for defect in file.defects if defect.kind is Kind.RULE_WITHOUT_DOMAINS]
     assert crash.line == 45
     assert Kind.SCHEMA_INVALID in {defect.kind for defect in file.defects}
+
+
+@pytest.mark.parametrize("old", [b"2024-01-01T00:00:00Z", b"2034-01-01T00:00:00.5+01:00"])
+def test_an_empty_date_is_more_than_invalid(old: bytes) -> None:
+    assert old in FULL
+    assert Kind.EMPTY_ELEMENT in {defect.kind for defect in read(FULL.replace(old, b"", 1)).defects}
+    assert Kind.EMPTY_ELEMENT in {defect.kind for defect in read(b"<dds/>").defects}
+    assert Kind.EMPTY_ELEMENT not in {defect.kind for defect in read(FULL.replace(old, b"x", 1)).defects}
 
 
 def test_every_invalid_value_is_named() -> None:

@@ -154,7 +154,6 @@ def test_what_implementations_read_differently(title: str) -> None:
 @pytest.mark.parametrize(
     "content",
     [
-        b"",
         b"<dds>",
         b"not xml",
         b"\n" + PERMISSIONS,
@@ -177,6 +176,14 @@ def test_what_is_no_xml(content: bytes) -> None:
     assert root is None
     assert Kind.XML_MALFORMED in {defect.kind for defect in defects}
     assert all(defect.line is None or defect.line >= FIRST_LINE for defect in defects)
+
+
+@pytest.mark.parametrize("content", [b"", b" \r\n"])
+def test_nothing_at_all_has_a_defect_of_its_own(content: bytes) -> None:
+    """Fast DDS crashes on it."""
+    root, defects = read(content)
+    assert root is None
+    assert [defect.kind for defect in defects] == [Kind.EMPTY_ELEMENT]
 
 
 # --- nothing opened, nothing expanded

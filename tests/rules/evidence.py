@@ -103,8 +103,8 @@ def pem(
 
 
 def name(common_name: str) -> x509.Name:
-    """`CN=common_name`."""
-    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
+    """`CN=common_name`, no attribute at all for the empty one."""
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)] if common_name else [])
 
 
 IDENTITY_CA = pem("identityCA", issuer="identityCA")

@@ -175,6 +175,14 @@ CASES: dict[str, tuple[Change, list[str]]] = {
     "KA223": (other_authority, ["KA223"]),
     "KA224": (talker(certificate=changed(certificates(CERT, pem("/talker")), serial=(1 << 199) - 1)), ["KA224"]),
     "KA225": (lambda _: keystore(enclave("/talker"), namesake("/listener")), ["KA220", "KA225"]),
+    "KA226": (
+        both(identity_ca=certificates(CA, pem("oldCA", issuer="oldCA"), IDENTITY_CA)),
+        ["KA202", "KA226"],
+    ),
+    "KA227": (
+        talker(certificate=certificates(CERT, pem("", label="/talker"))),
+        ["KA220", "KA227", "KA503", "KA519"],
+    ),
 }
 
 
@@ -233,9 +241,16 @@ def test_issuing_is_by_key_and_not_by_name() -> None:
     assert "got the issuer 'CN=otherCA', expected 'CN=identityCA'" in renamed[0].message
 
 
-def test_any_authority_of_the_file_may_have_issued_the_identity() -> None:
-    several = certificates(CA, pem("oldCA", issuer="oldCA"), IDENTITY_CA)
-    assert becomes(both(identity_ca=several)) == ["KA202"]
+def test_an_issuer_behind_another_authority_is_found_by_some_alone() -> None:
+    store = both(identity_ca=certificates(CA, pem("oldCA", issuer="oldCA"), IDENTITY_CA))(healthy())
+    for finding in findings("KA226", judged(store)):
+        assert "of public/identity_ca.cert.pem the first certificate alone is read" in finding.message
+        assert finding.profiles == ("cyclonedds-0.10", "cyclonedds-11", "opendds")
+    twins = certificates(CA, pem("identityCA", label="twin", issuer="identityCA", issuer_label="twin"), IDENTITY_CA)
+    of_one_name = findings("KA226", judged(both(identity_ca=twins)(healthy())))
+    assert all("fastdds-3.6" in finding.profiles for finding in of_one_name)
+    assert "is another authority's; no other is tried" in of_one_name[0].message
+    assert findings("KA226", judged(both(identity_ca=certificates(CA, IDENTITY_CA))(healthy()))) == ()
 
 
 def by_dsa(subject: str, public: Any, authority: dsa.DSAPrivateKey, *, ca: bool) -> bytes:

@@ -82,6 +82,9 @@ CASES: dict[str, tuple[Change, list[str]]] = {
     "KA516": (dated(start="2031-01-01T00:00:00", end="2030-01-01T00:00:00"), ["KA516"]),
     "KA517": (unread(Kind.EMPTY_TOPIC), ["KA517"]),
     "KA518": (unread(Kind.RULE_WITHOUT_DOMAINS), ["KA518"]),
+    "KA519": (granted(OWN, grant("/listener/arm")), ["KA512", "KA519"]),
+    "KA520": (granted(grant("/talker", subject_name=text("CN = /talker", 39))), ["KA503", "KA520"]),
+    "KA521": (unread(Kind.EMPTY_ELEMENT), ["KA521"]),
 }
 
 
@@ -89,7 +92,7 @@ CASES: dict[str, tuple[Change, list[str]]] = {
 def test_one_change_makes_a_rule_speak(code: str) -> None:
     change, expected = CASES[code]
     assert becomes(change) == expected
-    assert open_codes(change(healthy())) == ({code} if code in ("KA501", "KA502", "KA517", "KA518") else set())
+    assert open_codes(change(healthy())) == ({code} if code in ("KA501", "KA502", "KA517", "KA518", "KA521") else set())
 
 
 def test_the_subject_is_compared_as_text() -> None:

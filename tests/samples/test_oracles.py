@@ -180,6 +180,7 @@ OUTSIDE_THE_SCHEMA = {
     ("KA421", "governance"),
     ("KA501", "permissions"),
     ("KA518", "permissions"),
+    ("KA521", "permissions"),
 }
 """Bad samples whose story is that the document does not fit DDS-Security 1.1's schema."""
 

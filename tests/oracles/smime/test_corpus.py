@@ -19,12 +19,6 @@ from tests.oracles.smime.oracle import Oracle, running
 from tests.oracles.smime.signed_data import CA, MESSAGE
 from tests.oracles.smime.stricter import Reason, listed
 
-FAULTS = {
-    "signer: the authority, its certificate behind a false one with another type of string": (
-        "chained: OpenSSL compares issuers by meaning when it looks for the signer, model/trust.py by bytes"
-    ),
-}
-"""What the auditor is known to get wrong; the table says what would be right, and a repaired one has to go."""
 ROWS = [line.split("\t") for line in TABLE.read_text(encoding="utf-8").splitlines()[1:]]
 
 
@@ -53,10 +47,7 @@ def test_the_corpus_is_the_table() -> None:
 
 @pytest.mark.parametrize(
     "row",
-    [
-        pytest.param(row, id=row[0], marks=[pytest.mark.xfail(reason=FAULTS[row[0]])] if row[0] in FAULTS else [])
-        for row in ROWS
-    ],
+    [pytest.param(row, id=row[0]) for row in ROWS],
 )
 def test_the_verdicts_on(row: list[str], compared: dict[str, Comparison]) -> None:
     assert (row[0], *compared[row[0]].columns()) == tuple(row)
