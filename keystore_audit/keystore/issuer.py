@@ -79,6 +79,7 @@ def may_issue(certificate: Certificate) -> bool:
     return old_root or usage is not None or bool((_netscape_type(certificate.parsed) or 0) & _NETSCAPE_AUTHORITY)
 
 
+@lru_cache(maxsize=65_536)
 def names_itself(certificate: Certificate) -> bool:
     """Whether OpenSSL takes it for self-signed (EXFLAG_SS): the issuer is the subject, and its key identifier fits."""
     own = certificate.issuer_der == certificate.subject_der or same_name(

@@ -41,7 +41,7 @@ class Enclave:
         return self.files.path
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Keystore:
     """Everything read below `root` (the path as the user gave it).
 

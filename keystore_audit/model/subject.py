@@ -7,6 +7,7 @@ writes; they differ about order, blanks, quotes, escapes, repeated attributes an
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -28,6 +29,9 @@ _CYCLONEDDS_MAX_ATTRIBUTES: Final = 20
 """Attributes of a grant's subject that Cyclone DDS keeps (ac_check_subjects_are_equal)."""
 
 _CYCLONEDDS_DELIMITERS: Final = str.maketrans("/|", ",,")
+
+_PLAIN: Final = re.compile(r"CN=(?:/[A-Za-z0-9_]+)+")
+"""Subjects as sros2 writes them: each names itself for everybody, and for all but Cyclone DDS nothing else."""
 
 _SHORT_NAMES: Final[Mapping[str, str]] = {
     # OpenSSL's short names (crypto/objects/objects.txt) of what stands in subjects; cryptography knows nine of them.
@@ -63,22 +67,52 @@ def matching(
     """For each text of `subjects` the certificates (indices) that a grant with this subject_name is taken to name."""
     wanted = dict.fromkeys(subjects)
     if comparison is SubjectComparison.EXACT:
-        by_name: dict[str, set[int]] = {}
-        for number, certificate in enumerate(certificates):
-            by_name.setdefault(certificate.subject, set()).add(number)
-        return {text: frozenset(by_name.get(text, ())) for text in wanted}
-    if comparison is SubjectComparison.FASTDDS_ORDERED:
-        return _by_key(wanted, certificates, _ordered, escape_non_ascii=False)
-    if comparison is SubjectComparison.OPENDDS:
-        return _by_key(wanted, certificates, _distinguished, escape_non_ascii=False)
-    by_attribute = _BY_ATTRIBUTE[comparison]
-    index = _Index([by_attribute.parse(_printed(c, by_attribute.escape_non_ascii)) for c in certificates], by_attribute)
-    return {text: index.named(text) for text in wanted}
+        return _equal(wanted, range(len(certificates)), certificates)
+    if comparison in _TOKENWISE:
+        return _compared(wanted, range(len(certificates)), certificates, comparison)
+    plain = [number for number, certificate in enumerate(certificates) if _PLAIN.fullmatch(certificate.subject)]
+    odd = sorted(set(range(len(certificates))) - set(plain))
+    found = _equal(wanted, plain, certificates)
+    by_form = (odd, wanted), (plain, [text for text in wanted if not _PLAIN.fullmatch(text)])
+    for numbers, texts in by_form:
+        for text, named in _compared(texts, numbers, certificates, comparison).items() if numbers else ():
+            found[text] |= named
+    return found
+
+
+def _equal(
+    subjects: Iterable[str], numbers: Iterable[int], certificates: Sequence[Certificate]
+) -> dict[str, frozenset[int]]:
+    by_name: dict[str, set[int]] = {}
+    for number in numbers:
+        by_name.setdefault(certificates[number].subject, set()).add(number)
+    return {text: frozenset(by_name.get(text, ())) for text in subjects}
+
+
+def _compared(
+    subjects: Iterable[str],
+    numbers: Sequence[int],
+    certificates: Sequence[Certificate],
+    comparison: SubjectComparison,
+) -> dict[str, frozenset[int]]:
+    """By the comparison itself, for the certificates `numbers`."""
+    by_attribute = _BY_ATTRIBUTE.get(comparison)
+    if by_attribute is None:
+        key = _ordered if comparison is SubjectComparison.FASTDDS_ORDERED else _distinguished
+        found: dict[object, set[int]] = {}
+        for number in numbers:
+            found.setdefault(key(_printed(certificates[number], escape_non_ascii=False)), set()).add(number)
+        return {text: frozenset(found.get(key(text), ())) for text in subjects}
+    printed_names = [_printed(certificates[number], by_attribute.escape_non_ascii) for number in numbers]
+    index = _Index([by_attribute.parse(name) for name in printed_names], by_attribute)
+    return {text: frozenset(numbers[place] for place in index.named(text)) for text in subjects}
 
 
 @lru_cache(maxsize=65_536)
 def names(subject: str, certificate: Certificate, comparison: SubjectComparison) -> bool:
     """Whether a grant with this subject_name is taken to name the certificate."""
+    if subject == certificate.subject and _PLAIN.fullmatch(subject):
+        return True
     return bool(matching((subject,), (certificate,), comparison)[subject])
 
 
@@ -121,20 +155,6 @@ def _escaped(value: str, *, escape: bool) -> str:
 
 
 # --- equal keys
-
-
-def _by_key(
-    subjects: Iterable[str],
-    certificates: Sequence[Certificate],
-    key: Callable[[str], object],
-    *,
-    escape_non_ascii: bool,
-) -> dict[str, frozenset[int]]:
-    """Names that are equal when their keys are."""
-    found: dict[object, set[int]] = {}
-    for number, certificate in enumerate(certificates):
-        found.setdefault(key(_printed(certificate, escape_non_ascii)), set()).add(number)
-    return {text: frozenset(found.get(key(text), ())) for text in subjects}
 
 
 @lru_cache(maxsize=32_768)
@@ -313,6 +333,8 @@ def _cyclonedds_names(text: Attributes, certificate: Attributes) -> bool:
     first = dict(reversed(text))
     return all(kind and first.get(kind) == value for kind, value in certificate)
 
+
+_TOKENWISE: Final = (SubjectComparison.CYCLONEDDS, SubjectComparison.CYCLONEDDS_TRIMMED)
 
 _BY_ATTRIBUTE: Final = {
     SubjectComparison.FASTDDS_PARSED: Comparison(

@@ -132,11 +132,13 @@ def is_root(certificate: Certificate, *, signed: bool = False) -> bool:
     return names_itself(certificate) and (not signed or may_have_issued(certificate, certificate))
 
 
+@lru_cache(maxsize=65_536)
 def is_issued(file: CertificateFile, certificate: Certificate, trust: Trust, at: datetime | None = None) -> bool:
     """Whether one of the `trusted_authorities` of an identity CA file issued the certificate."""
     return any(may_have_issued(authority, certificate) for authority in trusted_authorities(file, trust, at))
 
 
+@lru_cache(maxsize=65_536)
 def chain_refusal(certificate: Certificate, file: CertificateFile, trust: Trust) -> str | None:
     """Why the certificate does not chain to an identity CA of the file, whatever the dates; None where it does.
 
@@ -211,6 +213,7 @@ def is_authority(certificate: Certificate) -> bool:
     return may_issue(certificate) and not certificate.unknown_critical
 
 
+@lru_cache(maxsize=65_536)  # asked by usability, doubt, the systems and the rules, under every trust row
 def issue(authority: Certificate, certificate: Certificate) -> Issue:
     """Whether `authority` issued the certificate: names and signature, not dates. UNSUPPORTED: it cannot be told.
 

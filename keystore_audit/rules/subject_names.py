@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
@@ -27,7 +28,12 @@ _Named = tuple[Grant, PermissionsUse, Certificate, tuple[Profile, ...]]
 """A grant, the document that holds it, a certificate, and the variants under which the grant names it."""
 
 
-def _named(keystore: Keystore) -> Iterator[_Named]:
+@lru_cache(maxsize=1)  # both rules ask
+def _named(keystore: Keystore) -> tuple[_Named, ...]:
+    return tuple(_grants_and_identities(keystore))
+
+
+def _grants_and_identities(keystore: Keystore) -> Iterator[_Named]:
     """Each grant of a document that may be taken, with each identity that some variants, not all, take it to name."""
     grants: dict[str, list[tuple[Grant, PermissionsUse]]] = {}
     for use in permissions_uses(keystore):
