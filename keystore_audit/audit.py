@@ -43,8 +43,8 @@ ASSUMPTIONS = (
 
 NOT_CHECKED = (
     (
-        "What differs between implementations beyond who may sign: rules, domains, partitions, defaults, dates and the "
-        "comparison of subject names (letter by letter here) are read as DDS-Security 1.1 has them, for every profile."
+        "What differs between implementations beyond whom they trust: rules, domains, partitions, defaults and dates "
+        "are read as DDS-Security 1.1 has them, for every profile."
     ),
     ("Signed documents that lie outside the enclaves, though peers take whatever valid document is presented to them."),
     "Flows through several enclaves, and flows by timing, acknowledgements or matching.",
