@@ -130,6 +130,8 @@ def printed(certificate: Certificate, *, escape_non_ascii: bool) -> str:
     As the implementations compute it: Fast DDS leaves UTF-8 as it is (PKIDH.cpp), Cyclone DDS escapes each byte of it
     (access_control_utils.c).
     """
+    if _PLAIN.fullmatch(certificate.subject):
+        return certificate.subject
     relative = reversed(list(certificate.subject_name.rdns))
     return ",".join("+".join(_attribute(each, escape=escape_non_ascii) for each in rdn) for rdn in relative)
 

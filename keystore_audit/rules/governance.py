@@ -7,6 +7,7 @@ may take it: what a document says that every implementation refuses is of no con
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
@@ -14,7 +15,7 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.governance import DomainRule, GovernanceFile, TopicRule
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import PermissionsFile
-from keystore_audit.model.domains import Interval, contains, covered, describe, elementary
+from keystore_audit.model.domains import covered, describe
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks
@@ -28,20 +29,22 @@ CORRECT: Final = (
 AMBIGUOUS: Final = (Kind.XML_AMBIGUOUS, Kind.XML_MALFORMED, Kind.VALUE_INVALID)
 
 
-def domain_rules(use: GovernanceUse) -> Iterator[DomainRule]:
+def domain_rules(use: GovernanceUse) -> tuple[DomainRule, ...]:
     """The domain rules that decide for some domain: the first that covers a domain is the one for it."""
-    rules = use.document.governance.domain_rules if use.document.governance else ()
-    before: list[tuple[Interval, ...]] = []
+    return _deciding(use.document)
+
+
+@lru_cache(maxsize=256)  # a dozen rules ask, about the few documents of one audit
+def _deciding(file: GovernanceFile) -> tuple[DomainRule, ...]:
+    rules = file.governance.domain_rules if file.governance else ()
+    deciding: list[DomainRule] = []
+    taken = 0  # domains of the rules so far, as bits: a hostile document has thousands of rules
     for domain_rule in rules:
-        cover = covered(domain_rule.domains)
-        left = (
-            low
-            for low, _high in elementary([cover, *before])
-            if contains(cover, low) and not any(contains(earlier, low) for earlier in before)
-        )
-        if next(left, None) is not None or not cover:
-            yield domain_rule
-        before.append(cover)
+        cover = sum((2 << high) - (1 << low) for low, high in covered(domain_rule.domains))
+        if cover & ~taken or not cover:
+            deciding.append(domain_rule)
+        taken |= cover
+    return tuple(deciding)
 
 
 def topic_rules(use: GovernanceUse) -> Iterator[tuple[DomainRule, TopicRule]]:

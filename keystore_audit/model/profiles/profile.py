@@ -25,9 +25,9 @@ class RevocationLists(str, Enum):
     CRL_AND_CA_FILE = "crl.pem and the identity CA file"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trust:
-    """Whom an implementation trusts. Profiles with equal rows read a keystore alike.
+    """Whom an implementation trusts. Profiles with one row read a keystore alike; equal rows are one object.
 
     `pins_signer`: a document must be signed by a certificate of the permissions CA file itself; otherwise any
     certificate that chains to one and is fit for S/MIME signing will do (CVE-2023-24010, -24011, -24012).
