@@ -20,10 +20,16 @@ from keystore_audit.model.names import is_ros_dds_name
 from keystore_audit.model.search import shortest_names
 from keystore_audit.model.tokens import ANY_CHARACTER, CharSet, Token
 from keystore_audit.model.universe import ROS_SETS, ROS_SINGLES, dds_names, ros_names
+from keystore_audit.text import shorten
 
-DEFAULT_BUDGET: Final = 200_000
-"""States of the automaton: about 300 MB. Only texts between two stars multiply states; what `ros2 security` writes
-needs some hundreds. Beyond it the answer is "unknown", never a sample."""
+DEFAULT_BUDGET: Final = 40_000
+"""States of the automaton: about 90 MB and two seconds at most, so that a hostile document stays within 200 MB.
+
+Only texts between two stars multiply states. What `ros2 security` writes needs some hundreds, 10,000 namespaces with
+`rt/…/*` each 32,500. Beyond it the answer is "unknown", never a sample."""
+
+_MAX_QUOTED: Final = 60
+"""Characters of the expression that the message about the budget quotes."""
 
 _Set = frozenset[int]
 
@@ -58,10 +64,12 @@ class _Classification:
     """The classes in the making: patterns by meaning, their automaton, and the names found so far."""
 
     def __init__(self, patterns: Sequence[Pattern], budget: int) -> None:
+        most = max(patterns, key=lambda pattern: len(pattern.pieces), default=None)
+        example = f", as {shorten(most.text, _MAX_QUOTED)!r} has" if most is not None else ""
         self._budget = Budget(
             STATE_UNITS * budget,
             f"{len(patterns)} expressions need more than {budget} states to be told apart; most often too many of them "
-            "have text between two *",
+            f"have text between two *{example}",
         )
         self._literals: dict[str, list[int]] = {}
         wildcards: dict[tuple[object, ...], list[int]] = {}

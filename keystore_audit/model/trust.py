@@ -185,6 +185,24 @@ def may_sign(signer: Certificate, signed: SignedDocument, permissions_ca: Certif
     return any(may_have_issued(authority, signer) for authority in above)
 
 
+def signer_refusal(signed: SignedDocument, permissions_ca: CertificateFile, trust: Trust) -> str | None:
+    """Why a document whose signatures hold is refused for its signer; None where it is taken."""
+    place = permissions_ca.file.place
+    for signer in envelope(signed).signers:
+        if may_sign(signer, signed, permissions_ca, trust):
+            continue
+        if not any(signer.sha256 == authority.sha256 for authority in permissions_ca.certificates):
+            return f"the signer is not in {place}"
+        if trust.pins_signer:
+            return f"of {place} the first certificate alone is read"
+        if not is_first_embedded(signer, signed):
+            return "the message does not hold the signer's certificate"
+        if not fit_to_sign(signer) or signer.unknown_critical:
+            return "the key usage of the signer's certificate does not admit S/MIME signing"
+        return f"no chain ends at a self-signed certificate that is read in {place}"
+    return None
+
+
 def is_first_embedded(signer: Certificate, signed: SignedDocument) -> bool:
     """Whether it is the first certificate in the message of its issuer and serial number: the one OpenSSL takes.
 

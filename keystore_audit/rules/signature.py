@@ -16,7 +16,7 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.smime import Signature
 from keystore_audit.model.profiles import VARIANTS, Profile
-from keystore_audit.model.trust import Verdict, document_verdict, may_sign, vouches
+from keystore_audit.model.trust import Verdict, document_verdict, may_sign, signer_refusal, vouches
 from keystore_audit.rules.acceptance import SPEC, accepting
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
@@ -279,9 +279,49 @@ def signed_by_renewed_ca(use: DocumentUse, context: Context) -> Iterator[Violati
         )
 
 
+@rule(
+    "KA317",
+    "signer-refused-by-implementations",
+    Severity.HIGH,
+    on=DocumentUse,
+    clause="DDS-Security 1.1, 9.4.1.1; measured on Cyclone DDS, Fast DDS and libcrypto (PKCS7_verify)",
+    remedy="Let permissions_ca.cert.pem hold one self-signed certificate, that of the signer, without a keyUsage that "
+    "forbids digital signatures, and let the message hold it too (no -nocerts). " + SIGN_AGAIN,
+    applies=_comparable,
+)
+def signer_refused_by_implementations(use: DocumentUse, context: Context) -> Iterator[Violation]:
+    """The permissions CA signed, and some implementations refuse the document all the same.
+
+    Cyclone DDS and OpenDDS read the first certificate of the CA file alone. Implementations that do not pin the signer
+    look for its certificate in the message, want it fit for S/MIME signing and a chain to a self-signed one. High where
+    a chosen profile refuses, else low.
+    """
+    refusals: dict[str, list[Profile]] = {}
+    for _enclave, file in use.judging:
+        if document_verdict(use.signed, file, SPEC) is not Verdict.ACCEPTED:
+            continue
+        for profile in VARIANTS.values():
+            why = signer_refusal(use.signed, file, profile.trust)
+            if why is not None and profile not in refusals.setdefault(why, []):
+                refusals[why].append(profile)
+    refusing = [profile for profiles in refusals.values() for profile in profiles]
+    if refusing:
+        reasons = "; ".join(f"{implementations(profiles)}: {why}" for why, profiles in refusals.items())
+        yield Violation(
+            message=f"{use.signed.file.place} is refused ({reasons}).",
+            locations=(Location(path=use.signed.file.place, line=1),),
+            enclave=sole(use.enclaves),
+            severity=None if {*refusing} & {*context.profiles} else Severity.LOW,
+            profiles=tuple(profile.name for profile in VARIANTS.values() if profile in refusing),
+            key="refused",
+            explains=frozenset({_SIGNED}) if {*refusing} & {*context.profiles} else frozenset(),
+        )
+
+
 SIGNATURE: tuple[Rule[Any], ...] = (
     signer_not_permissions_ca,
     signed_by_an_identity,
     signature_invalid,
     signed_by_renewed_ca,
+    signer_refused_by_implementations,
 )

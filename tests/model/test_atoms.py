@@ -276,6 +276,7 @@ def test_characters_beyond_ascii_and_surrogates_take_part() -> None:
 FAMILIES = [
     # analysis-core 1.4; the number of classes is known by counting
     ("prefixes", [f"rt/n_{i}/*" for i in range(2000)], 2001),
+    ("namespaces of a large fleet", [f"rt/n_{i}/*" for i in range(10_000)], 10_001),  # within DEFAULT_BUDGET
     ("suffixes of requests", [f"rq/n_{i}/*Request" for i in range(200)], 201),
     ("suffixes", [f"*/node_{i}/get_parametersRequest" for i in range(50)], 51),
     ("infixes", [f"*x_{i}*" for i in range(8)], 256),
@@ -305,6 +306,12 @@ def test_too_many_classes_exceed_the_budget_in_time(texts: list[str]) -> None:
     with pytest.raises(BudgetExceeded, match=f"{len(texts)} expressions need more than 5000 states"):
         classify(patterns_of(texts), budget=5_000)
     assert time.process_time() - begin < 3
+
+
+def test_what_exceeds_the_budget_names_an_expression_with_the_most_stars() -> None:
+    texts = ["rt/*", *(f"*{a}*{b}*" for a, b in itertools.combinations("abcdefgh", 2)), "rt/*/[!x]*y*z*"]
+    with pytest.raises(BudgetExceeded, match=re.escape("as 'rt/*/[!x]*y*z*' has")):
+        classify(patterns_of(texts), budget=500)
 
 
 def test_result_depends_on_neither_order_nor_hash_seed() -> None:

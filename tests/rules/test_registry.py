@@ -26,7 +26,7 @@ from tests.rules import (
 CATALOGUE = {
     "KA1": range(101, 117),
     "KA2": range(201, 228),
-    "KA3": range(301, 317),
+    "KA3": range(301, 318),
     "KA4": range(401, 422),
     "KA5": range(501, 522),
     "KA7": (701, 702, 703, 704, 705, 711, 712, 713, 721, 722, 723, 724),

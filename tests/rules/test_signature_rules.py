@@ -80,6 +80,7 @@ CASES: dict[str, tuple[Change, list[str]]] = {
     "KA314": (by(signature(CA, verified_by=()), kinds=(Kind.UNSUPPORTED_ALGORITHM,)), ["KA314"]),
     "KA315": (by(kinds=(Kind.NO_SIGNER,), signatures=()), ["KA315"]),
     "KA316": (by(signature(RENEWED)), ["KA316"]),
+    "KA317": (by(embedded=()), ["KA317"]),
 }
 
 OPEN = {"KA305", "KA306", "KA312", "KA314"}
@@ -121,6 +122,16 @@ def self_signed(store: Keystore, signer: Certificate = IDENTITY) -> Keystore:
     store = one_authority(store)
     document = permissions(P7S, grant("/talker"), signed=signed(P7S, signature(signer)))
     return replace(store, enclaves=(replace(store.enclaves[0], permissions=document), *store.enclaves[1:]))
+
+
+def test_who_refuses_what_the_permissions_ca_signed() -> None:
+    (without,) = findings("KA317", judged(by(embedded=())(healthy())))
+    assert without.profiles == ("fastdds-2.6.4", "fastdds-2.9", "cyclonedds-0.10")
+    assert "the message does not hold the signer's certificate" in without.message
+    ca = certificates("public/permissions_ca.cert.pem", pem("oldCA", issuer="oldCA"), PERMISSIONS_CA)
+    (second, *_) = findings("KA317", judged(talker(permissions_ca=ca)(healthy())))
+    assert second.profiles == ("cyclonedds-0.10", "cyclonedds-11", "opendds")
+    assert "the first certificate alone is read" in second.message
 
 
 def test_who_takes_what_an_identity_signed_for_itself() -> None:

@@ -79,6 +79,16 @@ def _signers() -> Iterator[Story]:
         ),
         good=Case("The document names the certificate that the enclave has.", ONE),
     )
+    yield from pair(
+        "KA317",
+        "signer-refused-by-implementations",
+        bad=Case(
+            "Signed with -nocerts, to save some bytes: implementations that look for the signer inside the message "
+            "find none and refuse, the others take it.",
+            _sealed(_signed(embed_certificates=False)),
+        ),
+        good=Case("The signer's certificate is in the message.", ONE),
+    )
 
 
 def _tampered(document: bytes) -> bytes:
