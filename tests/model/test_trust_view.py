@@ -1,0 +1,60 @@
+"""Profiles share a system only where they read the keystore alike."""
+
+from __future__ import annotations
+
+import sys
+from datetime import datetime
+from pathlib import Path
+
+import pytest
+
+from keystore_audit.keystore.keystore import read_keystore
+from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.model.system import Reading
+from keystore_audit.model.systems import SystemBuilder
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
+STORES = sorted(
+    [
+        *(SAMPLES / "healthy").glob("*/"),
+        *(SAMPLES / "stock").glob("*/"),
+        *(SAMPLES / "rules").glob("KA2*/bad"),
+        *(SAMPLES / "rules").glob("KA3*/bad"),
+        *(SAMPLES / "rules").glob("KA5*/bad"),
+        *(SAMPLES / "rules").glob("KA70*/bad"),
+    ]
+)
+
+
+@pytest.mark.parametrize("store", STORES, ids=lambda store: str(store.relative_to(SAMPLES)))
+def test_what_one_system_stands_for_is_equal(store: Path) -> None:
+    about = tomllib.loads(store.with_suffix(".toml").read_text(encoding="utf-8"))
+    builder = SystemBuilder(read_keystore(store), datetime.fromisoformat(about["at"].replace("Z", "+00:00")))
+    kinds = builder.kinds(list(VARIANTS.values()))
+    assert sorted(name for names in kinds.values() for name in names) == sorted(VARIANTS)
+    for trust, names in kinds.items():
+        shared = builder.build(trust, profiles=(), reading=Reading.MAY)
+        for name in names:
+            own = builder.build(VARIANTS[name].trust, profiles=(), reading=Reading.MAY)
+            assert own == shared, name
+
+
+def test_kinds_are_told_apart() -> None:
+    """By signer alone where all is plain; by subjects and by what of a CA file is read where that matters."""
+    at = datetime.fromisoformat("2026-11-21T12:00:00+00:00")
+
+    def kinds(name: str) -> set[frozenset[str]]:
+        store = next((SAMPLES / "rules").glob(f"{name}*")) / "bad" if name.startswith("KA") else SAMPLES / name
+        found = SystemBuilder(read_keystore(store), at).kinds(list(VARIANTS.values()))
+        return {frozenset(names) for names in found.values()}
+
+    unpinned = frozenset({"fastdds-2.6.4", "fastdds-2.9", "cyclonedds-0.10"})
+    assert kinds("healthy/turtlesim") == {unpinned, frozenset(VARIANTS) - unpinned}
+    assert frozenset({"cyclonedds-11"}) in kinds("KA519")
+    assert frozenset({"cyclonedds-0.10"}) in kinds("KA519")
+    assert frozenset({"cyclonedds-11", "opendds"}) in kinds("KA226")
