@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import datetime
+from functools import lru_cache
 from typing import TYPE_CHECKING, Final
 
 from cryptography import x509
@@ -30,11 +31,13 @@ _PROCESSED: Final = frozenset(
 _PROCESSED_IN_ENTRY: Final = frozenset({"2.5.29.29"})  # certificateIssuer (x_crl.c, crl_set_issuers)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RevocationList:
-    """One CRL found at `line` of `path`; `revoked` holds serial numbers.
+    """One CRL found at `line` of `path`; `revoked` holds serial numbers. Compared by identity, like certificates.
 
     `unknown_critical`: critical extensions, of the list or of an entry, that OpenSSL does not process.
+    `signed_part` is kept since the library encodes a list of a megabyte anew, for 20 ms, whenever it is asked;
+    `algorithms_agree`: whether the signature algorithm inside it is the one outside (RFC 5280, 5.1.1.2).
     """
 
     path: str
@@ -49,7 +52,9 @@ class RevocationList:
     unknown_critical: tuple[str, ...]
     scope: frozenset[str]
     """Fields of issuingDistributionPoint that narrow the list (RFC 5280, 5.2.5), by their names there."""
-    parsed: x509.CertificateRevocationList = field(repr=False, compare=False)
+    algorithms_agree: bool
+    signed_part: bytes = field(repr=False)
+    parsed: x509.CertificateRevocationList = field(repr=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -104,20 +109,20 @@ def read_revocation_list(block: Block, path: str) -> RevocationList | Problem:
         return Problem(line=block.line, detail="bytes that are no revocation list (RFC 5280, 5.1)")
 
 
+@lru_cache(maxsize=4096)  # asked by rules, usability and systems, under every trust row
 def crl_signed_by(crl: RevocationList, ca: Certificate) -> bool | None:
     """Whether the key of `ca` made the signature of `crl`; None where the library cannot tell.
 
     Names, dates and keyUsage are not looked at.
     """
+    if not crl.algorithms_agree:
+        return False  # X509_CRL_verify compares both statements of the algorithm first
     parsed = crl.parsed
     try:
-        inner = _signed_parts(parsed)[0]
-        if parts(parsed.public_bytes(Encoding.DER), 2)[1] != inner:
-            return False  # X509_CRL_verify compares both statements of the algorithm first
         return verifies(
             ca.parsed.public_key(),
             parsed.signature,
-            parsed.tbs_certlist_bytes,
+            crl.signed_part,
             algorithm=parsed.signature_algorithm_oid.dotted_string,
             parameters=parsed.signature_algorithm_parameters,
             digest=parsed.signature_hash_algorithm,
@@ -138,25 +143,29 @@ def _parsed(parsed: x509.CertificateRevocationList, line: int, path: str) -> Rev
             if _removed(extensions):
                 continue
         revoked.add(entry.serial_number)
+    signed = parsed.tbs_certlist_bytes
+    algorithm, issuer_der = _algorithm_and_issuer(signed)
     return RevocationList(
         path=path,
         line=line,
         issuer=issuer.rfc4514_string(),
         issuer_name=issuer,
-        issuer_der=_signed_parts(parsed)[1],
+        issuer_der=issuer_der,
         this_update=parsed.last_update_utc,
         next_update=parsed.next_update_utc,
         revoked=frozenset(revoked),
         signature_algorithm=signature_algorithm(parsed.signature_algorithm_oid.dotted_string),
         unknown_critical=tuple(sorted(critical)),
         scope=_scope(parsed.extensions),
+        algorithms_agree=parts(parsed.public_bytes(Encoding.DER), 2)[1] == algorithm,
+        signed_part=signed,
         parsed=parsed,
     )
 
 
-def _signed_parts(parsed: x509.CertificateRevocationList) -> tuple[bytes, bytes]:
+def _algorithm_and_issuer(signed: bytes) -> tuple[bytes, bytes]:
     """Return signature algorithm and issuer inside the signed part, in DER (RFC 5280, 5.1.2)."""
-    first, second, third = parts(parsed.tbs_certlist_bytes, 3)
+    first, second, third = parts(signed, 3)
     return (second, third) if first[:1] == b"\x02" else (first, second)  # the version is optional
 
 
