@@ -185,10 +185,11 @@ def private_key_unreadable(enclave: Enclave, _context: Context) -> Iterator[Viol
 def private_key_encrypted(enclave: Enclave, _context: Context) -> Iterator[Violation]:
     """The private key needs a password. ROS 2 passes none to the implementation, so that the enclave cannot start."""
     if enclave.key is not None and enclave.key.encrypted:
-        found = listed(dict.fromkeys(d.detail for d in of_kinds(enclave.key.defects, Kind.KEY_ENCRYPTED)))
+        defects = list(of_kinds(enclave.key.defects, Kind.KEY_ENCRYPTED))
+        found = listed(dict.fromkeys(each.detail for each in defects))
         yield Violation(
             message=f"{enclave.path} cannot start: its private key needs a password{f' ({found})' if found else ''}.",
-            locations=(Location(path=enclave.key.file.place),),
+            locations=(Location(path=enclave.key.file.place, line=defects[0].line if defects else None),),
             enclave=enclave.path,
         )
 
