@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import re
+import unicodedata
 from collections.abc import Iterable, Iterator
 from typing import Final
 
@@ -15,7 +16,7 @@ from lxml import etree
 
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.smime import SignedDocument
-from keystore_audit.text import shorten
+from keystore_audit.text import shorten, terminal
 
 MAX_BYTES: Final = 8 << 20
 """Longest text that is parsed: a file of 4 MB whose line ends were LF can double when they become CRLF."""
@@ -41,12 +42,6 @@ _STOCK_START: Final = re.compile(
 _LOCATION: Final = f"{{{_SCHEMA_INSTANCE}}}noNamespaceSchemaLocation"
 
 _CONTROLS: Final = bytes(code for code in (*range(0x20), 0x7F) if code not in b"\t\n\r")
-_INVISIBLE: Final = re.compile(
-    # C1 (U+009B starts a control sequence), Arabic letter mark, zero-width and direction marks, embeddings, overrides,
-    # isolates, byte order mark.
-    "[\x7f-\x9f\u061c\u200b-\u200f\u202a-\u202e\u2060\u2066-\u2069\ufeff]"
-)
-_CONTROL_IN_VALUE: Final = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200b-\u200f\u202a-\u202e\u2060\u2066-\u2069\ufeff]")
 _DECLARED_ENCODING: Final = re.compile(rb"""\s*<\?xml[^>]*?\sencoding\s*=\s*["']([^"'>]*)["']""")
 _MARKUP: Final = re.compile(rb"<!--.*?-->|<\?.*?\?>|<!\[CDATA\[|<!DOCTYPE", re.DOTALL)
 _BLANKS: Final = " \t\r\n"
@@ -191,7 +186,8 @@ class _Reading:
             self.ambiguous(1, "a byte order mark, which Cyclone DDS refuses and Fast DDS skips")
             content = content[3:]
         text = content.decode("utf-8", "replace")
-        for match in _INVISIBLE.finditer(text):
+        invisible = _unseen(text) - set(_BLANKS)
+        for match in re.finditer(f"[{re.escape(''.join(invisible))}]", text) if invisible else ():
             line = text.count("\n", 0, match.start()) + 1
             self.ambiguous(
                 line, f"the invisible character U+{ord(match.group()):04X}: what people see is not what is read"
@@ -265,7 +261,7 @@ class _Reading:
         for name, value in element.items():
             if str(name)[0] == "{" and (name != _LOCATION or parent is not None):
                 self.ambiguous(line, f"the attribute {_shown(name)}, which Cyclone DDS refuses and Fast DDS ignores")
-            elif not str(value).isprintable() and _CONTROL_IN_VALUE.search(str(value)):
+            elif _unseen(str(value)):
                 self.ambiguous(line, f"a control character in the attribute {_shown(name)}: {_shown(value)}")
         if len(element) == 0:
             self._value(element, str(element.text or ""))
@@ -282,7 +278,7 @@ class _Reading:
         elif text.startswith(_QUOTES):
             detail = f"{_shown(text)}, which begins with a quote: Cyclone DDS refuses the document"
             self.ambiguous(source_line(element), f"the value of <{_name(element)}> is {detail}")
-        elif _CONTROL_IN_VALUE.search(text):
+        elif _unseen(text):
             detail = f"a control or invisible character in the value {_shown(text)} of <{_name(element)}>"
             self.ambiguous(source_line(element), detail)
 
@@ -293,6 +289,13 @@ class _Reading:
         what = "a comment" if all(_is(child, etree.Comment) for child in element) else "other nodes"
         read = f"Fast DDS reads only the first piece, {_shown(first)}, Cyclone DDS and OpenDDS {_shown(joined)}"
         self.ambiguous(source_line(element), f"{what} inside the value of <{_name(element)}>: {read}")
+
+
+def _unseen(text: str) -> set[str]:
+    """Its control and invisible characters, spaces of other widths apart: what reports have to make visible."""
+    if text.isascii() and text.isprintable():
+        return set()
+    return {sign for sign in set(text) if terminal(sign) != sign and unicodedata.category(sign) != "Zs"}
 
 
 def _shown(text: object) -> str:
