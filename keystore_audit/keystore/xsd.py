@@ -7,7 +7,8 @@ import itertools
 from collections.abc import Iterator
 from enum import Enum
 from functools import lru_cache
-from typing import Any, Final
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
 from lxml import etree
 
@@ -16,6 +17,9 @@ from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.keystore.xml import MAX_DEFECTS, duplicates, source_line
 from keystore_audit.resources import schemas
 from keystore_audit.text import shorten
+
+if TYPE_CHECKING:
+    from xmlschema import XMLSchema10
 
 MAX_EXPLAINED_BYTES: Final = 64 * 1024
 """Longest text that xmlschema explains, at 0.9 ms a kilobyte; of a longer one libxml2's messages are reported."""
@@ -102,6 +106,15 @@ def _schema(version: str, grammar: Grammar) -> etree.XMLSchema:
     return etree.XMLSchema(etree.parse(_path(version, grammar)))
 
 
+@lru_cache(maxsize=2)
+def _explaining(grammar: Grammar) -> XMLSchema10:
+    """The schema by its text, with leave to load nothing: of a path xmlschema makes a URL, and asks urllib for it."""
+    import xmlschema  # 0.2 s, and only documents that are refused need it
+
+    text = Path(_path(_CURRENT, grammar)).read_text("utf-8")
+    return xmlschema.XMLSchema10(text, allow="none", use_fallback=False)
+
+
 def _path(version: str, grammar: Grammar) -> str:
     return str(schemas() / f"dds_security_{version}" / f"{grammar.value}.xsd")
 
@@ -119,10 +132,7 @@ def _explained(root: etree._Element, grammar: Grammar) -> list[tuple[int | None,
 
 def _explanations(root: etree._Element, grammar: Grammar) -> Iterator[tuple[int | None, str]]:
     """What is wrong in the words of xmlschema, which names got and expected and does not stop at the first failure."""
-    import xmlschema  # 0.2 s, and only documents that are refused need it
-
-    schema = xmlschema.XMLSchema10(_path(_CURRENT, grammar), allow="local", use_fallback=False)
-    for error in schema.iter_errors(root, use_location_hints=False):
+    for error in _explaining(grammar).iter_errors(root, use_location_hints=False):
         element: object = error.elem
         if not etree.iselement(element):
             yield source_line(root), f"<{root.tag!s}>: {error.reason}"

@@ -64,8 +64,6 @@ class Watch:
             self._look(os.path.realpath(os.fsdecode(args[0])), writes=bool(args[2] & 3))
         elif event in ("os.listdir", "os.scandir") and isinstance(args[0], str | bytes):
             self._look(os.path.realpath(os.fsdecode(args[0])), writes=False)
-        elif event == "urllib.Request" and str(args[0]).startswith("file://"):  # xmlschema's way to our own schemas
-            self._look(os.path.realpath(str(args[0])[len("file://") :]), writes=False)
         elif event.startswith(FORBIDDEN) or (event in CHANGES and not self._own(args)):
             self.strangers.append(f"{event} {args!r}")
 
