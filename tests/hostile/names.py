@@ -83,6 +83,7 @@ UNREAD: Final = frozenset(
     # Not the one meaning that a document must have, or an expression that implementations read differently.
     {"a screen that is cleared", "a C1 control sequence", "a carriage return", "line ends", "rich markup"}
     | {"a right-to-left override", "bidi isolates", "zero-width characters", "a JSON string that ends"}
+    | {"a Unicode line end", "tags of an invisible plane"}
 )
 
 SUBJECTS: Final = tuple(
