@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 from keystore_audit.keystore.certificate import Certificate
-from keystore_audit.keystore.crl import RevocationList, crl_signed_by
+from keystore_audit.keystore.crl import RevocationList, crl_signed_by, names_key_of
 from keystore_audit.keystore.distinguished_name import same_name
+from keystore_audit.keystore.issuer import Issue, key_identifier_fits
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.model.profiles import RevocationLists, Trust
-from keystore_audit.model.trust import authorities_read, may_have_issued
+from keystore_audit.model.trust import authorities_read, issue, may_have_issued
 
 NO_IDENTITIES: Final = frozenset(
     {"onlyContainsCACerts", "onlyContainsAttributeCerts", "onlySomeReasons", "indirectCRL"}
@@ -49,28 +50,69 @@ def names_revoked(revocations: RevocationList, certificate: Certificate) -> bool
 
 
 def list_missing(enclave: Enclave, certificate: Certificate, trust: Trust) -> bool:
-    """Whether lists are read and none of them can be used for the identity, so that it is refused.
+    """Whether lists are read and at no instant one of them can be used for the identity, so that it is refused.
 
-    One that can be used names the identity's issuer, is signed by that issuer, whose keyUsage allows it, and holds
-    identities of every kind.
+    One that can be used names the identity's issuer, is signed by the certificate of that name which OpenSSL takes for
+    the list's issuer, whose keyUsage allows it, and holds identities of every kind.
     """
     lists = lists_read(enclave, trust)
-    issuers = [
-        authority
-        for authority in (authorities_read(enclave.identity_ca, trust) if enclave.identity_ca else ())
-        if may_have_issued(authority, certificate)
-    ]
-    return bool(lists) and not any(
-        usable_for(revocations, certificate, issuer) for revocations in lists for issuer in issuers
+    authorities = authorities_read(enclave.identity_ca, trust) if enclave.identity_ca else ()
+    return bool(lists) and not any(_usable(each, certificate, authorities, trust) for each in lists)
+
+
+def _usable(
+    revocations: RevocationList, certificate: Certificate, authorities: Sequence[Certificate], trust: Trust
+) -> bool:
+    """Whether a list can be used for a certificate; a signature that cannot be checked counts."""
+    other_kind = "onlyContainsUserCerts" if certificate.is_ca else "onlyContainsCACerts"
+    if revocations.scope & (NO_IDENTITIES - {"onlyContainsCACerts"} | {other_kind}):
+        return False
+    if not same_name(revocations.issuer_name, certificate.issuer_name):
+        return False
+    return any(
+        crl_signed_by(revocations, signer) is not False and (signer.key_usage is None or "cRLSign" in signer.key_usage)
+        for signer in _signers(revocations, certificate, authorities, trust)
     )
 
 
-def usable_for(revocations: RevocationList, certificate: Certificate, issuer: Certificate) -> bool:
-    """Whether a list can be used for a certificate of this issuer; a signature that cannot be checked counts."""
-    other_kind = "onlyContainsUserCerts" if certificate.is_ca else "onlyContainsCACerts"
-    return (
-        same_name(revocations.issuer_name, issuer.subject_name)
-        and crl_signed_by(revocations, issuer) is not False
-        and (issuer.key_usage is None or "cRLSign" in issuer.key_usage)
-        and not revocations.scope & (NO_IDENTITIES - {"onlyContainsCACerts"} | {other_kind})
+def _signers(
+    revocations: RevocationList, certificate: Certificate, authorities: Sequence[Certificate], trust: Trust
+) -> Iterator[Certificate]:
+    """The certificates that may be taken for the list's issuer (crl_akid_check in x509_vfy.c).
+
+    On the way from the identity to its root it is the first that has the list's issuer for a subject and fits its
+    authorityKeyIdentifier; what others signed is of no use, even with the same name.
+    """
+    pending, seen = [certificate], {certificate}
+    while pending:
+        below = pending.pop()
+        for above in _issuers_taken(below, authorities, trust):
+            if same_name(above.subject_name, revocations.issuer_name) and names_key_of(revocations, above):
+                yield above
+            elif above not in seen:
+                seen.add(above)
+                pending.append(above)
+
+
+def _issuers_taken(
+    certificate: Certificate, authorities: Sequence[Certificate], trust: Trust
+) -> tuple[Certificate, ...]:
+    """The authorities that OpenSSL takes for the issuer at some instant: the first of those that fit and are in force.
+
+    Fitting are name, key identifier and keyUsage; the signature comes later, and no second one is tried
+    (X509_STORE_CTX_get1_issuer; measured with 3.0.19). Without OpenSSL, whoever may have issued it.
+    """
+    if not trust.needs_root:
+        return tuple(each for each in authorities if may_have_issued(each, certificate))
+    fitting = [
+        each
+        for each in authorities
+        if issue(each, certificate) in (Issue.ISSUED, Issue.UNSUPPORTED, Issue.SIGNATURE_INVALID)
+        and key_identifier_fits(certificate, each)
+        and (each.key_usage is None or "keyCertSign" in each.key_usage)
+    ]
+    return tuple(
+        each
+        for number, each in enumerate(fitting)
+        if not any(e.not_before <= each.not_before and each.not_after <= e.not_after for e in fitting[:number])
     )

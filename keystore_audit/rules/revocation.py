@@ -12,12 +12,23 @@ from keystore_audit.keystore.distinguished_name import same_name
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.model.revocation import NO_IDENTITIES, names_revoked
+from keystore_audit.model.revocation import NO_IDENTITIES, list_missing, names_revoked
+from keystore_audit.model.trust import chain_refusal
 from keystore_audit.rules.certificate import ISSUE_AGAIN
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import RevocationUse, revocation_uses
-from keystore_audit.rules.wording import defective, instant, listed, of_kinds, paths, places, quoted, sole
+from keystore_audit.rules.wording import (
+    defective,
+    implementations,
+    instant,
+    listed,
+    of_kinds,
+    paths,
+    places,
+    quoted,
+    sole,
+)
 
 NEW_LIST: Final = (
     "Keep what is revoked in an index.txt, named in a crl.cnf (`[ca] default_ca = crl`, `[crl] database = index.txt, "
@@ -106,9 +117,11 @@ def crl_invalid(use: RevocationUse, _context: Context) -> Iterator[Violation]:
         "run times read the first list.",
         severity=Severity.MEDIUM,
     )
+    found = False
     for revocations in use.in_use:
         why, undecided = _why_invalid(use, revocations)
         if why:
+            found = True
             yield Violation(
                 message=f"The revocation list of {paths(use.enclaves)} is not one that its identity CA made: {why}.",
                 locations=(Location(path=revocations.path, line=revocations.line),),
@@ -117,6 +130,37 @@ def crl_invalid(use: RevocationUse, _context: Context) -> Iterator[Violation]:
                 undecided=undecided,
                 key=f"{revocations.issuer} {revocations.this_update}",
             )
+    if use.in_use and not found:
+        yield from _of_another_issuer(use)
+
+
+def _of_another_issuer(use: RevocationUse) -> Iterator[Violation]:
+    """Lists that some certificate of the CA file made, but not the one that OpenSSL takes for their issuer."""
+    refused: dict[tuple[str, ...], list[Enclave]] = {}
+    for enclave in use.enclaves:
+        first = enclave.certificate.first if enclave.certificate else None
+        file = enclave.identity_ca
+        if first is None or file is None:
+            continue
+        refusing = tuple(
+            name
+            for name, profile in VARIANTS.items()
+            if chain_refusal(first, file, profile.trust) is None and list_missing(enclave, first, profile.trust)
+        )
+        if refusing:
+            refused.setdefault(refusing, []).append(enclave)
+    for names, enclaves in refused.items():
+        revocations = use.in_use[0]
+        yield Violation(
+            message=f"No revocation list can be used for {paths(enclaves)} by "
+            f"{implementations(VARIANTS[name] for name in names)}: the first certificate on the identity's chain with "
+            f"the name {quoted(revocations.issuer)} did not sign it, or its keyUsage does not let it sign lists, or "
+            "there is none.",
+            locations=(Location(path=revocations.path, line=revocations.line),),
+            enclave=sole(enclaves),
+            profiles=names,
+            key=f"issuer {' '.join(names)}",
+        )
 
 
 def _why_invalid(use: RevocationUse, revocations: RevocationList) -> tuple[str, bool]:
@@ -136,11 +180,16 @@ def _why_invalid(use: RevocationUse, revocations: RevocationList) -> tuple[str, 
         return f"both say {quoted(revocations.issuer)}, but another key signed", False
     if all(ca.key_usage is not None and "cRLSign" not in ca.key_usage for ca in named):
         return "the keyUsage of the identity CA does not let it sign revocation lists", False
-    authority_too = any(e.certificate and e.certificate.first and e.certificate.first.is_ca for e in use.enclaves)
-    if revocations.scope & (NO_IDENTITIES - ({"onlyContainsCACerts"} if authority_too else frozenset())):
-        return f"it holds no identities ({listed(sorted(revocations.scope))})", False
-    if revocations.scope:
-        return f"whether its scope fits the identities is not worked out ({listed(sorted(revocations.scope))})", True
+    identities = [e.certificate.first for e in use.enclaves if e.certificate and e.certificate.first]
+    issuing = [each for each in identities if each.is_ca]
+    fitting = {"onlyContainsUserCerts"} if not issuing else set()
+    if issuing and len(issuing) == len(identities):
+        fitting = {"onlyContainsCACerts"}
+    scope = revocations.scope - fitting
+    if scope & (NO_IDENTITIES - ({"onlyContainsCACerts"} if issuing else frozenset())):
+        return f"it holds no identities ({listed(sorted(scope))})", False
+    if scope:
+        return f"whether its scope fits the identities is not worked out ({listed(sorted(scope))})", True
     return "", False
 
 

@@ -76,6 +76,9 @@ def pool() -> Pool:
         "no authority": certificate("root", key=root.key, ca=False),
         "may not sign": _authority("root", None, _usage("digital_signature", "crl_sign"), key=root.key),
         "may not revoke": _authority("root", None, _usage("key_cert_sign"), key=root.key),
+        "may not revoke, expired": _authority(
+            "root", None, _usage("key_cert_sign"), key=root.key, end=START + timedelta(days=30)
+        ),
         "unknown extension": _authority("root", None, unknown, key=root.key),
         "below": below,
         "below below": _authority("below below", below),
