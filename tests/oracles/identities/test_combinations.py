@@ -33,7 +33,7 @@ class Row:
     def wrong(self) -> bool:
         """Whether accepted does not mean accepted, or refused not refused. What is open is neither.
 
-        That a participant is "unusable" is no finding yet: there has to be one, or a doubt.
+        That a participant is "unusable" is not enough: a rule of KA2 has to say why, or to be in doubt.
         """
         return (self.refused != "" and not self.said - {"unusable"}) or (
             self.refused == "" and bool(self.said & REFUSALS)

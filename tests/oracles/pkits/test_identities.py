@@ -110,7 +110,7 @@ def _of(row: Row, entries: list[dict[str, Any]]) -> bool:
 
 
 def accepted_wrongly(row: Row) -> bool:
-    """That a participant is "unusable" is no finding yet: there has to be one, or a doubt."""
+    """That a participant is "unusable" is not enough: a rule of KA2 has to say why, or to be in doubt."""
     return not row.said - {"unusable"} and row.refused != ""
 
 
