@@ -17,9 +17,10 @@ fun genuine: Realm -> Document {
  * Certificates that a realm takes for signers because they chain to the permissions CA, over any number of
  * authorities, since a message brings intermediates along: none where it pins.
  */
-fun vouched_signer: Realm -> Certificate {
-	permissions_ca.^(~(issuer :> authority)) & (Realm - pins_signer) -> fit_to_sign
-}
+fun vouched_signer: Realm -> Certificate { chained & (Realm - pins_signer) -> fit_to_sign }
+
+/** Certificates below the permissions CAs of a realm. */
+fun chained: Realm -> Certificate { permissions_ca.^(~(issuer :> authority)) }
 
 /** Whose documents a realm obeys: the permissions CA's own, if it is fit to sign where nobody pins, and those signers'. */
 fun trusted_signer: Realm -> Certificate {
@@ -34,11 +35,11 @@ fun accepted: Realm -> Document {
 
 /**
  * Enclaves whose own key signs documents that the realm obeys: they can give themselves any right. It is the key of a
- * permissions CA, or one that such a CA vouches for.
+ * permissions CA, or one that such a CA vouches for; an authority among these issues itself a signer.
  */
 fun self_granting: Realm -> Enclave {
 	authentic & (
 		Realm -> (opaque & Enclave)
-		+ vouched_signer.~identity
+		+ (vouched_signer + (chained & (Realm - pins_signer) -> authority)).~identity
 		+ permissions_ca.public_key.~public_key.~identity)
 }

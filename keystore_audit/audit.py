@@ -46,7 +46,10 @@ NOT_CHECKED = (
         "What differs between implementations beyond whom they trust: rules, domains, partitions, defaults and dates "
         "are read as DDS-Security 1.1 has them, for every profile."
     ),
-    ("Signed documents that lie outside the enclaves, though peers take whatever valid document is presented to them."),
+    (
+        "Signed documents outside the enclaves, and under other names than governance.p7s and permissions.p7s, though "
+        "peers take whatever valid document is presented to them."
+    ),
     "Flows through several enclaves, and flows by timing, acknowledgements or matching.",
     "The policy that the keystore was generated from, and the nodes that will use it.",
 )

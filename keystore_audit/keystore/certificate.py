@@ -41,9 +41,14 @@ _PROCESSED: Final = frozenset(
         "2.16.840.1.113730.1.1",  # Netscape certificate type
     }
 )
-_CONSTRAINTS: Final = frozenset({"2.5.29.30", "2.5.29.33", "2.5.29.36", "2.5.29.54"})
-"""nameConstraints, policyMappings, policyConstraints, inhibitAnyPolicy: no sros2 certificate has one."""
+_CONSTRAINTS: Final = frozenset(
+    # nameConstraints, policyMappings, policyConstraints, inhibitAnyPolicy, ipAddrBlocks, autonomousSysIds,
+    # proxyCertInfo: no sros2 certificate has one.
+    {"2.5.29.30", "2.5.29.33", "2.5.29.36", "2.5.29.54", "1.3.6.1.5.5.7.1.7", "1.3.6.1.5.5.7.1.8", "1.3.6.1.5.5.7.1.14"}
+)
 
+
+NETSCAPE_TYPE: Final = x509.ObjectIdentifier("2.16.840.1.113730.1.1")
 
 _KEY_USAGES: Final = (
     ("digital_signature", "digitalSignature"),
@@ -92,7 +97,8 @@ class Certificate:
     unknown_critical: tuple[str, ...]
     """Object identifiers of critical extensions that X.509 verifiers do not process (RFC 5280 4.2)."""
     constraints: tuple[str, ...]
-    """Object identifiers of name and policy constraints, critical or not: what they rule out is not worked out here."""
+    """Object identifiers of extensions, critical or not, whose consequences are not worked out here: constraints of
+    names, policies and resources, and those whose content OpenSSL calls invalid."""
     algorithms_agree: bool
     """Whether both statements of the signature algorithm are the same bytes (RFC 5280, 4.1.1.2)."""
     parsed: x509.Certificate = field(repr=False)
@@ -200,7 +206,7 @@ def _evidence(parsed: x509.Certificate, der: bytes, line: int, path: str) -> Cer
     constraints: list[str] = []
     for extension in parsed.extensions:
         value = extension.value
-        if extension.oid.dotted_string in _CONSTRAINTS:
+        if extension.oid.dotted_string in _CONSTRAINTS or _is_odd(value):
             constraints.append(extension.oid.dotted_string)
         if isinstance(value, x509.BasicConstraints):
             is_ca, path_length = value.ca, value.path_length
@@ -235,6 +241,19 @@ def _evidence(parsed: x509.Certificate, der: bytes, line: int, path: str) -> Cer
         algorithms_agree=signed[1] == parts(der, 2)[1],
         parsed=parsed,
     )
+
+
+def _is_odd(value: x509.ExtensionType) -> bool:
+    """Whether OpenSSL calls the whole certificate invalid for it, or reads it otherwise (EXFLAG_INVALID; measured)."""
+    if isinstance(value, x509.KeyUsage):
+        return not _usages(value)
+    if isinstance(value, x509.CertificatePolicies):
+        named = [policy.policy_identifier for policy in value]
+        return len(named) != len(set(named))
+    if isinstance(value, x509.UnrecognizedExtension) and value.oid == NETSCAPE_TYPE:
+        bits = value.value  # a BIT STRING: tag, length, unused bits, bits
+        return len(bits) < 4 or bits[0] != 0x03 or bits[1] != len(bits) - 2
+    return False
 
 
 def _signed_parts(parsed: x509.Certificate) -> list[bytes]:

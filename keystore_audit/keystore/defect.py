@@ -13,6 +13,7 @@ class Kind(str, Enum):
     CERTIFICATE_UNREADABLE = "certificate-unreadable"
     CERTIFICATE_FILE_EXTRA = "certificate-file-extra"
     KEY_UNREADABLE = "key-unreadable"
+    SECOND_KEY = "second-key"
     KEY_ENCRYPTED = "key-encrypted"
     CRL_UNREADABLE = "crl-unreadable"
     # S/MIME envelope

@@ -48,6 +48,8 @@ class File:
     sha256: str | None = None
     mode: int | None = None
     link: str | None = None
+    holds_private_key: bool = False
+    """Whether a PEM block of a private key begins somewhere in it."""
 
     @property
     def place(self) -> str:
@@ -65,6 +67,7 @@ class File:
             sha256=self.sha256,
             mode=self.mode,
             link=self.link,
+            holds_private_key=self.holds_private_key,
         )
 
 

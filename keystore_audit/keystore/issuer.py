@@ -11,11 +11,10 @@ from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.x509.oid import PublicKeyAlgorithmOID
 
 from keystore_audit.keystore import public_key
-from keystore_audit.keystore.certificate import Certificate
+from keystore_audit.keystore.certificate import NETSCAPE_TYPE, Certificate
 from keystore_audit.keystore.distinguished_name import same_name
 
 _EMAIL_PROTECTION: Final = "1.3.6.1.5.5.7.3.4"  # id-kp-emailProtection, RFC 5280, 4.2.1.12
-_NETSCAPE_TYPE: Final = x509.ObjectIdentifier("2.16.840.1.113730.1.1")
 _NETSCAPE_SMIME_OR_CLIENT: Final = 0x20 | 0x80  # SSL client too: "workaround for some buggy certificates" (v3_purp.c)
 _NETSCAPE_AUTHORITY: Final = 0x01 | 0x02 | 0x04  # of objects, S/MIME and SSL
 
@@ -96,7 +95,7 @@ def key_identifier_fits(certificate: Certificate, issuer: Certificate) -> bool:
 def _netscape_type(parsed: x509.Certificate) -> int | None:
     """Return the bits of the Netscape certificate type, 0 if it is malformed, None where it is absent."""
     for extension in parsed.extensions:
-        if extension.oid == _NETSCAPE_TYPE and isinstance(extension.value, x509.UnrecognizedExtension):
+        if extension.oid == NETSCAPE_TYPE and isinstance(extension.value, x509.UnrecognizedExtension):
             value = extension.value.value  # a BIT STRING: tag, length, unused bits, bits
             return value[3] if len(value) > 3 and value[0] == 0x03 else 0
     return None

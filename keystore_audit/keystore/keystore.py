@@ -55,6 +55,8 @@ class Keystore:
     enclaves: tuple[Enclave, ...]
     authorities: tuple[CertificateFile, ...]
     authority_keys: tuple[PrivateKey, ...]
+    private_keys: tuple[File, ...]
+    """Every file below the root in which a private key is, whatever its name; without content."""
     digest: str
 
 
@@ -76,13 +78,15 @@ def read_keystore(path: str | os.PathLike[str], *, progress: Callable[[int, int]
             enclaves.append(reader.enclave(files, read, candidates))
             if progress is not None:
                 progress(len(enclaves), len(layout.enclaves))
+        digest = _digest(root)
         return Keystore(
             root=root.path,
             layout=layout,
             enclaves=tuple(enclaves),
             authorities=authorities,
             authority_keys=_distinct(reader.private_key(file) for file in layout.authority_keys),
-            digest=_digest(root),
+            private_keys=root.holding_private_keys(),  # the digest has read every file
+            digest=digest,
         )
 
 

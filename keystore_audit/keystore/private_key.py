@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -58,7 +59,11 @@ def read_private_key(file: File) -> PrivateKey:
         detail = f"expected a private key in DER, found other bytes in the block {block.label}"
         return _unread(sealed, Kind.KEY_UNREADABLE, block.line, detail)
     return PrivateKey(
-        file=sealed, key=public_key.identity(key), key_kind=public_key.kind(key), encrypted=False, defects=()
+        file=sealed,
+        key=public_key.identity(key),
+        key_kind=public_key.kind(key),
+        encrypted=False,
+        defects=tuple(_others(file, block)),
     )
 
 
@@ -72,6 +77,14 @@ def _first_key(content: bytes) -> Block | Problem:
         detail = "expected a PEM block PRIVATE KEY, found a PKCS #11 address: it belongs into key.p11"
         return Problem(line=1, detail=detail)
     return Problem(line=1, detail="expected a PEM block PRIVATE KEY, found none")
+
+
+def _others(file: File, first: Block) -> Iterator[Defect]:
+    """Further private keys, which no run time reads and whoever has the file has."""
+    for part in read_pem(file.content or b"").parts:
+        if isinstance(part, Block) and part.is_private_key and part.line != first.line:
+            detail = f"expected one private key, found another in the block {part.label}"
+            yield Defect(kind=Kind.SECOND_KEY, path=file.place, line=part.line, detail=detail)
 
 
 def _public_half(block: Block) -> PublicKeyTypes | None:

@@ -47,6 +47,7 @@ class _Reading:
     content: bytes | None = field(default=None, repr=False)
     sha256: str | None = None
     mode: int | None = None
+    holds_private_key: bool = False
 
 
 class Root:
@@ -140,6 +141,12 @@ class Root:
         file = self._files.get(relative) or self.sealed(relative)
         return file.sha256 or file.status.value
 
+    def holding_private_keys(self) -> tuple[File, ...]:
+        """The files read so far in which a private key is, each once, by place and without content."""
+        read = (*self._files.values(), *self._sealed.values())
+        found = {file.place: file.holding(None) for file in read if file.holds_private_key}
+        return tuple(found[place] for place in sorted(found))
+
     def entries(self, relative: bytes | str) -> Listing:
         """List the directory at `relative` (`b""`: the root itself), links not followed. Never raises."""
         key = relative if isinstance(relative, bytes) else os.fsencode(relative)
@@ -177,6 +184,7 @@ class Root:
             sha256=reading.sha256,
             mode=reading.mode,
             link=display(target) if target is not None else None,
+            holds_private_key=reading.holds_private_key,
         )
 
     def _find(self, relative: bytes) -> tuple[Place, os.stat_result | None, bytes | None]:
@@ -230,7 +238,12 @@ class Root:
             reading = self._content(descriptor, found)
             kept = reading.content if keep else None
             self._readings[inode] = _Reading(
-                status=reading.status, detail=reading.detail, content=kept, sha256=reading.sha256, mode=reading.mode
+                status=reading.status,
+                detail=reading.detail,
+                content=kept,
+                sha256=reading.sha256,
+                mode=reading.mode,
+                holds_private_key=reading.holds_private_key,
             )
         return reading
 
@@ -250,7 +263,8 @@ class Root:
         if too_large:
             return _Reading(status=Status.TOO_LARGE, detail=too_large, mode=mode)
         digest = hashlib.sha256(content).hexdigest()
-        return _Reading(status=Status.PRESENT, content=content, sha256=digest, mode=mode)
+        private = b"PRIVATE KEY-----" in content
+        return _Reading(status=Status.PRESENT, content=content, sha256=digest, mode=mode, holds_private_key=private)
 
     def _list(self, relative: bytes) -> Listing:
         path = display(relative)

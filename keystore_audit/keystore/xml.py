@@ -47,7 +47,7 @@ _MARKUP: Final = re.compile(rb"<!--.*?-->|<\?.*?\?>|<!\[CDATA\[|<!DOCTYPE", re.D
 _BLANKS: Final = " \t\r\n"
 _BLANK_IN_END_TAG: Final = re.compile(rb"</[^\s<>]+\s")
 _REFERENCE_TO_BLANK: Final = re.compile(rb"&#(?:0*(?:9|10|13|32)|[xX]0*(?:9|[aA]|[dD]|20));")
-_BROKEN_ATTRIBUTE: Final = re.compile(rb"""=\s*(?:"[^"<]*[\t\r\n]|'[^'<]*[\t\r\n])""")
+_BROKEN_ATTRIBUTE: Final = re.compile(rb"""\s[\w:.-]+\s*=\s*(?:"[^"<]*[\t\r\n]|'[^'<]*[\t\r\n])""")
 _COMMENT: Final = re.compile(rb"<!--.*?-->", re.DOTALL)
 _QUOTES: Final = ('"', "'", "\u2018", "\u201c")
 """Signs that begin a string for Cyclone DDS, whatever follows."""

@@ -96,10 +96,6 @@ class RealmView:
         fit = self._system.certificates[certificate].fit_to_sign
         return fit and (certificate in self._realm.permissions_ca or certificate in self._chained)
 
-    def _fit_leaf(self, certificate: int) -> bool:
-        """Whether the certificate is fit to sign and chains, over any number of authorities, to a permissions CA."""
-        return self._system.certificates[certificate].fit_to_sign and certificate in self._chained
-
     @cached_property
     def _chained(self) -> frozenset[int]:
         """Certificates below the permissions CAs, over authorities that any document may bring along."""
@@ -129,7 +125,12 @@ class RealmView:
         if atom.identity is None:
             return False
         return self._system.certificates[atom.identity].key in self._authority_keys or (
-            not self._system.pins_signer and self._fit_leaf(atom.identity)
+            not self._system.pins_signer
+            and atom.identity in self._chained
+            and (
+                self._system.certificates[atom.identity].fit_to_sign
+                or self._system.certificates[atom.identity].authority
+            )
         )
 
     @cached_property

@@ -4,11 +4,11 @@ and must).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 
 from keystore_audit.findings import Location
-from keystore_audit.keystore.certificate import CertificateFile
+from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.defect import Defect
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.issuer import Issue
@@ -18,6 +18,7 @@ from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.inventory import unclear
 from keystore_audit.model.meaning import Doubt
 from keystore_audit.model.profiles import Trust
+from keystore_audit.model.subject import is_printable
 from keystore_audit.model.trust import MAX_AUTHORITIES, Verdict, document_verdict, is_authority, issue
 
 
@@ -41,7 +42,7 @@ def enclave_doubts(enclave: Enclave, trust: Trust) -> tuple[Doubt, ...]:
 
 
 def _enclave_doubts(enclave: Enclave, trust: Trust) -> Iterator[Doubt]:
-    for doubt in (identity_doubt(enclave), realm_doubt(enclave), _key_doubt(enclave)):
+    for doubt in (identity_doubt(enclave), realm_doubt(enclave), _key_doubt(enclave), _list_doubt(enclave)):
         if doubt is not None:
             yield doubt
     file = enclave.files.files[Role.PERMISSIONS]
@@ -76,15 +77,25 @@ def identity_doubt(enclave: Enclave) -> Doubt | None:
     if doubt is not None or first is None:
         return doubt
     authorities = enclave.identity_ca.certificates if enclave.identity_ca else ()
-    constrained = next((c for c in (first, *authorities) if c.constraints), None)
+    if not is_printable(first):
+        reason = f"the subject {first.subject!r} has attributes that implementations print in ways of their own"
+        return Doubt(enclave=enclave.path, location=Location(path=first.path, line=first.line), reason=reason)
+    constrained = _constrained(enclave, (first, *authorities))
     if constrained is not None:
-        reason = f"{constrained.path} has name or policy constraints ({', '.join(constrained.constraints)}), which "
-        return _doubt(enclave, constrained.path, f"{reason}implementations weigh and this audit does not")
+        return constrained
     issues = [issue(authority, first) for authority in authorities if is_authority(authority)]
     if Issue.UNSUPPORTED not in issues or Issue.ISSUED in issues:
         return None
     reason = f"whether the identity CA issued the certificate cannot be told ({first.signature_algorithm})"
     return Doubt(enclave=enclave.path, location=Location(path=first.path, line=first.line), reason=reason)
+
+
+def _constrained(enclave: Enclave, certificates: Iterable[Certificate]) -> Doubt | None:
+    for certificate in certificates:
+        if certificate.constraints:
+            reason = f"the certificate has extensions ({', '.join(certificate.constraints)}) that implementations weigh"
+            return _doubt(enclave, certificate.path, f"{reason} and this audit does not")
+    return None
 
 
 def realm_doubt(enclave: Enclave) -> Doubt | None:
@@ -103,6 +114,9 @@ def realm_doubt(enclave: Enclave) -> Doubt | None:
         if read is not None and len(read.certificates) > MAX_AUTHORITIES:
             reason = f"{len(read.certificates)} certificates are more than chains are looked for among"
             return _doubt(enclave, read.file.place, f"{reason} (limit {MAX_AUTHORITIES})")
+    constrained = _constrained(enclave, enclave.permissions_ca.certificates if enclave.permissions_ca else ())
+    if constrained is not None:
+        return constrained
     file = enclave.files.files[Role.GOVERNANCE]
     if file.status.unknown:
         return _doubt(enclave, file.path, f"governance could not be read: {file.detail}")
@@ -120,6 +134,13 @@ def _key_doubt(enclave: Enclave) -> Doubt | None:
     if file.status.unknown:
         return _doubt(enclave, file.path, f"key could not be read: {file.detail}")
     defects = enclave.key.defects if enclave.key else ()
+    unreadable = next((defect for defect in defects if defect.kind.opaque), None)
+    return None if unreadable is None else _doubt(enclave, unreadable.path, unreadable.detail)
+
+
+def _list_doubt(enclave: Enclave) -> Doubt | None:
+    """Why it is unknown whom the enclave's revocation list takes back; it bears on usability only."""
+    defects = enclave.crl.defects if enclave.crl else ()
     unreadable = next((defect for defect in defects if defect.kind.opaque), None)
     return None if unreadable is None else _doubt(enclave, unreadable.path, unreadable.detail)
 

@@ -30,7 +30,7 @@ _CYCLONEDDS_MAX_ATTRIBUTES: Final = 20
 
 _CYCLONEDDS_DELIMITERS: Final = str.maketrans("/|", ",,")
 
-_PLAIN: Final = re.compile(r"CN=(?:/[A-Za-z0-9_]+)+")
+_PLAIN: Final = re.compile(r"CN=(?:/[A-Za-z0-9_]+){1,19}")
 """Subjects as sros2 writes them: each names itself for everybody, and for all but Cyclone DDS nothing else."""
 
 _SHORT_NAMES: Final[Mapping[str, str]] = {
@@ -114,6 +114,13 @@ def names(subject: str, certificate: Certificate, comparison: SubjectComparison)
     if subject == certificate.subject and _PLAIN.fullmatch(subject):
         return True
     return bool(matching((subject,), (certificate,), comparison)[subject])
+
+
+def is_printable(certificate: Certificate) -> bool:
+    """Whether `printed` knows how OpenSSL prints the subject: every attribute a string of a type in its table."""
+    return all(
+        each.oid.dotted_string in _SHORT_NAMES and isinstance(each.value, str) for each in certificate.subject_name
+    )
 
 
 def same_meaning(subject: str, certificate: Certificate) -> bool:

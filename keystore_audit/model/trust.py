@@ -12,6 +12,8 @@ from enum import Enum
 from functools import lru_cache
 from typing import Final
 
+from cryptography import x509
+
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.distinguished_name import same_name
@@ -142,8 +144,8 @@ def is_issued(file: CertificateFile, certificate: Certificate, trust: Trust, at:
 def chain_refusal(certificate: Certificate, file: CertificateFile, trust: Trust) -> str | None:
     """Why the certificate does not chain to an identity CA of the file, whatever the dates; None where it does.
 
-    OpenSSL takes the first certificate with the issuer's name and key identifier for the issuer, and tries no other one
-    if that did not sign (X509_STORE_CTX_get1_issuer; measured with 3.0.19): all authorities of sros2 have one name.
+    OpenSSL takes, at each step, the first certificate with the issuer's name and key identifier for the issuer, and
+    tries no other one (X509_STORE_CTX_get1_issuer; measured with 3.0.19): all authorities of sros2 have one name.
     """
     place = file.file.place
     if not is_issued(file, certificate, trust):
@@ -155,12 +157,47 @@ def chain_refusal(certificate: Certificate, file: CertificateFile, trust: Trust)
         if trust.first_authority_only and file.first not in issuers:
             return f"of {place} the first certificate alone is read"
         return f"no chain in {place} ends at a self-signed certificate within its path lengths"
-    if trust.needs_root:
-        named = (Issue.ISSUED, Issue.UNSUPPORTED, Issue.SIGNATURE_INVALID)
-        likely = (a for a in authorities_read(file, trust) if issue(a, certificate) in named)
-        first = next((a for a in likely if key_identifier_fits(certificate, a)), None)
-        if first is not None and not may_have_issued(first, certificate):
+    return _path_refusal(certificate, file, trust) if trust.needs_root else None
+
+
+def _path_refusal(certificate: Certificate, file: CertificateFile, trust: Trust) -> str | None:
+    """Why the one path that OpenSSL builds does not hold; None where it does."""
+    place, below, between = file.file.place, certificate, 0
+    named = (Issue.ISSUED, Issue.UNSUPPORTED, Issue.SIGNATURE_INVALID)
+    for _ in range(MAX_AUTHORITIES):
+        likely = (a for a in authorities_read(file, trust) if issue(a, below) in named)
+        first = next((a for a in likely if key_identifier_fits(below, a)), None)
+        if first is None:
+            return f"no certificate in {place} has the issuer's name and key identifier"
+        if issue(first, below) is Issue.SIGNATURE_INVALID:
             return f"the first certificate in {place} of the issuer's name is another authority's; no other is tried"
+        root = names_itself(first)
+        if not is_authority(first) or (not root and not first.is_ca):
+            return f"the first certificate in {place} of the issuer's name is no authority; no other is tried"
+        if first.path_length is not None and between > first.path_length:
+            return f"the path over {place} is longer than an authority on it allows"
+        if root:
+            broken = trust.checks_root_signature and not may_have_issued(first, first)
+            return f"the first certificate in {place} of the issuer's name did not sign itself" if broken else None
+        between += first.subject_der != first.issuer_der
+        below = first
+    return f"the path over {place} has no end"
+
+
+def strict_refusal(authority: Certificate) -> str | None:
+    """Why the first certificate of a CA file fails X509_verify_cert with X509_STRICT; None where it does not.
+
+    As Fast DDS since 2.6.10, 2.14.5 and 3.2 verifies it when it loads the file (FileProvider.cpp; checked with `openssl
+    verify -x509_strict -check_ss_sig`). Of one that is not self-signed far more is asked than sros2 writes.
+    """
+    if not names_itself(authority):
+        return "its first certificate is not self-signed, which wants key usage and key identifiers throughout"
+    if not may_have_issued(authority, authority):
+        return "its first certificate names itself, and another key signed it"
+    if authority.is_ca is None and (authority.parsed.version is x509.Version.v1 or authority.key_usage is not None):
+        return "its first certificate does not say that it is an authority"
+    if authority.key_usage is not None and "keyCertSign" not in authority.key_usage:
+        return "the key usage of its first certificate does not admit signing certificates"
     return None
 
 

@@ -25,6 +25,7 @@ from keystore_audit.model.trust import (
     document_verdict,
     is_issued,
     is_root,
+    strict_refusal,
 )
 from keystore_audit.model.validity import parse_instant
 
@@ -134,7 +135,8 @@ class Usabilities:
         for grant in permissions.grants:
             not_before, not_after = parse_instant(grant.not_before.text), parse_instant(grant.not_after.text)
             named = names(grant.subject_name.text, certificate, trust.subjects)
-            if named and not_before is not None and not_after is not None:
+            overflows = trust.latest_date is not None and not_after is not None and not_after > trust.latest_date
+            if named and not_before is not None and not_after is not None and not overflows:
                 found.append((not_before, not_after, governed is None or not governed or _joins(governed, grant)))
         return tuple(found)
 
@@ -172,8 +174,10 @@ def _identity_refusals(enclave: Enclave, certificate: Certificate, trust: Trust)
             yield "no revocation list that it carries can be used for the identity, so every identity is refused"
     if certificate.unknown_critical:
         yield "the identity certificate has a critical extension that no implementation knows"
-    if trust.identity_keys is not None and certificate.key_kind not in trust.identity_keys:
-        yield f"it takes no identity with a key of kind {certificate.key_kind}"
+    authority = file.first if file is not None else None
+    for kind in dict.fromkeys(c.key_kind for c in (certificate, authority) if c is not None):
+        if trust.identity_keys is not None and kind not in trust.identity_keys:
+            yield f"it takes no identity, and no identity CA, with a key of kind {kind}"
     if trust.identity_algorithms is not None and certificate.signature_algorithm not in trust.identity_algorithms:
         yield f"it takes no identity signed with {certificate.signature_algorithm}"
     if revoked(enclave, (certificate,), trust):
@@ -181,12 +185,18 @@ def _identity_refusals(enclave: Enclave, certificate: Certificate, trust: Trust)
 
 
 def _authority_refusals(enclave: Enclave, trust: Trust) -> Iterator[str]:
-    """Reasons in the permissions CA file."""
+    """Reasons in the CA files."""
+    for file in dict.fromkeys((enclave.identity_ca, enclave.permissions_ca)):
+        if file is None or file.first is None:
+            continue
+        if trust.ca_algorithms is not None and file.first.signature_algorithm not in trust.ca_algorithms:
+            yield f"it loads no CA signed with {file.first.signature_algorithm} ({file.file.place})"
+        refusal = strict_refusal(file.first) if trust.strict_authorities else None
+        if refusal is not None:
+            yield f"it does not load {file.file.place}: {refusal}"
     file = enclave.permissions_ca
     if file is None or file.first is None:
         return
-    if trust.ca_algorithms is not None and file.first.signature_algorithm not in trust.ca_algorithms:
-        yield f"it loads no permissions CA signed with {file.first.signature_algorithm}"
     if trust.checks_permissions_ca and not any(is_root(authority) for authority in authorities_read(file, trust)):
         yield f"no certificate that counts in {file.file.place} is self-signed, so the permissions CA is refused"
 

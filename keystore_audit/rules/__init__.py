@@ -21,6 +21,7 @@ from keystore_audit.rules.protection import PROTECTION
 from keystore_audit.rules.registry import Rule
 from keystore_audit.rules.revocation import REVOCATION
 from keystore_audit.rules.signature import SIGNATURE
+from keystore_audit.rules.start import START
 from keystore_audit.rules.subject_names import SUBJECT_NAMES
 from keystore_audit.rules.validity import VALIDITY
 
@@ -28,6 +29,7 @@ RULES: tuple[Rule[Any], ...] = tuple(
     sorted(
         (
             *LAYOUT,
+            *START,
             *PRIVATE_KEY,
             *CERTIFICATE,
             *ALGORITHM,

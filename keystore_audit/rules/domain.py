@@ -65,20 +65,24 @@ CYCLONE_HIGHEST_DOMAIN: Final = 230
     remedy="Use domain ids up to 230 and sign the document again with the permissions CA.",
     applies=lambda use, _context: use.may_be_taken,
 )
-def domain_above_230(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+def domain_above_230(use: DocumentUse, context: Context) -> Iterator[Violation]:
     """A governance or permissions document names a domain above 230.
 
-    Cyclone DDS refuses the whole document, so that its enclaves start in no domain; above 232 there are no ports.
+    Cyclone DDS refuses the whole document, so that its enclaves start in no domain: high where it is among the chosen
+    profiles. Above 232 there are no ports.
     """
     for domains in _ranges(use):
         highest = max(domains.low or 0, domains.high or 0)
         if highest > CYCLONE_HIGHEST_DOMAIN:
+            refusing = ("cyclonedds-0.10", "cyclonedds-11")
+            chosen = {profile.name for profile in context.profiles} & {*refusing}
             yield Violation(
                 message=f"Domain {highest}, expected at most {CYCLONE_HIGHEST_DOMAIN} (ports end at {HIGHEST_DOMAIN}): "
                 "Cyclone DDS refuses the whole document.",
                 locations=(Location(path=use.signed.file.place, line=domains.line),),
                 enclave=sole(use.enclaves),
-                profiles=("cyclonedds-0.10", "cyclonedds-11") if highest <= HIGHEST_DOMAIN else (),
+                severity=Severity.HIGH if chosen else None,
+                profiles=refusing if highest <= HIGHEST_DOMAIN else (),
                 key=f"{domains.low} {domains.high}",
             )
 

@@ -315,7 +315,7 @@ def topics_without_rule(use: GovernanceUse, context: Context) -> Iterator[Violat
 @rule(
     "KA421",
     "dds-security-1-0-document",
-    Severity.MEDIUM,
+    Severity.HIGH,
     on=DocumentUse,
     clause="DDS-Security 1.0 (20160303) against 1.1 (20170901)",
     remedy="Make the keystore again with a supported distribution of ROS 2: `ros2 security create_keystore KEYSTORE`.",

@@ -288,11 +288,54 @@ def subject_shared_by_certificates(keystore: Keystore, _context: Context) -> Ite
             )
 
 
+@rule(
+    "KA228",
+    "identity-key-certified-again",
+    Severity.HIGH,
+    on=Keystore,
+    clause="DDS-Security 1.1, 9.3.1 (who has the key of a certificate is its subject); measured",
+    remedy="Give each certificate a key of its own. " + ISSUE_AGAIN,
+)
+def identity_key_certified_again(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+    """The key of an enclave's identity has another certificate in this keystore, by which the enclave may go as well.
+
+    A second certificate in cert.pem or inside a message is read by no run time there, and serves whoever has the key:
+    as another identity, with the grants of its subject, or as a signer (measured on Cyclone DDS and Fast DDS). What was
+    certified elsewhere is not seen.
+    """
+    known: dict[str, dict[str, Certificate]] = {}
+    for certificate in _every_certificate(keystore):
+        known.setdefault(certificate.key, {}).setdefault(certificate.sha256, certificate)
+    firsts = {e.certificate.first.sha256 for e in keystore.enclaves if e.certificate and e.certificate.first}
+    for enclave in keystore.enclaves:
+        first = enclave.certificate.first if enclave.certificate else None
+        others = [c for c in known.get(first.key, {}).values() if c.sha256 not in firsts] if first is not None else []
+        if first is not None and others:
+            also = ", ".join(quoted(f"{other.subject}, issued by {other.issuer}") for other in others[:3])
+            yield Violation(
+                message=f"The identity key of {enclave.path} is certified {len(others)} times more: {also}.",
+                locations=places(Location(path=c.path, line=c.line) for c in (first, *others)),
+                enclave=enclave.path,
+                key=first.key,
+            )
+
+
+def _every_certificate(keystore: Keystore) -> Iterator[Certificate]:
+    for enclave in keystore.enclaves:
+        for file in (enclave.certificate, enclave.identity_ca, enclave.permissions_ca):
+            yield from file.certificates if file is not None else ()
+        for document in (enclave.governance, enclave.permissions):
+            yield from document.signed.embedded if document is not None else ()
+    for file in keystore.authorities:
+        yield from file.certificates
+
+
 IDENTITY: tuple[Rule[Any], ...] = (
     certificate_outlives_its_ca,
     not_issued_by_identity_ca,
     identity_refused_by_implementations,
     identity_without_subject,
+    identity_key_certified_again,
     identity_shared_by_enclaves,
     subject_differs_from_enclave,
     subject_shared_by_certificates,

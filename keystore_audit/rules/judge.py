@@ -9,13 +9,14 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from keystore_audit.findings import Finding, Outcome, Result, fingerprint
+from keystore_audit.findings import Finding, Outcome, Result, Severity, fingerprint
 from keystore_audit.model.meaning import Doubt
 from keystore_audit.properties.result import PropertyResult
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation
 from keystore_audit.rules.subjects import (
     Crash,
+    Refusal,
     certificate_uses,
     governance_uses,
     permissions_uses,
@@ -49,12 +50,13 @@ def judge(
 ) -> Judgement:
     """What the rules say, in their order. `select`, `ignore`: codes or families (`KA203`, `KA2`), never of KA9.
 
-    Doubts and crashes are the subjects of the last rules: only then is known which doubts another rule speaks for.
+    Doubts, crashes and refusals are the subjects of the last rules: only then is known which of them another rule
+    speaks for.
     """
     chosen = [rule for rule in rules if _chosen(rule, select, ignore)]
     run = _Run(context)
     run.over(chosen, _subjects(context))
-    run.over(chosen, [*run.crashes(), *run.unspoken()])
+    run.over(chosen, [*run.crashes(), *run.unspoken(), *run.refusals()])
     order = {rule.code: number for number, rule in enumerate(chosen)}
     return Judgement(
         findings=_findings(run.found),
@@ -137,6 +139,21 @@ class _Run:
         }
         doubts = self._context.meaning.doubts
         return ((doubt.location.path, doubt) for doubt in doubts if doubt.location.path not in spoken)
+
+    def refusals(self) -> Iterator[tuple[str, Refusal]]:
+        """Enclaves that do not start under some chosen profile, where no violation of high severity is about them."""
+        high = [v for rule, v in self.found if (v.severity or rule.severity).at_least(Severity.HIGH)]
+        spoken = {violation.enclave for violation in high}
+        places = {location.path for violation in high for location in violation.locations}
+        for enclave in self._context.keystore.enclaves:
+            reasons: dict[tuple[str, ...], tuple[str, ...]] = {}
+            for profile in self._context.profiles:
+                usability = self._context.meaning.usability.get((enclave.files.directory, profile.name))
+                if usability is not None and usability.usable is False:
+                    reasons[usability.reasons] = (*reasons.get(usability.reasons, ()), profile.name)
+            files = {file.place for file in enclave.files.files.values()}
+            if reasons and enclave.path not in spoken and not files & places:
+                yield enclave.path, Refusal(enclave=enclave, profiles=reasons)
 
 
 def _findings(found: Sequence[_Found]) -> tuple[Finding, ...]:

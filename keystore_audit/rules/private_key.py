@@ -101,6 +101,44 @@ def ca_private_key_in_tree(keystore: Keystore, context: Context) -> Iterator[Vio
 
 
 @rule(
+    "KA118",
+    "private-key-where-robots-have-it",
+    Severity.CRITICAL,
+    on=Keystore,
+    clause="ROS 2 design, ROS 2 security enclaves (a private key belongs to one enclave or to private/); CWE-522",
+    remedy="Take the key out of the file, make a new one where it belongs, and issue and sign again what it issued and "
+    "signed: whoever had the file has the key.",
+)
+def private_key_where_robots_have_it(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+    """A private key stands in a file that enclaves carry or that lies beside them, and is not an enclave's key.pem.
+
+    `openssl req -x509 -keyout ca.pem -out ca.pem` writes key and certificate into one file; as a CA file it goes on
+    every robot. Whose key it is is not asked: nobody needs one there. A second key in key.pem counts as well. Keys in
+    other forms than PEM are not seen.
+    """
+    own = {enclave.key.file.place for enclave in keystore.enclaves if enclave.key is not None}
+    carried = {file.place for enclave in keystore.enclaves for file in enclave.files.files.values()}
+    folders = {f"{enclave.files.directory}/" for enclave in keystore.enclaves if enclave.files.directory != "."}
+    for file in keystore.private_keys:
+        beside = file.place.startswith(("public/", "enclaves/", *folders)) or file.place in carried
+        if beside and file.place not in own:
+            yield Violation(
+                message=f"A private key is in {file.place}, which goes on robots.",
+                locations=(Location(path=file.place),),
+                key=file.place,
+            )
+    for enclave in keystore.enclaves:
+        for defect in enclave.key.defects if enclave.key is not None else ():
+            if defect.kind is Kind.SECOND_KEY:
+                yield Violation(
+                    message=f"{enclave.path} has a second private key: {defect.detail}.",
+                    locations=(Location(path=defect.path, line=defect.line),),
+                    enclave=enclave.path,
+                    key=f"second {defect.path}",
+                )
+
+
+@rule(
     "KA116",
     "ca-key-readable-by-others",
     Severity.HIGH,
@@ -195,6 +233,7 @@ def private_key_encrypted(enclave: Enclave, _context: Context) -> Iterator[Viola
 
 
 PRIVATE_KEY: tuple[Rule[Any], ...] = (
+    private_key_where_robots_have_it,
     private_key_readable_by_others,
     ca_private_key_in_tree,
     ca_key_readable_by_others,

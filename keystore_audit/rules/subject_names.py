@@ -28,6 +28,11 @@ _Named = tuple[Grant, PermissionsUse, Certificate, tuple[Profile, ...]]
 """A grant, the document that holds it, a certificate, and the variants under which the grant names it."""
 
 
+def _identities(keystore: Keystore) -> list[Certificate]:
+    firsts = (enclave.certificate.first for enclave in keystore.enclaves if enclave.certificate)
+    return list({first.sha256: first for first in firsts if first is not None}.values())
+
+
 @lru_cache(maxsize=1)  # both rules ask
 def _named(keystore: Keystore) -> tuple[_Named, ...]:
     return tuple(_grants_and_identities(keystore))
@@ -39,8 +44,7 @@ def _grants_and_identities(keystore: Keystore) -> Iterator[_Named]:
     for use in permissions_uses(keystore):
         for grant in use.document.permissions.grants if use.speaks and use.document.permissions else ():
             grants.setdefault(grant.subject_name.text, []).append((grant, use))
-    firsts = (enclave.certificate.first for enclave in keystore.enclaves if enclave.certificate)
-    identities = list({first.sha256: first for first in firsts if first is not None}.values())
+    identities = _identities(keystore)
     tables = {comparison: matching(list(grants), identities, comparison) for comparison in SubjectComparison}
     for subject, holders in grants.items():
         by_certificate: dict[int, set[SubjectComparison]] = {}
@@ -71,8 +75,11 @@ def grant_names_another_subject(keystore: Keystore, context: Context) -> Iterato
     Cyclone DDS cuts names at `,`, `/` and `|` and wants every piece of the certificate's in the grant's: `/robot` has
     the rights of `/robot/arm`, and `/arm/robot` as well. High where no chosen profile does so.
     """
+    subjects = {each.subject for each in _identities(keystore)}
     for grant, use, certificate, naming in _named(keystore):
-        if same_meaning(grant.subject_name.text, certificate):
+        # Text of the same meaning, in another order say, is another subject where an identity has the text itself.
+        to_the_letter = grant.subject_name.text in subjects and grant.subject_name.text != certificate.subject
+        if same_meaning(grant.subject_name.text, certificate) and not to_the_letter:
             continue
         yield Violation(
             message=f"The grant of {quoted(grant.subject_name.text)} names {quoted(certificate.subject)} too, for "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
@@ -128,6 +128,14 @@ class PermissionsUse(DocumentUse):
 def speaks(use: GovernanceUse | PermissionsUse, _context: Context) -> bool:
     """When rules about what a document says apply."""
     return use.speaks
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refusal:
+    """An enclave that does not start under chosen profiles, `profiles` by reason, and of which no rule has said why."""
+
+    enclave: Enclave
+    profiles: Mapping[tuple[str, ...], tuple[str, ...]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

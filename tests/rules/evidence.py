@@ -362,7 +362,13 @@ def keystore(*enclaves: Enclave, **layout: Any) -> Keystore:
         **layout,
     }
     return Keystore(
-        root="keys", layout=Layout(**layout), enclaves=enclaves, authorities=(), authority_keys=(), digest=""
+        root="keys",
+        layout=Layout(**layout),
+        enclaves=enclaves,
+        authorities=(),
+        authority_keys=(),
+        private_keys=(),
+        digest="",
     )
 
 

@@ -179,6 +179,10 @@ CASES: dict[str, tuple[Change, list[str]]] = {
         both(identity_ca=certificates(CA, pem("oldCA", issuer="oldCA"), IDENTITY_CA)),
         ["KA202", "KA226"],
     ),
+    "KA228": (
+        talker(certificate=certificates(CERT, pem("/talker"), pem("/admin", label="/talker"))),
+        ["KA202", "KA228"],
+    ),
     "KA227": (
         talker(certificate=certificates(CERT, pem("", label="/talker"))),
         ["KA220", "KA227", "KA503", "KA519"],

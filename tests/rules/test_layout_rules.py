@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.layout import LayoutKind, Role
+from keystore_audit.model.meaning import Usability
 from tests.rules.evidence import (
     Change,
     absent,
@@ -24,6 +27,7 @@ from tests.rules.evidence import (
     judged,
     keystore,
     laid_out,
+    meaning,
     open_codes,
     pem,
     permissions,
@@ -63,6 +67,10 @@ CASES: dict[str, tuple[Change, list[str]]] = {
     "KA114": (lambda _: keystore(enclave("/camera"), enclave("/Camera")), ["KA114"]),
     "KA115": (laid_out(kind=LayoutKind.FLAT), ["KA115"]),
     "KA116": (laid_out(authority_keys=(file("private/ca.key.pem", None, mode=0o604),)), ["KA109", "KA116"]),
+    "KA118": (
+        lambda store: replace(store, private_keys=(file("public/identity_ca.cert.pem", None, holds_private_key=True),)),
+        ["KA118"],
+    ),
     "KA209": (talker(key=private_key(KEY, "somebody else's")), ["KA209"]),
     "KA210": (key_with(key=None, defects=(defect(Kind.KEY_UNREADABLE, KEY),)), ["KA210"]),
     "KA211": (key_with(key=None, encrypted=True), ["KA211"]),
@@ -176,3 +184,51 @@ def test_one_unreadable_enclave_hides_no_other() -> None:
         enclave("/listener", certificate=certificates("enclaves/listener/cert.pem", pem("/listener"), pem("/other"))),
     )
     assert sorted({finding.code for finding in judged(store).findings}) == ["KA103", "KA202"]
+
+
+@pytest.mark.parametrize(
+    ("path", "expected"),
+    [
+        (KEY, []),
+        ("private/ca.key.pem", []),
+        ("notes/old.pem", []),
+        ("public/ca.pem", ["KA118"]),
+        ("enclaves/talker/spare.pem", ["KA118"]),
+        ("enclaves/talker/cert.pem", ["KA118"]),
+        ("enclaves/governance.p7s", ["KA118"]),
+    ],
+)
+def test_where_a_private_key_may_be(path: str, expected: list[str]) -> None:
+    assert becomes(lambda store: replace(store, private_keys=(file(path, None, holds_private_key=True),))) == expected
+
+
+def test_a_second_key_in_a_key_file() -> None:
+    second = defect(Kind.SECOND_KEY, KEY, 6, "expected one private key, found another")
+    assert becomes(key_with(defects=(second,))) == ["KA118"]
+
+
+REFUSED = Usability(usable=False, reasons=("it takes no identity with a key of kind RSA 1024",))
+
+
+def test_an_enclave_that_does_not_start_is_no_pass() -> None:
+    """Whatever the reason: the last net below all other rules."""
+    usability = {("enclaves/talker", "cyclonedds-11"): REFUSED, ("enclaves/talker", "cyclonedds-0.10"): REFUSED}
+    (found,) = findings("KA117", judged(meaning=meaning(usability=usability)))
+    assert found.severity is Severity.HIGH
+    assert found.enclave == "/talker"
+    assert found.profiles == ("cyclonedds-0.10", "cyclonedds-11")
+    assert REFUSED.reasons[0] in found.message
+
+
+@pytest.mark.parametrize(
+    ("usability", "change"),
+    [
+        (Usability(usable=None, reasons=()), None),
+        (Usability(usable=True, reasons=()), None),
+        (REFUSED, without_permissions(Status.MISSING)),  # said by KA101
+    ],
+)
+def test_the_last_net_catches_nothing_else(usability: Usability, change: Change | None) -> None:
+    store = change(healthy()) if change is not None else healthy()
+    seen = judged(store, meaning=meaning(usability={("enclaves/talker", "spec"): usability}))
+    assert findings("KA117", seen) == ()

@@ -24,8 +24,8 @@ from tests.rules import (
 )
 
 CATALOGUE = {
-    "KA1": range(101, 117),
-    "KA2": range(201, 228),
+    "KA1": range(101, 119),
+    "KA2": range(201, 229),
     "KA3": range(301, 318),
     "KA4": range(401, 422),
     "KA5": range(501, 522),
@@ -75,8 +75,8 @@ def test_every_rule_has_a_test_that_makes_it_speak() -> None:
         test_formal_and_audit_rules.CASES,
     )
     tested = {code for table in tables for code in table}
-    # The topics that no rule matches come from the meaning: test_topics_that_no_rule_matches.
-    assert {r.code for r in RULES} - tested == {"KA418"}
+    # These come from the meaning: test_an_enclave_that_does_not_start_is_no_pass, test_topics_that_no_rule_matches.
+    assert {r.code for r in RULES} - tested == {"KA117", "KA418"}
 
 
 def test_no_command_is_left_out_of_a_remedy_by_mistake() -> None:

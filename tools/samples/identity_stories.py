@@ -213,6 +213,37 @@ def _names() -> Iterator[Story]:
         ),
         good=Case("The subject is the enclave's path.", ONE),
     )
+    admin = replace(TALKER_CERTIFICATE, subject="/admin")
+    yield from pair(
+        "KA228",
+        "identity-key-certified-again",
+        bad=Case(
+            "Behind the talker's certificate stands another for the same key, CN=/admin, made for a maintenance "
+            "day. Run times read the first; whoever takes the talker has both.",
+            with_talker(changes={"cert.pem": TALKER_CERTIFICATE.pem() + admin.pem()}),
+        ),
+        good=Case("The key has one certificate.", ONE),
+    )
+    yield from pair(
+        "KA117",
+        "enclave-does-not-start",
+        bad=Case(
+            "The permissions CA was made with SHA-384, as a guide of the company wants it. Fast DDS knows SHA-256 "
+            "alone for authorities and does not load it.",
+            replace(ONE, permissions_ca=replace(PERMISSIONS_CA, digest="sha384")),
+        ),
+        good=Case("The authority is signed with SHA-256.", ONE),
+    )
+    yield from pair(
+        "KA118",
+        "private-key-where-robots-have-it",
+        bad=Case(
+            "`openssl req -x509 -keyout ca.pem -out ca.pem` put key and certificate into one file, and the file became "
+            "permissions_ca.cert.pem: every robot can sign rights.",
+            replace(ONE, changes={"public/permissions_ca.cert.pem": PERMISSIONS_CA.pem() + PERMISSIONS_CA.key.pem()}),
+        ),
+        good=Case("permissions_ca.cert.pem holds the certificate alone.", ONE),
+    )
 
 
 def _together() -> Iterator[Story]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import datetime
 from enum import Enum
 
 
@@ -34,10 +35,11 @@ class Trust:
     `first_authority_only`: of a CA file the first certificate counts alone. `needs_root`: a chain has to end at a
     self-signed certificate of the CA file (OpenSSL without X509_V_FLAG_PARTIAL_CHAIN), `checks_root_signature`: whose
     signature is checked too (X509_V_FLAG_CHECK_SS_SIGNATURE). `checks_permissions_ca`: the permissions CA has to be in
-    force and to chain to a root. `ca_algorithms`, `identity_algorithms`: signature algorithms, as OpenSSL names them,
-    of the first permissions CA certificate and of the identity (None: all). `identity_keys`: kinds of key of the
-    identity (None: all). `compares_key`: whether a private key of another certificate keeps the participant from being
-    created.
+    force and to chain to a root. `strict_authorities`: the first certificate of each CA file is verified when it is
+    loaded (X509_V_FLAG_X509_STRICT). `ca_algorithms`, `identity_algorithms`: signature algorithms, as OpenSSL names
+    them, of the first certificate of each CA file and of the identity (None: all). `identity_keys`: kinds of key of the
+    identity and of the identity CA (None: all). `compares_key`: whether a private key of another certificate keeps the
+    participant from being created. `latest_date`: the last date of a grant that does not overflow.
     """
 
     pins_signer: bool
@@ -45,12 +47,14 @@ class Trust:
     needs_root: bool
     checks_root_signature: bool
     checks_permissions_ca: bool
+    strict_authorities: bool
     revocation: RevocationLists
     subjects: SubjectComparison
     ca_algorithms: frozenset[str] | None
     identity_algorithms: frozenset[str] | None
     identity_keys: frozenset[str] | None
     compares_key: bool
+    latest_date: datetime | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from datetime import datetime, timezone
 from difflib import get_close_matches
 from typing import Final
 
@@ -20,12 +21,14 @@ _SPEC: Final = Trust(
     needs_root=False,
     checks_root_signature=False,
     checks_permissions_ca=False,
+    strict_authorities=False,
     revocation=RevocationLists.CRL_FILE,
     subjects=SubjectComparison.EXACT,
     ca_algorithms=None,
     identity_algorithms=None,
     identity_keys=None,
     compares_key=True,
+    latest_date=None,
 )
 """DDS-Security 1.1: each certificate of a CA file is an anchor (9.3.1.1), it signs documents itself (9.4.1.1)."""
 
@@ -38,15 +41,17 @@ _FASTDDS: Final = Trust(
     needs_root=True,
     checks_root_signature=True,
     checks_permissions_ca=True,
+    strict_authorities=True,
     revocation=RevocationLists.CRL_AND_CA_FILE,
     subjects=SubjectComparison.FASTDDS_PARSED,
     ca_algorithms=_FASTDDS_ALGORITHMS,
     identity_algorithms=_FASTDDS_ALGORITHMS,
     identity_keys=None,
     compares_key=True,
+    latest_date=None,
 )
 _FASTDDS_2_6: Final = replace(_FASTDDS, subjects=SubjectComparison.FASTDDS_ORDERED)
-_FASTDDS_UNPINNED: Final = replace(_FASTDDS_2_6, pins_signer=False)
+_FASTDDS_UNPINNED: Final = replace(_FASTDDS_2_6, pins_signer=False, strict_authorities=False)
 
 _CYCLONEDDS_11: Final = Trust(
     pins_signer=True,
@@ -54,6 +59,7 @@ _CYCLONEDDS_11: Final = Trust(
     needs_root=True,
     checks_root_signature=False,
     checks_permissions_ca=False,
+    strict_authorities=False,
     revocation=RevocationLists.CRL_FILE,
     subjects=SubjectComparison.CYCLONEDDS_TRIMMED,
     ca_algorithms=None,
@@ -61,13 +67,18 @@ _CYCLONEDDS_11: Final = Trust(
     # RSA of 2,048 bits, or EC of 256 bits on whatever curve (auth_utils.c, check_key_type_and_size).
     identity_keys=frozenset({"RSA 2048", "EC secp256r1", "EC secp256k1", "EC brainpoolP256r1"}),
     compares_key=False,
+    latest_date=datetime(2262, 4, 11, 23, 47, 16, tzinfo=timezone.utc),  # 63 bits of nanoseconds (measured)
 )
 _CYCLONEDDS_0_10: Final = replace(
     _CYCLONEDDS_11, pins_signer=False, checks_permissions_ca=True, subjects=SubjectComparison.CYCLONEDDS
 )
 
 _OPENDDS: Final = replace(
-    _CYCLONEDDS_11, revocation=RevocationLists.NONE, subjects=SubjectComparison.OPENDDS, identity_keys=None
+    _CYCLONEDDS_11,
+    revocation=RevocationLists.NONE,
+    subjects=SubjectComparison.OPENDDS,
+    identity_keys=None,
+    latest_date=None,
 )
 
 SPEC = Profile(

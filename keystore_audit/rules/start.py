@@ -1,0 +1,42 @@
+"""KA1: enclaves that do not start, for reasons that no other rule has spoken of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from keystore_audit.findings import Location, Severity
+from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.subjects import Refusal
+from keystore_audit.rules.wording import implementations
+
+
+@rule(
+    "KA117",
+    "enclave-does-not-start",
+    Severity.HIGH,
+    on=Refusal,
+    clause="DDS-Security 1.1, 8.2.1 and 9.4.3 (a participant is created only with valid credentials); measured",
+    remedy="Make certificates, keys and documents as `ros2 security create_keystore` and `create_enclave` make them, "
+    "which every implementation reads.",
+)
+def enclave_does_not_start(refusal: Refusal, _context: Context) -> Iterator[Violation]:
+    """An implementation creates no participant for the enclave, and no finding of high severity says why.
+
+    The last net: what other rules call medium, or have no words for, is no pass where a robot would stand still. The
+    reasons are those of the report's table of enclaves.
+    """
+    for reasons, names in refusal.profiles.items():
+        who = implementations(VARIANTS[name] for name in names)
+        yield Violation(
+            message=f"{refusal.enclave.path} does not start under {who}: {'; '.join(reasons)}.",
+            locations=(Location(path=refusal.enclave.files.directory),),
+            enclave=refusal.enclave.path,
+            profiles=names,
+            key="\0".join(reasons),
+        )
+
+
+START: tuple[Rule[Any], ...] = (enclave_does_not_start,)
