@@ -24,6 +24,10 @@ REFUSALS = frozenset({"denied", "unusable"})
 
 VENDORS = {"Fast DDS": "fastdds", "Cyclone DDS": "cyclonedds", "OpenDDS": "opendds"}
 
+NOT_OF_THE_PATH = (*(f"{role.value}: " for role in Role), "it does not load ", "it loads no CA ")
+"""Reasons of a participant that is not created beside X509_verify_cert of its identity: files that these keystores do
+not have, and how Fast DDS looks at the first certificate of the file when it loads it, a call of its own."""
+
 
 def objections(
     directory: Path, at: datetime, authorities: Sequence[bytes], leaf: bytes, *crls: bytes
@@ -70,7 +74,7 @@ def objections(
         said |= {"denied" if system.reading is Reading.MAY else "doubted" for system in systems if not _vouched(system)}
         ((place, _),) = {(place, "") for place, _variant in meaning.usability}
         reasons = {reason for name in variants for reason in meaning.usability[place, name].reasons}
-        if any(not reason.startswith(tuple(f"{role.value}: " for role in Role)) for reason in reasons):
+        if any(not reason.startswith(NOT_OF_THE_PATH) for reason in reasons):
             said.add("unusable")
         found[vendor] = frozenset(said)
     return found
