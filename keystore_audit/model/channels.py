@@ -86,24 +86,29 @@ def build_channels(
     columns = _columns(topic_rules, rules)
     _check_cells(len(columns), sum(governed), "classes of topics in {} classes of domains")
     channels: list[ChannelAtom] = []
-    hits: list[set[int]] = [set() for _ in range(len(topic_rules) + 3 * len(rules))]
+    matched: list[list[int]] = [[] for _ in range(len(topic_rules) + 3 * len(rules))]
+    for at, column in enumerate(columns):
+        for hit in column.hits:
+            matched[hit].append(at)
+    starts: list[int] = []
     for number, is_governed in enumerate(governed):
         if not is_governed:
             channels.append(ChannelAtom(domain=number, topic=ANY_TOPIC, partition="", ros=True, infinite=True))
             continue
-        for column in columns:
-            for hit in column.hits:
-                hits[hit].add(len(channels))
-            channels.append(
-                ChannelAtom(
-                    domain=number,
-                    topic=column.topic.witness,
-                    partition=column.partition,
-                    ros=column.topic.ros,
-                    infinite=column.infinite,
-                )
+        starts.append(len(channels))
+        channels.extend(
+            ChannelAtom(
+                domain=number,
+                topic=column.topic.witness,
+                partition=column.partition,
+                ros=column.topic.ros,
+                infinite=column.infinite,
             )
-    frozen = [frozenset(hit) for hit in hits]
+            for column in columns
+        )
+    # Shared by rules that match the same: thousands of one expression times 233 classes of domains are 200 MB.
+    shared = {each: frozenset(start + at for start in starts for at in each) for each in map(tuple, matched)}
+    frozen = [shared[tuple(each)] for each in matched]
     first = len(topic_rules)
     return Channels(
         domains=domains,

@@ -69,8 +69,8 @@ def test_what_the_samples_say_crashes_cyclone_does(plugins: dict[str, Plugin], r
 REFUSED = {
     ("range without minimum", "cyclone"): "KA515 critical",  # crashes
     ("range without minimum in the governance", "cyclone"): "KA419 medium",
-    ("domain 231", "cyclone"): "KA420 medium",
-    ("domain 231 in the governance", "cyclone"): "KA420 medium",
+    ("domain 231", "cyclone"): "KA420 high",
+    ("domain 231 in the governance", "cyclone"): "KA420 high",
     ("hour 24", "cyclone"): "KA502 high",  # counts as expired
     ("hour 24", "fastdds"): "KA502 high",  # malformed
     ("time zone far east", "cyclone"): "KA502 high",  # offsets beyond 12 hours count as expired
