@@ -8,10 +8,9 @@ from typing import Final
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.crl import RevocationList, crl_signed_by, names_key_of
 from keystore_audit.keystore.distinguished_name import same_name
-from keystore_audit.keystore.issuer import Issue, key_identifier_fits
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.model.profiles import RevocationLists, Trust
-from keystore_audit.model.trust import authorities_read, issue, may_have_issued
+from keystore_audit.model.trust import authorities_read, issuers_taken, may_have_issued
 
 NO_IDENTITIES: Final = frozenset(
     {"onlyContainsCACerts", "onlyContainsAttributeCerts", "onlySomeReasons", "indirectCRL"}
@@ -86,33 +85,13 @@ def _signers(
     pending, seen = [certificate], {certificate}
     while pending:
         below = pending.pop()
-        for above in _issuers_taken(below, authorities, trust):
+        for above in (
+            issuers_taken(below, authorities)
+            if trust.needs_root
+            else [each for each in authorities if may_have_issued(each, below)]
+        ):
             if same_name(above.subject_name, revocations.issuer_name) and names_key_of(revocations, above):
                 yield above
             elif above not in seen:
                 seen.add(above)
                 pending.append(above)
-
-
-def _issuers_taken(
-    certificate: Certificate, authorities: Sequence[Certificate], trust: Trust
-) -> tuple[Certificate, ...]:
-    """The authorities that OpenSSL takes for the issuer at some instant: the first of those that fit and are in force.
-
-    Fitting are name, key identifier and keyUsage; the signature comes later, and no second one is tried
-    (X509_STORE_CTX_get1_issuer; measured with 3.0.19). Without OpenSSL, whoever may have issued it.
-    """
-    if not trust.needs_root:
-        return tuple(each for each in authorities if may_have_issued(each, certificate))
-    fitting = [
-        each
-        for each in authorities
-        if issue(each, certificate) in (Issue.ISSUED, Issue.UNSUPPORTED, Issue.SIGNATURE_INVALID)
-        and key_identifier_fits(certificate, each)
-        and (each.key_usage is None or "keyCertSign" in each.key_usage)
-    ]
-    return tuple(
-        each
-        for number, each in enumerate(fitting)
-        if not any(e.not_before <= each.not_before and each.not_after <= e.not_after for e in fitting[:number])
-    )
