@@ -125,7 +125,7 @@ def audit(path: str | os.PathLike[str], options: Options, *, progress: Progress 
         profiles=profiles,
     )
     judgement = judge(context, RULES, select=options.select, ignore=options.ignore)
-    safe = horizon(keystore, native, profiles, options.at, usabilities)
+    safe = horizon(keystore, native, profiles, options.at, usabilities, meaning.usability)
     return _report(context, judgement, safe, options)
 
 

@@ -45,12 +45,12 @@ def horizon(
     profiles: Sequence[Profile],
     at: datetime,
     usabilities: Usabilities,
+    usable: Mapping[tuple[str, str], Usability],
 ) -> Horizon:
-    """Looks at each validity boundary after `at` in turn, with the native engine."""
+    """Looks at each validity boundary after `at` in turn, with the native engine. `usable`: as it is at `at`."""
     if not native.systems:
         return Horizon(instant=at, why="nothing could be decided")
     kinds = tuple({profile.trust: profile for profile in profiles}.values())  # usability differs by nothing else
-    usable = usability_by_profile(keystore, kinds, at, usabilities)
     for count, (moment, instant) in enumerate(_moments(keystore, native.systems[0], at)):
         if count == MAX_MOMENTS:
             return Horizon(instant=instant, why="later dates were not looked at")
@@ -88,7 +88,7 @@ def _moments(keystore: Keystore, system: System, at: datetime) -> Iterator[tuple
 
 
 def _usability_change(before: Mapping[tuple[str, str], Usability], after: Mapping[tuple[str, str], Usability]) -> str:
-    changed = sorted({directory for (directory, profile), was in before.items() if after[directory, profile] != was})
+    changed = sorted({directory for (directory, profile), now in after.items() if before[directory, profile] != now})
     if not changed:
         return ""
     fresh = (

@@ -301,6 +301,8 @@ def signer_refused_by_implementations(use: DocumentUse, context: Context) -> Ite
         if document_verdict(use.signed, file, SPEC) is not Verdict.ACCEPTED:
             continue
         for profile in VARIANTS.values():
+            if document_verdict(use.signed, file, profile.trust) is not Verdict.REFUSED:
+                continue
             why = signer_refusal(use.signed, file, profile.trust)
             if why is not None and profile not in refusals.setdefault(why, []):
                 refusals[why].append(profile)
