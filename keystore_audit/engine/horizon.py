@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
 
 from keystore_audit.engine.native import NativeEngine
-from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.crl import RevocationList
+from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.interpret import usability_by_profile
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import Profile
@@ -78,13 +79,20 @@ def _moments(keystore: Keystore, system: System, at: datetime) -> Iterator[tuple
         if index >= system.now and instant <= _LAST:
             found.setdefault(instant + _TICK, 2 * index + 1)
     for enclave in keystore.enclaves:
-        for revocations in enclave.crl.revocation_lists if enclave.crl else ():
+        lists = (*(enclave.crl.revocation_lists if enclave.crl else ()), *_in_ca_file(enclave))
+        for revocations in lists:
+            boundaries = [revocations.this_update] if revocations.this_update > at else []
             if revocations.next_update is not None and at <= revocations.next_update <= _LAST:
-                later = revocations.next_update + _TICK
+                boundaries.append(revocations.next_update + _TICK)
+            for later in boundaries:
                 before = sum(1 for instant in system.instants if instant <= later)
                 found.setdefault(later, 2 * before - 1)
     for instant in sorted(found):
         yield found[instant], instant
+
+
+def _in_ca_file(enclave: Enclave) -> tuple[RevocationList, ...]:
+    return enclave.identity_ca.revocation_lists if enclave.identity_ca else ()
 
 
 def _usability_change(before: Mapping[tuple[str, str], Usability], after: Mapping[tuple[str, str], Usability]) -> str:

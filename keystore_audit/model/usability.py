@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
+from keystore_audit.keystore.crl import RevocationList
 from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.governance import DomainRule, GovernanceFile
 from keystore_audit.keystore.keystore import Enclave
@@ -53,7 +54,7 @@ class _Dated:
     """None where its dates do not count."""
     grants: tuple[tuple[datetime, datetime, bool], ...] | None
     """not_before, not_after and whether it lets the enclave join; None where the document has no meaning."""
-    stale_after: tuple[datetime, ...]
+    lists: tuple[RevocationList, ...]
 
 
 class Usabilities:
@@ -118,7 +119,7 @@ class Usabilities:
             identity_ca=file if issued else None,
             permissions_ca=authority if trust.checks_permissions_ca else None,
             grants=self._own_grants(enclave, certificate, trust),
-            stale_after=tuple(r.next_update for r in lists_read(enclave, trust) if r.next_update is not None),
+            lists=lists_read(enclave, trust),
         )
 
     def _own_grants(
@@ -212,8 +213,10 @@ def _refusals_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:
     authority = dated.permissions_ca
     if authority is not None and not authority.not_before <= at <= authority.not_after:
         yield "the permissions CA certificate is outside its validity"
-    if any(end < at for end in dated.stale_after):
+    if any(revocations.next_update is not None and revocations.next_update < at for revocations in dated.lists):
         yield "the revocation list is stale, so every identity is refused"
+    if any(revocations.this_update > at for revocations in dated.lists):
+        yield "the revocation list is not yet valid, so every identity is refused"
     if certificate is not None and dated.grants is not None:
         own = next((joins for start, end, joins in dated.grants if start <= at <= end), None)
         if own is None:
