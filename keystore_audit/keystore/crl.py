@@ -7,14 +7,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import lru_cache
-from typing import TYPE_CHECKING, Final, TypeVar
+from typing import TYPE_CHECKING, Final
 
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.der import MALFORMED, parts
-from keystore_audit.keystore.distinguished_name import same_name
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.pem import DUMP_OF_REVOCATION_LIST, Block, Problem, read_pem
 from keystore_audit.keystore.public_key import signature_algorithm, verifies
@@ -132,20 +131,6 @@ def crl_signed_by(crl: RevocationList, ca: Certificate) -> bool | None:
         return None
 
 
-def names_key_of(crl: RevocationList, ca: Certificate) -> bool:
-    """Whether nothing in the list's authorityKeyIdentifier contradicts `ca` (X509_check_akid in v3_purp.c)."""
-    named = _extension(crl.parsed.extensions, x509.AuthorityKeyIdentifier)
-    if named is None:
-        return True
-    own = _extension(ca.parsed.extensions, x509.SubjectKeyIdentifier)
-    if named.key_identifier is not None and own is not None and named.key_identifier != own.digest:
-        return False
-    if named.authority_cert_serial_number not in (None, ca.serial):
-        return False
-    names = [n.value for n in named.authority_cert_issuer or () if isinstance(n, x509.DirectoryName)]
-    return not names or same_name(names[0], ca.issuer_name)
-
-
 def _parsed(parsed: x509.CertificateRevocationList, line: int, path: str) -> RevocationList:
     """Look at every part, so that whatever is malformed raises here and not in a rule."""
     revoked: set[int] = set()
@@ -209,13 +194,6 @@ def _scope(extensions: x509.Extensions) -> frozenset[str]:
         for attribute, name in _SCOPES
         if getattr(extension.value, attribute)
     )
-
-
-_E = TypeVar("_E", bound=x509.ExtensionType)
-
-
-def _extension(extensions: x509.Extensions, kind: type[_E]) -> _E | None:
-    return next((each.value for each in extensions if isinstance(each.value, kind)), None)
 
 
 def _removed(extensions: x509.Extensions) -> bool:

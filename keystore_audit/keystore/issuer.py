@@ -12,6 +12,7 @@ from cryptography.x509.oid import PublicKeyAlgorithmOID
 
 from keystore_audit.keystore import public_key
 from keystore_audit.keystore.certificate import NETSCAPE_TYPE, Certificate
+from keystore_audit.keystore.crl import RevocationList
 from keystore_audit.keystore.distinguished_name import same_name
 
 _EMAIL_PROTECTION: Final = "1.3.6.1.5.5.7.3.4"  # id-kp-emailProtection, RFC 5280, 4.2.1.12
@@ -39,7 +40,12 @@ def issued_by(certificate: Certificate, issuer: Certificate) -> Issue:
         return Issue.NAME_DIFFERS
     if not certificate.algorithms_agree:  # X509_verify compares both statements of the algorithm first
         return Issue.SIGNATURE_INVALID
-    return _signed_by(certificate.parsed, issuer.parsed)
+    verified = _is_signed_by(certificate.parsed, issuer.parsed)
+    if verified is False:
+        return Issue.SIGNATURE_INVALID
+    if not key_identifier_fits(certificate, issuer):
+        return Issue.KEY_IDENTIFIER_DIFFERS
+    return Issue.ISSUED if verified else Issue.UNSUPPORTED
 
 
 def fit_to_sign(certificate: Certificate) -> bool:
@@ -49,8 +55,8 @@ def fit_to_sign(certificate: Certificate) -> bool:
     absent or with digitalSignature or nonRepudiation, Netscape certificate type absent or S/MIME or SSL
     client. PKCS7_verify asks for it in the implementations that do not pin the signer (CVE-2023-24010).
     """
-    extended, usage = certificate.extended_key_usage, certificate.key_usage
-    if extended is not None and _EMAIL_PROTECTION not in extended:
+    usage = certificate.key_usage
+    if not lets_sign(certificate):
         return False
     if usage is not None and not usage & {"digitalSignature", "nonRepudiation"}:
         return False
@@ -58,9 +64,9 @@ def fit_to_sign(certificate: Certificate) -> bool:
     return netscape is None or bool(netscape & _NETSCAPE_SMIME_OR_CLIENT)
 
 
-def lets_sign(authority: Certificate) -> bool:
-    """Whether the extended key usage of an authority lets those below it sign S/MIME: it binds them too."""
-    return authority.extended_key_usage is None or _EMAIL_PROTECTION in authority.extended_key_usage
+def lets_sign(certificate: Certificate) -> bool:
+    """Whether the extended key usage admits signing S/MIME; that of an authority binds those below it too."""
+    return certificate.extended_key_usage is None or _EMAIL_PROTECTION in certificate.extended_key_usage
 
 
 def may_issue(certificate: Certificate) -> bool:
@@ -87,9 +93,21 @@ def names_itself(certificate: Certificate) -> bool:
     return own and key_identifier_fits(certificate, certificate)
 
 
-def key_identifier_fits(certificate: Certificate, issuer: Certificate) -> bool:
-    """Whether nothing in authorityKeyIdentifier contradicts `issuer` (X509_check_akid in v3_purp.c)."""
-    return _key_identifier_fits(certificate.parsed, issuer.parsed)
+def key_identifier_fits(named: Certificate | RevocationList, issuer: Certificate) -> bool:
+    """Whether nothing in the authorityKeyIdentifier of a certificate or list contradicts `issuer`.
+
+    X509_check_akid in crypto/x509/v3_purp.c.
+    """
+    authority = _extension(named.parsed.extensions, x509.AuthorityKeyIdentifier)
+    if authority is None:
+        return True
+    subject = _extension(issuer.parsed.extensions, x509.SubjectKeyIdentifier)
+    if authority.key_identifier is not None and subject is not None and authority.key_identifier != subject.digest:
+        return False
+    if authority.authority_cert_serial_number not in (None, issuer.serial):
+        return False
+    names = [n.value for n in authority.authority_cert_issuer or () if isinstance(n, x509.DirectoryName)]
+    return not names or same_name(names[0], issuer.issuer_name)
 
 
 def _netscape_type(parsed: x509.Certificate) -> int | None:
@@ -101,47 +119,28 @@ def _netscape_type(parsed: x509.Certificate) -> int | None:
     return None
 
 
-def _signed_by(certificate: x509.Certificate, issuer: x509.Certificate) -> Issue:
-    verified: bool | None = None
+def _is_signed_by(certificate: x509.Certificate, issuer: x509.Certificate) -> bool | None:
+    """Whether the key of `issuer` made the signature; None where the library cannot tell."""
     try:
-        if issuer.public_key_algorithm_oid != PublicKeyAlgorithmOID.RSASSA_PSS:  # such a key restricts what it signs
-            verified = public_key.verifies(
-                issuer.public_key(),
-                certificate.signature,
-                certificate.tbs_certificate_bytes,
-                algorithm=certificate.signature_algorithm_oid.dotted_string,
-                parameters=certificate.signature_algorithm_parameters,
-                digest=certificate.signature_hash_algorithm,
-            )
+        if issuer.public_key_algorithm_oid == PublicKeyAlgorithmOID.RSASSA_PSS:  # such a key restricts what it signs
+            return None
+        return public_key.verifies(
+            issuer.public_key(),
+            certificate.signature,
+            certificate.tbs_certificate_bytes,
+            algorithm=certificate.signature_algorithm_oid.dotted_string,
+            parameters=certificate.signature_algorithm_parameters,
+            digest=certificate.signature_hash_algorithm,
+        )
     except (ValueError, UnsupportedAlgorithm):
-        verified = None
-    if verified is False:
-        return Issue.SIGNATURE_INVALID
-    if not _key_identifier_fits(certificate, issuer):
-        return Issue.KEY_IDENTIFIER_DIFFERS
-    return Issue.ISSUED if verified else Issue.UNSUPPORTED
-
-
-def _key_identifier_fits(certificate: x509.Certificate, issuer: x509.Certificate) -> bool:
-    authority = _extension(certificate, x509.AuthorityKeyIdentifier)
-    if authority is None:
-        return True
-    subject = _extension(issuer, x509.SubjectKeyIdentifier)
-    named = authority.key_identifier
-    if named is not None and subject is not None and named != subject.digest:
-        return False
-    serial = authority.authority_cert_serial_number
-    if serial is not None and serial != issuer.serial_number:
-        return False
-    names = [n.value for n in authority.authority_cert_issuer or () if isinstance(n, x509.DirectoryName)]
-    return not names or same_name(names[0], issuer.issuer)
+        return None
 
 
 _E = TypeVar("_E", bound=x509.ExtensionType)
 
 
-def _extension(certificate: x509.Certificate, kind: type[_E]) -> _E | None:
-    for extension in certificate.extensions:
+def _extension(extensions: x509.Extensions, kind: type[_E]) -> _E | None:
+    for extension in extensions:
         if isinstance(extension.value, kind):
             return extension.value
     return None

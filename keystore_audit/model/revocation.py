@@ -6,8 +6,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 from keystore_audit.keystore.certificate import Certificate
-from keystore_audit.keystore.crl import RevocationList, crl_signed_by, names_key_of
+from keystore_audit.keystore.crl import RevocationList, crl_signed_by
 from keystore_audit.keystore.distinguished_name import same_name
+from keystore_audit.keystore.issuer import key_identifier_fits
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.model.profiles import RevocationLists, Trust
 from keystore_audit.model.trust import authorities_read, issuers_taken, may_have_issued
@@ -90,7 +91,7 @@ def _signers(
             if trust.needs_root
             else [each for each in authorities if may_have_issued(each, below)]
         ):
-            if same_name(above.subject_name, revocations.issuer_name) and names_key_of(revocations, above):
+            if same_name(above.subject_name, revocations.issuer_name) and key_identifier_fits(revocations, above):
                 yield above
             elif above not in seen:
                 seen.add(above)

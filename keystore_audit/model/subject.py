@@ -322,9 +322,9 @@ def _fastdds_names(text: Attributes, certificate: Attributes) -> bool:
 def _cyclonedds_attributes(text: str, *, trimmed: bool) -> Attributes:
     """Cyclone DDS: pieces between `,`, `/` and `|`, each `type=value`, or a type without value.
 
-    So `CN=/robot/arm` is `CN=`, `robot=` and `arm=` (access_control_utils.c, string_to_properties; the subset measured
-    on 0.10.2 and 11.0.1, the pieces of a path read). Of a certificate no piece but the last may be empty: nothing names
-    it then, which the empty type stands for here.
+    So `CN=/robot/arm` is `CN=`, `robot=` and `arm=` (access_control_utils.c, string_to_properties; measured with the
+    plugin of 0.10.2, the subset on 11.0.1 too). Of a certificate no piece but the last may be empty: nothing names it
+    then, which the empty type stands for here.
     """
     if not text:
         return ()
