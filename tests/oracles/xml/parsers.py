@@ -77,10 +77,11 @@ def running(find: Callable[[str], str], directory: Path) -> Iterator[Parsers]:
         yield Parsers(stack.enter_context(_started(tinyxml2)), stack.enter_context(_started(cyclone)))
 
 
-def compiled(compiler: str, source: str, directory: Path, *libraries: str) -> Path:
-    """The program made of `source`; where a library is missing the test skips, in CI it fails."""
-    program = (directory / source).with_suffix("")
-    command = [compiler, "-O1", "-Wall", "-Wextra", "-Werror", "-o", str(program), str(_SOURCES / source), *libraries]
+def compiled(compiler: str, source: str | Path, directory: Path, *libraries: str) -> Path:
+    """The program made of `source` (a path, or a name here); without a library the test skips, in CI it fails."""
+    program = directory / Path(source).stem
+    options = ("-O1", "-Wall", "-Wextra", "-Werror", f"-I{_SOURCES}")  # for document_stream.h
+    command = [compiler, *options, "-o", str(program), str(_SOURCES / source), *libraries]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         missing = f"{source} does not compile (libtinyxml2-dev, cyclonedds-dev?): {done.stderr[:400]}"
