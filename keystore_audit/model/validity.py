@@ -1,53 +1,270 @@
-"""The dates of a grant as instants (xs:dateTime, W3C XML Schema Part 2, 3.2.7)."""
+"""The dates of a grant as instants, as each implementation reads them.
+
+DDS-Security 1.1, 9.4.1.3.2.2: xs:dateTime (W3C XML Schema Part 2, 3.2.7), without a zone UTC. What implementations do
+instead was measured on Fast DDS 2.9.1 and Cyclone DDS 0.10.2, whose clock was set to the seconds around each date
+(tests/oracles/dates), and read in the source of OpenDDS.
+"""
 
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
+from enum import Enum
 from functools import lru_cache
+from typing import Final
+from zoneinfo import ZoneInfo
 
-_DATE_TIME = re.compile(
+from keystore_audit.model.local_time import mktime, standard_offset
+
+BEGINNING: Final = datetime.min.replace(tzinfo=timezone.utc)
+END: Final = datetime.max.replace(tzinfo=timezone.utc)
+"""Before and after everything: what a `datetime` cannot hold is as good as these."""
+
+ANY_ZONE: Final = timedelta(hours=14)
+"""How far local time is from UTC at most: Pacific/Kiritimati. To the west it is 12 hours."""
+
+_EPOCH: Final = datetime(1970, 1, 1, tzinfo=timezone.utc)
+_SECOND: Final = timedelta(seconds=1)
+_HOUR: Final = timedelta(hours=1)
+
+_NANOSECONDS: Final = 10**9
+_LAST_NANOSECOND: Final = 2**63 - 1
+"""Of Cyclone DDS, counted from 1970 on: it belongs to 2262-04-11T23:47:16Z."""
+
+_MAX_DIGITS: Final = 12
+"""Of a fraction of a second on Cyclone DDS."""
+
+_BLANKS: Final = " \t\n\v\f\r"
+"""White space in C."""
+
+_DATE_TIME: Final = re.compile(
     r"(?P<year>[0-9]{4})-(?P<month>[0-9][0-9])-(?P<day>[0-9][0-9])"
-    r"T(?P<hour>[0-9][0-9]):(?P<minute>[0-9][0-9]):(?P<second>[0-9][0-9])(?:\.(?P<fraction>[0-9]{1,9})[0-9]*)?"
-    r"(?P<zone>Z|[+-][0-9][0-9]:[0-9][0-9])?"
+    r"T(?P<hour>[0-9][0-9]):(?P<minute>[0-9][0-9]):(?P<second>[0-9][0-9])(?:\.(?P<fraction>[0-9]+))?"
+    r"(?:Z|(?P<sign>[Z+-])(?P<hours>[0-9][0-9]):(?P<minutes>[0-9][0-9]))?"
 )
+"""Z01:00 is no xs:dateTime: Cyclone DDS reads it as +01:00 (measured)."""
+
+_GET_TIME: Final = re.compile(
+    r"[ \t\n\v\f\r]*(?P<year>[0-9]{1,4})"
+    r"(?:-(?P<month>[0-9]{1,2})(?:-[ \t\n\v\f\r]?(?P<day>[0-9]{1,2})"
+    r"(?:[Tt](?P<hour>[0-9]{1,2}):(?P<minute>[0-9]{1,2}):(?P<second>[0-9]{1,2}).*)?)?)?",
+    re.DOTALL,
+)
+"""`std::get_time` with "%Y-%m-%dT%T", of GCC 12: a text may end behind each part of the date, and whatever stands
+behind the seconds is not looked at (measured)."""
+
+
+class DateReading(str, Enum):
+    """How an implementation reads the dates of a grant."""
+
+    XSD = "xsd"
+    """As the specification says; in force from not_before to not_after, both included."""
+
+    FASTDDS = "fastdds"
+    """Standard time of the zone in which the process runs, whatever zone the text names; fractions do not count. In
+    force from not_before to the end of the second not_after."""
+
+    CYCLONEDDS = "cyclonedds"
+    """As XSD, for the years 1970 to 2262 and zones up to 12 hours, without 24:00. Every other text is earlier than
+    everything: a grant is in force already, or expired. In force between the two, which are excluded."""
+
+    OPENDDS = "opendds"
+    """As XSD, against a clock that shows UTC as if it were local time. In force to the end of the second not_after."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dated:
+    """An instant that an implementation takes a date for: aware UTC.
+
+    It hangs on what we do not know where `earliest` and `latest` differ; `instant` is then what it would be in UTC, or
+    one of the two. `readable`: false where the implementation cannot read the text and goes on with `BEGINNING`.
+    """
+
+    instant: datetime
+    earliest: datetime
+    latest: datetime
+    readable: bool = True
+
+    @property
+    def local(self) -> bool:
+        """Whether the instant hangs on the robot's zone."""
+        return self.earliest != self.latest
+
+
+def is_in_force(not_before: Dated, not_after: Dated, at: datetime, reading: DateReading) -> bool | None:
+    """Whether a grant with these dates counts `at` an instant (aware UTC); None: it hangs on the robot's zone."""
+    if reading in (DateReading.FASTDDS, DateReading.OPENDDS):
+        at = at.replace(microsecond=0)  # their clock is `time`, which counts whole seconds
+    # Exclusive bounds differ from inclusive ones by the least step of time.
+    step = datetime.resolution if reading is DateReading.CYCLONEDDS else timedelta()
+    begun = _not_later(not_before, _moved(at, -step))
+    ended = _not_later(not_after, _moved(at, step - datetime.resolution))
+    if begun is False or ended is True:
+        return False
+    return None if begun is None or ended is None else True
+
+
+def _not_later(dated: Dated, than: datetime) -> bool | None:
+    if dated.latest <= than:
+        return True
+    return None if dated.earliest <= than else False
 
 
 @lru_cache(maxsize=4096)  # the dates of one keystore are mostly the same two
+def read_date(text: str, reading: DateReading, zone: ZoneInfo | None) -> Dated | None:
+    """What an implementation takes the text of a not_before or not_after for, on a robot in `zone` (None: unknown).
+
+    None where it refuses the whole document, and for xs:dateTime's years before 1 and after 9999, which the reader of
+    permissions lets nobody have.
+    """
+    match reading:
+        case DateReading.XSD:
+            return _certain(_xsd(text))
+        case DateReading.CYCLONEDDS:
+            return _cyclonedds(text)
+        case DateReading.FASTDDS:
+            return _fastdds(text, zone)
+        case DateReading.OPENDDS:
+            return _opendds(text, zone)
+
+
+def _certain(instant: datetime | None) -> Dated | None:
+    return None if instant is None else Dated(instant=instant, earliest=instant, latest=instant)
+
+
+def _moved(instant: datetime, by: timedelta) -> datetime:
+    try:
+        return instant + by
+    except OverflowError:
+        return END if by > timedelta() else BEGINNING
+
+
+def _xsd(text: str) -> datetime | None:
+    """An xs:dateTime of the years 1 to 9999; None for everything else."""
+    date = _DATE_TIME.fullmatch(text.strip(_BLANKS))
+    if date is None or date["sign"] == "Z":
+        return None
+    midnight = date["hour"] == "24" and not int(date["minute"] + date["second"] + (date["fraction"] or ""))
+    offset = _offset(date, timedelta(hours=14))
+    try:
+        instant = _calendar(date, hour=0 if midnight else int(date["hour"]))
+    except ValueError:
+        return None
+    if offset is None:
+        return None
+    return _moved(instant, _fraction(date) + timedelta(days=midnight) - offset)
+
+
+def _calendar(date: re.Match[str], hour: int) -> datetime:
+    """The whole seconds as if in UTC. Raises ValueError for what no calendar or clock shows."""
+    year, month, day, minute, second = (int(date[part]) for part in ("year", "month", "day", "minute", "second"))
+    return datetime(year, month, day, hour, minute, second, tzinfo=timezone.utc)
+
+
+def _fraction(date: re.Match[str]) -> timedelta:
+    """Of a second. What is less than a microsecond counts as one: a fraction is never a whole second."""
+    digits = date["fraction"] or "0"
+    return timedelta(microseconds=int(digits.ljust(6, "0")[:6]) or int(digits.strip("0") != ""))
+
+
+def _offset(date: re.Match[str], most: timedelta) -> timedelta | None:
+    """The zone's distance from UTC; None for more than `most`, and for minutes that are none."""
+    if date["sign"] is None:
+        return timedelta()
+    offset = timedelta(hours=int(date["hours"]), minutes=int(date["minutes"]))
+    if date["minutes"] > "59" or offset > most:
+        return None
+    return -offset if date["sign"] == "-" else offset
+
+
+def _cyclonedds(text: str) -> Dated | None:
+    text = text.strip(_BLANKS)
+    if not text:
+        return None
+    date = _DATE_TIME.fullmatch(text)
+    nanoseconds = None if date is None else _nanoseconds(date)
+    if nanoseconds is None:
+        return Dated(instant=BEGINNING, earliest=BEGINNING, latest=BEGINNING, readable=False)
+    seconds, rest = divmod(nanoseconds, _NANOSECONDS)
+    return _certain(_EPOCH + timedelta(seconds=seconds, microseconds=rest // 1000 or int(rest > 0)))
+
+
+def _nanoseconds(date: re.Match[str]) -> int | None:
+    """Since 1970, as `DDS_Security_parse_xml_date` counts them; None where it reports an error."""
+    digits, offset = date["fraction"] or "", _offset(date, 12 * _HOUR)
+    try:
+        seconds = (_calendar(date, int(date["hour"])) - _EPOCH) // _SECOND
+    except ValueError:
+        return None
+    if offset is None or len(digits) > _MAX_DIGITS or not 0 <= seconds <= _LAST_NANOSECOND // _NANOSECONDS:
+        return None
+    east = offset // _SECOND
+    if east > 0 and seconds <= east:
+        return None
+    fraction = int(digits[:9].ljust(9, "0")) + int(digits[9:10] >= "5")
+    nanoseconds = (seconds - east) * _NANOSECONDS + fraction
+    return nanoseconds if nanoseconds <= _LAST_NANOSECOND else None
+
+
+def _fastdds(text: str, zone: ZoneInfo | None) -> Dated | None:
+    date = _GET_TIME.fullmatch(text)
+    if date is None:
+        return None
+    # What the text does not reach stays 0 in a `struct tm`: January, and the day before the month's first.
+    year, month, day = int(date["year"]), int(date["month"] or 1), int(date["day"] or 0)
+    hour, minute, second = (int(date[part] or 0) for part in ("hour", "minute", "second"))
+    if not 1 <= month <= 12 or hour > 23 or minute > 59 or second > 60:
+        return None
+    if day > 31 or (day == 0 and date["day"] is not None):
+        return None
+    if year == 0:
+        return _certain(BEGINNING)
+    try:
+        # The 30th of February is the day after the 29th.
+        passed = timedelta(days=day - 1, hours=hour, minutes=minute, seconds=second)
+        return _in_zone(datetime(year, month, 1, tzinfo=timezone.utc) + passed, zone)
+    except OverflowError:
+        return _certain(END if year > 1 else BEGINNING)
+
+
+def _in_zone(local: datetime, zone: ZoneInfo | None) -> Dated:
+    """`local` as if it were UTC."""
+    if zone is None:
+        return _somewhere(local)
+    earliest, latest = mktime(local.replace(tzinfo=None), zone)
+    return Dated(instant=latest, earliest=earliest, latest=latest)
+
+
+def _somewhere(instant: datetime) -> Dated:
+    return Dated(instant=instant, earliest=_moved(instant, -ANY_ZONE), latest=_moved(instant, ANY_ZONE))
+
+
+def _opendds(text: str, zone: ZoneInfo | None) -> Dated | None:
+    """Read at 2fea234: `now` is mktime(gmtime(time(0))), and the first instant of 1970 stands for an error."""
+    instant = _xsd(text)
+    if instant is None or instant == _EPOCH:
+        return None
+    instant = instant.replace(microsecond=0)
+    if zone is None:
+        return _somewhere(instant)
+    try:
+        return _certain(instant + standard_offset(instant, zone))
+    except OverflowError:
+        return _certain(instant)
+
+
 def parse_instant(text: str) -> datetime | None:
     """The instant that `text` names, aware UTC.
 
     Without a zone it is UTC (what sros2 writes and `spec` reads).
 
-    None for whatever is no date of the years 1 to 9999 in the four-digit form, for midnight written as 24:00 and for
-    zones beyond 12 hours, which Cyclone DDS takes for expired (measured, 0.10.2): implementations differ about them.
+    None for whatever is no date of the years 1 to 9999 in the four-digit form, for midnight written as 24:00, for zones
+    beyond 12 hours and fractions of more than 12 digits, which Cyclone DDS takes for expired (measured, 0.10.2):
+    implementations differ about them.
     """
-    match = _DATE_TIME.fullmatch(text)
-    if match is None:
+    date = _DATE_TIME.fullmatch(text)
+    if date is None or date["hour"] == "24" or len(date["fraction"] or "") > _MAX_DIGITS:
         return None
-    fraction = (match["fraction"] or "").ljust(6, "0")[:6]
-    try:
-        instant = datetime(
-            int(match["year"]),
-            int(match["month"]),
-            int(match["day"]),
-            int(match["hour"]),
-            int(match["minute"]),
-            int(match["second"]),
-            int(fraction or "0"),
-            tzinfo=timezone.utc,
-        )
-        return instant - _offset(match["zone"])
-    except (ValueError, OverflowError):
-        return None
-
-
-def _offset(zone: str | None) -> timedelta:
-    """The zone's distance from UTC. Raises ValueError beyond 12 hours."""
-    if zone is None or zone == "Z":
-        return timedelta()
-    hours, minutes = int(zone[1:3]), int(zone[4:6])
-    if minutes > 59 or hours * 60 + minutes > 12 * 60:
-        raise ValueError(zone)
-    offset = timedelta(hours=hours, minutes=minutes)
-    return -offset if zone[0] == "-" else offset
+    instant = _xsd(text)
+    return None if instant in (BEGINNING, END) or _offset(date, 12 * _HOUR) is None else instant
