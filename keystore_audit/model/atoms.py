@@ -72,15 +72,15 @@ class _Classification:
             f"have text between two *{example}",
         )
         self._literals: dict[str, list[int]] = {}
-        wildcards: dict[tuple[object, ...], list[int]] = {}
+        wildcards: dict[tuple[Token, ...], list[int]] = {}
         for number, pattern in enumerate(patterns):
             if pattern.literal is None:
-                wildcards.setdefault(pattern.pieces, []).append(number)
+                wildcards.setdefault(pattern.tokens, []).append(number)
             elif pattern.literal:  # the empty one matches no name
                 self._literals.setdefault(pattern.literal, []).append(number)
         self._numbers = list(wildcards.values())
         self._wildcards = [patterns[numbers[0]] for numbers in self._numbers]
-        tokens = [pattern.tokens for pattern in self._wildcards]
+        tokens = list(wildcards)
         self._alphabet = _alphabet(tokens, self._budget)
         self._automaton = Automaton(tokens, self._alphabet, self._budget)
         self._members: dict[_Set, _Set] = {}

@@ -1,7 +1,8 @@
 """Which of many wildcard expressions match a name: one automaton for all of them, built as far as it is walked.
 
 The expressions share their beginnings in one tree of tokens, a nondeterministic automaton in which `*` is a node that
-leads to itself. Its subset construction is lazy, and its rows are sparse: a state names the character classes that
+leads to itself. Behind a SEARCH nothing is shared: its nodes lead back to the first of them on every character that is
+not the next one. The subset construction is lazy, and its rows are sparse: a state names the character classes that
 lead elsewhere than all others, so neither 1,114,111 characters nor 256 bytes are ever enumerated.
 
 The nodes of `*` are special in that a state never loses one. So a state is a pair of the stars that it has passed and
@@ -15,7 +16,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from keystore_audit.model.alphabet import Alphabet, Budget
-from keystore_audit.model.tokens import CharSet, Star, Token
+from keystore_audit.model.tokens import SEARCH, STAR, CharSet, Token
 
 STATE_UNITS: Final = 4
 """Units of the budget that one state takes, an entry of a product with it being one."""
@@ -171,36 +172,45 @@ class _Tree:
 
     def __init__(self, expressions: Sequence[Sequence[Token]], alphabet: Alphabet) -> None:
         self._children: list[dict[Token, int]] = [{}]
+        self._searches: list[list[int]] = [[]]
+        self._restart: list[int | None] = [None]  # the node at which the search goes on that the node is part of
         self._ends: list[list[int]] = [[]]
-        stars = set()
         for number, tokens in enumerate(expressions):
-            node = 0
-            for token in tokens:
-                child = self._children[node].get(token)
-                if child is None:
-                    child = self._children[node][token] = len(self._children)
-                    self._children.append({})
-                    self._ends.append([])
-                    if isinstance(token, Star):
-                        stars.add(child)
-                node = child
-            self._ends[node].append(number)
-        self.star_nodes = frozenset(stars)
+            self._ends[self._node(tokens)].append(number)
+        self.star_nodes = frozenset(children[STAR] for children in self._children if STAR in children)
         self.accepts = [frozenset(ends) for ends in self._ends]
         entered = [self._entered(node) for node in range(len(self._children))]
         self.start = entered[0]
         splits: dict[CharSet, tuple[bool, frozenset[int]]] = {}
         self.moves = [self._moves(node, entered, alphabet, splits) for node in range(len(self._children))]
 
+    def _node(self, tokens: Sequence[Token]) -> int:
+        """The node at which an expression ends."""
+        node = 0
+        restart: int | None = None
+        for token in tokens:
+            child = self._children[node].get(token)
+            if child is None:
+                child = len(self._children)
+                if token is SEARCH:
+                    restart = child
+                    self._searches[node].append(child)
+                else:
+                    self._children[node][token] = child
+                self._children.append({})
+                self._searches.append([])
+                self._restart.append(None if token is STAR else restart)
+                self._ends.append([])
+            node = child
+        return node
+
     def _entered(self, node: int) -> _Nodes:
         """The nodes one stands at after entering `node`: a star may take no character."""
-        children = self._children[node]
-        star = next((child for token, child in children.items() if isinstance(token, Star)), None)
-        if star is None:
-            return frozenset((node,))
-        if self._ends[node] or len(children) > 1:
-            return frozenset((node, star))
-        return frozenset((star,))
+        children, stars = self._children[node], self._searches[node]
+        if STAR in children:
+            stars = [*stars, children[STAR]]
+        is_more = self._ends[node] or len(children) > (STAR in children)
+        return frozenset((node, *stars)) if is_more or not stars else frozenset(stars)
 
     def _moves(
         self,
@@ -209,20 +219,22 @@ class _Tree:
         alphabet: Alphabet,
         splits: dict[CharSet, tuple[bool, frozenset[int]]],
     ) -> _Moves:
+        restart = self._restart[node]
+        otherwise = _NONE if restart is None else frozenset((restart,))
         several = []
         for token, child in self._children[node].items():
             if isinstance(token, str):
-                several.append(_Moves(_NONE, {alphabet.class_of(token): entered[child]}))
+                several.append(_Moves(otherwise, {alphabet.class_of(token): entered[child]}))
             elif isinstance(token, CharSet):
                 if token not in splits:
                     splits[token] = alphabet.split(token)
                 is_default, classes = splits[token]
                 several.append(
-                    _Moves(entered[child], dict.fromkeys(classes, _NONE))
+                    _Moves(entered[child], dict.fromkeys(classes, otherwise))
                     if is_default
-                    else _Moves(_NONE, dict.fromkeys(classes, entered[child]))
+                    else _Moves(otherwise, dict.fromkeys(classes, entered[child]))
                 )
-        return _union(several)
+        return _union(several) if several else _Moves(otherwise, {})
 
 
 def on_or_behind_cycle(successors: Sequence[Iterable[int]]) -> set[int]:

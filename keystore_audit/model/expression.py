@@ -11,14 +11,16 @@ ASCII; `str.isascii` tells which expressions are not.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import lru_cache, partial
 from typing import Final
 
+from keystore_audit.model.cyclonedds_pattern import parse_cyclonedds
+from keystore_audit.model.opendds_pattern import READS_BEYOND, parse_opendds
 from keystore_audit.model.posix import parse_posix
-from keystore_audit.model.tokens import STAR, Piece, Token, pieces
+from keystore_audit.model.tokens import SEARCH, STAR, Piece, Single, Token, pieces, split_at_stars
 
 
 class Matcher(str, Enum):
@@ -26,16 +28,20 @@ class Matcher(str, Enum):
 
     POSIX: `fnmatch` with flags 0 as glibc has it in the C locale (our reading of the specification). POSIX_NOESCAPE:
     the same with FNM_NOESCAPE, where a backslash is an ordinary character (Fast DDS on Linux, read: its
-    StringMatching.cpp).
+    StringMatching.cpp). CYCLONEDDS: see cyclonedds_pattern. OPENDDS: see opendds_pattern.
     """
 
     POSIX = "posix"
     POSIX_NOESCAPE = "posix-noescape"
+    CYCLONEDDS = "cyclonedds"
+    OPENDDS = "opendds"
 
 
 _PARSERS: Final[Mapping[Matcher, Callable[[str], tuple[Iterable[Token], str | None]]]] = {
     Matcher.POSIX: partial(parse_posix, escapes=True),
     Matcher.POSIX_NOESCAPE: partial(parse_posix, escapes=False),
+    Matcher.CYCLONEDDS: parse_cyclonedds,
+    Matcher.OPENDDS: parse_opendds,
 }
 
 
@@ -44,14 +50,19 @@ class Pattern:
     """An expression as one matcher reads it.
 
     `malformed`: what is wrong with the text, a sentence without its subject ("has a [ that nothing closes, …"), None
-    if nothing. The standard leaves the meaning of such a text open and implementations differ, so its tokens are one
-    reading of several. `pieces`: the normal form, what stands between the stars; equal pieces match equal names.
+    if nothing. Every matcher has one meaning for every text all the same, but each another for such a one; only where
+    `undefined` is true the implementation's answer hangs on what is in its memory, and ours is that nothing matches.
+
+    `pieces`: what stands between the stars. `rewinds`: whether a piece behind a star is looked for at every place, as
+    all but OpenDDS do; then the pieces are a normal form, and equal ones match equal names.
     """
 
     text: str
     matcher: Matcher
     malformed: str | None
+    undefined: bool = False
     pieces: tuple[Piece, ...] = field(repr=False)
+    rewinds: bool = field(default=True, repr=False)
 
     @property
     def literal(self) -> str | None:
@@ -61,10 +72,13 @@ class Pattern:
 
     @property
     def tokens(self) -> tuple[Token, ...]:
-        """The normal form token by token: in a run of `*` and `?` every `?` comes first, then one `*`."""
+        """Token by token; equal ones match equal names. In a run of `*` and `?` every `?` comes first, if it rewinds.
+
+        If it does not, every star but one at the end is a SEARCH.
+        """
         tokens: list[Token] = list(self.pieces[0])
         for piece in self.pieces[1:]:
-            tokens.append(STAR)
+            tokens.append(STAR if self.rewinds or not piece else SEARCH)
             tokens.extend(piece)
         return tuple(tokens)
 
@@ -84,6 +98,8 @@ class Pattern:
         A direct matcher that shares nothing with the automata of `atoms`: each piece between two stars is taken at
         the first place behind the piece before it.
         """
+        if not self.rewinds:
+            return _matches_without_rewinding(self.pieces, name)
         first, last = self.pieces[0], self.pieces[-1]
         if len(self.pieces) == 1:
             return len(name) == len(first) and _fits(first, name, 0)
@@ -104,7 +120,11 @@ class Pattern:
 def parse(text: str, matcher: Matcher) -> Pattern:
     """Parse `text` as `matcher` reads it, in linear time. Every text has a meaning: nothing is raised."""
     tokens, malformed = _PARSERS[matcher](text)
-    return Pattern(text=text, matcher=matcher, malformed=malformed, pieces=pieces(tokens))
+    searched = split_at_stars(tokens) if matcher is Matcher.OPENDDS else ()
+    rewinds = not any(searched[1:])
+    found = pieces(tokens) if rewinds else searched
+    undefined = malformed == READS_BEYOND
+    return Pattern(text=text, matcher=matcher, malformed=malformed, undefined=undefined, pieces=found, rewinds=rewinds)
 
 
 def _leading_characters(piece: Piece) -> str:
@@ -114,15 +134,33 @@ def _leading_characters(piece: Piece) -> str:
     return "".join(str(token) for token in piece[:count])
 
 
+def _matches_without_rewinding(pieces: Sequence[Piece], name: str) -> bool:
+    """Whether they match as OpenDDS searches: the character on which a piece fails is passed over."""
+    at, taken = 0, 0
+    for character in name:
+        if taken == len(pieces[at]) and at + 1 < len(pieces):
+            at, taken = at + 1, 0
+            if not pieces[at]:
+                return True
+        piece = pieces[at]
+        if taken < len(piece) and _takes(piece[taken], character):
+            taken += 1
+        elif at:
+            taken = 0
+        else:
+            return False
+    return taken == len(pieces[at]) and not any(pieces[at + 1 :])
+
+
+def _takes(token: Single, character: str) -> bool:
+    return character == token if isinstance(token, str) else character in token
+
+
 def _fits(piece: Piece, name: str, place: int) -> bool:
     """Whether the piece takes the characters of `name` from `place` on, of which there are enough."""
     if isinstance(piece, str):
         return name.startswith(piece, place)
-    for index, token in enumerate(piece, place):
-        character = name[index]
-        if not (character == token if isinstance(token, str) else character in token):
-            return False
-    return True
+    return all(_takes(token, name[index]) for index, token in enumerate(piece, place))
 
 
 def _find(piece: Piece, name: str, begin: int, end: int) -> int:

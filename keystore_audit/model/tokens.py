@@ -38,12 +38,18 @@ class CharSet:
 
 
 class Star(Enum):
-    """`*`: any characters, any number of them, `/` and a leading `.` included."""
+    """`*`: any characters, any number of them, `/` and a leading `.` included.
+
+    STAR: as POSIX and common sense have it. SEARCH: what follows is taken where it first fits, from behind the
+    character on which it failed before (`opendds_pattern`).
+    """
 
     STAR = "*"
+    SEARCH = "search"
 
 
 STAR: Final = Star.STAR
+SEARCH: Final = Star.SEARCH
 ANY_CHARACTER: Final = CharSet(((1, LAST_CHARACTER),))
 """`?`"""
 NO_CHARACTER: Final = CharSet(())
@@ -72,6 +78,17 @@ def pieces(tokens: Iterable[Token]) -> tuple[Piece, ...]:
         else:
             found[-1].append(_lone_character(token))
             after_star = False
+    return tuple(_piece(singles) for singles in found)
+
+
+def split_at_stars(tokens: Iterable[Token]) -> tuple[Piece, ...]:
+    """Split `tokens` at the stars and leave what stands between them as it is."""
+    found: list[list[Single]] = [[]]
+    for token in tokens:
+        if not isinstance(token, Star):
+            found[-1].append(_lone_character(token))
+        elif found[-1] or len(found) == 1:
+            found.append([])
     return tuple(_piece(singles) for singles in found)
 
 
