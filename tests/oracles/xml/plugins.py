@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 
 from cryptography import x509
 
-from tests.keystore.builder import GOVERNANCE, Signed, authority, certificate
+from tests.keystore.builder import END, GOVERNANCE, START, Signed, authority, certificate
 from tests.keystore.documents import PERMISSIONS
 from tests.keystore.messages import PYCA_OPTIONS, by_pyca
 from tests.oracles.xml.ours import DocumentKind
@@ -38,18 +40,29 @@ class Answer:
 
 
 class Plugin:
-    """One enclave, /talker, and the plugin in a process that is started again when a document crashes it."""
+    """One enclave, /talker, and the plugin in a process that is started again when a document crashes it.
 
-    def __init__(self, *command: str | Path) -> None:
+    The process gets the tests' environment changed by `environment`; the certificates are good from `start` to `end`.
+    """
+
+    def __init__(
+        self,
+        *command: str | Path,
+        environment: Mapping[str, str] | None = None,
+        start: datetime = START,
+        end: datetime = END,
+    ) -> None:
         self._command = command
+        self._environment = os.environ | (environment or {})
         self._process: subprocess.Popen[bytes] | None = None
-        self._authority: Signed = authority("permissions CA")
+        self._lifetime = {"start": start, "end": end}
+        self._authority: Signed = authority("permissions CA", **self._lifetime)
         self.take("/talker")
         self._plain = {DocumentKind.GOVERNANCE: self.sign(GOVERNANCE), DocumentKind.PERMISSIONS: self.sign(PERMISSIONS)}
 
     def take(self, subject: str | x509.Name) -> Signed:
         """Take another identity, which is given back."""
-        identity = certificate(subject, self._authority)
+        identity = certificate(subject, self._authority, **self._lifetime)
         self._identity = identity.pem + identity.key_pem
         return identity
 
@@ -87,7 +100,9 @@ class Plugin:
     def _running(self) -> subprocess.Popen[bytes]:
         if self._process is None:
             pipe = subprocess.PIPE
-            self._process = subprocess.Popen(self._command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL)
+            self._process = subprocess.Popen(
+                self._command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, env=self._environment
+            )
         return self._process
 
     def close(self) -> None:
