@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Protocol
+from zoneinfo import ZoneInfo
 
 from keystore_audit import __version__
 from keystore_audit.engine.agreement import combine
@@ -81,6 +82,7 @@ class Options:
     at_given: bool = False
     profiles: tuple[str, ...] = ()
     domain: int | None = None
+    time_zone: ZoneInfo | None = None
     engine: str = "auto"
     offline: bool = False
     alloy_jar: Path | None = None

@@ -138,6 +138,7 @@ def _options(given: dict[str, Any]) -> Options:
         at_given=at is not None,
         profiles=given["profiles"],
         domain=given["domain"],
+        time_zone=given["time_zone"],
         engine=given["engine"],
         offline=given["offline"],
         alloy_jar=given["alloy_jar"],

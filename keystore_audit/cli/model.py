@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from keystore_audit.cli import options as opt
 from keystore_audit.errors import UsageError
 from keystore_audit.text import terminal
+
+if TYPE_CHECKING:
+    from zoneinfo import ZoneInfo
 
 
 @click.command("model", short_help="Write the Alloy model of a keystore.")
@@ -25,11 +29,20 @@ from keystore_audit.text import terminal
 )
 @opt.interpretation_options
 @opt.verbose_option("Say where a fault is.")
-def command(keystore: str, directory: Path, domain: int | None, profiles: tuple[str, ...], at: datetime | None) -> int:
+def command(
+    keystore: str,
+    directory: Path,
+    domain: int | None,
+    profiles: tuple[str, ...],
+    time_zone: ZoneInfo | None,
+    at: datetime | None,
+) -> int:
     """Write the Alloy model of KEYSTORE, ready for the Alloy Analyzer."""
     from keystore_audit.audit import Options, export_model
 
-    options = Options(at=at or opt.now(), at_given=at is not None, profiles=profiles, domain=domain)
+    options = Options(
+        at=at or opt.now(), at_given=at is not None, profiles=profiles, domain=domain, time_zone=time_zone
+    )
     try:
         export_model(keystore, directory, options)
     except OSError as error:

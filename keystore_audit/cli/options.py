@@ -8,12 +8,15 @@ import re
 from collections.abc import Callable, Sequence
 from datetime import datetime, timezone
 from difflib import get_close_matches
-from typing import Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import click
 
 from keystore_audit.cli.session import Session
 from keystore_audit.errors import UsageError
+
+if TYPE_CHECKING:
+    from zoneinfo import ZoneInfo
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -85,6 +88,16 @@ def profile_name(value: str) -> str:
     except UsageError as error:
         raise click.BadParameter(error.message) from error
     return value
+
+
+def zone_name(value: str) -> ZoneInfo:
+    """Return the zone of the IANA database that is called so."""
+    from keystore_audit.model.local_time import time_zone
+
+    try:
+        return time_zone(value)
+    except UsageError as error:
+        raise click.BadParameter(error.message) from error
 
 
 def rule_code(value: str) -> str:
@@ -168,6 +181,12 @@ def interpretation_options(command: F) -> F:
             metavar="NAME",
             multiple=True,
             help="Judge as this implementation or distribution does (repeatable; e.g. humble, fastdds, all).",
+        ),
+        click.option(
+            "--time-zone",
+            type=zone_name,
+            metavar="NAME",
+            help="The robots' time zone, e.g. Europe/Berlin: some implementations read dates of grants in it.",
         ),
         click.option(
             "--at", type=instant, metavar="ISO-TIME", help="Audit as of this time instead of now; without a zone: UTC."
