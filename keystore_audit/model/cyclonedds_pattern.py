@@ -14,10 +14,9 @@ It works on octets: in brackets a character beyond ASCII stands for each of its 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from typing import Final
 
-from keystore_audit.model.tokens import ANY_CHARACTER, NO_CHARACTER, STAR, CharSet, Single, Token
+from keystore_audit.model.tokens import ANY_CHARACTER, NO_CHARACTER, STAR, CharSet, Reading, Single, Token
 
 _NEVER: Final = "so Cyclone DDS never matches it"
 _NOTHING_CLOSES: Final = f"has a [ that nothing closes, {_NEVER}"
@@ -30,10 +29,10 @@ _NUL: Final = "holds a NUL character, which no name has, so it never matches"
 _SPECIAL: Final = re.compile(r"[*?\[\0]")
 
 
-def parse_cyclonedds(text: str) -> tuple[Iterable[Token], str | None]:
-    """Return the tokens of `text` and what is malformed in it, as `Pattern.malformed` says."""
+def parse_cyclonedds(text: str) -> Reading:
+    """Read `text`."""
     if not _SPECIAL.search(text):
-        return text, None
+        return Reading(tokens=text)
     tokens: list[Token] = []
     malformed: str | None = None
     place = 0
@@ -54,7 +53,7 @@ def parse_cyclonedds(text: str) -> tuple[Iterable[Token], str | None]:
         malformed = malformed or fault
         if token == NO_CHARACTER:  # nothing behind it counts, and to read on could take quadratic time
             break
-    return tokens, malformed
+    return Reading(tokens=tokens, malformed=malformed)
 
 
 def _brackets(text: str, place: int) -> tuple[Single, int, str | None]:

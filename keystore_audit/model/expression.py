@@ -11,16 +11,16 @@ ASCII; `str.isascii` tells which expressions are not.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import lru_cache, partial
 from typing import Final
 
 from keystore_audit.model.cyclonedds_pattern import parse_cyclonedds
-from keystore_audit.model.opendds_pattern import READS_BEYOND, parse_opendds
+from keystore_audit.model.opendds_pattern import parse_opendds
 from keystore_audit.model.posix import parse_posix
-from keystore_audit.model.tokens import SEARCH, STAR, Piece, Single, Token, pieces, split_at_stars
+from keystore_audit.model.tokens import SEARCH, STAR, Piece, Reading, Single, Token, pieces, split_at_stars
 
 
 class Matcher(str, Enum):
@@ -37,7 +37,7 @@ class Matcher(str, Enum):
     OPENDDS = "opendds"
 
 
-_PARSERS: Final[Mapping[Matcher, Callable[[str], tuple[Iterable[Token], str | None]]]] = {
+_PARSERS: Final[Mapping[Matcher, Callable[[str], Reading]]] = {
     Matcher.POSIX: partial(parse_posix, escapes=True),
     Matcher.POSIX_NOESCAPE: partial(parse_posix, escapes=False),
     Matcher.CYCLONEDDS: parse_cyclonedds,
@@ -50,8 +50,9 @@ class Pattern:
     """An expression as one matcher reads it.
 
     `malformed`: what is wrong with the text, a sentence without its subject ("has a [ that nothing closes, …"), None
-    if nothing. Every matcher has one meaning for every text all the same, but each another for such a one; only where
-    `undefined` is true the implementation's answer hangs on what is in its memory, and ours is that nothing matches.
+    if nothing. Such a text has one meaning all the same, but hardly two matchers give it the same one. `undefined`: it
+    has none that we could say (it makes the implementation read beyond its end, or its brackets end here or there), so
+    that what is decided with it is unknown; what it matches then is one possibility.
 
     `pieces`: what stands between the stars. `rewinds`: whether a piece behind a star is looked for at every place, as
     all but OpenDDS do; then the pieces are a normal form, and equal ones match equal names.
@@ -119,12 +120,17 @@ class Pattern:
 @lru_cache(maxsize=65_536)
 def parse(text: str, matcher: Matcher) -> Pattern:
     """Parse `text` as `matcher` reads it, in linear time. Every text has a meaning: nothing is raised."""
-    tokens, malformed = _PARSERS[matcher](text)
-    searched = split_at_stars(tokens) if matcher is Matcher.OPENDDS else ()
+    reading = _PARSERS[matcher](text)
+    searched = split_at_stars(reading.tokens) if matcher is Matcher.OPENDDS else ()
     rewinds = not any(searched[1:])
-    found = pieces(tokens) if rewinds else searched
-    undefined = malformed == READS_BEYOND
-    return Pattern(text=text, matcher=matcher, malformed=malformed, undefined=undefined, pieces=found, rewinds=rewinds)
+    return Pattern(
+        text=text,
+        matcher=matcher,
+        malformed=reading.malformed,
+        undefined=reading.undefined,
+        pieces=pieces(reading.tokens) if rewinds else searched,
+        rewinds=rewinds,
+    )
 
 
 def _leading_characters(piece: Piece) -> str:

@@ -13,12 +13,20 @@ where it began. At the end of the text it does the same. So `*ab` does not match
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from typing import Final
 
-from keystore_audit.model.tokens import ANY_CHARACTER, LAST_CHARACTER, NO_CHARACTER, STAR, CharSet, Single, Token
+from keystore_audit.model.tokens import (
+    ANY_CHARACTER,
+    LAST_CHARACTER,
+    NO_CHARACTER,
+    STAR,
+    CharSet,
+    Reading,
+    Single,
+    Token,
+)
 
-READS_BEYOND: Final = (
+_READS_BEYOND: Final = (
     "has a [ that nothing closes: OpenDDS reads on in the memory behind it, so nobody can say what it matches"
 )
 _TRAILING_BACKSLASH: Final = "ends in a backslash with nothing to escape, so it never matches"
@@ -29,13 +37,10 @@ _DELETE: Final = "\x7f"
 _SPECIAL: Final = re.compile(r"[*?\[\\\0]")
 
 
-def parse_opendds(text: str) -> tuple[Iterable[Token], str | None]:
-    """Return the tokens of `text` and what is malformed in it, as `Pattern.malformed` says.
-
-    Its stars are to be read as the module says: that is `Pattern.rewinds`.
-    """
+def parse_opendds(text: str) -> Reading:
+    """Read `text`; its stars are to be taken as the module says: that is `Pattern.rewinds`."""
     if not _SPECIAL.search(text):
-        return text, None
+        return Reading(tokens=text)
     tokens: list[Token] = []
     malformed: str | None = None
     place = 0
@@ -56,10 +61,10 @@ def parse_opendds(text: str) -> tuple[Iterable[Token], str | None]:
             token, fault = (text[place], None) if place < len(text) else (NO_CHARACTER, _TRAILING_BACKSLASH)
             place += 1
         tokens.append(token)
-        if fault == READS_BEYOND:
-            return tokens, fault
+        if fault == _READS_BEYOND:
+            return Reading(tokens=tokens, malformed=fault, undefined=True)
         malformed = malformed or fault
-    return tokens, malformed
+    return Reading(tokens=tokens, malformed=malformed)
 
 
 def _brackets(text: str, place: int) -> tuple[Single, int, str | None]:
@@ -88,4 +93,4 @@ def _brackets(text: str, place: int) -> tuple[Single, int, str | None]:
         else:
             ranges.append((ord(character), ord(character)))
             place += 1
-    return NO_CHARACTER, place, READS_BEYOND
+    return NO_CHARACTER, place, _READS_BEYOND

@@ -1,8 +1,12 @@
 """POSIX `fnmatch` patterns (IEEE 1003.2-1992, B.6; POSIX.1-2017, 2.13) as glibc reads them in the C locale.
 
 Where POSIX leaves a text open, glibc's answer follows from the flow of its code (posix/fnmatch_loop.c, read; measured
-on 2.36 by tests/model/test_expression.py). Those texts are reported as malformed: other implementations, musl and the
-DDS vendors' own, answer differently.
+on 2.36 by tests/oracles/fnmatch/test_libc.py). Those texts are reported as malformed: other implementations, musl and
+the DDS vendors' own, answer differently.
+
+Once a character is found to be in brackets, glibc looks for their end in another way than while it searches. Where the
+two differ (a `[=` that is no equivalence class, a range that ends in `[:` or `[=`) the end of the brackets hangs on the
+character, and newer releases may differ: such texts are reported as undefined.
 """
 
 from __future__ import annotations
@@ -11,7 +15,7 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Final
 
-from keystore_audit.model.tokens import ANY_CHARACTER, NO_CHARACTER, STAR, CharSet, Single, Token
+from keystore_audit.model.tokens import ANY_CHARACTER, NO_CHARACTER, STAR, CharSet, Reading, Single, Token
 
 _DIFFERENTLY: Final = "which implementations read differently"
 _NOTHING_CLOSES: Final = f"has a [ that nothing closes, {_DIFFERENTLY}"
@@ -43,16 +47,14 @@ _CLASSES: Final[Mapping[str, tuple[tuple[int, int], ...]]] = {
     "xdigit": (_DIGIT, (ord("A"), ord("F")), (ord("a"), ord("f"))),
 }
 _CLASS_NAME: Final = re.compile("[a-y]*:]")  # glibc takes no z for part of a class name
+_LONG_NAME: Final = re.compile("[a-y]{200}")  # glibc gives up on a long one, but how long it may be has changed
 _SPECIAL: Final = re.compile(r"[*?\[\\\0]")
 
 
-def parse_posix(text: str, *, escapes: bool) -> tuple[Iterable[Token], str | None]:
-    """Return the tokens of `text` and what is malformed in it, as `Pattern.malformed` says.
-
-    `escapes`: whether a backslash takes the next character's meaning away, as without FNM_NOESCAPE.
-    """
+def parse_posix(text: str, *, escapes: bool) -> Reading:
+    """Read `text`. `escapes`: whether a backslash takes the next character's meaning away, as without FNM_NOESCAPE."""
     if not _SPECIAL.search(text):
-        return text, None
+        return Reading(tokens=text)
     tokens: list[Token] = []
     brackets = _Brackets(text, escapes=escapes)
     malformed: str | None = None
@@ -75,7 +77,7 @@ def parse_posix(text: str, *, escapes: bool) -> tuple[Iterable[Token], str | Non
             place += 1
         tokens.append(token)
         malformed = malformed or fault
-    return tokens, malformed
+    return Reading(tokens=tokens, malformed=malformed, undefined=brackets.undefined)
 
 
 class _Brackets:
@@ -88,6 +90,7 @@ class _Brackets:
         # for every `[`; and a place behind which no `]` follows. A text that may kill its brackets is always scanned.
         self._unclosed: set[int] = set()
         self._last_close = len(text) if text.endswith("-") or "[." in text else text.rfind("]")
+        self.undefined = False
         self._begin(0)
 
     def _begin(self, place: int) -> None:
@@ -109,7 +112,8 @@ class _Brackets:
         while not visited or not self._text.startswith("]", self._place):  # a first `]` stands for itself
             if self._place >= len(self._text) or self._place in self._unclosed:
                 self._unclosed.update(visited)
-                if self._is_dead:  # the whole expression is; to read on could take quadratic time
+                if self._is_dead:  # the whole expression is (or not: `[[-`); to read on could take quadratic time
+                    self.undefined = True
                     return NO_CHARACTER, len(self._text), self._fault
                 return "[", place, self._fault or _NOTHING_CLOSES
             visited.append(self._place)
@@ -140,6 +144,7 @@ class _Brackets:
     def _range(self, begin: str) -> None:
         if self._text.startswith(("[:", "[="), self._place):
             self._malformed(_ODD_RANGE_END)
+            self.undefined = True
         end = self._end_point()
         if end is None:
             return
@@ -149,6 +154,7 @@ class _Brackets:
 
     def _class(self) -> bool:
         name = _CLASS_NAME.match(self._text, self._place + 2)
+        self.undefined |= _LONG_NAME.match(self._text, self._place + 2) is not None
         if name is None:
             self._malformed(_ODD_CLASS)
             return False
@@ -164,6 +170,7 @@ class _Brackets:
         """Take `[=a=]`: in the C locale a character is equivalent to itself only."""
         if not self._text.startswith("=]", self._place + 3):
             self._malformed(_ODD_EQUIVALENCE)
+            self.undefined = True
             return False
         member = ord(self._text[self._place + 2])
         self._place += 5

@@ -62,6 +62,15 @@ Piece: TypeAlias = str | tuple[Single, ...]
 """What stands between two stars; a plain str where it has no set, since `str.find` is fast."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """A text as a matcher reads it; `malformed` and `undefined` as `expression.Pattern` has them."""
+
+    tokens: Iterable[Token]
+    malformed: str | None = None
+    undefined: bool = False
+
+
 def pieces(tokens: Iterable[Token]) -> tuple[Piece, ...]:
     """Split `tokens` at the stars, in normal form: equal pieces match equal names."""
     if isinstance(tokens, str):
