@@ -1,0 +1,64 @@
+"""OpenDDS: topic classes and single expressions are what ACE::wild_match says they are."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Sequence
+
+import pytest
+
+from keystore_audit.model.expression import Matcher, Pattern, parse
+from tests.oracles.fnmatch.brute_force import assert_classes_are_exact
+from tests.oracles.fnmatch.corpus import BRACKET_NAMES, meant, pattern_set
+from tests.oracles.fnmatch.libraries import Column, ask
+
+
+def ask_all(patterns: Sequence[Pattern], names: Sequence[str]) -> list[Column]:
+    return [ask(pattern, names) for pattern in patterns]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(2))
+def test_no_name_lies_outside_of_the_classes(seed: int) -> None:
+    random_ = random.Random(seed)
+    checked = 0
+    while checked < 150_000:
+        checked += assert_classes_are_exact(pattern_set(random_, Matcher.OPENDDS), ask_all)
+
+
+def test_every_text_that_is_defined_matches_as_in_ace() -> None:
+    random_ = random.Random(0)
+    matched = 0
+    for _ in range(2_000):
+        pattern = meant(random_, Matcher.OPENDDS)
+        column = ask(pattern, BRACKET_NAMES)
+        assert [pattern.matches(name) for name in BRACKET_NAMES] == column, pattern.text
+        matched += sum(column)
+    assert matched > 5_000
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "matches"),
+    [
+        ("*/cmd_vel", "rt/c/cmd_vel", False),  # where libc finds it
+        ("*_tf", "rt/x_tf_tf", False),
+        ("*Request", "rq/ReRequest", False),
+        ("*ab", "aab", False),
+        ("*?", "aa", False),
+        ("*?", "aaa", True),
+        ("*a", "ba", True),
+        ("*a*", "xaa", True),
+        ("rt/*", "rt/", True),
+        ("**", "", True),
+        ("[b-a]", "b", True),
+        ("[b-a]", "-", False),
+        ("[a-\x7f]", "A", True),
+        ("[^a]", "^", True),
+        (r"\*", "*", True),
+        ("a\\", "a\\", False),
+    ],
+)
+def test_what_is_peculiar_is_so_in_ace(text: str, name: str, matches: bool) -> None:
+    pattern = parse(text, Matcher.OPENDDS)
+    assert list(ask(pattern, [name])) == [matches]
+    assert pattern.matches(name) is matches
