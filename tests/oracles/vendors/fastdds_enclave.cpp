@@ -13,6 +13,8 @@
 #include <fastdds/dds/topic/TypeSupport.hpp>
 #include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
 #include <fastrtps/utils/IPLocator.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
 #include <unistd.h>
 
 #include <memory>
@@ -70,6 +72,28 @@ static void say(octets *reading, const char *what)
     complaint.clear();
 }
 
+static uint16_t free_port()
+{
+    sockaddr_in address = {};
+    address.sin_family = AF_INET;
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    socklen_t length = sizeof address;
+    const int probe = socket(AF_INET, SOCK_DGRAM, 0);
+    if (bind(probe, reinterpret_cast<sockaddr *>(&address), length) != 0 ||
+        getsockname(probe, reinterpret_cast<sockaddr *>(&address), &length) != 0)
+        abort();
+    close(probe);
+    return ntohs(address.sin_port);
+}
+
+static Locator_t loopback(uint16_t port)
+{
+    Locator_t locator;
+    IPLocator::setIPv4(locator, "127.0.0.1");
+    locator.port = port;
+    return locator;
+}
+
 static DomainParticipant *create_participant(uint32_t domain, const std::string &directory)
 {
     static const std::string authentication = "dds.sec.auth.builtin.PKI-DH.",
@@ -95,11 +119,12 @@ static DomainParticipant *create_participant(uint32_t domain, const std::string 
     transport->interfaceWhiteList.push_back("127.0.0.1");
     qos.transport().use_builtin_transports = false;
     qos.transport().user_transports.push_back(transport);
-    Locator_t loopback;
-    IPLocator::setIPv4(loopback, "127.0.0.1");
-    qos.wire_protocol().builtin.metatrafficUnicastLocatorList.push_back(loopback);
-    loopback.port = 9;
-    qos.wire_protocol().builtin.initialPeersList.push_back(loopback);
+    /* Ports of its own: those of the standard belong to others in the domain, and there is none after a while, since
+       every participant of a process gets a number. */
+    qos.wire_protocol().port.participantIDGain = 0;
+    qos.wire_protocol().builtin.metatrafficUnicastLocatorList.push_back(loopback(free_port()));
+    qos.wire_protocol().default_unicast_locator_list.push_back(loopback(free_port()));
+    qos.wire_protocol().builtin.initialPeersList.push_back(loopback(9));
     return DomainParticipantFactory::get_instance()->create_participant(domain, qos);
 }
 

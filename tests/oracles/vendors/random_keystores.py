@@ -1,0 +1,98 @@
+"""Keystores with random rules over a small alphabet, so that rules compete, and what to ask of each.
+
+Reproducible: the same seed gives the same keystore, dates apart.
+"""
+
+from __future__ import annotations
+
+from random import Random
+
+from keystore_audit.keystore.permissions import Operation
+from tests.oracles.vendors import recipe as r
+from tests.oracles.vendors.enclave import Endpoint
+from tests.oracles.vendors.recipe import Recipe
+
+_EXPRESSIONS = ("rt/a", "rt/b", "rt/*", "*", "rt/[ab]", "r?/a", "rt/[!a]", "rt/c*", "rt/a*")
+_TOPICS = ("rt/a", "rt/b", "rt/c", "rt/ab")
+_PARTITION_EXPRESSIONS = ("", "p", "q", "p*", "*", "[pq]", "?")
+_PARTITIONS = ((), ("p",), ("q",), ("",), ("p", "q"), ("*",), ("pq",), ("p", "z"), ("p*",))
+_IDS: tuple[r.DomainEntry, ...] = (
+    0,
+    1,
+    2,
+    (0, 1),
+    (1, 5),
+    (0, 230),
+    (1, None),
+    (0, None),
+    (2, 9),
+)
+
+
+def _domains(random: Random) -> str:
+    return r.domains(*random.sample(_IDS, random.choice((1, 1, 2))))
+
+
+def _criterion(random: Random, kind: str) -> str:
+    topics = random.sample(_EXPRESSIONS, random.choice((1, 1, 2)))
+    count = random.choice((None, None, None, 1, 1, 2))
+    partitions = None if count is None else tuple(random.sample(_PARTITION_EXPRESSIONS, count))
+    return r.criterion(kind, *topics, partitions=partitions)
+
+
+def _rule(random: Random) -> str:
+    # In the order of the schema, which Fast DDS asks for.
+    kinds = (("publish", (0, 1, 1, 2)), ("subscribe", (0, 1, 1, 2)), ("relay", (0, 0, 0, 1)))
+    criteria = [_criterion(random, kind) for kind, counts in kinds for _ in range(random.choice(counts))]
+    rule = r.allow if random.random() < 0.6 else r.deny
+    return rule(*criteria, where=_domains(random))
+
+
+def _grant(random: Random) -> str:
+    rules = [_rule(random) for _ in range(random.choice((1, 2, 2, 3, 4)))]
+    if random.random() < 0.7:
+        rules.insert(random.randrange(len(rules) + 1), r.allow(r.pub("rt/z"), where=r.domains((0, 9))))
+    return r.grant(
+        *rules,
+        subject=random.choice(("CN=/talker",) * 4 + ("CN=/other",)),
+        start=r.date(hours=24) if random.random() < 0.1 else r.LAST_YEAR,
+        end=r.date(hours=-24) if random.random() < 0.1 else r.NEXT_YEAR,
+        default=random.choice(("ALLOW", "DENY", "DENY")),
+        name=f"grant {random.randrange(10**6)}",
+    )
+
+
+def _topic_rule(random: Random) -> str:
+    read, write = (random.random() < 0.75 for _ in range(2))
+    return r.topic_rule(random.choice((*_EXPRESSIONS, "*")), read=read, write=write)
+
+
+def _domain_rule(random: Random) -> str:
+    rules = [_topic_rule(random) for _ in range(random.choice((1, 1, 2, 3)))]
+    return r.domain_rule(*rules, where=_domains(random), join=random.random() < 0.6)
+
+
+def endpoints(random: Random, count: int = 8) -> tuple[Endpoint, ...]:
+    """Distinct endpoints that are worth asking about."""
+    operations = (Operation.PUBLISH, Operation.SUBSCRIBE)
+    every = [
+        Endpoint(operation=operation, topic=topic, partitions=partitions)
+        for operation in operations
+        for topic in _TOPICS
+        for partitions in _PARTITIONS
+    ]
+    return tuple(random.sample(every, count))
+
+
+def keystore(seed: int) -> Recipe:
+    """One keystore and its questions."""
+    random = Random(seed)
+    domain_rules = [_domain_rule(random) for _ in range(random.choice((1, 2, 3)))]
+    grants = [_grant(random) for _ in range(random.choice((1, 1, 2, 3)))]
+    return Recipe(
+        title=f"seed {seed}",
+        governance=r.governance(*domain_rules),
+        permissions=r.permissions(*grants),
+        domain=random.choice((0, 0, 1, 2)),
+        endpoints=endpoints(random),
+    )

@@ -1,0 +1,192 @@
+"""Identities: their chain, dates, keys and revocation lists."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric import ec, ed25519, rsa
+from cryptography.hazmat.primitives.serialization import (
+    BestAvailableEncryption,
+    Encoding,
+    NoEncryption,
+    PrivateFormat,
+)
+from cryptography.x509.oid import ExtendedKeyUsageOID
+
+from tests.keystore.builder import Signed, authority, certificate
+from tests.oracles.vendors.recipe import NOW, Recipe, allow, common_authority, grant, permissions, pubsub, talker
+from tests.oracles.vendors.recipes_signers import DAY, FUTURE, PAST, purpose, usage
+
+_UNKNOWN = x509.UnrecognizedExtension(x509.ObjectIdentifier("1.2.3.4"), b"\x05\x00")
+
+
+def issued(title: str, **how: object) -> Recipe:
+    """The common authority issues /talker another certificate."""
+    identity = certificate("/talker", common_authority(), **how)  # type: ignore[arg-type]
+    return Recipe(title=f"identity {title}", identity=identity)
+
+
+def under(title: str, ca: Signed, pem: bytes | None = None, identity: Signed | None = None) -> Recipe:
+    """An identity under another authority."""
+    identity = identity or certificate("/talker", ca)
+    files = {"identity_ca.cert.pem": ca.pem if pem is None else pem}
+    return Recipe(title=f"identity CA {title}", identity=identity, files=files)
+
+
+def certificates() -> tuple[Recipe, ...]:
+    """Of the identity itself."""
+    return (
+        issued("plain"),
+        issued("expired", **PAST),
+        issued("not yet valid", **FUTURE),
+        issued("is a CA", ca=True),
+        issued("without basic constraints", ca=None),
+        issued("for clients", extensions=(purpose(ExtendedKeyUsageOID.CLIENT_AUTH),)),
+        issued("for code", extensions=(purpose(ExtendedKeyUsageOID.CODE_SIGNING),)),
+        issued("that may only encipher", extensions=(usage("key_encipherment"),)),
+        issued("with an unknown critical extension", extensions=((_UNKNOWN, True),)),
+        issued("with an unknown extension", extensions=((_UNKNOWN, False),)),
+        issued("signed with SHA-384", digest=hashes.SHA384()),
+        issued("signed with SHA-512", digest=hashes.SHA512()),
+        issued("beyond its CA's end", end=NOW + 9000 * DAY),
+        Recipe(
+            title="identity is the CA itself",
+            identity=common_authority(),
+            permissions=permissions(grant(allow(pubsub("rt/chatter")), subject="CN=sros2CA")),
+        ),
+        Recipe(title="identity of a stranger", identity=certificate("/talker", authority("stranger"))),
+        Recipe(title="identity of a namesake", identity=certificate("/talker", authority())),
+        Recipe(title="identity signs itself", identity=certificate("/talker")),
+    )
+
+
+def keys() -> tuple[Recipe, ...]:
+    """Kinds of keys, and what stands in the key file."""
+    kinds = {
+        "RSA 1024": rsa.generate_private_key(65537, 1024),
+        "RSA 2048": rsa.generate_private_key(65537, 2048),
+        "RSA 3072": rsa.generate_private_key(65537, 3072),
+        "P-224": ec.generate_private_key(ec.SECP224R1()),
+        "P-384": ec.generate_private_key(ec.SECP384R1()),
+        "P-521": ec.generate_private_key(ec.SECP521R1()),
+        "secp256k1": ec.generate_private_key(ec.SECP256K1()),
+        "brainpoolP256r1": ec.generate_private_key(ec.BrainpoolP256R1()),
+        "Ed25519": ed25519.Ed25519PrivateKey.generate(),
+    }
+    plain = talker()
+    assert isinstance(plain.key, ec.EllipticCurvePrivateKey)
+    traditional = plain.key.private_bytes(Encoding.PEM, PrivateFormat.TraditionalOpenSSL, NoEncryption())
+    encrypted = plain.key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, BestAvailableEncryption(b"word"))
+    files = {
+        "in the form of OpenSSL": traditional,
+        "encrypted": encrypted,
+        "of another certificate": certificate("/x").key_pem,
+        "of the CA": common_authority().key_pem,
+        "twice": plain.key_pem * 2,
+        "behind the certificate": plain.pem + plain.key_pem,
+        "behind another key": certificate("/x").key_pem + plain.key_pem,
+        "empty": b"",
+        "no PEM": b"hello",
+        "missing": None,
+    }
+    return (
+        *(issued(f"key {kind}", key=key) for kind, key in kinds.items()),
+        *(Recipe(title=f"key file {title}", files={"key.pem": content}) for title, content in files.items()),
+    )
+
+
+def chains() -> tuple[Recipe, ...]:
+    """Authorities of identities."""
+    wide = certificate("wide root", ca=None, extensions=((x509.BasicConstraints(ca=True, path_length=None), True),))
+    intermediate = certificate("intermediate", wide, ca=True)
+    narrow = certificate("below sros2's", common_authority(), ca=True)
+    leaf, mine = certificate("/talker", intermediate), certificate("/talker", wide)
+    plain = common_authority()
+    kinds = {
+        "expired": authority("i", **PAST),
+        "not yet valid": authority("i", **FUTURE),
+        "without basic constraints": certificate("i", ca=None),
+        "that is no CA": certificate("i"),
+        "that may not sign certificates": authority("i", extensions=(usage("digital_signature"),)),
+        "of RSA": authority("i", key=rsa.generate_private_key(65537, 2048)),
+        "of P-384": authority("i", key=ec.generate_private_key(ec.SECP384R1())),
+        "of Ed25519": authority("i", key=ed25519.Ed25519PrivateKey.generate()),
+        "of RSA 1024": authority("i", key=rsa.generate_private_key(65537, 1024)),
+        "signed with SHA-512": authority("i", digest=hashes.SHA512()),
+    }
+    return (
+        *(under(title, ca) for title, ca in kinds.items()),
+        under("is an intermediate alone", intermediate),
+        under("is an intermediate and its root", intermediate, intermediate.pem + wide.pem),
+        under("is a root and its intermediate", intermediate, wide.pem + intermediate.pem),
+        under("is the root alone, an intermediate issued", intermediate, wide.pem),
+        under("is the root alone, the chain in cert.pem", intermediate, wide.pem, Signed(leaf.key, leaf.certificate)),
+        under("is an intermediate and its root, the root issued", wide, intermediate.pem + wide.pem, mine),
+        under("is a root and its intermediate, the root issued", wide, wide.pem + intermediate.pem, mine),
+        under("below a root that allows one", narrow, narrow.pem + plain.pem),
+        under("and another", plain, plain.pem + authority("x").pem),
+        under("behind another", plain, authority("x").pem + plain.pem),
+        under("empty", plain, b""),
+        under("no PEM", plain, b"hello"),
+        Recipe(title="identity CA missing", files={"identity_ca.cert.pem": None}),
+        Recipe(title="certificate missing", files={"cert.pem": None}),
+        Recipe(
+            title="certificate file with the CA behind",
+            files={"cert.pem": talker().pem + plain.pem},
+        ),
+        Recipe(title="certificate file with the CA first", files={"cert.pem": plain.pem + talker().pem}),
+    )
+
+
+def _list(
+    issuer: Signed, revoked: tuple[int, ...] = (), *, start: int = -9, end: int | None = 9, signer: Signed | None = None
+) -> bytes:
+    """A revocation list in PEM, from and to so many days from now."""
+    builder = (
+        x509.CertificateRevocationListBuilder()
+        .issuer_name(issuer.certificate.subject)
+        .last_update(NOW + start * DAY)
+        .next_update(NOW + (end or 9) * DAY)
+    )
+    for serial in revoked:
+        entry = x509.RevokedCertificateBuilder().serial_number(serial).revocation_date(NOW - 20 * DAY).build()
+        builder = builder.add_revoked_certificate(entry)
+    return builder.sign((signer or issuer).key, hashes.SHA256()).public_bytes(Encoding.PEM)
+
+
+def revocation() -> tuple[Recipe, ...]:
+    """Lists beside the other files, and behind the CA."""
+    ca = common_authority()
+    mine = talker().certificate.serial_number
+    stranger = authority("stranger")
+    lists = {
+        "revokes nobody": _list(ca),
+        "revokes another": _list(ca, (99,)),
+        "revokes the enclave": _list(ca, (mine,)),
+        "is stale": _list(ca, end=-1),
+        "is stale and revokes the enclave": _list(ca, (mine,), end=-1),
+        "is of the future": _list(ca, start=1),
+        "is a stranger's": _list(stranger),
+        "is signed by another": _list(ca, signer=stranger),
+        "is empty": b"",
+        "is no PEM": b"hello",
+        "is DER": x509.load_pem_x509_crl(_list(ca)).public_bytes(Encoding.DER),
+        "comes twice, the second revokes": _list(ca) + _list(ca, (mine,)),
+        "comes behind a stranger's": _list(stranger) + _list(ca),
+    }
+    return (
+        *(Recipe(title=f"crl.pem {title}", files={"crl.pem": content}) for title, content in lists.items()),
+        *(
+            Recipe(title=f"list in the CA file {title}", files={"identity_ca.cert.pem": ca.pem + content})
+            for title, content in lists.items()
+            if content.startswith(b"-----")
+        ),
+    )
+
+
+@lru_cache
+def recipes() -> tuple[Recipe, ...]:
+    """All of them; keys are made, so not at import."""
+    return (*certificates(), *keys(), *chains(), *revocation())

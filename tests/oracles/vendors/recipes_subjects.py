@@ -1,0 +1,84 @@
+"""The subject of a grant, compared with that of a certificate."""
+
+from __future__ import annotations
+
+from cryptography import x509
+from cryptography.x509.oid import NameOID
+
+from tests.keystore.builder import certificate
+from tests.oracles.vendors.recipe import Recipe, allow, common_authority, grant, permissions, pubsub
+
+CN, ORG, OU, DC, C = (
+    NameOID.COMMON_NAME,
+    NameOID.ORGANIZATION_NAME,
+    NameOID.ORGANIZATIONAL_UNIT_NAME,
+    NameOID.DOMAIN_COMPONENT,
+    NameOID.COUNTRY_NAME,
+)
+Parts = tuple[tuple[x509.ObjectIdentifier, str], ...]
+TALKER: Parts = ((CN, "/talker"),)
+ORGANISED: Parts = ((ORG, "Org"), (CN, "/talker"))
+FIVE: Parts = ((C, "DE"), (ORG, "Org"), (OU, "Robots"), (DC, "example"), (CN, "/talker"))
+
+
+def subject(title: str, parts: Parts, named: str) -> Recipe:
+    """A keystore whose certificate has this subject (in the order of the certificate) and whose grant names that."""
+    name = x509.Name([x509.NameAttribute(kind, text) for kind, text in parts])
+    listed = permissions(grant(allow(pubsub("rt/chatter")), subject=named))
+    return Recipe(title=f"subject {title}", permissions=listed, identity=certificate(name, common_authority()))
+
+
+RECIPES = (
+    subject("plain", TALKER, "CN=/talker"),
+    subject("with blanks round =", TALKER, "CN = /talker"),
+    subject("with blanks before the value", TALKER, "CN= /talker"),
+    subject("with blanks around", TALKER, " CN=/talker "),
+    subject("with line breaks around", TALKER, "\n  CN=/talker\n  "),
+    subject("in one-line form", TALKER, "/CN=/talker"),
+    subject("with small cn", TALKER, "cn=/talker"),
+    subject("in capitals", TALKER, "CN=/TALKER"),
+    subject("by long name", TALKER, "commonName=/talker"),
+    subject("by OID", TALKER, "2.5.4.3=/talker"),
+    subject("with a wildcard", TALKER, "CN=/talk*"),
+    subject("without type", TALKER, "/talker"),
+    subject("with a trailing comma", TALKER, "CN=/talker,"),
+    subject("with a leading comma", TALKER, ",CN=/talker"),
+    subject("with an extra part", TALKER, "CN=/talker,O=Org"),
+    subject("with the same part twice", TALKER, "CN=/talker,CN=/talker"),
+    subject("with a part without =", TALKER, "CN=/talker,foo"),
+    subject("with another value of the type", TALKER, "CN=/other,CN=/talker"),
+    subject("with a semicolon", TALKER, "CN=/talker;O=Org"),
+    subject("with a plus", TALKER, "CN=/talker+O=Org"),
+    subject("prefix of the certificate's", TALKER, "CN=/talk"),
+    subject("longer than the certificate's", TALKER, "CN=/talker2"),
+    subject("with a needless escape", TALKER, "CN=\\/talker"),
+    subject("quoted", TALKER, 'CN="/talker"'),
+    subject("empty", TALKER, ""),
+    subject("with a comment inside", TALKER, "CN=/tal<!-- -->ker"),
+    subject("as CDATA", TALKER, "<![CDATA[CN=/talker]]>"),
+    subject("of two parts, RFC 2253", ORGANISED, "CN=/talker,O=Org"),
+    subject("of two parts, with a blank", ORGANISED, "CN=/talker, O=Org"),
+    subject("of two parts, in certificate order", ORGANISED, "O=Org,CN=/talker"),
+    subject("of two parts, one-line", ORGANISED, "/O=Org/CN=/talker"),
+    subject("of two parts, less one", ORGANISED, "CN=/talker"),
+    subject("of two parts, another value", ORGANISED, "CN=/talker,O=Orb"),
+    subject("of five parts, RFC 2253", FIVE, "CN=/talker,DC=example,OU=Robots,O=Org,C=DE"),
+    subject("of five parts, in certificate order", FIVE, "C=DE,O=Org,OU=Robots,DC=example,CN=/talker"),
+    subject("of two OU", ((OU, "a"), (OU, "b"), (CN, "/talker")), "CN=/talker,OU=b,OU=a"),
+    subject("of two equal OU", ((OU, "a"), (OU, "a"), (CN, "/talker")), "CN=/talker,OU=a,OU=a"),
+    subject("of two DC", ((DC, "com"), (DC, "example"), (CN, "/talker")), "CN=/talker,DC=example,DC=com"),
+    subject("of a part beside a doubled one in the grant", ((OU, "robots"), (CN, "/mallory")), "OU=robots,OU=robots"),
+    subject("with a comma in the value", ((ORG, "Org, Inc"), (CN, "/talker")), "CN=/talker,O=Org\\, Inc"),
+    subject("with a quoted comma", ((ORG, "Org, Inc"), (CN, "/talker")), 'CN=/talker,O="Org, Inc"'),
+    subject("with a slash in the value", ((ORG, "a/b"), (CN, "/talker")), "CN=/talker,O=a/b"),
+    subject("with a plus in the value", ((ORG, "a+b"), (CN, "/talker")), "CN=/talker,O=a\\+b"),
+    subject("with an equals sign in the value", ((CN, "/a=b"),), "CN=/a=b"),
+    subject("with a quote in the certificate", ((CN, '/tal"ker'),), "CN=/talker"),
+    subject("with a backslash in the certificate", ((CN, "/tal\\ker"),), "CN=/talker"),
+    subject("beyond ASCII, literal", ((CN, "/tälker"),), "CN=/tälker"),
+    subject("beyond ASCII, escaped", ((CN, "/tälker"),), "CN=/t\\C3\\A4lker"),
+    subject("with a leading blank in the certificate", ((CN, " /talker"),), "CN=/talker"),
+    subject("with a leading #", ((CN, "#talker"),), "CN=\\#talker"),
+    subject("with a type of a long name", ((NameOID.POSTAL_CODE, "1"), (CN, "/talker")), "CN=/talker,postalCode=1"),
+    subject("empty in the certificate", (), "CN=/talker"),
+)
