@@ -1,0 +1,217 @@
+"""Two processes of one vendor that meet on the loopback interface: who matches whom, and whose samples arrive?"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import socket
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from keystore_audit.keystore.permissions import Operation
+from tests.oracles.vendors.enclave import Endpoint, publish, subscribe
+from tests.oracles.xml.parsers import compiled
+
+_HERE = Path(__file__).parent
+
+CONTROLS = (publish("control"), subscribe("control"), publish("control_secure"), subscribe("control_secure"))
+"""Endpoints that both sides of every pair create last.
+
+Where the documents always allow them, the others are decided once samples of these have arrived: discovery is in order.
+Two topics, since endpoints whose discovery is protected are announced by writers of their own.
+"""
+
+PATIENCE = 2.0
+"""Seconds until a pair whose controls do not meet counts as one that never will; those that do need 0.2 to 0.5.
+
+What is seen is certain; that nothing is seen may be a busy machine, so a surprising answer is asked for again.
+"""
+
+QUIET = 0.25
+"""Seconds without news, after the controls have met, until what is seen counts as final."""
+
+_PORTS_OF_A_PAIR = 20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Side:
+    """A process: `enclave` None is a participant without security.
+
+    `compromised` skips every local check, and presents `presented` to the other side instead of its permissions.p7s.
+    """
+
+    enclave: Path | None
+    endpoints: tuple[Endpoint, ...]
+    domain: int = 0
+    compromised: bool = False
+    presented: Path | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Seen:
+    """What became of an endpoint: with how many of the other side it matched, and which of their numbers it heard."""
+
+    created: bool
+    matched: int = 0
+    heard: frozenset[int] = frozenset()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Meeting:
+    """What became of both sides: None where the participant is not created, else what each endpoint saw.
+
+    `complaints`: what each wrote to its error output.
+    """
+
+    sides: tuple[tuple[Seen, ...] | None, tuple[Seen, ...] | None]
+    complaints: tuple[str, str]
+
+    @property
+    def met(self) -> bool:
+        """Whether samples of the controls arrived both ways."""
+        return all(seen is not None and _heard_controls(seen) for seen in self.sides)
+
+
+def _heard_controls(seen: Sequence[Seen]) -> bool:
+    return all(control.heard for control in seen[-len(CONTROLS) + 1 :: 2])
+
+
+class Process:
+    """A side that runs."""
+
+    def __init__(self, program: Path, library: Path, side: Side, number: int, first_port: int) -> None:
+        self._number = number
+        self._created: list[bool] = []
+        self._count = len(side.endpoints) + len(CONTROLS)
+        attacker = str(library) if side.compromised else ""
+        arguments = [str(number), str(first_port), str(side.domain), str(side.enclave or ""), attacker]
+        for endpoint in (*side.endpoints, *CONTROLS):
+            letter = "P" if endpoint.operation is Operation.PUBLISH else "S"
+            arguments += [letter, endpoint.topic, str(len(endpoint.partitions)), *endpoint.partitions]
+        presented = {} if side.presented is None else {"PRESENTED_PERMISSIONS": str(side.presented)}
+        pipe = subprocess.PIPE
+        self._process = subprocess.Popen(
+            [program, *arguments], stdin=pipe, stdout=pipe, stderr=pipe, env={**os.environ, **presented}
+        )
+        self._complaints: list[bytes] = []
+        self._drain = threading.Thread(target=self._take_complaints, daemon=True)
+        self._drain.start()
+
+    def _take_complaints(self) -> None:
+        assert self._process.stderr is not None
+        self._complaints.extend(self._process.stderr)
+
+    def started(self) -> bool:
+        """Whether the participant was created; waits until its endpoints have been tried."""
+        if self._lines(1) != ["A"]:
+            return False
+        self._created = [line == "A" for line in self._lines(self._count)]
+        return True
+
+    def look(self) -> tuple[Seen, ...]:
+        """What its endpoints saw so far."""
+        assert self._process.stdin is not None
+        self._process.stdin.write(b"\n")
+        self._process.stdin.flush()
+        seen = []
+        for created, line in zip(self._created, self._lines(self._count), strict=True):
+            matched, *senders = (int(word) for word in line.split())
+            others = frozenset(sender % 1000 for sender in senders if sender // 1000 != self._number)
+            seen.append(Seen(created=created, matched=matched, heard=others))
+        return tuple(seen)
+
+    def _lines(self, count: int) -> list[str]:
+        assert self._process.stdout is not None
+        lines = [self._process.stdout.readline() for _ in range(count)]
+        if not all(lines):
+            raise AssertionError(f"ended with {self._process.wait(10)}: {self.complaints()[:600]}")
+        return [line.decode().strip() for line in lines]
+
+    def complaints(self) -> str:
+        """What the vendor wrote to the error output."""
+        return b"".join(self._complaints).decode("utf-8", "replace")
+
+    def end(self) -> None:
+        """End the process, which needs no kindness."""
+        self._process.kill()
+        self._drain.join(10)
+        for stream in (self._process.stdin, self._process.stdout, self._process.stderr):
+            assert stream is not None
+            try:
+                stream.close()
+            except BrokenPipeError:
+                continue  # what it was asked last, it did not read
+        self._process.wait(10)
+
+
+class Pairs:
+    """One vendor's programs, and ports that no other pair uses."""
+
+    _first_ports = itertools.cycle(range(20000, 32000, _PORTS_OF_A_PAIR))
+    _guard = threading.Lock()
+
+    def __init__(self, program: Path, library: Path) -> None:
+        self._program = program
+        self._library = library
+
+    def meet(self, first: Side, second: Side, patience: float = PATIENCE) -> Meeting:
+        """Let them meet, until all is decided."""
+        with self._guard:
+            port = next(port for port in self._first_ports if _free(port))
+        with ExitStack() as stack:
+            processes = []
+            for number, side in enumerate((first, second)):
+                processes.append(Process(self._program, self._library, side, number, port))
+                stack.callback(processes[-1].end)
+            started = [process.started() for process in processes]
+            if all(started):
+                seen: Sequence[tuple[Seen, ...] | None] = _watch(processes, patience)
+            else:
+                seen = [process.look() if there else None for process, there in zip(processes, started, strict=True)]
+        return Meeting(sides=(seen[0], seen[1]), complaints=(processes[0].complaints(), processes[1].complaints()))
+
+    def meet_all(self, sides: Sequence[tuple[Side, Side]], at_once: int = 10) -> list[Meeting]:
+        """Let many pairs meet; they mostly wait, so several run at a time."""
+        with ThreadPoolExecutor(at_once) as pool:
+            return list(pool.map(lambda pair: self.meet(*pair), sides))
+
+
+def _free(first_port: int) -> bool:
+    """Whether nobody has the ports that a pair takes."""
+    with ExitStack() as stack:
+        for port in range(first_port, first_port + _PORTS_OF_A_PAIR):
+            probe = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            try:
+                probe.bind(("127.0.0.1", port))
+            except OSError:
+                return False
+    return True
+
+
+def _watch(processes: Sequence[Process], patience: float) -> list[tuple[Seen, ...]]:
+    begin = news = time.monotonic()
+    last: list[tuple[Seen, ...]] = []
+    while True:
+        seen = [process.look() for process in processes]
+        now = time.monotonic()
+        if seen != last:
+            last, news = seen, now
+        if now - news > QUIET and (all(map(_heard_controls, seen)) or now - begin > patience):
+            return seen
+        time.sleep(0.03)
+
+
+@contextmanager
+def pairs(find: Callable[[str], str], directory: Path) -> Iterator[dict[str, Pairs]]:
+    """Both vendors, by name; without compiler, header or library the test skips, in CI it fails."""
+    cyclone = compiled(find("cc"), _HERE / "cyclonedds_pair.c", directory, "-lddsc")
+    library = compiled(find("cc"), _HERE / "cyclonedds_compromised.c", directory, "-shared", "-fPIC", "-ldl")
+    libraries = ("-lfastrtps", "-lfastcdr", "-ldl")
+    fastdds = compiled(find("c++"), _HERE / "fastdds_pair.cpp", directory, "-rdynamic", *libraries)
+    yield {"cyclone": Pairs(cyclone, library), "fastdds": Pairs(fastdds, Path("compromised"))}

@@ -1,0 +1,93 @@
+"""What a pair is made of, stated as its difference from two enclaves that may do everything under one CA."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from keystore_audit.keystore.permissions import Operation
+from tests.oracles.vendors.enclave import Endpoint, publish, subscribe
+from tests.oracles.vendors.pairs import Meeting, Seen, Side
+from tests.oracles.vendors.pairs_material import EVERYTHING, Authorities, Enclave, governance, grant, permissions
+
+SHARED = Authorities.shared()
+"""The CA of every plain pair."""
+
+FIRST = SHARED.issue("/first")
+SECOND = SHARED.issue("/second")
+
+ENDPOINTS = (publish("a"), subscribe("a"))
+MAY_ALL = {name: SHARED.sign(permissions(grant(f"CN=/{name}", EVERYTHING))) for name in ("first", "second")}
+GOVERNANCE = SHARED.sign(governance())
+
+
+def plain(name: str) -> Enclave:
+    """The enclave /first or /second, with sros2's governance and a grant for everything."""
+    identity = FIRST if name == "first" else SECOND
+    return Enclave(authorities=SHARED, identity=identity, governance=GOVERNANCE, permissions=MAY_ALL[name])
+
+
+PLAIN_FIRST = plain("first")
+PLAIN_SECOND = plain("second")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Case:
+    """Two sides. `second` None is a peer without security; `presented`: a signed document, which a compromised second
+    side presents instead of its own. `endpoints` are the second side's; the first has the other end of each.
+    """
+
+    title: str
+    first: Enclave = PLAIN_FIRST
+    second: Enclave | None = PLAIN_SECOND
+    presented: bytes | None = None
+    endpoints: tuple[Endpoint, ...] = ENDPOINTS
+    domains: tuple[int, int] = (0, 0)
+
+    def sides(self, directory: Path) -> tuple[Side, Side]:
+        """The two, with their enclaves written into `directory`."""
+        first = Side(
+            enclave=self.first.write(directory / "first"),
+            endpoints=tuple(map(other_end, self.endpoints)),
+            domain=self.domains[0],
+        )
+        second = Side(
+            enclave=None if self.second is None else self.second.write(directory / "second"),
+            endpoints=self.endpoints,
+            domain=self.domains[1],
+        )
+        if self.presented is not None:
+            (directory / "presented.p7s").write_bytes(self.presented)
+            second = replace(second, compromised=True, presented=directory / "presented.p7s")
+        return first, second
+
+
+def other_end(endpoint: Endpoint) -> Endpoint:
+    """A reader for a writer and the other way round; in partition p where the one names a pattern, which p matches."""
+    partitions = tuple("p" if set(name) & set("*?[") else name for name in endpoint.partitions)
+    other = Operation.SUBSCRIBE if endpoint.operation is Operation.PUBLISH else Operation.PUBLISH
+    return Endpoint(operation=other, topic=endpoint.topic, partitions=partitions)
+
+
+def outcome(meeting: Meeting, case: Case) -> str:
+    """What became of it, in a few letters.
+
+    "first" or "second": that participant was not created. Else for each endpoint of the second side: `+` samples
+    arrived; `~` the first side matched it, and none arrived; `-` it was not created; `=` its other end was not created;
+    `.` none of that.
+    """
+    first, second = meeting.sides
+    if first is None or second is None:
+        return "first" if first is None else "second"
+    pairs = zip(case.endpoints, first, second, strict=False)  # the controls come after them
+    return "".join(_letter(endpoint, mine, its) for endpoint, mine, its in pairs)
+
+
+def _letter(endpoint: Endpoint, mine: Seen, its: Seen) -> str:
+    if not its.created:
+        return "-"
+    if not mine.created:
+        return "="
+    if (mine if endpoint.operation is Operation.PUBLISH else its).heard:
+        return "+"
+    return "~" if mine.matched else "."
