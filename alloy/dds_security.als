@@ -9,7 +9,8 @@
  *   realms        identity_ca, permissions_ca, governance, revoked
  *   enclaves      in_realm, identity, permissions
  *   governance    domain_rule, topic_rule, domains, topic_expression, precedes, the flags and kinds of both rules
- *   permissions   grant, subject_name, default_allow, rule, allow_rule, domains, publish, subscribe, relay, precedes
+ *   permissions   grant, subject_name, skipped_out_of_date, default_allow, rule, allow_rule, domains, publish, subscribe,
+ *                 relay, precedes
  *   channels      in_domain
  *
  * Scope: all sigs of `keystore` are `one sig` and every relation is constant, so that `for 0` adds nothing and leaves

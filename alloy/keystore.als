@@ -152,6 +152,7 @@ fun subject_name: Grant -> Certificate {
 	G0 -> C1_talker
 	+ G1 -> C2_listener
 }
+fun skipped_out_of_date: set Grant { Grant }
 fun default_allow: set Grant { none }
 fun rule: Grant -> Rule {
 	G0 -> PR0

@@ -1,16 +1,20 @@
 /**
  * What permissions documents grant (DDS-Security 1.1, 9.4.1.3 and 9.4.3).
  *
- * Of a document, the first grant that is in force and names the certificate decides; of the grant, the first rule
- * that matches; else its default. Any enclave may present any document: peers look for a grant that names the
+ * Of a document, one grant that names the certificate decides (`chosen`); of the grant, the first rule that
+ * matches; else its default. Any enclave may present any document: peers look for a grant that names the
  * presenter, so the rights of an enclave are the union over all documents, not those of the document it holds.
  */
 module permissions
 open governance
 
-/** The grants that count for a certificate, one of each document: the first that is in force and names it. */
+/**
+ * The grants that count for a certificate, at most one of each document: the first that names it and is not skipped,
+ * if it is in force. Some implementations skip grants out of date, others stop at one.
+ */
 fun chosen: Certificate -> Grant {
-	let eligible = { g: Grant & in_force, c: g.subject_name } | ~(eligible - preceded_by.eligible)
+	let eligible = { g: Grant - (skipped_out_of_date - in_force), c: g.subject_name },
+		first = eligible - preceded_by.eligible | ~first :> in_force
 }
 
 /** Where a rule says something, by those of its criteria that are of one kind: only in its own domains. */

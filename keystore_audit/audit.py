@@ -19,7 +19,9 @@ from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Finding, Result, Severity
 from keystore_audit.keystore.keystore import read_keystore
+from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.interpret import interpret
+from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.profiles import DEFAULT, Profile, resolve
 from keystore_audit.model.usability import Usabilities
@@ -104,8 +106,9 @@ def audit(path: str | os.PathLike[str], options: Options, *, progress: Progress 
     keystore = read_keystore(path, progress=progress.enclaves if progress else None)
     if progress:
         progress.stage("working out what the documents mean")
-    usabilities = Usabilities(options.domain)
-    meaning = interpret(keystore, profiles, options.at, usabilities)
+    accesses = AccessViews(documents_of(keystore), options.at, options.time_zone)
+    usabilities = Usabilities(options.domain, accesses)
+    meaning = interpret(keystore, profiles, options.at, accesses, usabilities)
     native = NativeEngine(meaning.systems)
     runs, answers = run_engines(
         native,
@@ -127,7 +130,7 @@ def audit(path: str | os.PathLike[str], options: Options, *, progress: Progress 
         profiles=profiles,
     )
     judgement = judge(context, RULES, select=options.select, ignore=options.ignore)
-    safe = horizon(keystore, native, profiles, options.at, usabilities, meaning.usability)
+    safe = horizon(keystore, native, profiles, options.at, accesses, usabilities, meaning.usability)
     return _report(context, judgement, safe, options)
 
 
@@ -231,7 +234,9 @@ def export_model(path: str | os.PathLike[str], directory: Path, options: Options
     errors.BudgetExceeded.
     """
     keystore = read_keystore(path)
-    meaning = interpret(keystore, resolve(options.profiles), options.at, Usabilities(options.domain))
+    accesses = AccessViews(documents_of(keystore), options.at, options.time_zone)
+    usabilities = Usabilities(options.domain, accesses)
+    meaning = interpret(keystore, resolve(options.profiles), options.at, accesses, usabilities)
     if meaning.over_budget is not None:
         raise BudgetExceeded(meaning.over_budget)
     write_model(meaning.systems, directory)

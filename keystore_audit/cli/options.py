@@ -165,33 +165,37 @@ def verbose_option(text: str, *, to_command: bool = False) -> Callable[[F], F]:
     )
 
 
+profile_option = click.option(
+    "--profile",
+    "profiles",
+    type=profile_name,
+    metavar="NAME",
+    multiple=True,
+    help="Judge as this implementation or distribution does (repeatable; e.g. humble, fastdds, all).",
+)
+
+at_option = click.option(
+    "--at", type=instant, metavar="ISO-TIME", help="Audit as of this time instead of now; without a zone: UTC."
+)
+
+time_zone_option = click.option(
+    "--time-zone",
+    type=zone_name,
+    metavar="NAME",
+    help="The robots' time zone, e.g. Europe/Berlin: some implementations read dates of grants in it.",
+)
+
+domain_option = click.option(
+    "--domain",
+    type=click.IntRange(0, LAST_DOMAIN),
+    metavar="N",
+    help="The DDS domain the robots use (default: any of 0 to 232).",
+)
+
+
 def interpretation_options(command: F) -> F:
     """Add the options that decide what a keystore means."""
-    for option in (
-        click.option(
-            "--domain",
-            type=click.IntRange(0, LAST_DOMAIN),
-            metavar="N",
-            help="The DDS domain the robots use (default: any of 0 to 232).",
-        ),
-        click.option(
-            "--profile",
-            "profiles",
-            type=profile_name,
-            metavar="NAME",
-            multiple=True,
-            help="Judge as this implementation or distribution does (repeatable; e.g. humble, fastdds, all).",
-        ),
-        click.option(
-            "--time-zone",
-            type=zone_name,
-            metavar="NAME",
-            help="The robots' time zone, e.g. Europe/Berlin: some implementations read dates of grants in it.",
-        ),
-        click.option(
-            "--at", type=instant, metavar="ISO-TIME", help="Audit as of this time instead of now; without a zone: UTC."
-        ),
-    ):
+    for option in (domain_option, profile_option, time_zone_option, at_option):
         command = option(command)
     return command
 

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
 
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.keystore.crl import RevocationList
 from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.interpret import usability_by_profile
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.system import System
 from keystore_audit.model.usability import Usabilities
+from keystore_audit.model.validity import ANY_ZONE
 from keystore_audit.properties import Answer, Status
 
 MAX_MOMENTS = 64
@@ -45,39 +47,47 @@ def horizon(
     native: NativeEngine,
     profiles: Sequence[Profile],
     at: datetime,
+    accesses: AccessViews,
     usabilities: Usabilities,
     usable: Mapping[tuple[str, str], Usability],
 ) -> Horizon:
     """Looks at each validity boundary after `at` in turn, with the native engine. `usable`: as it is at `at`."""
     if not native.systems:
         return Horizon(instant=at, why="nothing could be decided")
-    kinds = tuple({profile.trust: profile for profile in profiles}.values())  # usability differs by nothing else
-    for count, (moment, instant) in enumerate(_moments(keystore, native.systems[0], at)):
+    kinds = tuple({usabilities.kind(profile): profile for profile in profiles}.values())
+    moments = _moments(keystore, native.systems[0], at, accesses.dates_in_local_time(profiles))
+    for count, (moment, instant, earliest) in enumerate(moments):
         if count == MAX_MOMENTS:
-            return Horizon(instant=instant, why="later dates were not looked at")
+            return Horizon(instant=earliest, why="later dates were not looked at")
         why = _usability_change(usable, usability_by_profile(keystore, kinds, instant, usabilities))
         if not why:
             changes = map(_status_change, native.answers, native.statuses(moment))
             why = next((change for change in changes if change), "")
         if why:
-            return Horizon(instant=instant, why=why)
+            return Horizon(instant=earliest, why=why)
     return Horizon(instant=None, why="no date in the keystore changes anything")
 
 
-def _moments(keystore: Keystore, system: System, at: datetime) -> Iterator[tuple[int, datetime]]:
-    """Every boundary after `at`, as a moment of the system and as an instant, in order.
+def _moments(
+    keystore: Keystore, system: System, at: datetime, local: Collection[datetime]
+) -> list[tuple[int, datetime, datetime]]:
+    """Every boundary after `at`: as a moment of the system, as an instant, and when it may be at the earliest; in
+    order.
 
-    Revocation lists have no instants in the system: they are void one second after nextUpdate.
+    Revocation lists have no instants in the system: they are void one second after nextUpdate. `local`: dates of grants
+    that some implementation reads in a zone that we do not know.
     """
     found: dict[datetime, int] = {}
-    validities = [(c.not_before, c.not_after) for c in system.certificates]
-    validities += [(grant.not_before, grant.not_after) for grant in system.grants]
-    for index in sorted({boundary for validity in validities for boundary in validity}):
+    earlier: dict[datetime, datetime] = {}
+    for index in range(system.now, len(system.instants)):
         instant = system.instants[index]
         if index > system.now:
             found[instant] = 2 * index
-        if index >= system.now and instant <= _LAST:
+        if instant <= _LAST:
             found.setdefault(instant + _TICK, 2 * index + 1)
+        if instant in local:
+            for each in (instant, instant + _TICK) if instant <= _LAST else (instant,):
+                earlier[each] = max(at, each - ANY_ZONE)
     for enclave in keystore.enclaves:
         lists = (*(enclave.crl.revocation_lists if enclave.crl else ()), *_in_ca_file(enclave))
         for revocations in lists:
@@ -87,8 +97,8 @@ def _moments(keystore: Keystore, system: System, at: datetime) -> Iterator[tuple
             for later in boundaries:
                 before = sum(1 for instant in system.instants if instant <= later)
                 found.setdefault(later, 2 * before - 1)
-    for instant in sorted(found):
-        yield found[instant], instant
+    moments = [(moment, instant, earlier.get(instant, instant)) for instant, moment in found.items()]
+    return sorted(moments, key=lambda each: (each[2], each[1]))
 
 
 def _in_ca_file(enclave: Enclave) -> tuple[RevocationList, ...]:

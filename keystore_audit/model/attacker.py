@@ -18,14 +18,15 @@ from keystore_audit.model.system import System
 class Abilities:
     """What an enclave can do, as sets of governed channels of the domains that it can join.
 
-    `may_write`: peers take its samples as those of a permitted writer. `may_read`: peers give it their
-    samples and keys. `overhears`: it reads the payload with the keys of any participant, or of a relay.
-    `forges`: it holds every key that a writer's samples are authenticated with (DDS-Security 1.1, 9.5.3.3:
-    the keys are symmetric, so whoever checks can make, unless the origin is authenticated).
+    `may_write`: peers take its samples as those of a permitted writer. `may_read`: peers give it their samples and
+    keys. `may_relay`: peers give it the keys of their submessages. `overhears`: it reads the payload with the keys of
+    any participant, or of a relay. `forges`: it holds every key that a writer's samples are authenticated with
+    (DDS-Security 1.1, 9.5.3.3: the keys are symmetric, so whoever checks can make, unless the origin is authenticated).
     """
 
     may_write: int
     may_read: int
+    may_relay: int
     overhears: int
     forges: int
 
@@ -201,6 +202,7 @@ class RealmView:
         return Abilities(
             may_write=writes,
             may_read=reads,
+            may_relay=relays,
             overhears=reach & ~p.data_encrypts & (~p.metadata_encrypts | relays),
             forges=reach & ~origin & (~p.metadata_authenticates | reads | relays) & (~p.data_authenticates | reads),
         )

@@ -1,55 +1,62 @@
 """Channels: domain class × topic class × partition class, exact over all names and ids.
 
-Every expression of every readable document takes part in the classes, so that each ordered rule list, each
-default and each governance look-up is constant on a class; one evaluation per class is then exact for all
-names (docs/model.md). Classes that no rule of any document tells apart are merged: that hands no decision to
-anybody, since equal matches decide alike.
+Every expression of every readable document, as each kind of implementation reads it, takes part in the classes, so that
+each ordered rule list, each default and each governance look-up is constant on a class; one evaluation per class is
+then exact for all names (docs/model.md). Classes that no rule of any document tells apart are merged: that hands no
+decision to anybody, since equal matches decide alike.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from keystore_audit.errors import BudgetExceeded
-from keystore_audit.keystore.governance import TopicRule
-from keystore_audit.keystore.permissions import Criterion, Operation, Rule
 from keystore_audit.model.atoms import TopicClass, classify
-from keystore_audit.model.domains import Interval, contains, covered, describe, elementary
+from keystore_audit.model.domains import Interval, contains, describe, elementary
 from keystore_audit.model.expression import Matcher, Pattern, parse
+from keystore_audit.model.names import is_ros_dds_name
+from keystore_audit.model.semantics import Region
 from keystore_audit.model.system import ChannelAtom, DomainAtom
 
 ANY_TOPIC = "rt/chatter"
 """The name by which the channel of an ungoverned domain goes: every topic there is alike."""
 
-
 MAX_CELLS = 1_000_000
 """Pairs of a topic class and a partition or domain class: about a second and 200 MB. Beyond it the answer is unknown;
 10,000 enclaves as `ros2 security` makes them have some 300,000."""
 
+Named = tuple[Matcher, Region]
+"""A region with the matcher that reads its expressions."""
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RuleMatches:
-    """Channels that the criteria of one permissions rule match, whatever its domains."""
-
-    publish: frozenset[int]
-    subscribe: frozenset[int]
-    relay: frozenset[int]
+Point = tuple[str, str]
+"""A topic name and a partition name."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Channels:
-    """The classes, and what each rule matches: `topic_rules` and `rules` are in the order they were given in."""
+    """The classes, and what each region matches.
+
+    `regions`: the channels of each, in every governed domain class. `starts`: by domain class, its first channel.
+    """
 
     domains: tuple[DomainAtom, ...]
     channels: tuple[ChannelAtom, ...]
-    topic_rules: tuple[frozenset[int], ...]
-    rules: tuple[RuleMatches, ...]
+    regions: Mapping[Named, frozenset[int]]
+    starts: tuple[int, ...]
+
+    def of_point(self, domain: int, point: int) -> int:
+        """The channel of a point, by its place among the points asked for, in a domain id of 0..232."""
+        number = next(n for n, atom in enumerate(self.domains) if contains(atom.intervals, domain))
+        start = self.starts[number]
+        end = self.starts[number + 1] if number + 1 < len(self.starts) else len(self.channels)
+        return min(start + point, end - 1)  # an ungoverned class has one channel for all points
 
 
 @dataclass(frozen=True, slots=True)
 class _Column:
-    """One merged set of (topic class, partition class) pairs: who matches it, and its witness."""
+    """One merged set of (topic class, partition class) pairs: the shapes that hold it, and its witness."""
 
     hits: tuple[int, ...]
     topic: TopicClass
@@ -75,27 +82,25 @@ def domain_classes(covers: Iterable[Sequence[Interval]]) -> tuple[DomainAtom, ..
 def build_channels(
     domains: tuple[DomainAtom, ...],
     governed: Sequence[bool],
-    topic_rules: Sequence[TopicRule],
-    rules: Sequence[Rule],
+    regions: Iterable[Named],
+    points: Sequence[Point] | None = None,
 ) -> Channels:
-    """The channels of all governed domain classes (`governed`, parallel to `domains`), one more for each
-    ungoverned class.
+    """The channels of all governed domain classes (`governed`, parallel to `domains`), one more for each ungoverned
+    one.
 
-    Raises errors.BudgetExceeded where the topic classes are too many.
+    `points`: only these names, each a channel of its own; None: all names, in classes. Raises errors.BudgetExceeded
+    where the classes are too many.
     """
-    columns = _columns(topic_rules, rules)
+    shapes = _Shapes(regions)
+    columns = shapes.columns() if points is None else [shapes.column(point) for point in points]
     _check_cells(len(columns), sum(governed), "classes of topics in {} classes of domains")
     channels: list[ChannelAtom] = []
-    matched: list[list[int]] = [[] for _ in range(len(topic_rules) + 3 * len(rules))]
-    for at, column in enumerate(columns):
-        for hit in column.hits:
-            matched[hit].append(at)
     starts: list[int] = []
     for number, is_governed in enumerate(governed):
+        starts.append(len(channels))
         if not is_governed:
             channels.append(ChannelAtom(domain=number, topic=ANY_TOPIC, partition="", ros=True, infinite=True))
             continue
-        starts.append(len(channels))
         channels.extend(
             ChannelAtom(
                 domain=number,
@@ -106,18 +111,11 @@ def build_channels(
             )
             for column in columns
         )
-    # Shared by rules that match the same: thousands of one expression times 233 classes of domains are 200 MB.
-    shared = {each: frozenset(start + at for start in starts for at in each) for each in map(tuple, matched)}
-    frozen = [shared[tuple(each)] for each in matched]
-    first = len(topic_rules)
     return Channels(
         domains=domains,
         channels=tuple(channels),
-        topic_rules=tuple(frozen[:first]),
-        rules=tuple(
-            RuleMatches(publish=frozen[at], subscribe=frozen[at + 1], relay=frozen[at + 2])
-            for at in range(first, len(frozen), 3)
-        ),
+        regions=shapes.found(columns, [start for start, ruled in zip(starts, governed, strict=True) if ruled]),
+        starts=tuple(starts),
     )
 
 
@@ -128,98 +126,158 @@ def _check_cells(classes: int, others: int, words: str) -> None:
         raise BudgetExceeded(message)
 
 
-def _columns(topic_rules: Sequence[TopicRule], rules: Sequence[Rule]) -> list[_Column]:
-    """Merged columns. A hit is the number of a topic rule, or of (permissions rule, operation) after those."""
-    topics = _Classes(
-        [rule.expression.text for rule in topic_rules]
-        + [text.text for rule in rules for criterion in rule.criteria for text in criterion.topics],
-        with_empty=False,
-    )
-    partitions = _Classes(
-        [text.text for rule in rules for criterion in rule.criteria for text in criterion.partitions or ()],
-        with_empty=True,
-    )
-    _check_cells(len(topics.classes), len(partitions.classes), "topic classes in {} partition classes")
-    operations = {Operation.PUBLISH: 0, Operation.SUBSCRIBE: 1, Operation.RELAY: 2}
-    hits: list[list[list[int]]] = [[[] for _ in topics.classes] for _ in partitions.classes]
-    for number, topic_rule in enumerate(topic_rules):
-        for topic in topics.of(topic_rule.expression.text):
-            for row in hits:
-                row[topic].append(number)
-    for number, rule in enumerate(rules):
-        for criterion in rule.criteria:
-            hit = len(topic_rules) + 3 * number + operations[criterion.operation]
-            where = partitions_of(criterion, rule, partitions)
-            for text in criterion.topics:
-                for topic in topics.of(text.text):
-                    for partition in where:
-                        cell = hits[partition][topic]
-                        if not cell or cell[-1] != hit:
-                            cell.append(hit)
-    merged: dict[tuple[int, ...], list[tuple[int, int]]] = {}
-    for partition, row in enumerate(hits):
-        for topic, cell in enumerate(row):
-            merged.setdefault(tuple(sorted(set(cell))), []).append((partition, topic))
-    return [_column(signature, cells, topics, partitions) for signature, cells in merged.items()]
+_Shape = tuple[tuple[tuple[int, ...], "tuple[int, ...] | None"], ...]
+"""A region by what its expressions mean: the numbers of topic and of partition patterns of each area."""
+
+
+class _Shapes:
+    """The regions by what they mean: however many are written alike, or mean the same to several implementations."""
+
+    def __init__(self, regions: Iterable[Named]) -> None:
+        self._topics = _Patterns()
+        self._partitions = _Patterns()
+        self._numbers: dict[_Shape, int] = {}
+        self._of = {named: self._number(named) for named in dict.fromkeys(regions)}
+
+    def _number(self, named: Named) -> int:
+        matcher, region = named
+        shape = tuple(
+            (
+                tuple(self._topics.number(text, matcher) for text in area.topics),
+                None
+                if area.partitions is None
+                else tuple(self._partitions.number(text, matcher) for text in area.partitions),
+            )
+            for area in region
+        )
+        return self._numbers.setdefault(shape, len(self._numbers))
+
+    def columns(self) -> list[_Column]:
+        """The cells (topic class × partition class) that no shape tells apart, merged."""
+        topics, partitions = self._topics.classes(), [self._partitions.empty(), *self._partitions.classes()]
+        _check_cells(len(topics), len(partitions), "topic classes in {} partition classes")
+        topics_of, partitions_of = self._topics.places(topics), self._partitions.places(partitions)
+        hits: list[list[list[int]]] = [[[] for _ in topics] for _ in partitions]
+        for shape, number in self._numbers.items():
+            for topic_patterns, partition_patterns in shape:
+                for row in hits if partition_patterns is None else _chosen(hits, partition_patterns, partitions_of):
+                    for pattern in topic_patterns:
+                        for topic in topics_of[pattern]:
+                            cell = row[topic]
+                            if not cell or cell[-1] != number:
+                                cell.append(number)
+        merged: dict[tuple[int, ...], list[tuple[int, int]]] = {}
+        for partition, row in enumerate(hits):
+            for topic, cell in enumerate(row):
+                merged.setdefault(tuple(cell), []).append((partition, topic))
+        return [_column(signature, cells, topics, partitions) for signature, cells in merged.items()]
+
+    def column(self, point: Point) -> _Column:
+        """One topic name in one partition."""
+        topic, partition = point
+        named = self._topics.matching(topic)
+        listed = self._partitions.matching(partition)
+        hits = {
+            number
+            for pattern in named
+            for number, partitions in self._listing.get(pattern, ())
+            if partitions is None or not listed.isdisjoint(partitions)
+        }
+        only = TopicClass(members=named, witness=topic, ros=is_ros_dds_name(topic), infinite=False)
+        return _Column(hits=tuple(sorted(hits)), topic=only, partition=partition, infinite=False)
+
+    @cached_property
+    def _listing(self) -> dict[int, list[tuple[int, tuple[int, ...] | None]]]:
+        """By topic pattern: the shapes that list it, each with the partition patterns beside it."""
+        listing: dict[int, list[tuple[int, tuple[int, ...] | None]]] = {}
+        for shape, number in self._numbers.items():
+            for topics, partitions in shape:
+                for pattern in topics:
+                    listing.setdefault(pattern, []).append((number, partitions))
+        return listing
+
+    def found(self, columns: Sequence[_Column], starts: Sequence[int]) -> dict[Named, frozenset[int]]:
+        """The channels of each region."""
+        matched: list[list[int]] = [[] for _ in self._numbers]
+        for at, column in enumerate(columns):
+            for hit in column.hits:
+                matched[hit].append(at)
+        # Shared by regions that match the same: thousands of one expression times 233 classes of domains are 200 MB.
+        shared = {each: frozenset(start + at for start in starts for at in each) for each in map(tuple, matched)}
+        frozen = [shared[tuple(each)] for each in matched]
+        return {named: frozen[number] for named, number in self._of.items()}
+
+
+def _chosen(
+    rows: list[list[list[int]]], patterns: Sequence[int], places: Sequence[Sequence[int]]
+) -> list[list[list[int]]]:
+    """The rows of the partition classes that one of the patterns matches."""
+    return [rows[place] for place in sorted({place for pattern in patterns for place in places[pattern]})]
 
 
 def _column(
-    signature: tuple[int, ...], cells: list[tuple[int, int]], topics: _Classes, partitions: _Classes
+    signature: tuple[int, ...],
+    cells: list[tuple[int, int]],
+    topics: Sequence[TopicClass],
+    partitions: Sequence[TopicClass],
 ) -> _Column:
     """The column of these cells, with the witness that a person reads most easily."""
     partition, topic = cells[0]
     if len(cells) > 1:
         partition, topic = min(
-            cells,
-            key=lambda cell: (cell[0] != 0, not topics.classes[cell[1]].ros, topics.classes[cell[1]].infinite, cell),
+            cells, key=lambda cell: (cell[0] != 0, not topics[cell[1]].ros, topics[cell[1]].infinite, cell)
         )
     return _Column(
         hits=signature,
-        topic=topics.classes[topic],
-        partition=partitions.classes[partition].witness,
-        infinite=len(cells) > 1 or topics.classes[topic].infinite or partitions.classes[partition].infinite,
+        topic=topics[topic],
+        partition=partitions[partition].witness,
+        infinite=len(cells) > 1 or topics[topic].infinite or partitions[partition].infinite,
     )
 
 
-def partitions_of(criterion: Criterion, rule: Rule, partitions: _Classes) -> list[int]:
-    """The partition classes that a criterion covers.
+class _Patterns:
+    """Expressions of one sort of name, each meaning once."""
 
-    Without a list, an allow rule covers the default partition only, a deny rule all of them (DDS-Security
-    1.1, 9.4.1.3.2.3.1.4 and 9.4.1.3.2.3.2.4).
-    """
-    if criterion.partitions is None:
-        return [0] if rule.allow else list(range(len(partitions.classes)))
-    found: set[int] = set()
-    for text in criterion.partitions:
-        found.update(partitions.of(text.text))
-    return sorted(found)
+    def __init__(self) -> None:
+        self._patterns: list[Pattern] = []
+        self._by_meaning: dict[object, int] = {}
+        self._known: dict[tuple[str, Matcher], int] = {}
+        self._literals: dict[str, int] = {}
+        self._wildcards: list[int] = []
 
+    def number(self, text: str, matcher: Matcher) -> int:
+        """The number of the pattern."""
+        number = self._known.get((text, matcher))
+        if number is None:
+            pattern = parse(text, matcher)
+            number = self._by_meaning.setdefault((pattern.rewinds, pattern.pieces), len(self._patterns))
+            if number == len(self._patterns):
+                self._patterns.append(pattern)
+                if pattern.literal is None:
+                    self._wildcards.append(number)
+                else:
+                    self._literals[pattern.literal] = number
+            self._known[text, matcher] = number
+        return number
 
-class _Classes:
-    """The classes of one set of expressions.
+    def classes(self) -> tuple[TopicClass, ...]:
+        """The classes of all non-empty names."""
+        return classify(self._patterns)
 
-    With `with_empty`, class 0 is the empty name (the default partition).
-    """
+    def empty(self) -> TopicClass:
+        """The class of the empty name alone: the default partition."""
+        return TopicClass(members=self.matching(""), witness="", ros=False, infinite=False)
 
-    def __init__(self, texts: Iterable[str], *, with_empty: bool) -> None:
-        distinct = list(dict.fromkeys(texts))
-        self._patterns: list[Pattern] = [parse(text, Matcher.POSIX) for text in distinct]
-        self._number = {text: number for number, text in enumerate(distinct)}
-        self._classes_of: list[list[int]] = [[] for _ in distinct]
-        self.classes: list[TopicClass] = []
-        if with_empty:
-            empty = frozenset(n for n, pattern in enumerate(self._patterns) if pattern.matches(""))
-            self.classes.append(TopicClass(members=empty, witness="", ros=False, infinite=False))
-        self.classes.extend(classify(self._patterns))
-        for number, topic_class in enumerate(self.classes):
-            for member in topic_class.members:
-                self._classes_of[member].append(number)
+    def matching(self, name: str) -> frozenset[int]:
+        """The patterns that match the name."""
+        literal = self._literals.get(name)
+        found = [number for number in self._wildcards if self._patterns[number].matches(name)]
+        return frozenset(found if literal is None else [literal, *found])
 
-    def of(self, text: str) -> list[int]:
-        """The classes whose names the expression matches."""
-        return self._classes_of[self._number[text]]
-
-
-def covers_of(rules: Iterable[Rule]) -> list[tuple[Interval, ...]]:
-    """What the domains of each permissions rule cover."""
-    return [covered(rule.domains) for rule in rules]
+    def places(self, classes: Sequence[TopicClass]) -> list[list[int]]:
+        """By pattern: the classes whose names it matches."""
+        places: list[list[int]] = [[] for _ in self._patterns]
+        for place, each in enumerate(classes):
+            for member in each.members:
+                places[member].append(place)
+        return places

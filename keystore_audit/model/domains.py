@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from keystore_audit.keystore.governance import DomainRange
+from keystore_audit.model.profiles.access import OpenRange
 
 HIGHEST_DOMAIN = 232
 """RTPS 2.5, 9.6.2.3: with the default port numbers no UDP port is left above domain 232."""
@@ -12,25 +13,30 @@ HIGHEST_DOMAIN = 232
 Interval = tuple[int, int]
 
 
-def covered(ranges: Iterable[DomainRange]) -> tuple[Interval, ...]:
-    """The closed intervals of 0..232 that `<domains>` covers under `spec`, sorted and merged.
+def covered(ranges: Iterable[DomainRange], reading: OpenRange = OpenRange.SPEC) -> tuple[Interval, ...]:
+    """The closed intervals of 0..232 that `<domains>` covers, sorted and merged.
 
-    An `<id_range>` without `<max>` has no upper bound, one without `<min>` starts at 0
-    (DDS-Security 1.1, 9.4.1.2.4 and Annex A: either bound may be absent).
+    Either bound of an `<id_range>` may be absent (DDS-Security 1.1, 9.4.1.2.4 and Annex A); what that means is
+    `reading`.
     """
-    intervals = sorted(
-        (max(0, item.low or 0), min(HIGHEST_DOMAIN, HIGHEST_DOMAIN if item.high is None else item.high))
-        for item in ranges
-    )
+    intervals = sorted(filter(None, (_interval(item, reading) for item in ranges)))
     merged: list[Interval] = []
     for low, high in intervals:
-        if low > high:
-            continue
         if merged and low <= merged[-1][1] + 1:
             merged[-1] = (merged[-1][0], max(merged[-1][1], high))
         else:
             merged.append((low, high))
     return tuple(merged)
+
+
+def _interval(item: DomainRange, reading: OpenRange) -> Interval | None:
+    low, high = item.low or 0, item.high
+    if reading is not OpenRange.SPEC and item.low is not None and high is None:
+        high = low
+    if reading is OpenRange.FASTDDS and high == 0:
+        high = low
+    high = HIGHEST_DOMAIN if high is None else min(HIGHEST_DOMAIN, high)
+    return (low, high) if low <= high else None
 
 
 def contains(intervals: Iterable[Interval], domain: int) -> bool:

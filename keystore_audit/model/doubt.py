@@ -15,57 +15,55 @@ from keystore_audit.keystore.issuer import Issue
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
-from keystore_audit.model.inventory import unclear
+from keystore_audit.model.access_view import AccessViews, ReadDocument
 from keystore_audit.model.meaning import Doubt
-from keystore_audit.model.profiles import Trust
+from keystore_audit.model.profiles import Access, Profile, Trust
 from keystore_audit.model.subject import is_printable
 from keystore_audit.model.trust import MAX_AUTHORITIES, Verdict, document_verdict, is_authority, issue
 
 
-def keystore_doubts(keystore: Keystore, trust: Trust) -> Iterator[Doubt]:
+def keystore_doubts(keystore: Keystore, profile: Profile, accesses: AccessViews) -> Iterator[Doubt]:
     """Everything that could not be read, each place once."""
     seen: set[tuple[str, int | None]] = set()
     for file in (*keystore.layout.directory_links, *keystore.layout.unreadable_directories):
         yield Doubt(enclave=None, location=Location(path=file.path), reason=file.detail)
     for enclave in keystore.enclaves:
-        for doubt in enclave_doubts(enclave, trust):
+        for doubt in enclave_doubts(enclave, profile.trust, accesses.row(profile.access), accesses):
             place = (doubt.location.path, doubt.location.line)
             if place not in seen:
                 seen.add(place)
                 yield doubt
 
 
-@lru_cache(maxsize=32_768)  # asked for usability and for the report, under both kinds of implementation
-def enclave_doubts(enclave: Enclave, trust: Trust) -> tuple[Doubt, ...]:
+@lru_cache(maxsize=32_768)  # asked for usability and for the report, under each kind of implementation
+def enclave_doubts(enclave: Enclave, trust: Trust, access: Access, accesses: AccessViews) -> tuple[Doubt, ...]:
     """Everything about the enclave that could not be read and that an implementation might act on."""
-    return tuple(_enclave_doubts(enclave, trust))
+    return tuple(_enclave_doubts(enclave, trust, access, accesses))
 
 
-def _enclave_doubts(enclave: Enclave, trust: Trust) -> Iterator[Doubt]:
+def _enclave_doubts(enclave: Enclave, trust: Trust, access: Access, accesses: AccessViews) -> Iterator[Doubt]:
     for doubt in (identity_doubt(enclave), realm_doubt(enclave), _key_doubt(enclave), _list_doubt(enclave)):
         if doubt is not None:
             yield doubt
     file = enclave.files.files[Role.PERMISSIONS]
     if file.status.unknown:
         yield _doubt(enclave, file.path, f"permissions could not be read: {file.detail}")
-    governance, permissions = enclave.governance, enclave.permissions
-    if governance is not None and _unknown(enclave, governance, trust, parsed=governance.governance is not None):
-        yield _document_doubt(enclave, governance)
-    if permissions is not None and _unknown(enclave, permissions, trust, parsed=permissions.permissions is not None):
-        yield _document_doubt(enclave, permissions)
+    for document in (enclave.governance, enclave.permissions):
+        if document is None:
+            continue
+        verdict = document_verdict(document.signed, enclave.permissions_ca, trust)
+        read = accesses.read(document, access)
+        silent = not read.is_readable and read.refusal is None
+        if verdict is Verdict.UNKNOWN or (verdict is Verdict.ACCEPTED and silent):
+            yield _document_doubt(enclave, document, read)
 
 
-def _unknown(enclave: Enclave, read: GovernanceFile | PermissionsFile, trust: Trust, *, parsed: bool) -> bool:
-    verdict = document_verdict(read.signed, enclave.permissions_ca, trust)
-    return verdict is Verdict.UNKNOWN or (verdict is Verdict.ACCEPTED and (not parsed or unclear(read) is not None))
-
-
-def _document_doubt(enclave: Enclave, read: GovernanceFile | PermissionsFile) -> Doubt:
-    defects: tuple[Defect, ...] = read.signed.defects + read.defects
+def _document_doubt(enclave: Enclave, file: GovernanceFile | PermissionsFile, read: ReadDocument) -> Doubt:
+    defects: tuple[Defect, ...] = file.signed.defects + file.defects
     defect = next((defect for defect in defects if defect.kind.opaque), None)
     if defect is None:
-        reason, line = unclear(read) or ("the document has no meaning that every parser agrees on", None)
-        return Doubt(enclave=enclave.path, location=Location(path=read.signed.file.place, line=line), reason=reason)
+        reason, line = read.doubt or ("the document has no meaning that every parser agrees on", None)
+        return Doubt(enclave=enclave.path, location=Location(path=file.signed.file.place, line=line), reason=reason)
     location = Location(path=defect.path, line=defect.line)
     return Doubt(enclave=enclave.path, location=location, reason=defect.detail)
 

@@ -8,6 +8,7 @@ from datetime import datetime
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.doubt import keystore_doubts
 from keystore_audit.model.meaning import Doubt, Meaning, UngovernedTopics, Usability
@@ -19,7 +20,9 @@ from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.usability import Usabilities
 
 
-def interpret(keystore: Keystore, profiles: Sequence[Profile], at: datetime, usabilities: Usabilities) -> Meaning:
+def interpret(
+    keystore: Keystore, profiles: Sequence[Profile], at: datetime, accesses: AccessViews, usabilities: Usabilities
+) -> Meaning:
     """The meaning of a keystore under the profiles at `at` (aware UTC).
 
     Topic classes over budget leave `systems` empty and say why: nothing is decided then.
@@ -27,13 +30,13 @@ def interpret(keystore: Keystore, profiles: Sequence[Profile], at: datetime, usa
     over_budget: str | None = None
     systems: tuple[System, ...] = ()
     try:
-        systems = _systems(SystemBuilder(keystore, at), profiles)
+        systems = build_systems(SystemBuilder(keystore, profiles, at, accesses))
     except BudgetExceeded as exceeded:
         over_budget = exceeded.message
     return Meaning(
         systems=systems,
         usability=usability_by_profile(keystore, profiles, at, usabilities),
-        doubts=_doubts(keystore, profiles),
+        doubts=_doubts(keystore, profiles, accesses),
         ungoverned=_ungoverned(systems),
         over_budget=over_budget,
         idle=_idle(systems),
@@ -44,31 +47,32 @@ def usability_by_profile(
     keystore: Keystore, profiles: Sequence[Profile], at: datetime, usabilities: Usabilities
 ) -> dict[tuple[str, str], Usability]:
     """Usability by (enclave directory, profile name)."""
-    rows = {profile.trust for profile in profiles}
     found: dict[tuple[str, str], Usability] = {}
+    rows = {usabilities.kind(profile): profile for profile in profiles}
+    kinds = [(profile.name, usabilities.kind(profile)) for profile in profiles]
     for enclave in keystore.enclaves:
-        by_row = {trust: usabilities.of(enclave, at, trust) for trust in rows}
-        for profile in profiles:
-            found[enclave.files.directory, profile.name] = by_row[profile.trust]
+        by_row = {kind: usabilities.of(enclave, at, profile) for kind, profile in rows.items()}
+        for name, kind in kinds:
+            found[enclave.files.directory, name] = by_row[kind]
     return found
 
 
-def _systems(builder: SystemBuilder, profiles: Sequence[Profile]) -> tuple[System, ...]:
+def build_systems(builder: SystemBuilder) -> tuple[System, ...]:
     """One system for each way in which the profiles read the keystore, and a MUST reading beside each with doubt."""
     systems: list[System] = []
-    for trust, names in builder.kinds(profiles).items():
-        may = builder.build(trust, profiles=names, reading=Reading.MAY)
+    for kind, names in builder.kinds().items():
+        may = builder.build(kind, profiles=names, reading=Reading.MAY)
         systems.append(may)
         if may.has_doubt:
-            systems.append(builder.build(trust, profiles=names, reading=Reading.MUST))
+            systems.append(builder.build(kind, profiles=names, reading=Reading.MUST))
     return tuple(systems)
 
 
-def _doubts(keystore: Keystore, profiles: Sequence[Profile]) -> tuple[Doubt, ...]:
+def _doubts(keystore: Keystore, profiles: Sequence[Profile], accesses: AccessViews) -> tuple[Doubt, ...]:
     """What any of the kinds of implementation may act on although we could not read it."""
     doubts: dict[tuple[str | None, Location], Doubt] = {}
-    for trust in dict.fromkeys(profile.trust for profile in profiles):
-        for doubt in keystore_doubts(keystore, trust):
+    for profile in {(profile.trust, accesses.row(profile.access)): profile for profile in profiles}.values():
+        for doubt in keystore_doubts(keystore, profile, accesses):
             doubts.setdefault((doubt.enclave, doubt.location), doubt)
     return tuple(sorted(doubts.values(), key=lambda d: (d.location.path, d.location.line or 0, d.enclave or "")))
 

@@ -124,17 +124,20 @@ class Permissions:
     def _chosen(self) -> dict[int, list[tuple[int, int]]]:
         """By certificate.
 
-        (document, grant) for each document whose first grant in force that names it is the grant.
+        (document, grant) for each document whose first grant in force that names it is the grant; where grants out of
+        date are not skipped, whose first grant that names it is the grant and in force.
         """
         chosen: dict[int, list[tuple[int, int]]] = {}
         seen: set[tuple[int, int]] = set()
         for number, grant in enumerate(self._system.grants):
-            if not self.in_force(grant.not_before, grant.not_after):
+            in_force = self.in_force(grant.not_before, grant.not_after)
+            if not in_force and self._system.skips_grants_out_of_date:
                 continue
             for certificate in grant.names:
                 if (grant.document, certificate) not in seen:
                     seen.add((grant.document, certificate))
-                    chosen.setdefault(certificate, []).append((grant.document, number))
+                    if in_force:
+                        chosen.setdefault(certificate, []).append((grant.document, number))
         return chosen
 
     def chosen(self, certificate: int | None, documents: frozenset[int]) -> list[int]:

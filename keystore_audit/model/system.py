@@ -182,13 +182,15 @@ class RuleAtom:
 class System:
     """One keystore as one kind of implementation reads it, at one instant, in one reading.
 
-    `profiles`: the variants that read it so (all facts equal). `pins_signer`: documents must be signed by a
-    permissions CA certificate itself; otherwise by any certificate that chains to one and is fit to sign
-    (CVE-2023-24010). `instants`: sorted; `now`: index of the audit instant among them.
+    `profiles`: the variants that read it so (all facts equal). `pins_signer`: documents must be signed by a permissions
+    CA certificate itself; otherwise by any certificate that chains to one and is fit to sign (CVE-2023-24010).
+    `skips_grants_out_of_date`: of a document the first grant in force that names a certificate counts; otherwise the
+    first that names it, if it is in force. `instants`: sorted; `now`: index of the audit instant among them.
     """
 
     profiles: tuple[str, ...]
     pins_signer: bool
+    skips_grants_out_of_date: bool
     reading: Reading
     instants: tuple[datetime, ...]
     now: int

@@ -5,41 +5,39 @@ Evidence in, normalised facts out, one for each kind of implementation and readi
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from functools import cached_property
 
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
-from keystore_audit.keystore.governance import TopicRule
 from keystore_audit.keystore.issuer import fit_to_sign
 from keystore_audit.keystore.keystore import Enclave, Keystore
-from keystore_audit.model.channels import Channels, RuleMatches, build_channels, covers_of, domain_classes
-from keystore_audit.model.domains import Interval, contains, covered
+from keystore_audit.model.access_view import AccessViews, ReadDocument
+from keystore_audit.model.channels import Channels, Point, build_channels, domain_classes
+from keystore_audit.model.domains import Interval, contains
 from keystore_audit.model.doubt import identity_doubt, realm_doubt
+from keystore_audit.model.expression import Matcher
 from keystore_audit.model.inventory import (
     Document,
     certificates_of,
-    dates_of,
     documents_of,
     embedded_authorities,
     instants_of,
 )
-from keystore_audit.model.profiles import Profile, Trust
+from keystore_audit.model.profiles import Access, Profile
+from keystore_audit.model.rule_atoms import Atoms, RuleAtoms
+from keystore_audit.model.semantics import Region
 from keystore_audit.model.system import (
     CertificateAtom,
     DocumentAtom,
-    DomainRuleAtom,
     EnclaveAtom,
-    GrantAtom,
     Reading,
     RealmAtom,
-    RuleAtom,
     System,
-    TopicRuleAtom,
 )
 from keystore_audit.model.trust import is_authority, may_have_issued
-from keystore_audit.model.trust_view import TrustFiles, TrustViews, trust_files
+from keystore_audit.model.views import Kind, TrustFiles, Views, trust_files
 
 MAX_ISSUER_CHECKS = 50_000
 """Pairs of certificate and authority whose signature is verified: five seconds at worst; 10,000 enclaves of one
@@ -47,51 +45,64 @@ keystore need 20,000."""
 
 
 class SystemBuilder:
-    """Everything about a keystore that does not depend on the kind of implementation, worked out once.
+    """The systems of a keystore for the implementations in question; what they have in common is worked out once.
 
-    Raises errors.BudgetExceeded where the topic classes are too many.
+    `accesses`: how they read its documents. `points`: only these names are channels; None: all names, in classes.
+    Raises errors.BudgetExceeded where the classes are too many.
     """
 
-    def __init__(self, keystore: Keystore, at: datetime) -> None:
+    def __init__(
+        self,
+        keystore: Keystore,
+        profiles: Sequence[Profile],
+        at: datetime,
+        accesses: AccessViews,
+        points: Sequence[Point] | None = None,
+    ) -> None:
         self._keystore = keystore
+        self._profiles = profiles
         self._at = at
         self._documents = documents_of(keystore)
+        self._accesses = accesses
+        self._read = {row: self._read_all(row) for row in {accesses.row(profile.access) for profile in profiles}}
         self._certificates = certificates_of(keystore, self._documents)
         self._number = {certificate.sha256: n for n, certificate in enumerate(self._certificates)}
-        self._instants = instants_of(self._certificates, self._documents, at)
-        self._topic_matches: dict[int, frozenset[int]] = {}
-        self._rule_matches: dict[int, RuleMatches] = {}
-        self._channels = self._classes()
+        grants = (g for read in self._read.values() for document in read for g in document.grants or ())
+        self._instants = instants_of(self._certificates, grants, at)
+        self.channels = self._classes(points)
+        self._rule_atoms = RuleAtoms(self.channels, self._instants)
         self._issuers = self._issue()
-        self._typed: dict[object, _Typed] = {}
+        self._typed: dict[object, Atoms] = {}
         self._doubts = [(identity_doubt(enclave) is not None, realm_doubt(enclave)) for enclave in keystore.enclaves]
         self._keys = {key: n for n, key in enumerate(dict.fromkeys(c.key for c in self._certificates))}
-        self._views = TrustViews(keystore, self._documents, self._certificates)
+        self._views = Views(keystore, self._documents, self._certificates, accesses)
 
-    def _classes(self) -> Channels:
+    def _read_all(self, access: Access) -> list[ReadDocument]:
+        """The documents as they are read, in order."""
+        nothing = ReadDocument()
+        return [nothing if d.file is None else self._accesses.read(d.file, access) for d in self._documents]
+
+    def _classes(self, points: Sequence[Point] | None) -> Channels:
         """Domain classes and channels over all readable documents."""
-        domain_rules = [
-            rule for document in self._documents if document.governance for rule in document.governance.domain_rules
-        ]
-        topic_rules = [topic for rule in domain_rules for topic in rule.topic_rules]
-        rules = [
-            rule
-            for document in self._documents
-            if document.permissions
-            for grant in document.permissions.grants
-            for rule in grant.rules
-        ]
-        governed = [covered(rule.domains) for rule in domain_rules]
-        domains = domain_classes([*governed, *covers_of(rules)])
-        channels = build_channels(
-            domains,
-            [any(contains(cover, domain.intervals[0][0]) for cover in governed) for domain in domains],
-            topic_rules,
-            rules,
-        )
-        self._topic_matches = {id(rule): found for rule, found in zip(topic_rules, channels.topic_rules, strict=True)}
-        self._rule_matches = {id(rule): found for rule, found in zip(rules, channels.rules, strict=True)}
-        return channels
+        governed: dict[tuple[Interval, ...], None] = {}
+        ruled: dict[tuple[Interval, ...], None] = {}
+        regions: dict[tuple[Matcher, Region], None] = {}
+        for access, documents in self._read.items():
+            for document in documents:
+                for domain_rule in document.domain_rules or ():
+                    governed[domain_rule.domains] = None
+                    for topic_rule in domain_rule.topic_rules:
+                        regions[access.matcher, topic_rule.region] = None
+                for grant in document.grants or ():
+                    for rule in grant.rules:
+                        ruled[rule.domains] = None
+                        for region in (rule.publish, rule.subscribe, rule.relay):
+                            regions[access.matcher, region] = None
+                        if access.first_rule_decides_topic:
+                            regions[access.matcher, rule.listed] = None
+        domains = domain_classes([*governed, *ruled])
+        covers = [any(contains(cover, domain.intervals[0][0]) for cover in governed) for domain in domains]
+        return build_channels(domains, covers, regions, points)
 
     def _issue(self) -> tuple[frozenset[int], ...]:
         """For each certificate, those of CA files and messages that issued it: names and signature, not dates."""
@@ -113,17 +124,18 @@ class SystemBuilder:
             for certificate in self._certificates
         )
 
-    def kinds(self, profiles: Sequence[Profile]) -> dict[Trust, tuple[str, ...]]:
-        """The names of the profiles that read this keystore alike, under one of their trust rows."""
-        return self._views.kinds(profiles)
+    def kinds(self) -> dict[Kind, tuple[str, ...]]:
+        """The names of the profiles that read this keystore alike, under the rows of one of them."""
+        return self._views.kinds(self._profiles)
 
-    def build(self, trust: Trust, *, profiles: tuple[str, ...], reading: Reading) -> System:
-        """The system as implementations with this trust row read it."""
+    def build(self, kind: Kind, *, profiles: tuple[str, ...], reading: Reading) -> System:
+        """The system as implementations of this kind read it."""
         may = reading is Reading.MAY
-        opaque = self._views.opaque(trust)
+        trust = kind.trust
+        opaque = self._views.opaque(kind)
         documents = [d for d in self._documents if may or d.place not in opaque]
         number = {document.place: n for n, document in enumerate(documents)}
-        atoms = [self._document_atom(document, trust, opaque=document.place in opaque) for document in documents]
+        atoms = [self._document_atom(document, kind, opaque=document.place in opaque) for document in documents]
         realms: dict[RealmAtom, int] = {}
         trusts: dict[TrustFiles, RealmAtom] = {}
         enclaves: list[EnclaveAtom] = []
@@ -134,7 +146,7 @@ class SystemBuilder:
                 realm = _open_realm(atoms, doubt.location.path) if may else _CLOSED
             else:
                 files = trust_files(enclave)
-                realm = trusts.get(files) or trusts.setdefault(files, self._realm(enclave, number, trust))
+                realm = trusts.get(files) or trusts.setdefault(files, self._realm(enclave, number, kind))
             enclaves.append(
                 EnclaveAtom(
                     label=enclave.path,
@@ -158,10 +170,11 @@ class SystemBuilder:
                         opaque=True,
                     )
                 )
-        domain_rules, topic_rules, grants, rules = self._typed_atoms(documents, trust)
+        domain_rules, topic_rules, grants, rules = self._typed_atoms(documents, kind)
         return System(
             profiles=profiles,
             pins_signer=trust.pins_signer,
+            skips_grants_out_of_date=kind.access.skips_grants_out_of_date,
             reading=reading,
             instants=self._instants,
             now=self._instants.index(self._at),
@@ -169,16 +182,16 @@ class SystemBuilder:
             documents=tuple(atoms),
             realms=tuple(realms),
             enclaves=tuple(enclaves),
-            domains=self._channels.domains,
-            channels=self._channels.channels,
+            domains=self.channels.domains,
+            channels=self.channels.channels,
             domain_rules=domain_rules,
             topic_rules=topic_rules,
             grants=grants,
             rules=rules,
         )
 
-    def _document_atom(self, document: Document, trust: Trust, *, opaque: bool) -> DocumentAtom:
-        signers = self._views.signers(document, trust) if not opaque else frozenset()
+    def _document_atom(self, document: Document, kind: Kind, *, opaque: bool) -> DocumentAtom:
+        signers = self._views.signers(document, kind.trust) if not opaque else frozenset()
         return DocumentAtom(
             label=document.place,
             location=Location(path=document.place),
@@ -187,10 +200,10 @@ class SystemBuilder:
             opaque=opaque,
         )
 
-    def _realm(self, enclave: Enclave, number: dict[str, int], trust: Trust) -> RealmAtom:
+    def _realm(self, enclave: Enclave, number: dict[str, int], kind: Kind) -> RealmAtom:
         """What the enclave's verdict on peers depends on."""
         place = enclave.governance.signed.file.place if enclave.governance else None
-        identity_ca, permissions_ca, revoked = self._views.authorities(enclave, trust)
+        identity_ca, permissions_ca, revoked = self._views.authorities(enclave, kind.trust)
         return RealmAtom(
             identity_ca=identity_ca,
             permissions_ca=permissions_ca,
@@ -219,90 +232,17 @@ class SystemBuilder:
             for n, certificate in enumerate(self._certificates)
         )
 
-    def _typed_atoms(self, documents: Sequence[Document], trust: Trust) -> _Typed:
+    def _typed_atoms(self, documents: Sequence[Document], kind: Kind) -> Atoms:
         """What the documents say, the same objects for every kind of implementation that reads the same there."""
-        names = self._views.names(trust)
-        key = (tuple(document.place for document in documents), tuple(names.items()))
+        names = self._views.names(kind.trust)
+        key = (tuple(document.place for document in documents), tuple(names.items()), kind.access)
         if key not in self._typed:
-            self._typed[key] = (*self._governance_atoms(documents), *self._permission_atoms(documents, names))
+            by_place = {d.place: read for d, read in zip(self._documents, self._read[kind.access], strict=True)}
+            read = [(document.place, by_place[document.place]) for document in documents]
+            self._typed[key] = self._rule_atoms.of(read, names, kind.access)
         return self._typed[key]
 
-    def _governance_atoms(
-        self, documents: Sequence[Document]
-    ) -> tuple[tuple[DomainRuleAtom, ...], tuple[TopicRuleAtom, ...]]:
-        domain_rules: list[DomainRuleAtom] = []
-        topic_rules: list[TopicRuleAtom] = []
-        for number, document in enumerate(documents):
-            for rule in document.governance.domain_rules if document.governance else ():
-                topic_rules += [self._topic_atom(topic, len(domain_rules), document) for topic in rule.topic_rules]
-                domain_rules.append(
-                    DomainRuleAtom(
-                        document=number,
-                        domains=self._covered_classes(covered(rule.domains)),
-                        allow_unauthenticated_participants=rule.allow_unauthenticated_participants,
-                        enable_join_access_control=rule.enable_join_access_control,
-                        discovery_protection_kind=rule.discovery_protection_kind,
-                        liveliness_protection_kind=rule.liveliness_protection_kind,
-                        rtps_protection_kind=rule.rtps_protection_kind,
-                        location=Location(path=document.place, line=rule.line),
-                    )
-                )
-        return tuple(domain_rules), tuple(topic_rules)
 
-    def _topic_atom(self, topic: TopicRule, domain_rule: int, document: Document) -> TopicRuleAtom:
-        return TopicRuleAtom(
-            domain_rule=domain_rule,
-            channels=self._topic_matches[id(topic)],
-            enable_discovery_protection=topic.enable_discovery_protection,
-            enable_liveliness_protection=topic.enable_liveliness_protection,
-            enable_read_access_control=topic.enable_read_access_control,
-            enable_write_access_control=topic.enable_write_access_control,
-            metadata_protection_kind=topic.metadata_protection_kind,
-            data_protection_kind=topic.data_protection_kind,
-            location=Location(path=document.place, line=topic.line),
-        )
-
-    def _permission_atoms(
-        self, documents: Sequence[Document], names: Mapping[str, frozenset[int]]
-    ) -> tuple[tuple[GrantAtom, ...], tuple[RuleAtom, ...]]:
-        index = {instant: n for n, instant in enumerate(self._instants)}
-        grants: list[GrantAtom] = []
-        rules: list[RuleAtom] = []
-        for number, document in enumerate(documents):
-            for grant in document.permissions.grants if document.permissions else ():
-                for rule in grant.rules:
-                    found = self._rule_matches[id(rule)]
-                    rules.append(
-                        RuleAtom(
-                            grant=len(grants),
-                            allow=rule.allow,
-                            domains=self._covered_classes(covered(rule.domains)),
-                            publish=found.publish,
-                            subscribe=found.subscribe,
-                            relay=found.relay,
-                            location=Location(path=document.place, line=rule.line),
-                        )
-                    )
-                not_before, not_after = dates_of(grant)
-                grants.append(
-                    GrantAtom(
-                        document=number,
-                        names=names[grant.subject_name.text],
-                        not_before=index[not_before],
-                        not_after=index[not_after],
-                        default_allow=grant.default_allow,
-                        location=Location(path=document.place, line=grant.line),
-                    )
-                )
-        return tuple(grants), tuple(rules)
-
-    def _covered_classes(self, cover: tuple[Interval, ...]) -> frozenset[int]:
-        return frozenset(
-            n for n, domain in enumerate(self._channels.domains) if contains(cover, domain.intervals[0][0])
-        )
-
-
-_Typed = tuple[tuple[DomainRuleAtom, ...], tuple[TopicRuleAtom, ...], tuple[GrantAtom, ...], tuple[RuleAtom, ...]]
 _CLOSED = RealmAtom(identity_ca=frozenset(), permissions_ca=frozenset(), governance=None, revoked=frozenset())
 """(MUST) The realm of an enclave whose trust could not be read: it accepts nobody."""
 

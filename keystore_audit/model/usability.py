@@ -9,15 +9,16 @@ from datetime import datetime
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.crl import RevocationList
 from keystore_audit.keystore.files import Status
-from keystore_audit.keystore.governance import DomainRule, GovernanceFile
+from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
-from keystore_audit.keystore.permissions import Grant
-from keystore_audit.model.domains import Interval, contains, covered, elementary
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.domains import Interval, contains, elementary
 from keystore_audit.model.doubt import enclave_doubts
 from keystore_audit.model.meaning import Usability
-from keystore_audit.model.profiles import Trust
+from keystore_audit.model.profiles import JoinCheck, Profile, Trust
 from keystore_audit.model.revocation import list_missing, lists_read, revoked
+from keystore_audit.model.semantics import ReadDomainRule, ReadGrant
 from keystore_audit.model.subject import names
 from keystore_audit.model.trust import (
     Verdict,
@@ -28,7 +29,6 @@ from keystore_audit.model.trust import (
     is_root,
     strict_refusal,
 )
-from keystore_audit.model.validity import parse_instant
 
 REQUIRED = (
     Role.IDENTITY_CA,
@@ -40,7 +40,7 @@ REQUIRED = (
 )
 """Files without which rmw_dds_common hands no security to the implementation (its security.cpp)."""
 
-_Governed = tuple[tuple[Interval, DomainRule], ...]
+_Governed = tuple[tuple[Interval, ReadDomainRule], ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,43 +52,52 @@ class _Dated:
     """None where no authority of the file issued the identity: that is a reason of its own."""
     permissions_ca: Certificate | None
     """None where its dates do not count."""
-    grants: tuple[tuple[datetime, datetime, bool], ...] | None
-    """not_before, not_after and whether it lets the enclave join; None where the document has no meaning."""
+    grants: tuple[tuple[ReadGrant, bool], ...] | None
+    """Those that name the certificate, and whether each lets the enclave join; None where the document says nothing."""
+    skips_grants_out_of_date: bool
     lists: tuple[RevocationList, ...]
 
 
 class Usabilities:
     """Answers for the enclaves of one keystore; what does not depend on the instant is worked out once.
 
-    `domain`: the domain that a participant is wanted in; None: some domain of 0..232.
+    `domain`: the domain that a participant is wanted in; None: some domain of 0..232. `accesses`: how implementations
+    read the keystore's documents.
     """
 
-    def __init__(self, domain: int | None) -> None:
+    def __init__(self, domain: int | None, accesses: AccessViews) -> None:
         self._domain = domain
-        self._governed: dict[str, _Governed] = {}
-        self._standing: dict[tuple[str, Trust], tuple[tuple[str, ...], tuple[str, ...]]] = {}
-        self._dated: dict[tuple[str, Trust], _Dated] = {}
+        self._accesses = accesses
+        self._governed: dict[tuple[str, object], _Governed] = {}
+        self._standing: dict[tuple[str, object], tuple[tuple[str, ...], tuple[str, ...]]] = {}
+        self._dated: dict[tuple[str, object], _Dated] = {}
 
-    def of(self, enclave: Enclave, at: datetime, trust: Trust) -> Usability:
+    def kind(self, profile: Profile) -> object:
+        """Equal for profiles whose answers are equal."""
+        return profile.trust, self._accesses.row(profile.access), profile.local
+
+    def of(self, enclave: Enclave, at: datetime, profile: Profile) -> Usability:
         """Whether a participant of the enclave is created at `at` (aware UTC).
 
         `usable` is None where something could not be read and nothing else already rules it out.
         """
-        key = (enclave.files.directory, trust)
+        key = (enclave.files.directory, self.kind(profile))
         if key not in self._standing:
+            row = self._accesses.row(profile.access)
             self._standing[key] = (
-                tuple(self._refusals(enclave, trust)),
-                tuple(doubt.reason for doubt in enclave_doubts(enclave, trust)),
+                tuple(self._refusals(enclave, profile)),
+                tuple(doubt.reason for doubt in enclave_doubts(enclave, profile.trust, row, self._accesses)),
             )
-            self._dated[key] = self._dates(enclave, trust)
+            self._dated[key] = self._dates(enclave, profile)
         refusals, doubts = self._standing[key]
-        reasons = (*refusals, *_refusals_at(self._dated[key], trust, at))
+        reasons = (*refusals, *_refusals_at(self._dated[key], profile.trust, at))
         if reasons:
             return Usability(usable=False, reasons=reasons)
         return Usability(usable=None if doubts else True, reasons=doubts)
 
-    def _refusals(self, enclave: Enclave, trust: Trust) -> Iterator[str]:
+    def _refusals(self, enclave: Enclave, profile: Profile) -> Iterator[str]:
         """Reasons that hold at every instant."""
+        trust = profile.trust
         for role in REQUIRED:
             file = enclave.files.files[role]
             absent = file.status is not Status.PRESENT and not file.status.unknown
@@ -104,60 +113,60 @@ class Usabilities:
             if document_verdict(read.signed, enclave.permissions_ca, trust) is Verdict.REFUSED:
                 whom = "the permissions CA" if trust.pins_signer else "anybody whom the permissions CA vouches for"
                 yield f"{role.value}.p7s is not validly signed by {whom}"
-        governance = enclave.governance
-        readable = governance is not None and governance.governance is not None
-        if governance is not None and readable and not self._governed_domains(governance):
+            refusal = self._accesses.read(read, profile.access).refusal
+            if refusal is not None:
+                yield f"it refuses {role.value}.p7s: {refusal}"
+        governed = self._governed_domains(enclave.governance, profile)
+        if governed == () and not profile.local.starts_ungoverned:
             yield "the governance covers " + ("no domain" if self._domain is None else f"not domain {self._domain}")
 
-    def _dates(self, enclave: Enclave, trust: Trust) -> _Dated:
+    def _dates(self, enclave: Enclave, profile: Profile) -> _Dated:
         certificate = enclave.certificate.first if enclave.certificate else None
-        file = enclave.identity_ca
+        file, trust = enclave.identity_ca, profile.trust
         issued = file is not None and certificate is not None and is_issued(file, certificate, trust, None)
         authority = enclave.permissions_ca.first if enclave.permissions_ca else None
         return _Dated(
             certificate=certificate,
             identity_ca=file if issued else None,
             permissions_ca=authority if trust.checks_permissions_ca else None,
-            grants=self._own_grants(enclave, certificate, trust),
+            grants=self._own_grants(enclave, certificate, profile),
+            skips_grants_out_of_date=profile.access.skips_grants_out_of_date,
             lists=lists_read(enclave, trust),
         )
 
     def _own_grants(
-        self, enclave: Enclave, certificate: Certificate | None, trust: Trust
-    ) -> tuple[tuple[datetime, datetime, bool], ...] | None:
+        self, enclave: Enclave, certificate: Certificate | None, profile: Profile
+    ) -> tuple[tuple[ReadGrant, bool], ...] | None:
         """The grants of the enclave's own document that name its certificate."""
-        permissions = enclave.permissions.permissions if enclave.permissions else None
-        if certificate is None or permissions is None:
+        if certificate is None or enclave.permissions is None:
             return None
-        governance = enclave.governance
-        readable = governance is not None and governance.governance is not None
-        governed = self._governed_domains(governance) if governance is not None and readable else None
-        found = []
-        for grant in permissions.grants:
-            not_before, not_after = parse_instant(grant.not_before.text), parse_instant(grant.not_after.text)
-            named = names(grant.subject_name.text, certificate, trust.subjects)
-            overflows = trust.latest_date is not None and not_after is not None and not_after > trust.latest_date
-            if named and not_before is not None and not_after is not None and not overflows:
-                found.append((not_before, not_after, governed is None or not governed or _joins(governed, grant)))
-        return tuple(found)
+        grants = self._accesses.read(enclave.permissions, profile.access).grants
+        if grants is None:
+            return None
+        governed = self._governed_domains(enclave.governance, profile)
+        return tuple(
+            (grant, not governed or _joins(governed, grant, profile.local.joins))
+            for grant in grants
+            if names(grant.grant.subject_name.text, certificate, profile.trust.subjects)
+        )
 
-    def _governed_domains(self, file: GovernanceFile) -> _Governed:
-        """The domains in question with the first domain rule that covers each."""
-        place = file.signed.file.place
-        if place not in self._governed:
-            rules = [
-                (covered(rule.domains), rule) for rule in (file.governance.domain_rules if file.governance else ())
-            ]
+    def _governed_domains(self, file: GovernanceFile | None, profile: Profile) -> _Governed | None:
+        """The domains in question with the first domain rule that covers each; None where the document says nothing."""
+        rules = self._accesses.read(file, profile.access).domain_rules if file is not None else None
+        if file is None or rules is None:
+            return None
+        key = (file.signed.file.place, self._accesses.row(profile.access))
+        if key not in self._governed:
             found = []
-            for low, high in elementary(cover for cover, _rule in rules):
+            for low, high in elementary(rule.domains for rule in rules):
                 if self._domain is not None and not low <= self._domain <= high:
                     continue
-                decides = next((rule for cover, rule in rules if contains(cover, low)), None)
+                decides = next((rule for rule in rules if contains(rule.domains, low)), None)
                 if decides is not None:
                     interval = (low, high) if self._domain is None else (self._domain, self._domain)
                     found.append((interval, decides))
-            self._governed[place] = tuple(found)
-        return self._governed[place]
+            self._governed[key] = tuple(found)
+        return self._governed[key]
 
 
 def _identity_refusals(enclave: Enclave, certificate: Certificate, trust: Trust) -> Iterator[str]:
@@ -218,19 +227,32 @@ def _refusals_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:
     if any(revocations.this_update > at for revocations in dated.lists):
         yield "the revocation list is not yet valid, so every identity is refused"
     if certificate is not None and dated.grants is not None:
-        own = next((joins for start, end, joins in dated.grants if start <= at <= end), None)
-        if own is None:
+        named = ((grant.not_before <= at <= grant.not_after, joins) for grant, joins in dated.grants)
+        eligible = (each for each in named if each[0] or not dated.skips_grants_out_of_date)
+        in_force, joins = next(eligible, (False, False))
+        if not in_force:
             yield f"no grant in force names {certificate.subject}"
-        elif not own:
+        elif not joins:
             yield "the grant allows no domain that the governance covers"
 
 
-def _joins(governed: _Governed, grant: Grant) -> bool:
-    """Join control as `spec` has it, save that Table 63 taken to the letter would refuse every stock enclave."""
-    if grant.default_allow:
-        return True
-    allowed = [interval for rule in grant.rules if rule.allow for interval in covered(rule.domains)]
+def _joins(governed: _Governed, grant: ReadGrant, check: JoinCheck) -> bool:
+    """Whether the grant lets its holder join one of the domains."""
+    allowed = [interval for rule in grant.rules if rule.allow for interval in rule.domains]
+    if check is JoinCheck.FASTDDS:
+        return any(rule.allow for rule in grant.rules)
+    if check is JoinCheck.OPENDDS:
+        return any(not read.rule.enable_join_access_control or _is_loose(read) for _domains, read in governed)
     return any(
-        not rule.enable_join_access_control or any(low <= upper and lower <= high for lower, upper in allowed)
-        for (low, high), rule in governed
+        not read.rule.enable_join_access_control
+        or (check is JoinCheck.CYCLONEDDS and _is_loose(read))
+        or grant.default_allow
+        or any(low <= upper and lower <= high for lower, upper in allowed)
+        for (low, high), read in governed
     )
+
+
+def _is_loose(read: ReadDomainRule) -> bool:
+    """Whether some topic of the domain rule has no access control in one direction."""
+    topics = read.rule.topic_rules
+    return any(not (topic.enable_read_access_control and topic.enable_write_access_control) for topic in topics)

@@ -40,6 +40,7 @@ class Builder:
     """A system in the making: each method adds an atom and returns its index."""
 
     pins_signer: bool = True
+    skips_grants_out_of_date: bool = True
     reading: Reading = Reading.MUST
     now: int = 2
     certificates: list[CertificateAtom] = field(default_factory=list)
@@ -255,6 +256,7 @@ class Builder:
         return System(
             profiles=("spec",),
             pins_signer=self.pins_signer,
+            skips_grants_out_of_date=self.skips_grants_out_of_date,
             reading=self.reading,
             instants=tuple(start + timedelta(days=365 * number) for number in range(INSTANTS)),
             now=self.now,
@@ -356,6 +358,7 @@ class _Chance:
         may = self.random.random() < 0.5
         self.b = Builder(
             pins_signer=self.random.random() < 0.6,
+            skips_grants_out_of_date=self.random.random() < 0.5,
             reading=Reading.MAY if may else Reading.MUST,
             now=2 if not self.odd() else self.random.randrange(INSTANTS),
         )

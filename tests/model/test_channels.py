@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import itertools
 import random
+from datetime import datetime, timezone
 
 import pytest
 
-from keystore_audit.keystore.governance import DomainRange, ProtectionKind, Text, TopicRule
-from keystore_audit.keystore.permissions import Criterion, Operation, Rule
-from keystore_audit.model.channels import Channels, build_channels, covers_of, domain_classes
+from keystore_audit.keystore.governance import DomainRange, Text
+from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Rule
+from keystore_audit.model.channels import ANY_TOPIC, build_channels, domain_classes
 from keystore_audit.model.domains import contains, covered
 from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.profiles import VARIANTS, Access
+from keystore_audit.model.semantics import Area, Region, read_grant
 
+START = datetime(2020, 1, 1, tzinfo=timezone.utc)
+END = datetime(2030, 1, 1, tzinfo=timezone.utc)
 TOPICS = ["a", "b", "ab", "a*", "*b", "?", "[ab]c", "*", "ba", "b?a"]
 PARTITIONS = ["a", "*", "b*", ""]
 NAMES = ["".join(letters) for n in (1, 2, 3) for letters in itertools.product("abc", repeat=n)]
@@ -22,17 +27,16 @@ def text(value: str) -> Text:
     return Text(text=value, line=1)
 
 
-def topic_rule(expression: str) -> TopicRule:
-    return TopicRule(
-        expression=text(expression),
-        enable_discovery_protection=True,
-        enable_liveliness_protection=True,
-        enable_read_access_control=True,
-        enable_write_access_control=True,
-        metadata_protection_kind=ProtectionKind.NONE,
-        data_protection_kind=ProtectionKind.NONE,
+def grant(*rules: Rule) -> Grant:
+    return Grant(
+        name="g",
+        subject_name=text("CN=/talker"),
+        not_before=text("2020-01-01T00:00:00"),
+        not_after=text("2030-01-01T00:00:00"),
+        rules=rules,
+        default_allow=False,
+        default_line=1,
         line=1,
-        lines={},
     )
 
 
@@ -55,57 +59,83 @@ def random_rule(source: random.Random) -> Rule:
     )
 
 
-def matches(rule: Rule, operation: Operation, topic: str, partition: str) -> bool:
-    """DDS-Security 1.1, 9.4.1.3.2.3: topic and partition within one criterion of the kind."""
-    for criterion in rule.criteria:
-        if criterion.operation is not operation:
-            continue
-        if not any(parse(t.text, Matcher.POSIX).matches(topic) for t in criterion.topics):
-            continue
-        if criterion.partitions is None:
-            if partition == "" or not rule.allow:
-                return True
-        elif any(parse(p.text, Matcher.POSIX).matches(partition) for p in criterion.partitions):
-            return True
-    return False
+def named(rules: list[Rule], access: Access) -> list[tuple[Matcher, Region]]:
+    """The regions of all rules as an implementation reads them."""
+    return [
+        (access.matcher, rule.region(operation))
+        for rule in read_grant(grant(*rules), START, END, access).rules
+        for operation in Operation
+    ]
 
 
-def signature(channels: Channels, channel: int) -> tuple[bool, ...]:
-    """What all rules say of a channel."""
-    return tuple(channel in rule for rule in channels.topic_rules) + tuple(
-        channel in found for rule in channels.rules for found in (rule.publish, rule.subscribe, rule.relay)
+def holds(matcher: Matcher, region: Region, topic: str, partition: str) -> bool:
+    return any(
+        any(parse(text, matcher).matches(topic) for text in area.topics)
+        and (area.partitions is None or any(parse(text, matcher).matches(partition) for text in area.partitions))
+        for area in region
     )
 
 
 @pytest.mark.parametrize("seed", range(60))
 def test_every_name_has_a_channel_that_says_what_the_rules_say(seed: int) -> None:
     source = random.Random(seed)
-    topic_rules = [topic_rule(t) for t in source.sample(TOPICS, source.randrange(1, 4))]
+    accesses = [profile.access for profile in source.sample(list(VARIANTS.values()), 2)]
+    topics = [Area((text,), None) for text in source.sample(TOPICS, source.randrange(1, 4))]
     rules = [random_rule(source) for _ in range(source.randrange(4))]
+    regions = [(access.matcher, (area,)) for access in accesses for area in topics]
+    regions += [each for access in accesses for each in named(rules, access)]
     governed = covered([DomainRange(low=0, high=1, line=1)])
-    domains = domain_classes([governed, *covers_of(rules)])
-    channels = build_channels(domains, [contains(governed, d.intervals[0][0]) for d in domains], topic_rules, rules)
+    domains = domain_classes([governed, *(covered(rule.domains) for rule in rules)])
+    channels = build_channels(domains, [contains(governed, d.intervals[0][0]) for d in domains], regions)
     domain = next(n for n, d in enumerate(domains) if contains(d.intervals, 0))
-    known = {signature(channels, n): channel for n, channel in enumerate(channels.channels) if channel.domain == domain}
+    known = {
+        tuple(number in channels.regions[each] for each in regions): channel
+        for number, channel in enumerate(channels.channels)
+        if channel.domain == domain
+    }
     met = set()
     for topic in NAMES:
         for partition in ("", "a", "b", "bc", "zz"):
-            said = tuple(parse(t.expression.text, Matcher.POSIX).matches(topic) for t in topic_rules)
-            said += tuple(matches(r, operation, topic, partition) for r in rules for operation in Operation)
+            said = tuple(holds(matcher, region, topic, partition) for matcher, region in regions)
             assert said in known, (topic, partition)
             met.add(said)
     for said, channel in known.items():
-        again = tuple(parse(t.expression.text, Matcher.POSIX).matches(channel.topic) for t in topic_rules)
-        again += tuple(
-            matches(r, operation, channel.topic, channel.partition) for r in rules for operation in Operation
-        )
+        again = tuple(holds(matcher, region, channel.topic, channel.partition) for matcher, region in regions)
         assert again == said, (channel.topic, channel.partition)
     assert len(known) == sum(1 for c in channels.channels if c.domain == domain)
     assert met <= set(known)
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_points_say_of_themselves_what_the_rules_say(seed: int) -> None:
+    source = random.Random(seed)
+    access = source.choice(list(VARIANTS.values())).access
+    regions = named([random_rule(source) for _ in range(3)], access)
+    domains = domain_classes([((0, 0), (2, 2)), ((2, 5),)])
+    points = [(topic, partition) for topic in ("a", "ba", "abc") for partition in ("", "a", "zz")]
+    channels = build_channels(
+        domains, [contains(d.intervals, 0) or contains(d.intervals, 2) for d in domains], regions, points
+    )
+    for id_ in (0, 2):
+        for number, (topic, partition) in enumerate(points):
+            channel = channels.of_point(id_, number)
+            assert (channels.channels[channel].topic, channels.channels[channel].partition) == (topic, partition)
+            for matcher, region in regions:
+                assert (channel in channels.regions[matcher, region]) is holds(matcher, region, topic, partition)
+    assert {channels.channels[channels.of_point(7, number)].topic for number in range(9)} == {ANY_TOPIC}
+
+
 def test_an_ungoverned_domain_has_one_channel_that_no_rule_matches() -> None:
     domains = domain_classes([((0, 0),)])
-    channels = build_channels(domains, [True, False], [topic_rule("*")], [])
+    everything = (Matcher.POSIX, (Area(("*",), None),))
+    channels = build_channels(domains, [True, False], [everything])
     assert [channel.domain for channel in channels.channels] == [0, 1]
-    assert channels.topic_rules == (frozenset({0}),)
+    assert channels.regions == {everything: frozenset({0})}
+
+
+def test_expressions_that_mean_the_same_to_all_make_no_class_more() -> None:
+    domains = domain_classes([((0, 0),)])
+    regions = [(matcher, (Area((text,), None),)) for matcher in Matcher for text in ("rt/a", "rt/?")]
+    assert len(build_channels(domains, [True], regions).channels) == 3
+    odd = [(matcher, (Area(("rt/[^a]",), None),)) for matcher in (Matcher.POSIX, Matcher.CYCLONEDDS)]
+    assert len(build_channels(domains, [True], odd).channels) == 4

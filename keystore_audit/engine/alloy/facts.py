@@ -256,6 +256,8 @@ class _Facts:
         a, grants, rules = self._atoms, self._system.grants, self._system.rules
         yield self._children("grant", a.documents, a.grants, [g.document for g in grants])
         yield self._map("subject_name", a.grants, a.certificates, [g.names for g in grants])
+        skipped = "Grant" if self._system.skips_grants_out_of_date and self._system.grants else "none"
+        yield function("skipped_out_of_date", "set Grant", skipped)
         yield self._set("default_allow", a.grants, [g.default_allow for g in grants])
         yield self._children("rule", a.grants, a.rules, [r.grant for r in rules])
         yield self._set("allow_rule", a.rules, [r.allow for r in rules])

@@ -2,7 +2,25 @@
 
 from __future__ import annotations
 
+from keystore_audit.model.profiles.access import Access, JoinCheck, Local, OpenRange, PartitionReading, RelayReading
 from keystore_audit.model.profiles.profile import Profile, RevocationLists, SubjectComparison, Trust
 from keystore_audit.model.profiles.variants import ALIASES, DEFAULT, VARIANTS, resolve
+from keystore_audit.model.validity import DateReading
 
-__all__ = ["ALIASES", "DEFAULT", "VARIANTS", "Profile", "RevocationLists", "SubjectComparison", "Trust", "resolve"]
+__all__ = [
+    "ALIASES",
+    "DEFAULT",
+    "VARIANTS",
+    "Access",
+    "DateReading",
+    "JoinCheck",
+    "Local",
+    "OpenRange",
+    "PartitionReading",
+    "Profile",
+    "RelayReading",
+    "RevocationLists",
+    "SubjectComparison",
+    "Trust",
+    "resolve",
+]

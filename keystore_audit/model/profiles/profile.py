@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import datetime
 from enum import Enum
+
+from keystore_audit.model.profiles.access import Access, Local
 
 
 class SubjectComparison(str, Enum):
@@ -39,7 +40,7 @@ class Trust:
     loaded (X509_V_FLAG_X509_STRICT). `ca_algorithms`, `identity_algorithms`: signature algorithms, as OpenSSL names
     them, of the first certificate of each CA file and of the identity (None: all). `identity_keys`: kinds of key of the
     identity and of the identity CA (None: all). `compares_key`: whether a private key of another certificate keeps the
-    participant from being created. `latest_date`: the last date of a grant that does not overflow.
+    participant from being created.
     """
 
     pins_signer: bool
@@ -54,15 +55,15 @@ class Trust:
     identity_algorithms: frozenset[str] | None
     identity_keys: frozenset[str] | None
     compares_key: bool
-    latest_date: datetime | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profile:
     """What one implementation does, for the versions named.
 
-    `distributions`: ROS 2 distributions that ship it. `measured`: the trust rows were measured on the real
-    plugins, else read in their source. `source`: where the row comes from.
+    `distributions`: ROS 2 distributions that ship it. `trust`: whom it trusts; `access`: what documents mean to it;
+    `local`: what it asks of its own participant. `measured`: on the real plugins, else read in their source. `source`:
+    where the rows come from.
     """
 
     name: str
@@ -70,5 +71,7 @@ class Profile:
     versions: str
     distributions: tuple[str, ...]
     trust: Trust
+    access: Access
+    local: Local
     measured: bool
     source: str

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from datetime import datetime, timezone
 from difflib import get_close_matches
 from typing import Final
 
 from keystore_audit.errors import UsageError
+from keystore_audit.model.expression import Matcher
+from keystore_audit.model.profiles.access import Access, JoinCheck, Local, OpenRange, PartitionReading, RelayReading
 from keystore_audit.model.profiles.profile import Profile, RevocationLists, SubjectComparison, Trust
+from keystore_audit.model.validity import DateReading
 
 _SPEC: Final = Trust(
     pins_signer=True,
@@ -28,7 +30,6 @@ _SPEC: Final = Trust(
     identity_algorithms=None,
     identity_keys=None,
     compares_key=True,
-    latest_date=None,
 )
 """DDS-Security 1.1: each certificate of a CA file is an anchor (9.3.1.1), it signs documents itself (9.4.1.1)."""
 
@@ -48,7 +49,6 @@ _FASTDDS: Final = Trust(
     identity_algorithms=_FASTDDS_ALGORITHMS,
     identity_keys=None,
     compares_key=True,
-    latest_date=None,
 )
 _FASTDDS_2_6: Final = replace(_FASTDDS, subjects=SubjectComparison.FASTDDS_ORDERED)
 _FASTDDS_UNPINNED: Final = replace(_FASTDDS_2_6, pins_signer=False, strict_authorities=False)
@@ -67,7 +67,6 @@ _CYCLONEDDS_11: Final = Trust(
     # RSA of 2,048 bits, or EC of 256 bits on whatever curve (auth_utils.c, check_key_type_and_size).
     identity_keys=frozenset({"RSA 2048", "EC secp256r1", "EC secp256k1", "EC brainpoolP256r1"}),
     compares_key=False,
-    latest_date=datetime(2262, 4, 11, 23, 47, 16, tzinfo=timezone.utc),  # 63 bits of nanoseconds (measured)
 )
 _CYCLONEDDS_0_10: Final = replace(
     _CYCLONEDDS_11, pins_signer=False, checks_permissions_ca=True, subjects=SubjectComparison.CYCLONEDDS
@@ -78,8 +77,70 @@ _OPENDDS: Final = replace(
     revocation=RevocationLists.NONE,
     subjects=SubjectComparison.OPENDDS,
     identity_keys=None,
-    latest_date=None,
 )
+
+_SPEC_ACCESS: Final = Access(
+    matcher=Matcher.POSIX,
+    open_ranges=OpenRange.SPEC,
+    highest_domain=None,
+    reads_1_0=True,
+    refuses_unauthenticated_with_rtps=False,
+    dates=DateReading.XSD,
+    skips_grants_out_of_date=True,
+    honours_default=True,
+    partitions=PartitionReading.CRITERION,
+    relay=RelayReading.RELAY,
+    first_rule_decides_topic=False,
+    any_governance_rule=False,
+)
+"""DDS-Security 1.1, 9.4.1.2 and 9.4.1.3, expressions by glibc's `fnmatch` (see `Matcher`)."""
+
+_FASTDDS_ACCESS: Final = Access(
+    matcher=Matcher.POSIX_NOESCAPE,
+    open_ranges=OpenRange.FASTDDS,
+    highest_domain=None,
+    reads_1_0=False,
+    refuses_unauthenticated_with_rtps=True,
+    dates=DateReading.FASTDDS,
+    skips_grants_out_of_date=True,
+    honours_default=False,
+    partitions=PartitionReading.RULE,
+    relay=RelayReading.READ,
+    first_rule_decides_topic=False,
+    any_governance_rule=False,
+)
+_FASTDDS_OLD_ACCESS: Final = replace(_FASTDDS_ACCESS, refuses_unauthenticated_with_rtps=False)
+
+_CYCLONEDDS_0_10_ACCESS: Final = Access(
+    matcher=Matcher.CYCLONEDDS,
+    open_ranges=OpenRange.CYCLONEDDS,
+    highest_domain=230,
+    reads_1_0=False,
+    refuses_unauthenticated_with_rtps=False,
+    dates=DateReading.CYCLONEDDS,
+    skips_grants_out_of_date=False,
+    honours_default=True,
+    partitions=PartitionReading.CRITERION_DEFAULT,
+    relay=RelayReading.NOTHING,
+    first_rule_decides_topic=True,
+    any_governance_rule=False,
+)
+
+_CYCLONEDDS_11_ACCESS: Final = replace(_CYCLONEDDS_0_10_ACCESS, first_rule_decides_topic=False)
+
+_OPENDDS_ACCESS: Final = replace(
+    _SPEC_ACCESS,
+    matcher=Matcher.OPENDDS,
+    dates=DateReading.OPENDDS,
+    relay=RelayReading.NOTHING,
+    skips_grants_out_of_date=False,
+    any_governance_rule=True,
+)
+
+_SPEC_LOCAL: Final = Local(joins=JoinCheck.SPEC, binds_domains=True, starts_ungoverned=False)
+_FASTDDS_LOCAL: Final = Local(joins=JoinCheck.FASTDDS, binds_domains=False, starts_ungoverned=True)
+_CYCLONEDDS_LOCAL: Final = Local(joins=JoinCheck.CYCLONEDDS, binds_domains=True, starts_ungoverned=False)
+_OPENDDS_LOCAL: Final = replace(_SPEC_LOCAL, joins=JoinCheck.OPENDDS)
 
 SPEC = Profile(
     name="spec",
@@ -87,6 +148,8 @@ SPEC = Profile(
     versions="formal/2018-04-01",
     distributions=(),
     trust=_SPEC,
+    access=_SPEC_ACCESS,
+    local=_SPEC_LOCAL,
     measured=False,
     source="DDS-Security 1.1, 9.4.1.1: the permissions CA signs governance and permissions",
 )
@@ -101,6 +164,8 @@ VARIANTS: dict[str, Profile] = {
             versions="2.3.6, 2.6.0 to 2.6.4, 2.7.1",
             distributions=("galactic",),
             trust=_FASTDDS_UNPINNED,
+            access=_FASTDDS_OLD_ACCESS,
+            local=_FASTDDS_LOCAL,
             measured=False,
             source="eProsima/Fast-DDS tags: PKCS7_NOINTERN only from 2.6.5 on",
         ),
@@ -110,6 +175,8 @@ VARIANTS: dict[str, Profile] = {
             versions="2.6.5 to 2.6.12; 2.6.12 measured",
             distributions=("humble",),
             trust=_FASTDDS_2_6,
+            access=_FASTDDS_ACCESS,
+            local=_FASTDDS_LOCAL,
             measured=True,
             source="leaf-signed documents refused by 2.6.12",
         ),
@@ -119,6 +186,8 @@ VARIANTS: dict[str, Profile] = {
             versions="2.9.1 (Debian's package)",
             distributions=(),
             trust=_FASTDDS_UNPINNED,
+            access=_FASTDDS_OLD_ACCESS,
+            local=_FASTDDS_LOCAL,
             measured=True,
             source="leaf-signed documents accepted by 2.9.1",
         ),
@@ -128,6 +197,8 @@ VARIANTS: dict[str, Profile] = {
             versions="2.14.5 and 2.14.6; 2.14.6 measured",
             distributions=("jazzy",),
             trust=_FASTDDS,
+            access=_FASTDDS_ACCESS,
+            local=_FASTDDS_LOCAL,
             measured=True,
             source="leaf-signed documents refused by 2.14.6",
         ),
@@ -137,6 +208,8 @@ VARIANTS: dict[str, Profile] = {
             versions="3.2.5",
             distributions=("kilted",),
             trust=_FASTDDS,
+            access=_FASTDDS_ACCESS,
+            local=_FASTDDS_LOCAL,
             measured=True,
             source="leaf-signed documents refused by 3.2.5",
         ),
@@ -146,6 +219,8 @@ VARIANTS: dict[str, Profile] = {
             versions="3.6.2",
             distributions=("lyrical", "rolling"),
             trust=_FASTDDS,
+            access=_FASTDDS_ACCESS,
+            local=_FASTDDS_LOCAL,
             measured=True,
             source="leaf-signed documents refused by 3.6.2",
         ),
@@ -155,6 +230,8 @@ VARIANTS: dict[str, Profile] = {
             versions="0.10.2 measured; 0.10.5 has the same code",
             distributions=("humble", "jazzy", "kilted"),
             trust=_CYCLONEDDS_0_10,
+            access=_CYCLONEDDS_0_10_ACCESS,
+            local=_CYCLONEDDS_LOCAL,
             measured=True,
             source="leaf-signed documents accepted by 0.10.2",
         ),
@@ -164,6 +241,8 @@ VARIANTS: dict[str, Profile] = {
             versions="11.0.1",
             distributions=("lyrical", "rolling"),
             trust=_CYCLONEDDS_11,
+            access=_CYCLONEDDS_11_ACCESS,
+            local=_CYCLONEDDS_LOCAL,
             measured=True,
             source="leaf-signed documents refused by 11.0.1",
         ),
@@ -173,6 +252,8 @@ VARIANTS: dict[str, Profile] = {
             versions="after 2023-01-18 (read at 2fea234)",
             distributions=(),
             trust=_OPENDDS,
+            access=_OPENDDS_ACCESS,
+            local=_OPENDDS_LOCAL,
             measured=False,
             source="OpenDDS/OpenDDS:dds/DCPS/security/SSL/SignedDocument.cpp",
         ),

@@ -9,9 +9,12 @@ from pathlib import Path
 import pytest
 
 from keystore_audit.keystore.keystore import read_keystore
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.system import Reading
 from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.model.views import Kind
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -31,17 +34,23 @@ STORES = sorted(
 )
 
 
+def builder_of(store: Path, at: datetime) -> tuple[SystemBuilder, AccessViews]:
+    keystore = read_keystore(store)
+    accesses = AccessViews(documents_of(keystore), at, None)
+    return SystemBuilder(keystore, list(VARIANTS.values()), at, accesses), accesses
+
+
 @pytest.mark.parametrize("store", STORES, ids=lambda store: str(store.relative_to(SAMPLES)))
 def test_what_one_system_stands_for_is_equal(store: Path) -> None:
     about = tomllib.loads(store.with_suffix(".toml").read_text(encoding="utf-8"))
-    builder = SystemBuilder(read_keystore(store), datetime.fromisoformat(about["at"].replace("Z", "+00:00")))
-    kinds = builder.kinds(list(VARIANTS.values()))
+    builder, accesses = builder_of(store, datetime.fromisoformat(about["at"].replace("Z", "+00:00")))
+    kinds = builder.kinds()
     assert sorted(name for names in kinds.values() for name in names) == sorted(VARIANTS)
-    for trust, names in kinds.items():
-        shared = builder.build(trust, profiles=(), reading=Reading.MAY)
+    for kind, names in kinds.items():
+        shared = builder.build(kind, profiles=(), reading=Reading.MAY)
         for name in names:
-            own = builder.build(VARIANTS[name].trust, profiles=(), reading=Reading.MAY)
-            assert own == shared, name
+            row = Kind(VARIANTS[name].trust, accesses.row(VARIANTS[name].access))
+            assert builder.build(row, profiles=(), reading=Reading.MAY) == shared, name
 
 
 def test_kinds_are_told_apart() -> None:
@@ -50,8 +59,7 @@ def test_kinds_are_told_apart() -> None:
 
     def kinds(name: str) -> set[frozenset[str]]:
         store = next((SAMPLES / "rules").glob(f"{name}*")) / "bad" if name.startswith("KA") else SAMPLES / name
-        found = SystemBuilder(read_keystore(store), at).kinds(list(VARIANTS.values()))
-        return {frozenset(names) for names in found.values()}
+        return {frozenset(names) for names in builder_of(store, at)[0].kinds().values()}
 
     unpinned = frozenset({"fastdds-2.6.4", "fastdds-2.9", "cyclonedds-0.10"})
     assert kinds("healthy/turtlesim") == {unpinned, frozenset(VARIANTS) - unpinned}

@@ -1,15 +1,18 @@
-"""What of a keystore depends on whom an implementation trusts: one view for each trust row of `model.profiles`."""
+"""What of a keystore depends on the implementation: a view for each kind, by its trust row and its access row."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.crl import CrlFile
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.permissions import PermissionsFile
+from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.inventory import Document
-from keystore_audit.model.profiles import Profile, SubjectComparison, Trust
+from keystore_audit.model.profiles import Access, Profile, SubjectComparison, Trust
 from keystore_audit.model.revocation import revoked
 from keystore_audit.model.subject import matching
 from keystore_audit.model.trust import (
@@ -25,15 +28,29 @@ from keystore_audit.model.trust import (
 TrustFiles = tuple[CertificateFile | None, CertificateFile | None, GovernanceFile | None, CrlFile | None]
 
 
+class Kind(NamedTuple):
+    """Implementations that read a keystore alike, by the rows of one of them."""
+
+    trust: Trust
+    access: Access
+
+
 def trust_files(enclave: Enclave) -> TrustFiles:
     """What the realm of an enclave is made of: files, each one object however many enclaves share it."""
     return enclave.identity_ca, enclave.permissions_ca, enclave.governance, enclave.crl
 
 
-class TrustViews:
+class Views:
     """The views of one keystore. A certificate is its index in `certificates`."""
 
-    def __init__(self, keystore: Keystore, documents: Sequence[Document], certificates: Sequence[Certificate]) -> None:
+    def __init__(
+        self,
+        keystore: Keystore,
+        documents: Sequence[Document],
+        certificates: Sequence[Certificate],
+        accesses: AccessViews,
+    ) -> None:
+        self._accesses = accesses
         self._documents = documents
         self._certificates = certificates
         self._number = {certificate.sha256: number for number, certificate in enumerate(certificates)}
@@ -41,20 +58,23 @@ class TrustViews:
         self._permissions_cas = list(dict.fromkeys(enclave.permissions_ca for enclave in keystore.enclaves))
         self._named: dict[SubjectComparison, dict[str, frozenset[int]]] = {}
 
-    def kinds(self, profiles: Sequence[Profile]) -> dict[Trust, tuple[str, ...]]:
-        """The names of the profiles that read this keystore alike, under one of their trust rows."""
-        found: dict[object, tuple[Trust, list[str]]] = {}
+    def kinds(self, profiles: Sequence[Profile]) -> dict[Kind, tuple[str, ...]]:
+        """The names of the profiles that read this keystore alike, under the rows of one of them."""
+        found: dict[object, tuple[Kind, list[str]]] = {}
         for profile in profiles:
-            found.setdefault(self._reading(profile.trust), (profile.trust, []))[1].append(profile.name)
-        return {trust: tuple(names) for trust, names in found.values()}
+            kind = Kind(profile.trust, self._accesses.row(profile.access))
+            found.setdefault(self._reading(kind), (kind, []))[1].append(profile.name)
+        return {kind: tuple(names) for kind, names in found.values()}
 
-    def _reading(self, trust: Trust) -> object:
-        """Everything about this keystore that depends on the trust row: equal where it is read alike."""
+    def _reading(self, kind: Kind) -> object:
+        """Everything about this keystore that depends on the implementation: equal where it is read alike."""
+        trust = kind.trust
         return (
+            kind.access,
             trust.pins_signer,
             tuple(self.authorities(enclave, trust) for enclave in self._realms),
             tuple(self.names(trust).items()),
-            self.opaque(trust),
+            self.opaque(kind),
             () if trust.pins_signer else tuple(self.signers(document, trust) for document in self._documents),
         )
 
@@ -76,26 +96,27 @@ class TrustViews:
             subjects = [
                 grant.subject_name.text
                 for document in self._documents
-                if document.permissions
-                for grant in document.permissions.grants
+                if isinstance(document.file, PermissionsFile) and document.file.permissions is not None
+                for grant in document.file.permissions.grants
             ]
             self._named[trust.subjects] = matching(subjects, self._certificates, trust.subjects)
         return self._named[trust.subjects]
 
-    def opaque(self, trust: Trust) -> frozenset[str]:
+    def opaque(self, kind: Kind) -> frozenset[str]:
         """The places of documents that some enclave may accept although we do not know what they say."""
-        return frozenset(document.place for document in self._documents if self._is_opaque(document, trust))
+        return frozenset(document.place for document in self._documents if self._is_opaque(document, kind))
 
-    def _is_opaque(self, document: Document, trust: Trust) -> bool:
+    def _is_opaque(self, document: Document, kind: Kind) -> bool:
         if document.file is None:
             return True
         judged = envelope(document.file.signed)
         if judged.verdict is Verdict.UNKNOWN:
             return True
-        if judged.verdict is Verdict.REFUSED or document.readable:
+        read = self._accesses.read(document.file, kind.access)
+        if judged.verdict is Verdict.REFUSED or read.is_readable or read.refusal is not None:
             return False
         signed = document.file.signed
-        return any(document_verdict(signed, file, trust) is Verdict.ACCEPTED for file in self._permissions_cas)
+        return any(document_verdict(signed, file, kind.trust) is Verdict.ACCEPTED for file in self._permissions_cas)
 
     def signers(self, document: Document, trust: Trust) -> frozenset[int]:
         """Who made the signatures, as the implementation finds them: in the message, where it does not pin."""

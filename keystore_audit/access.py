@@ -1,0 +1,105 @@
+"""What enclaves may do, asked by name: `can`, and whoever wants the answers as values."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from difflib import get_close_matches
+from zoneinfo import ZoneInfo
+
+from keystore_audit.errors import UsageError
+from keystore_audit.findings import Location
+from keystore_audit.keystore.keystore import Enclave, read_keystore
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.channels import Point
+from keystore_audit.model.decision import LocalRights
+from keystore_audit.model.effective import EffectiveRights
+from keystore_audit.model.interpret import build_systems
+from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.profiles import Profile
+from keystore_audit.model.question import Answer, Question, Ruling, joint
+from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.model.usability import Usabilities
+
+
+class Access:
+    """The answers about one keystore to questions known beforehand, as `profiles` give them at `at` (aware UTC).
+
+    `zone`: where the robots are, None if that is not known. Raises errors.NothingToAudit where there is no keystore and
+    errors.BudgetExceeded where it has more certificates and authorities than chains can be checked for.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        questions: Sequence[Question],
+        *,
+        profiles: Sequence[Profile],
+        at: datetime,
+        zone: ZoneInfo | None = None,
+    ) -> None:
+        keystore = read_keystore(path)
+        self._profiles = profiles
+        self._at = at
+        self._enclaves = {enclave.path: enclave for enclave in reversed(keystore.enclaves)}
+        self._accesses = AccessViews(documents_of(keystore), at, zone)
+        points: dict[Point, int] = {}
+        for question in questions:
+            points.setdefault((question.topic, question.partition), len(points))
+        self._points = points
+        builder = SystemBuilder(keystore, profiles, at, self._accesses, tuple(points))
+        self._channels = builder.channels
+        self._local = LocalRights(self._accesses, builder.channels, at)
+        self._effective = EffectiveRights(build_systems(builder))
+        self._usabilities: dict[int, Usabilities] = {}
+
+    def enclave(self, path: str) -> Enclave:
+        """The enclave of that path. Raises UsageError, with the nearest one, for an unknown path."""
+        found = self._enclaves.get(path)
+        if found is None:
+            known = sorted(self._enclaves)
+            nearest = get_close_matches(path, known, n=1)
+            hint = f" Did you mean {nearest[0]}?" if nearest else ""
+            raise UsageError(f"There is no enclave {path!r}.{hint} Known: {', '.join(known)}.")
+        return found
+
+    def answers(self, question: Question) -> Mapping[str, Answer]:
+        """By profile. Raises UsageError for an unknown enclave."""
+        enclave = self.enclave(question.enclave)
+        channel = self._channels.of_point(question.domain, self._points[question.topic, question.partition])
+        return {profile.name: self._answer(enclave, question, channel, profile) for profile in self._profiles}
+
+    def joint(self, questions: Sequence[Question]) -> Mapping[str, Answer]:
+        """By profile, one answer to whether all of it may be done: that of the channel which stands in the way."""
+        each = [self.answers(question) for question in questions]
+        return {profile.name: joint([answers[profile.name] for answers in each]) for profile in self._profiles}
+
+    def _answer(self, enclave: Enclave, question: Question, channel: int, profile: Profile) -> Answer:
+        domain = question.domain
+        usabilities = self._usabilities.setdefault(domain, Usabilities(domain, self._accesses))
+        usability = usabilities.of(enclave, self._at, profile)
+        location: Location | None = None
+        if usability.usable:
+            local = self._local.decide(enclave, profile, question.operation, channel)
+            decision, reason, location = Ruling.ALLOW if local.allow else Ruling.DENY, local.reason, local.location
+        else:
+            decision = Ruling.UNKNOWN if usability.usable is None else Ruling.DENY
+            known = (
+                "cannot be told whether a participant starts" if usability.usable is None else "no participant starts"
+            )
+            reason = f"{known}: {'; '.join(usability.reasons)}"
+        return Answer(
+            usable=usability.usable,
+            decision=decision,
+            effective=self._accepted(enclave, question.operation, channel, profile),
+            reason=reason,
+            location=location,
+        )
+
+    def _accepted(self, enclave: Enclave, operation: Operation, channel: int, profile: Profile) -> Ruling:
+        if self._effective.must(enclave.path, profile.name, operation) >> channel & 1:
+            return Ruling.ALLOW
+        may = self._effective.may(enclave.path, profile.name, operation) >> channel & 1
+        return Ruling.UNKNOWN if may else Ruling.DENY

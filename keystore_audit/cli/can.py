@@ -1,0 +1,224 @@
+"""`keystore-audit can KEYSTORE ENCLAVE OPERATION NAME`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from datetime import datetime
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from keystore_audit.cli import options as opt
+from keystore_audit.cli import output
+from keystore_audit.errors import EXIT_INCOMPLETE, UsageError
+
+if TYPE_CHECKING:
+    from keystore_audit.access import Access
+    from keystore_audit.model.question import Answer, Question
+
+ROS_OPERATIONS: Final = ("publish", "subscribe", "relay", "request", "reply", "call", "execute")
+DDS_OPERATIONS: Final = ("publish", "subscribe", "relay")
+KINDS: Final = ("ros", "dds")
+EXPECTED: Final = ("allow", "deny")
+
+
+@click.command("can", short_help="Say whether an enclave may do something, and which line decides.")
+@click.argument("keystore", metavar="KEYSTORE", type=opt.keystore_path)
+@click.argument("words", metavar="[ENCLAVE OPERATION NAME]", nargs=-1)
+@click.option(
+    "--kind",
+    type=opt.one_of(*KINDS),
+    default="ros",
+    metavar="[ros|dds]",
+    show_default=True,
+    help="What NAME is: of ROS, as /chatter, or of a DDS topic, as rt/chatter.",
+)
+@click.option(
+    "--domain",
+    type=click.IntRange(0, opt.LAST_DOMAIN),
+    default=0,
+    show_default=True,
+    metavar="N",
+    help="In which domain.",
+)
+@click.option("--partition", default="", metavar="NAME", help="In which partition (default: the one without a name).")
+@opt.profile_option
+@opt.at_option
+@opt.time_zone_option
+@click.option(
+    "-f",
+    "--format",
+    "kind_of_report",
+    type=opt.one_of(*output.FORMATS),
+    default="text",
+    show_default=True,
+    metavar="[text|json]",
+    help="How the answer is written.",
+)
+@click.option("--effective", is_flag=True, help="The exit code is about what peers accept, not about own checks.")
+@click.option(
+    "--expect",
+    type=opt.one_of(*EXPECTED),
+    metavar="[allow|deny]",
+    help="Exit with 0 only if every answer is this.",
+)
+@click.option(
+    "--batch",
+    type=click.Path(allow_dash=True, dir_okay=False, exists=True),
+    metavar="FILE",
+    help="Queries, one a line: enclave, operation, DDS name [, domain [, partition]], with tabs between; - for stdin.",
+)
+@opt.verbose_option("Say where a fault is.")
+def command(keystore: str, words: tuple[str, ...], **given: Any) -> int:
+    """Say whether ENCLAVE may do OPERATION on NAME, under each profile, and which line decides.
+
+    \b
+    OPERATION and NAME:
+      publish, subscribe, relay   a topic, as /chatter
+      request, reply              a service: both of its topics
+      call, execute               an action: all of its topics and services
+    \b
+    Exit codes:
+      0   every profile allows (or answers as --expect says)
+      1   some profile denies
+      4   some profile's answer is unknown
+    """  # noqa: D301 - click's mark for lines that stay as they are
+    if given["batch"] is not None:
+        if words:
+            raise click.UsageError(
+                "With --batch the queries come from the file: leave ENCLAVE, OPERATION and NAME out."
+            )
+        return _batch(keystore, given)
+    if len(words) != 3:
+        raise click.UsageError("Name ENCLAVE, OPERATION and NAME, e.g. `/talker publish /chatter`.")
+    return _one(keystore, words[0], words[1], words[2], given)
+
+
+def _one(keystore: str, enclave: str, operation: str, name: str, given: dict[str, Any]) -> int:
+    from keystore_audit.report import answer
+
+    questions = _questions(enclave, operation, name, given)
+    access = _access(keystore, questions, given)
+    access.enclave(enclave)
+    answers = access.joint(questions)
+    asked = answer.Asked(
+        enclave=enclave,
+        operation=operation,
+        name=name,
+        domain=given["domain"],
+        partition=given["partition"],
+        dds_names=tuple((each.operation.value, each.topic) for each in questions),
+    )
+    render = answer.json if given["kind_of_report"] == "json" else answer.text
+    output.write_stdout(render(asked, answers))
+    return _exit_code(answers.values(), effective=given["effective"], expected=given["expect"])
+
+
+def _questions(enclave: str, operation: str, name: str, given: dict[str, Any]) -> tuple[Question, ...]:
+    """The questions about DDS topics that the question is made of."""
+    from keystore_audit.keystore.permissions import Operation
+    from keystore_audit.model.names import dds_channels
+    from keystore_audit.model.question import Question
+
+    known = DDS_OPERATIONS if given["kind"] == "dds" else ROS_OPERATIONS
+    if operation not in known:
+        raise click.UsageError(opt.unknown(f"{operation!r} is not one of", operation, known))
+    channels = dds_channels(operation, name) if given["kind"] == "ros" else ((Operation(operation), name),)
+    if not name:
+        raise click.UsageError("NAME is empty: no topic is called so.")
+    return tuple(
+        Question(enclave=enclave, operation=each, topic=topic, domain=given["domain"], partition=given["partition"])
+        for each, topic in channels
+    )
+
+
+def _access(keystore: str, questions: Sequence[Question], given: dict[str, Any]) -> Access:
+    from keystore_audit.access import Access
+    from keystore_audit.model.profiles import resolve
+
+    at: datetime | None = given["at"]
+    return Access(keystore, questions, profiles=resolve(given["profiles"]), at=at or opt.now(), zone=given["time_zone"])
+
+
+def _exit_code(answers: Iterable[Answer], *, effective: bool, expected: str | None) -> int:
+    """4 where any answer is unknown, 0 where all are `expected` (none: allow), else 1."""
+    rulings = {(answer.effective if effective else answer.decision).value for answer in answers}
+    if "unknown" in rulings:
+        return EXIT_INCOMPLETE
+    return 0 if rulings == {expected or "allow"} else 1
+
+
+def _batch(keystore: str, given: dict[str, Any]) -> int:
+    """Answer each line of the file with one of JSON."""
+    from keystore_audit.report import answer
+
+    lines = list(_lines(given["batch"]))
+    parsed = [_parse(line) for line in lines]
+    access = _access(keystore, [each for each in parsed if not isinstance(each, str)], given)
+    code = 0
+    written: list[str] = []
+    for number, each in enumerate(parsed, 1):
+        if isinstance(each, str):
+            written.append(answer.error(number, each))
+            code = EXIT_INCOMPLETE
+            continue
+        try:
+            answers = access.answers(each)
+        except UsageError as error:
+            written.append(answer.error(number, error.message))
+            code = EXIT_INCOMPLETE
+            continue
+        asked = answer.Asked(
+            enclave=each.enclave,
+            operation=each.operation.value,
+            name=each.topic,
+            domain=each.domain,
+            partition=each.partition,
+            dds_names=((each.operation.value, each.topic),),
+        )
+        written.append(answer.json(asked, answers))
+        code = code or _exit_code(answers.values(), effective=given["effective"], expected=given["expect"]) // 4 * 4
+    output.write_stdout("".join(written))
+    return code
+
+
+def _lines(path: str) -> Iterator[bytes]:
+    """The lines of the file, without their ends."""
+    try:
+        if path == "-":
+            content = sys.stdin.buffer.read()
+        else:
+            with open(path, "rb") as file:
+                content = file.read()
+    except OSError as error:
+        raise UsageError(f"The queries cannot be read from {path}: {error.strerror or error}.") from error
+    lines = content.split(b"\n")
+    if lines and not lines[-1]:
+        lines.pop()
+    yield from (line.removesuffix(b"\r") for line in lines)
+
+
+def _parse(line: bytes) -> Question | str:
+    """The query, or what is wrong with the line."""
+    from keystore_audit.keystore.permissions import Operation
+    from keystore_audit.model.question import Question
+
+    try:
+        fields = line.decode("utf-8").split("\t")
+    except UnicodeDecodeError:
+        return "not UTF-8"
+    if not 3 <= len(fields) <= 5:
+        return f"expected 3 to 5 fields with tabs between, found {len(fields)}"
+    enclave, operation, name = fields[:3]
+    domain = fields[3] if len(fields) > 3 else "0"
+    if operation not in DDS_OPERATIONS:
+        return f"unknown operation {operation!r}; expected publish, subscribe or relay"
+    if not name:
+        return "the name is empty"
+    if not (domain.isascii() and domain.isdigit() and len(domain) <= 3 and int(domain) <= opt.LAST_DOMAIN):
+        return f"{domain!r} is no domain of 0 to {opt.LAST_DOMAIN}"
+    partition = fields[4] if len(fields) > 4 else ""
+    return Question(
+        enclave=enclave, operation=Operation(operation), topic=name, domain=int(domain), partition=partition
+    )

@@ -1,0 +1,287 @@
+"""What the documents of a keystore say to each implementation: one view for each access row of `model.profiles`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, fields, replace
+from datetime import datetime, timedelta
+from functools import cached_property
+from typing import Final
+from zoneinfo import ZoneInfo
+
+from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.governance import DomainRange, Governance, GovernanceFile, ProtectionKind, Text
+from keystore_audit.keystore.permissions import Grant, Operation, Permissions, PermissionsFile
+from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.inventory import Document
+from keystore_audit.model.profiles import Access, DateReading, OpenRange, PartitionReading, Profile, RelayReading
+from keystore_audit.model.semantics import (
+    ReadDomainRule,
+    ReadGrant,
+    has_one_reading,
+    read_domain_rules,
+    read_grant,
+)
+from keystore_audit.model.validity import Dated, is_in_force, read_date
+
+_SECOND: Final = timedelta(seconds=1)
+_WILDCARDS: Final = frozenset("*?[\\")
+_PLAIN: Final = Access(
+    matcher=Matcher.POSIX,
+    open_ranges=OpenRange.SPEC,
+    highest_domain=None,
+    reads_1_0=True,
+    refuses_unauthenticated_with_rtps=False,
+    dates=DateReading.XSD,
+    skips_grants_out_of_date=True,
+    honours_default=True,
+    partitions=PartitionReading.CRITERION,
+    relay=RelayReading.RELAY,
+    first_rule_decides_topic=False,
+    any_governance_rule=False,
+)
+"""What stands for every way of reading what all read alike."""
+
+Typed = GovernanceFile | PermissionsFile
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadDocument:
+    """A document as an implementation reads it.
+
+    `refusal`: why it takes the document for none. `doubt`: why it is unknown what the document says, and the line. With
+    neither, one of `domain_rules` and `grants` is there, unless the document could not be parsed at all.
+    """
+
+    refusal: str | None = None
+    doubt: tuple[str, int | None] | None = None
+    domain_rules: tuple[ReadDomainRule, ...] | None = None
+    grants: tuple[ReadGrant, ...] | None = None
+
+    @property
+    def is_readable(self) -> bool:
+        """Whether it says something."""
+        return self.domain_rules is not None or self.grants is not None
+
+
+_UNPARSED: Final = ReadDocument()
+
+
+class AccessViews:
+    """The views of one keystore's documents at `at` (aware UTC); `zone`: where the robot is, None if not said."""
+
+    def __init__(self, documents: Iterable[Document], at: datetime, zone: ZoneInfo | None) -> None:
+        self._files = [document.file for document in documents if document.file is not None]
+        self._at = at
+        self._zone = zone
+        self._rows: dict[Access, Access] = {}
+        self._kept: dict[tuple[object, ...], Access] = {}
+        self._read: dict[Access, dict[Typed, ReadDocument]] = {}
+
+    def row(self, access: Access) -> Access:
+        """One row for all that read this keystore's documents alike."""
+        row = self._rows.get(access)
+        if row is None:
+            reduced = self._reduced(access)
+            row = self._kept.setdefault(tuple(getattr(reduced, each.name) for each in fields(reduced)), reduced)
+            self._rows[access] = self._rows[row] = row
+        return row
+
+    def read(self, file: Typed, access: Access) -> ReadDocument:
+        """What the document says."""
+        row = self.row(access)
+        known = self._read.setdefault(row, {})
+        found = known.get(file)
+        if found is None:
+            found = known[file] = self._document(file, row)
+        return found
+
+    def dates_in_local_time(self, profiles: Iterable[Profile]) -> frozenset[datetime]:
+        """Dates of grants that a profile reads in the robot's zone, which we were not told, as if it were UTC."""
+        readings = {profile.access.dates for profile in profiles}
+        dated = [read_date(text, reading, self._zone) for text in self._dates for reading in readings]
+        return frozenset(each.instant for each in dated if each is not None and each.local)
+
+    def _reduced(self, access: Access) -> Access:
+        """The row with everything that no document gives an occasion for as `_PLAIN` has it."""
+        texts = self._unusual_expressions
+        alike = all(_meaning(text, access.matcher) == _meaning(text, Matcher.POSIX) for text in texts)
+        dates = all(self._same_date(text, access.dates) for text in self._dates)
+        occasions = {
+            "matcher": not alike,
+            "open_ranges": any(
+                entry.low is None or not entry.high for entry in self._ranges if entry.low != entry.high
+            ),
+            "highest_domain": access.highest_domain is not None and self._beyond(self._ranges, access.highest_domain),
+            "reads_1_0": any(_is_1_0(file) for file in self._files),
+            "refuses_unauthenticated_with_rtps": any(map(_opens_protected_rtps, self._governances)),
+            "dates": not dates,
+            "skips_grants_out_of_date": any(len(permissions.grants) > 1 for permissions in self._permissions),
+            "honours_default": any(grant.default_allow for grant in self._grants),
+            "partitions": not all(map(has_one_reading, self._permissions)),
+            "relay": any(
+                criterion.operation is Operation.RELAY
+                for grant in self._grants
+                for rule in grant.rules
+                for criterion in rule.criteria
+            ),
+            "first_rule_decides_topic": any(not rule.allow for grant in self._grants for rule in grant.rules),
+            "any_governance_rule": any(
+                len(governance.domain_rules) > 1 or any(len(rule.topic_rules) > 1 for rule in governance.domain_rules)
+                for governance in self._governances
+            ),
+        }
+        return replace(_PLAIN, **{name: getattr(access, name) for name, occurs in occasions.items() if occurs})
+
+    @cached_property
+    def _governances(self) -> list[Governance]:
+        files = [file for file in self._files if isinstance(file, GovernanceFile)]
+        return [file.governance for file in files if file.governance is not None]
+
+    @cached_property
+    def _permissions(self) -> list[Permissions]:
+        files = [file for file in self._files if isinstance(file, PermissionsFile)]
+        return [file.permissions for file in files if file.permissions is not None]
+
+    @cached_property
+    def _grants(self) -> list[Grant]:
+        return [grant for permissions in self._permissions for grant in permissions.grants]
+
+    @cached_property
+    def _ranges(self) -> list[DomainRange]:
+        return list(
+            dict.fromkeys(
+                [entry for governance in self._governances for entry in _governance_ranges(governance)]
+                + [entry for permissions in self._permissions for entry in _permissions_ranges(permissions)]
+            )
+        )
+
+    @cached_property
+    def _dates(self) -> set[str]:
+        return {date.text for grant in self._grants for date in (grant.not_before, grant.not_after)}
+
+    @cached_property
+    def _unusual_expressions(self) -> list[str]:
+        """Expressions that a matcher may read in its own way."""
+        found = {expression.text for file in self._files for expression in _expressions(file)}
+        return [text for text in found if not _WILDCARDS.isdisjoint(text)]
+
+    def _same_date(self, text: str, reading: DateReading) -> bool:
+        """Whether the date is what the specification has, and it does not matter now how exactly."""
+        dated, standard = read_date(text, reading, self._zone), read_date(text, DateReading.XSD, None)
+        if dated is None or standard is None or dated.instant != standard.instant:
+            return False
+        return not dated.earliest - _SECOND <= self._at <= dated.latest + _SECOND
+
+    @staticmethod
+    def _beyond(ranges: Iterable[DomainRange], highest: int) -> bool:
+        return any(max(entry.low or 0, entry.high or 0) > highest for entry in ranges)
+
+    def _document(self, file: Typed, access: Access) -> ReadDocument:
+        governance = file.governance if isinstance(file, GovernanceFile) else None
+        permissions = file.permissions if isinstance(file, PermissionsFile) else None
+        if governance is None and permissions is None:
+            return _UNPARSED
+        if not access.reads_1_0 and _is_1_0(file):
+            return ReadDocument(refusal="it has the form of DDS-Security 1.0")
+        undefined = self._undefined_expression(file, access.matcher)
+        if undefined is not None:
+            return ReadDocument(doubt=undefined)
+        if governance is not None:
+            refusal = self._range_refusal(_governance_ranges(governance), access)
+            if refusal is None and access.refuses_unauthenticated_with_rtps and _opens_protected_rtps(governance):
+                refusal = "it allows unauthenticated participants beside a protected RTPS"
+            return ReadDocument(
+                refusal=refusal, domain_rules=None if refusal else read_domain_rules(governance, access)
+            )
+        return self._permissions_document(permissions, access) if permissions is not None else _UNPARSED
+
+    def _undefined_expression(self, file: Typed, matcher: Matcher) -> tuple[str, int | None] | None:
+        """An expression whose meaning hangs on what an implementation has in its memory, and its line."""
+        undefined = {text for text in self._unusual_expressions if parse(text, matcher).undefined}
+        if undefined:
+            for expression in _expressions(file):
+                if expression.text in undefined:
+                    reason = f"the expression {expression.text!r} {parse(expression.text, matcher).malformed}"
+                    return reason, expression.line
+        return None
+
+    def _range_refusal(self, ranges: Iterable[DomainRange], access: Access) -> str | None:
+        known = list(ranges)
+        if access.highest_domain is not None and self._beyond(known, access.highest_domain):
+            return f"it names a domain above {access.highest_domain}"
+        if access.open_ranges is OpenRange.CYCLONEDDS and any(entry.low is None for entry in known):
+            return "it has an <id_range> without <min>"
+        return None
+
+    def _permissions_document(self, permissions: Permissions, access: Access) -> ReadDocument:
+        refusal = self._range_refusal(_permissions_ranges(permissions), access)
+        if refusal is not None:
+            return ReadDocument(refusal=refusal)
+        grants = []
+        for grant in permissions.grants:
+            dates = [read_date(date.text, access.dates, self._zone) for date in (grant.not_before, grant.not_after)]
+            not_before, not_after = dates
+            if not_before is None or not_after is None:
+                date = grant.not_before if not_before is None else grant.not_after
+                if access.dates is DateReading.XSD:  # the specification says nothing of such a date
+                    return ReadDocument(doubt=(f"{date.text!r} is no date of the years 1 to 9999", date.line))
+                return ReadDocument(refusal=f"{date.text!r} is no date")
+            in_force = is_in_force(not_before, not_after, self._at, access.dates)
+            if in_force is None:
+                date = grant.not_before if not_before.local and not_before.latest > self._at else grant.not_after
+                reason = "is read in the robot's zone (--time-zone), which decides whether the grant counts now"
+                return ReadDocument(doubt=(f"{date.text!r} {reason}", date.line))
+            grants.append(read_grant(grant, *self._bounds(not_before, not_after, in_force=in_force), access))
+        return ReadDocument(grants=tuple(grants))
+
+    def _bounds(self, not_before: Dated, not_after: Dated, *, in_force: bool) -> tuple[datetime, datetime]:
+        """The validity, both ends included; implementations differ in the second at which it ends."""
+        start, end = not_before.instant, not_after.instant
+        if in_force:
+            return min(start, self._at), max(end, self._at)
+        if start <= self._at <= end:
+            return (
+                (self._at + datetime.resolution, end) if start == self._at else (start, self._at - datetime.resolution)
+            )
+        return start, end
+
+
+def _meaning(text: str, matcher: Matcher) -> object:
+    pattern = parse(text, matcher)
+    return pattern.rewinds, pattern.pieces, pattern.undefined
+
+
+def _is_1_0(file: Typed) -> bool:
+    return any(defect.kind is Kind.DDS_SECURITY_1_0 for defect in file.defects)
+
+
+def _opens_protected_rtps(governance: Governance) -> bool:
+    return any(
+        rule.allow_unauthenticated_participants and rule.rtps_protection_kind is not ProtectionKind.NONE
+        for rule in governance.domain_rules
+    )
+
+
+def _expressions(file: Typed) -> Iterator[Text]:
+    """Every topic and partition expression of the document."""
+    if isinstance(file, GovernanceFile):
+        for domain_rule in file.governance.domain_rules if file.governance else ():
+            yield from (topic.expression for topic in domain_rule.topic_rules)
+        return
+    for grant in file.permissions.grants if file.permissions else ():
+        for rule in grant.rules:
+            for criterion in rule.criteria:
+                yield from criterion.topics
+                yield from criterion.partitions or ()
+
+
+def _governance_ranges(governance: Governance) -> Iterator[DomainRange]:
+    for rule in governance.domain_rules:
+        yield from rule.domains
+
+
+def _permissions_ranges(permissions: Permissions) -> Iterator[DomainRange]:
+    for grant in permissions.grants:
+        for rule in grant.rules:
+            yield from rule.domains

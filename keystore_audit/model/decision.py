@@ -1,0 +1,246 @@
+"""What an enclave's own implementation lets it do: topics and endpoints, with the line that decides.
+
+What its peers accept from it is another question (`model.effective`): a compromised enclave skips its own checks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from difflib import get_close_matches
+from typing import Final
+
+from keystore_audit.findings import Location
+from keystore_audit.keystore.governance import TopicRule
+from keystore_audit.keystore.keystore import Enclave
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.channels import Channels
+from keystore_audit.model.domains import contains, describe
+from keystore_audit.model.permission import bits
+from keystore_audit.model.profiles import Access, Profile
+from keystore_audit.model.semantics import ReadDomainRule, ReadGrant, ReadRule, Region
+from keystore_audit.model.subject import names
+
+DONE: Final = {
+    Operation.PUBLISH: ("publish", "publishing"),
+    Operation.SUBSCRIBE: ("subscribe", "subscribing"),
+    Operation.RELAY: ("relay", "relaying"),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decision:
+    """Whether a topic and an endpoint can be created, why (a sentence), and the line that says so."""
+
+    allow: bool
+    reason: str
+    location: Location | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Step:
+    """Decides about `channels`, unless an earlier step did."""
+
+    channels: int
+    decision: Decision
+
+
+class LocalRights:
+    """The decisions of one keystore's implementations about channels, at `at` (aware UTC).
+
+    They are about participants that are created: whether one is, `model.usability` says.
+    """
+
+    def __init__(self, accesses: AccessViews, channels: Channels, at: datetime) -> None:
+        self._accesses = accesses
+        self._channels = channels
+        self._at = at
+        self._bits: dict[object, int] = {}
+        self._in_domain = [0] * len(channels.domains)
+        for number, channel in enumerate(channels.channels):
+            self._in_domain[channel.domain] |= 1 << number
+        self._all = (1 << len(channels.channels)) - 1
+
+    def allowed(self, enclave: Enclave, profile: Profile, operation: Operation) -> int:
+        """The channels on which the operation is allowed, as a bit set."""
+        allowed, open_ = 0, self._all
+        for step in self._steps(enclave, profile, operation):
+            if step.decision.allow:
+                allowed |= step.channels & open_
+            open_ &= ~step.channels
+        return allowed
+
+    def decide(self, enclave: Enclave, profile: Profile, operation: Operation, channel: int) -> Decision:
+        """The decision about one channel."""
+        steps = self._steps(enclave, profile, operation)
+        decision = next(step.decision for step in steps if step.channels >> channel & 1)
+        if decision.allow:
+            return decision
+        grant = self._grant(enclave, profile)
+        nearest = self._nearest(grant, profile, operation, channel) if grant is not None else ""
+        return Decision(allow=False, reason=decision.reason + nearest, location=decision.location)
+
+    def _steps(self, enclave: Enclave, profile: Profile, operation: Operation) -> Iterator[_Step]:
+        """What decides, in order; the last step decides about everything."""
+        access = self._accesses.row(profile.access)
+        if operation is not Operation.RELAY:
+            yield from self._governance(enclave, access, operation)
+        grant = self._grant(enclave, profile)
+        if grant is None:
+            yield _Step(self._all, Decision(allow=False, reason="no grant in force names the enclave", location=None))
+            return
+        place = enclave.permissions.signed.file.place if enclave.permissions else ""
+        if access.first_rule_decides_topic and operation is not Operation.RELAY:
+            yield from self._topics(enclave, access, grant, place)
+        passed: list[ReadRule] = []
+        for rule in grant.rules:
+            if rule.of_peers:
+                continue
+            channels = self._region(access, rule.region(operation))
+            if profile.local.binds_domains:
+                channels &= self._domains(rule)
+            if channels:
+                yield _Step(channels, _by_rule(rule, operation, place, blocks=_blocks(rule, passed)))
+            passed.append(rule)
+        yield _Step(self._all, _by_default(grant, operation, place, profile))
+
+    def _governance(self, enclave: Enclave, access: Access, operation: Operation) -> Iterator[_Step]:
+        """Topics that no rule of the governance covers, and those without access control for the operation."""
+        place = enclave.governance.signed.file.place if enclave.governance else ""
+        governed = 0
+        for domain_rule, topic, channels in self._topic_rules(enclave, access):
+            governed |= channels
+            if not _controls(topic, operation):
+                control = "write" if operation is Operation.PUBLISH else "read"
+                where = f"the topic in domain {describe(domain_rule.domains)}"
+                reason = f"the governance has {control} access control off for {where}, so permissions are not asked"
+                location = Location(path=place, line=topic.line)
+                yield _Step(channels, Decision(allow=True, reason=reason, location=location))
+        if governed != self._all:
+            reason = "no topic rule of the governance covers the topic in this domain, so it cannot be created"
+            whole = Location(path=place) if place else None
+            yield _Step(self._all & ~governed, Decision(allow=False, reason=reason, location=whole))
+
+    def _topics(self, enclave: Enclave, access: Access, grant: ReadGrant, place: str) -> Iterator[_Step]:
+        """Topics that cannot be created, since the first rule that lists them denies (`profiles.Access`)."""
+        controlled = 0
+        for _domain_rule, topic, channels in self._topic_rules(enclave, access):
+            if topic.enable_read_access_control and topic.enable_write_access_control:
+                controlled |= channels
+        for rule in grant.rules if any(not rule.allow for rule in grant.rules) else ():
+            listed = self._region(access, rule.listed) & self._domains(rule) & controlled
+            controlled &= ~listed
+            if listed and not rule.allow:
+                reason = (
+                    f"line {rule.line} is the first rule that lists the topic, and it denies: the topic itself cannot "
+                    "be created, whichever operation and partition the rule is about"
+                )
+                yield _Step(listed, Decision(allow=False, reason=reason, location=Location(path=place, line=rule.line)))
+
+    def _topic_rules(self, enclave: Enclave, access: Access) -> Iterator[tuple[ReadDomainRule, TopicRule, int]]:
+        """The topic rules of the enclave's governance, each with the channels that it decides about."""
+        read = self._accesses.read(enclave.governance, access) if enclave.governance else None
+        ruled: set[int] = set()
+        for domain_rule in (read.domain_rules or ()) if read is not None else ():
+            fresh = {
+                number
+                for number, domain in enumerate(self._channels.domains)
+                if number not in ruled and contains(domain_rule.domains, domain.intervals[0][0])
+            }
+            ruled |= fresh
+            undecided = 0
+            for number in fresh:
+                undecided |= self._in_domain[number]
+            for topic in domain_rule.topic_rules:
+                hit = self._region(access, topic.region) & undecided
+                undecided &= ~hit
+                yield domain_rule, topic.rule, hit
+
+    def _grant(self, enclave: Enclave, profile: Profile) -> ReadGrant | None:
+        """The grant of the enclave's own document that decides."""
+        certificate = enclave.certificate.first if enclave.certificate else None
+        if enclave.permissions is None or certificate is None:
+            return None
+        access = self._accesses.row(profile.access)
+        for grant in self._accesses.read(enclave.permissions, access).grants or ():
+            if names(grant.grant.subject_name.text, certificate, profile.trust.subjects):
+                in_force = grant.not_before <= self._at <= grant.not_after
+                if in_force or not access.skips_grants_out_of_date:
+                    return grant if in_force else None
+        return None
+
+    def _region(self, access: Access, region: Region) -> int:
+        if not region:
+            return 0
+        key = (access.matcher, region)
+        known = self._bits.get(key)
+        if known is None:
+            known = self._bits[key] = bits(self._channels.regions[key])
+        return known
+
+    def _domains(self, rule: ReadRule) -> int:
+        """The channels of the domains that the rule is about."""
+        known = self._bits.get(rule.domains)
+        if known is None:
+            known = 0
+            for number, domain in enumerate(self._channels.domains):
+                if contains(rule.domains, domain.intervals[0][0]):
+                    known |= self._in_domain[number]
+            self._bits[rule.domains] = known
+        return known
+
+    def _nearest(self, grant: ReadGrant, profile: Profile, operation: Operation, channel: int) -> str:
+        """The rule that comes nearest to allowing it, as a sentence more."""
+        access = self._accesses.row(profile.access)
+        allowing = [rule for rule in grant.rules if rule.allow and not rule.of_peers]
+        topic = self._channels.channels[channel].topic
+        for rule in allowing:
+            if self._region(access, rule.region(operation)) >> channel & 1:
+                if profile.local.binds_domains and not self._domains(rule) >> channel & 1:
+                    return f". Line {rule.line} allows it in domain {describe(rule.domains)}"
+                return f". Line {rule.line} would allow it, but comes later"
+        for other in Operation:
+            for rule in allowing:
+                if other is not operation and self._region(access, rule.region(other)) >> channel & 1:
+                    return f". Line {rule.line} allows {DONE[other][1]} it instead"
+        listed = {text: rule for rule in reversed(allowing) for area in rule.region(operation) for text in area.topics}
+        for text in get_close_matches(topic, listed, n=1, cutoff=0.0):
+            if text == topic:
+                return f". Line {listed[text].line} allows it in another partition"
+            return f". The nearest that may be {_PAST[operation]} is {text!r} (line {listed[text].line})"
+        return f". It may {DONE[operation][0]} nothing"
+
+
+_PAST: Final = {Operation.PUBLISH: "published", Operation.SUBSCRIBE: "subscribed to", Operation.RELAY: "relayed"}
+
+
+def _controls(topic: TopicRule, operation: Operation) -> bool:
+    return topic.enable_write_access_control if operation is Operation.PUBLISH else topic.enable_read_access_control
+
+
+def _blocks(rule: ReadRule, passed: list[ReadRule]) -> bool:
+    """Whether it stands for the partitions that the allow rule before it leaves out (`semantics`)."""
+    return bool(passed) and not rule.allow and passed[-1].allow and passed[-1].line == rule.line
+
+
+def _by_rule(rule: ReadRule, operation: Operation, place: str, *, blocks: bool) -> Decision:
+    if blocks:
+        where = "and not in this partition: no later rule is asked"
+        reason = f"line {rule.line} is the first rule that lists the topic, {where}"
+    else:
+        verb = "allows" if rule.allow else "denies"
+        reason = f"line {rule.line} is the first rule that matches, and it {verb} {DONE[operation][1]}"
+    return Decision(allow=rule.allow, reason=reason, location=Location(path=place, line=rule.line))
+
+
+def _by_default(grant: ReadGrant, operation: Operation, place: str, profile: Profile) -> Decision:
+    typed = grant.grant
+    allow = grant.default_allow
+    said = "ALLOW" if typed.default_allow else "DENY"
+    reason = f"no rule matches {DONE[operation][1]}, and the default is {said}"
+    if typed.default_allow and not allow:
+        reason += f", which {profile.title} never looks at"
+    line = typed.default_line if typed.default_line is not None else typed.line
+    return Decision(allow=allow, reason=reason, location=Location(path=place, line=line))

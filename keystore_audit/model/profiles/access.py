@@ -1,0 +1,103 @@
+"""How an implementation reads governance and permissions, and what it asks of its own participant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from keystore_audit.model.expression import Matcher
+from keystore_audit.model.validity import DateReading
+
+
+class OpenRange(str, Enum):
+    """What an `<id_range>` with one bound holds (measured; OPENDDS read).
+
+    SPEC, OPENDDS: the absent bound does not bound. FASTDDS: a lone `<min>`, or a `<max>` of 0, is that one id.
+    CYCLONEDDS: a lone `<min>` is that one id; a lone `<max>`, or one below `<min>`, and the file is refused.
+    """
+
+    SPEC = "spec"
+    FASTDDS = "fastdds"
+    CYCLONEDDS = "cyclonedds"
+
+
+class PartitionReading(str, Enum):
+    """Where the partitions of a rule count.
+
+    CRITERION: each criterion has its own (DDS-Security 1.1, 9.4.1.3.2.3), a deny rule without any denies in all.
+    CRITERION_DEFAULT: the same, and a deny rule without any denies in the default partition alone. RULE: the first rule
+    whose topics match decides; those of all its criteria of the kind count for all its topics, and outside of them, and
+    anywhere in a deny rule, it denies.
+    """
+
+    CRITERION = "criterion"
+    CRITERION_DEFAULT = "criterion, default partition where a deny rule has none"
+    RULE = "rule"
+
+
+class RelayReading(str, Enum):
+    """What a `<relay>` criterion gives.
+
+    RELAY: the keys of submessages, to pass them on (DDS-Security 1.1, 9.4.1.3.2.3). READ: to a peer's reader what a
+    `<subscribe>` gives, where none of the rule lists the topic (measured on Fast DDS 2.9.1: it receives plain data).
+    NOTHING: it is passed over.
+    """
+
+    RELAY = "relay"
+    READ = "read"
+    NOTHING = "nothing"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Access:
+    """What documents mean to an implementation, its own enclave's and those of peers alike.
+
+    `matcher`: of topic and partition expressions. `highest_domain`: a document that names a higher id is refused (None:
+    no limit). `reads_1_0`: whether the form of DDS-Security 1.0 is read. `refuses_unauthenticated_with_rtps`: a
+    governance that allows unauthenticated participants beside a protected RTPS is refused. `skips_grants_out_of_date`:
+    the first grant in force decides, not the first. `honours_default`: `<default>ALLOW` allows; otherwise it denies.
+    `first_rule_decides_topic`: where read and write access control are both on, the first rule that lists a topic, for
+    publishing or subscribing and in whatever partition, decides whether there is such a topic at all (measured on
+    Cyclone DDS 0.10.2, of its own topics and of peers'). `any_governance_rule`: access control is off where any
+    matching rule of the governance has it off, not the first.
+    """
+
+    matcher: Matcher
+    open_ranges: OpenRange
+    highest_domain: int | None
+    reads_1_0: bool
+    refuses_unauthenticated_with_rtps: bool
+    dates: DateReading
+    skips_grants_out_of_date: bool
+    honours_default: bool
+    partitions: PartitionReading
+    relay: RelayReading
+    first_rule_decides_topic: bool
+    any_governance_rule: bool
+
+
+class JoinCheck(str, Enum):
+    """What a grant needs so that the implementation creates its own participant.
+
+    SPEC: where join access control is on, an allow rule for the domain or the default ALLOW (DDS-Security 1.1, Table
+    63, save that it would refuse every stock enclave). FASTDDS: an allow rule of whatever domain. CYCLONEDDS: as SPEC,
+    unless some topic rule of the domain has read or write access control off. OPENDDS: Table 63 to the letter.
+    """
+
+    SPEC = "spec"
+    FASTDDS = "fastdds"
+    CYCLONEDDS = "cyclonedds"
+    OPENDDS = "opendds"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Local:
+    """What an implementation asks of its own enclave, beside what its documents mean.
+
+    `binds_domains`: rules of other domains do not apply. `starts_ungoverned`: a participant starts in a domain that the
+    governance does not cover, with no topic to use.
+    """
+
+    joins: JoinCheck
+    binds_domains: bool
+    starts_ungoverned: bool

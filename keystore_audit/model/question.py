@@ -1,0 +1,54 @@
+"""Questions about rights and their answers: may this enclave do that on this topic?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+
+from keystore_audit.findings import Location
+from keystore_audit.keystore.permissions import Operation
+
+
+class Ruling(str, Enum):
+    """The three values of a decision (design section 3)."""
+
+    ALLOW = "allow"
+    DENY = "deny"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Question:
+    """May the enclave (its path) do this on a DDS topic, in a domain of 0..232 and a partition ("": the default)?"""
+
+    enclave: str
+    operation: Operation
+    topic: str
+    domain: int = 0
+    partition: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """Of one profile.
+
+    `usable`: whether a participant is created in the domain. `decision`: whether its own implementation lets it; deny
+    where it is not usable. `effective`: whether some peer in the keystore accepts it. `reason`: of the decision, a
+    sentence without its full stop; `location`: the line that decides, if there is one.
+    """
+
+    usable: bool | None
+    decision: Ruling
+    effective: Ruling
+    reason: str
+    location: Location | None
+
+
+_OBSTACLES = (Ruling.DENY, Ruling.UNKNOWN, Ruling.ALLOW)
+
+
+def joint(answers: Sequence[Answer]) -> Answer:
+    """One answer to whether all of it may be done: deny outranks unknown, since one channel denied is enough."""
+    decisive = min(answers, key=lambda answer: _OBSTACLES.index(answer.decision))
+    return replace(decisive, effective=min((answer.effective for answer in answers), key=_OBSTACLES.index))

@@ -1,0 +1,202 @@
+"""The rules of documents as atoms of a system: what an implementation reads in them, over channels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime
+
+from keystore_audit.findings import Location
+from keystore_audit.model.access_view import ReadDocument
+from keystore_audit.model.channels import Channels
+from keystore_audit.model.domains import Interval, contains
+from keystore_audit.model.profiles import Access
+from keystore_audit.model.semantics import ReadRule, ReadTopicRule, Region
+from keystore_audit.model.system import DomainRuleAtom, GrantAtom, RuleAtom, TopicRuleAtom
+
+Read = Sequence[tuple[str, ReadDocument]]
+"""Documents with their places, in the order of the system's."""
+
+Atoms = tuple[tuple[DomainRuleAtom, ...], tuple[TopicRuleAtom, ...], tuple[GrantAtom, ...], tuple[RuleAtom, ...]]
+
+
+class RuleAtoms:
+    """Makes the atoms of one keystore's rules. `instants`: those of its systems, sorted."""
+
+    def __init__(self, channels: Channels, instants: Sequence[datetime]) -> None:
+        self._channels = channels
+        self._index = {instant: number for number, instant in enumerate(instants)}
+        self._covered: dict[tuple[Interval, ...], frozenset[int]] = {}
+
+    def of(self, documents: Read, names: Mapping[str, frozenset[int]], access: Access) -> Atoms:
+        """The atoms of `documents` as read under `access`; `names`: whom each subject_name of a grant names."""
+        domain_rules, topic_rules = self._governance(documents, access)
+        return domain_rules, topic_rules, *self._permissions(documents, names, access, topic_rules, domain_rules)
+
+    def _governance(
+        self, documents: Read, access: Access
+    ) -> tuple[tuple[DomainRuleAtom, ...], tuple[TopicRuleAtom, ...]]:
+        domain_rules: list[DomainRuleAtom] = []
+        topic_rules: list[TopicRuleAtom] = []
+        for number, (place, document) in enumerate(documents):
+            first = len(domain_rules)
+            for read in document.domain_rules or ():
+                rule = read.rule
+                domain_rules.append(
+                    DomainRuleAtom(
+                        document=number,
+                        domains=self._classes(read.domains),
+                        allow_unauthenticated_participants=rule.allow_unauthenticated_participants,
+                        enable_join_access_control=rule.enable_join_access_control,
+                        discovery_protection_kind=rule.discovery_protection_kind,
+                        liveliness_protection_kind=rule.liveliness_protection_kind,
+                        rtps_protection_kind=rule.rtps_protection_kind,
+                        location=Location(path=place, line=rule.line),
+                    )
+                )
+            loose = self._loose(document, access) if access.any_governance_rule else _NONE_LOOSE
+            for parent, read in enumerate(document.domain_rules or (), first):
+                for topic in read.topic_rules:
+                    topic_rules += self._topic_atoms(topic, parent, place, access, loose)
+        return tuple(domain_rules), tuple(topic_rules)
+
+    def _topic_atoms(
+        self, read: ReadTopicRule, parent: int, place: str, access: Access, loose: _Loose
+    ) -> Iterator[TopicRuleAtom]:
+        """The topic rule; where another one switches access control off (`loose`), apart."""
+        topic = read.rule
+        channels = self._channels.regions[access.matcher, read.region]
+        read_off, write_off = loose
+        for is_read_off in (False, True) if read_off else (False,):
+            for is_write_off in (False, True) if write_off else (False,):
+                part = channels & read_off if is_read_off else channels - read_off
+                part = part & write_off if is_write_off else part - write_off
+                if part or part == channels:
+                    yield TopicRuleAtom(
+                        domain_rule=parent,
+                        channels=part,
+                        enable_discovery_protection=topic.enable_discovery_protection,
+                        enable_liveliness_protection=topic.enable_liveliness_protection,
+                        enable_read_access_control=topic.enable_read_access_control and not is_read_off,
+                        enable_write_access_control=topic.enable_write_access_control and not is_write_off,
+                        metadata_protection_kind=topic.metadata_protection_kind,
+                        data_protection_kind=topic.data_protection_kind,
+                        location=Location(path=place, line=topic.line),
+                    )
+
+    def _loose(self, document: ReadDocument, access: Access) -> _Loose:
+        """The channels for which any matching topic rule of the document has read, or write, access control off."""
+        read_off: set[int] = set()
+        write_off: set[int] = set()
+        for domain_rule in document.domain_rules or ():
+            domains = self._classes(domain_rule.domains)
+            for topic in domain_rule.topic_rules:
+                hit = self._within(self._channels.regions[access.matcher, topic.region], domains)
+                if not topic.rule.enable_read_access_control:
+                    read_off |= hit
+                if not topic.rule.enable_write_access_control:
+                    write_off |= hit
+        return frozenset(read_off), frozenset(write_off)
+
+    def _permissions(
+        self,
+        documents: Read,
+        names: Mapping[str, frozenset[int]],
+        access: Access,
+        topic_rules: Sequence[TopicRuleAtom],
+        domain_rules: Sequence[DomainRuleAtom],
+    ) -> tuple[tuple[GrantAtom, ...], tuple[RuleAtom, ...]]:
+        controlled: frozenset[int] = frozenset()
+        if access.first_rule_decides_topic:
+            controlled = self._controlled(topic_rules, domain_rules)
+        grants: list[GrantAtom] = []
+        rules: list[RuleAtom] = []
+        for number, (place, document) in enumerate(documents):
+            for read in document.grants or ():
+                grant = len(grants)
+                rules += self._topics_denied(read.rules, grant, place, access, controlled)
+                rules += [self._rule_atom(rule, grant, place, access) for rule in read.rules]
+                grants.append(
+                    GrantAtom(
+                        document=number,
+                        names=names[read.grant.subject_name.text],
+                        not_before=self._index[read.not_before],
+                        not_after=self._index[read.not_after],
+                        default_allow=read.default_allow,
+                        location=Location(path=place, line=read.grant.line),
+                    )
+                )
+        return tuple(grants), tuple(rules)
+
+    def _rule_atom(self, rule: ReadRule, grant: int, place: str, access: Access) -> RuleAtom:
+        return RuleAtom(
+            grant=grant,
+            allow=rule.allow,
+            domains=self._classes(rule.domains),
+            publish=self._region(rule.publish, access),
+            subscribe=self._region(rule.subscribe, access),
+            relay=self._region(rule.relay, access),
+            location=Location(path=place, line=rule.line),
+        )
+
+    def _topics_denied(
+        self, rules: Sequence[ReadRule], grant: int, place: str, access: Access, controlled: frozenset[int]
+    ) -> Iterator[RuleAtom]:
+        """Deny rules for topics that there are not, since the first rule that lists them denies; they come first."""
+        if not controlled or all(rule.allow for rule in rules):
+            return
+        listed: set[int] = set()
+        for rule in rules:
+            domains = self._classes(rule.domains)
+            hit = self._within(self._region(rule.listed, access), domains)
+            denied = frozenset(hit & controlled - listed)
+            if denied and not rule.allow:
+                yield RuleAtom(
+                    grant=grant,
+                    allow=False,
+                    domains=domains,
+                    publish=denied,
+                    subscribe=denied,
+                    relay=frozenset(),
+                    location=Location(path=place, line=rule.line),
+                )
+            listed |= hit
+
+    def _controlled(
+        self, topic_rules: Sequence[TopicRuleAtom], domain_rules: Sequence[DomainRuleAtom]
+    ) -> frozenset[int]:
+        """The channels for which every governance that covers them has read and write access control on."""
+        on: set[int] = set()
+        off: set[int] = set()
+        decided: dict[int, set[int]] = {}
+        ruled: dict[int, set[int]] = {}
+        fresh = []
+        for rule in domain_rules:
+            before = ruled.setdefault(rule.document, set())
+            fresh.append(rule.domains - before)
+            before |= rule.domains
+        for topic in topic_rules:
+            done = decided.setdefault(topic.domain_rule, set())
+            hit = self._within(topic.channels, fresh[topic.domain_rule]) - done
+            done |= hit
+            both = topic.enable_read_access_control and topic.enable_write_access_control
+            (on if both else off).update(hit)
+        return frozenset(on - off)
+
+    def _region(self, region: Region, access: Access) -> frozenset[int]:
+        return self._channels.regions[access.matcher, region]
+
+    def _within(self, channels: frozenset[int], domains: frozenset[int]) -> set[int]:
+        """Those of the channels that lie in one of the domain classes."""
+        return {channel for channel in channels if self._channels.channels[channel].domain in domains}
+
+    def _classes(self, cover: tuple[Interval, ...]) -> frozenset[int]:
+        known = self._covered.get(cover)
+        if known is None:
+            known = self._covered[cover] = frozenset(
+                n for n, domain in enumerate(self._channels.domains) if contains(cover, domain.intervals[0][0])
+            )
+        return known
+
+
+_Loose = tuple[frozenset[int], frozenset[int]]
+_NONE_LOOSE: _Loose = (frozenset(), frozenset())

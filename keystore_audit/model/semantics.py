@@ -1,0 +1,235 @@
+"""What governance and permissions say, as one implementation reads them: typed documents in, ordered rules out.
+
+Implementations differ in what one document says (`profiles.access`). Here the differences become plain rules: of the
+rules that this module gives, the first that matches decides, for every implementation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import NamedTuple
+
+from keystore_audit.keystore.governance import DomainRule, Governance, Text, TopicRule
+from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Permissions, Rule
+from keystore_audit.model.domains import Interval, covered
+from keystore_audit.model.profiles.access import Access, PartitionReading, RelayReading
+
+
+class Area(NamedTuple):
+    """Names that one of `topics` matches, in partitions that one of `partitions` matches (None: in every one).
+
+    A tuple, since a keystore has 100,000s of them.
+    """
+
+    topics: tuple[str, ...]
+    partitions: tuple[str, ...] | None
+
+
+Region = tuple[Area, ...]
+"""The union of its areas."""
+
+DEFAULT_PARTITION = ("",)
+"""The expressions of a criterion without `<partitions>`: the empty name alone."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadTopicRule:
+    """A `<topic_rule>` with the topics that its expression matches, in every partition."""
+
+    region: Region
+    rule: TopicRule
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadDomainRule:
+    """A `<domain_rule>` with the domain ids that it covers."""
+
+    domains: tuple[Interval, ...]
+    topic_rules: tuple[ReadTopicRule, ...]
+    rule: DomainRule
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadRule:
+    """A rule of a grant: what it decides for each operation, in its domains.
+
+    `of_peers`: it decides about peers, not about an implementation's own endpoints.
+    """
+
+    allow: bool
+    domains: tuple[Interval, ...]
+    publish: Region
+    subscribe: Region
+    relay: Region
+    of_peers: bool
+    line: int | None
+
+    def region(self, operation: Operation) -> Region:
+        """What it decides for the operation."""
+        if operation is Operation.PUBLISH:
+            return self.publish
+        return self.subscribe if operation is Operation.SUBSCRIBE else self.relay
+
+    @property
+    def listed(self) -> Region:
+        """The topics that it lists for publishing or subscribing, in every partition."""
+        return _everywhere(tuple(topic for area in (*self.publish, *self.subscribe) for topic in area.topics))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadGrant:
+    """A `<grant>` with its validity (aware UTC) and what holds where no rule of it matches."""
+
+    not_before: datetime
+    not_after: datetime
+    default_allow: bool
+    rules: tuple[ReadRule, ...]
+    grant: Grant
+
+
+def read_domain_rules(governance: Governance, access: Access) -> tuple[ReadDomainRule, ...]:
+    """The domain rules in order: of those that cover a domain the first counts, of its topic rules the first match."""
+    return tuple(
+        ReadDomainRule(
+            domains=covered(rule.domains, access.open_ranges),
+            topic_rules=tuple(
+                ReadTopicRule(region=(Area((topic.expression.text,), None),), rule=topic) for topic in rule.topic_rules
+            ),
+            rule=rule,
+        )
+        for rule in governance.domain_rules
+    )
+
+
+def read_grant(grant: Grant, not_before: datetime, not_after: datetime, access: Access) -> ReadGrant:
+    """The grant with its rules in order: the first that matches decides, else the default."""
+    return ReadGrant(
+        not_before=not_before,
+        not_after=not_after,
+        default_allow=grant.default_allow and access.honours_default,
+        rules=tuple(_rules(grant.rules, access)),
+        grant=grant,
+    )
+
+
+def has_one_reading(permissions: Permissions) -> bool:
+    """Whether the partitions of its rules mean the same under every `PartitionReading`.
+
+    Without any list of partitions nothing is allowed outside of the default partition, and there all read alike; but a
+    default may allow beside a deny rule.
+    """
+    return not any(
+        grant.default_allow
+        or any(criterion.partitions is not None for rule in grant.rules for criterion in rule.criteria)
+        for grant in permissions.grants
+    )
+
+
+def _rules(rules: Sequence[Rule], access: Access) -> Iterator[ReadRule]:
+    for number, rule in enumerate(rules):
+        domains = covered(rule.domains, access.open_ranges)
+        regions = {operation: _region(rule, operation, access) for operation in Operation}
+        if access.relay is not RelayReading.RELAY:
+            regions[Operation.RELAY] = ()
+        yield _read_rule(rule, domains, regions, allow=rule.allow)
+        relayed = _topics(rule, Operation.RELAY) if access.relay is RelayReading.READ else ()
+        if rule.allow and access.partitions is PartitionReading.RULE:
+            later = rules[number + 1 :]
+            blocked = {operation: _blocked(rule, operation, later) for operation in Operation}
+            if any(blocked.values()):
+                yield _read_rule(rule, domains, blocked, allow=False)
+            if relayed:
+                read = {Operation.SUBSCRIBE: _everywhere(_topics(rule, Operation.SUBSCRIBE))}
+                yield _read_rule(rule, domains, read, allow=False, of_peers=True)
+        if relayed:
+            read = {Operation.SUBSCRIBE: _region(rule, Operation.RELAY, access)}
+            yield _read_rule(rule, domains, read, allow=rule.allow, of_peers=True)
+            if rule.allow:
+                read = {Operation.SUBSCRIBE: _everywhere(relayed)}
+                yield _read_rule(rule, domains, read, allow=False, of_peers=True)
+
+
+def _read_rule(
+    rule: Rule,
+    domains: tuple[Interval, ...],
+    regions: Mapping[Operation, Region],
+    *,
+    allow: bool,
+    of_peers: bool = False,
+) -> ReadRule:
+    return ReadRule(
+        allow=allow,
+        domains=domains,
+        publish=regions.get(Operation.PUBLISH, ()),
+        subscribe=regions.get(Operation.SUBSCRIBE, ()),
+        relay=regions.get(Operation.RELAY, ()),
+        of_peers=of_peers,
+        line=rule.line,
+    )
+
+
+def _region(rule: Rule, operation: Operation, access: Access) -> Region:
+    """What the rule decides for the operation."""
+    if access.partitions is PartitionReading.RULE:
+        return _by_rule(rule, operation)
+    return _by_criterion(rule, operation, access.partitions)
+
+
+def _everywhere(topics: tuple[str, ...]) -> Region:
+    return (Area(topics, None),) if topics else ()
+
+
+def _by_criterion(rule: Rule, operation: Operation, reading: PartitionReading) -> Region:
+    everywhere = not rule.allow and reading is PartitionReading.CRITERION
+    return tuple(
+        Area(_texts(criterion.topics), _partitions(criterion, everywhere=everywhere))
+        for criterion in rule.criteria
+        if criterion.operation is operation
+    )
+
+
+def _by_rule(rule: Rule, operation: Operation) -> Region:
+    """Topics of all its criteria of the kind, in the partitions of all of them; a deny rule denies in every one."""
+    topics = _topics(rule, operation)
+    if not topics:
+        return ()
+    return (Area(topics, _listed(rule, operation) if rule.allow else None),)
+
+
+def _blocked(rule: Rule, operation: Operation, later: Iterable[Rule]) -> Region:
+    """Where an allow rule keeps later ones from allowing: its topics, in partitions other than its own.
+
+    Nothing where no later rule allows in another partition, as in what `ros2 security` writes: no rule more then.
+    """
+    topics = _topics(rule, operation)
+    own = set(_listed(rule, operation))
+    if topics and any(other.allow and not own.issuperset(_listed(other, operation)) for other in later):
+        return (Area(topics, None),)
+    return ()
+
+
+def _topics(rule: Rule, operation: Operation) -> tuple[str, ...]:
+    return tuple(
+        text.text for criterion in rule.criteria if criterion.operation is operation for text in criterion.topics
+    )
+
+
+def _listed(rule: Rule, operation: Operation) -> tuple[str, ...]:
+    """The partition expressions of all criteria of the kind."""
+    found: dict[str, None] = {}
+    for criterion in rule.criteria:
+        if criterion.operation is operation:
+            found.update(dict.fromkeys(_partitions(criterion, everywhere=False) or ()))
+    return tuple(found)
+
+
+def _partitions(criterion: Criterion, *, everywhere: bool) -> tuple[str, ...] | None:
+    if criterion.partitions is None:
+        return None if everywhere else DEFAULT_PARTITION
+    return _texts(criterion.partitions)
+
+
+def _texts(texts: Iterable[Text]) -> tuple[str, ...]:
+    return tuple(text.text for text in texts)
