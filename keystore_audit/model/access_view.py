@@ -171,7 +171,7 @@ class AccessViews:
         dated, standard = read_date(text, reading, self._zone), read_date(text, DateReading.XSD, None)
         if dated is None or standard is None or dated.instant != standard.instant:
             return False
-        return not dated.earliest - _SECOND <= self._at <= dated.latest + _SECOND
+        return not (dated.earliest <= self._at + _SECOND and self._at - _SECOND <= dated.latest)
 
     @staticmethod
     def _beyond(ranges: Iterable[DomainRange], highest: int) -> bool:
@@ -253,7 +253,8 @@ def _meaning(text: str, matcher: Matcher) -> object:
 
 
 def _is_1_0(file: Typed) -> bool:
-    return any(defect.kind is Kind.DDS_SECURITY_1_0 for defect in file.defects)
+    """Permissions of that form only mix their criteria, which every implementation reads (measured)."""
+    return isinstance(file, GovernanceFile) and any(defect.kind is Kind.DDS_SECURITY_1_0 for defect in file.defects)
 
 
 def _opens_protected_rtps(governance: Governance) -> bool:

@@ -16,7 +16,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.domains import Interval, contains, elementary
 from keystore_audit.model.doubt import enclave_doubts
 from keystore_audit.model.meaning import Usability
-from keystore_audit.model.profiles import JoinCheck, Profile, Trust
+from keystore_audit.model.profiles import JoinCheck, Local, Profile, Trust
 from keystore_audit.model.revocation import list_missing, lists_read, revoked
 from keystore_audit.model.semantics import ReadDomainRule, ReadGrant
 from keystore_audit.model.subject import names
@@ -25,6 +25,7 @@ from keystore_audit.model.trust import (
     authorities_read,
     chain_refusal,
     document_verdict,
+    envelope,
     is_issued,
     is_root,
     strict_refusal,
@@ -56,6 +57,8 @@ class _Dated:
     """Those that name the certificate, and whether each lets the enclave join; None where the document says nothing."""
     skips_grants_out_of_date: bool
     lists: tuple[RevocationList, ...]
+    signers: tuple[Certificate, ...]
+    """Of the documents, where others than the permissions CA may sign: their dates count (measured)."""
 
 
 class Usabilities:
@@ -132,6 +135,7 @@ class Usabilities:
             grants=self._own_grants(enclave, certificate, profile),
             skips_grants_out_of_date=profile.access.skips_grants_out_of_date,
             lists=lists_read(enclave, trust),
+            signers=() if trust.pins_signer else _signers(enclave),
         )
 
     def _own_grants(
@@ -145,7 +149,7 @@ class Usabilities:
             return None
         governed = self._governed_domains(enclave.governance, profile)
         return tuple(
-            (grant, not governed or _joins(governed, grant, profile.local.joins))
+            (grant, governed is None or _joins(governed, grant, profile.local))
             for grant in grants
             if names(grant.grant.subject_name.text, certificate, profile.trust.subjects)
         )
@@ -211,6 +215,12 @@ def _authority_refusals(enclave: Enclave, trust: Trust) -> Iterator[str]:
         yield f"no certificate that counts in {file.file.place} is self-signed, so the permissions CA is refused"
 
 
+def _signers(enclave: Enclave) -> tuple[Certificate, ...]:
+    """The certificates that signed the enclave's documents."""
+    files = (enclave.governance, enclave.permissions)
+    return tuple(signer for file in files if file is not None for signer in envelope(file.signed).signers)
+
+
 def _refusals_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:
     """Reasons that hold at `at`."""
     certificate = dated.certificate
@@ -222,6 +232,8 @@ def _refusals_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:
     authority = dated.permissions_ca
     if authority is not None and not authority.not_before <= at <= authority.not_after:
         yield "the permissions CA certificate is outside its validity"
+    if any(signer != authority and not signer.not_before <= at <= signer.not_after for signer in dated.signers):
+        yield "the certificate that signed a document is outside its validity"
     if any(revocations.next_update is not None and revocations.next_update < at for revocations in dated.lists):
         yield "the revocation list is stale, so every identity is refused"
     if any(revocations.this_update > at for revocations in dated.lists):
@@ -236,11 +248,14 @@ def _refusals_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:
             yield "the grant allows no domain that the governance covers"
 
 
-def _joins(governed: _Governed, grant: ReadGrant, check: JoinCheck) -> bool:
+def _joins(governed: _Governed, grant: ReadGrant, local: Local) -> bool:
     """Whether the grant lets its holder join one of the domains."""
+    check = local.joins
     allowed = [interval for rule in grant.rules if rule.allow for interval in rule.domains]
     if check is JoinCheck.FASTDDS:
         return any(rule.allow for rule in grant.rules)
+    if not governed:
+        return True  # that the governance covers no domain is a reason of its own, where it is one
     if check is JoinCheck.OPENDDS:
         return any(not read.rule.enable_join_access_control or _is_loose(read) for _domains, read in governed)
     return any(

@@ -53,13 +53,13 @@ class Access:
     """What documents mean to an implementation, its own enclave's and those of peers alike.
 
     `matcher`: of topic and partition expressions. `highest_domain`: a document that names a higher id is refused (None:
-    no limit). `reads_1_0`: whether the form of DDS-Security 1.0 is read. `refuses_unauthenticated_with_rtps`: a
-    governance that allows unauthenticated participants beside a protected RTPS is refused. `skips_grants_out_of_date`:
-    the first grant in force decides, not the first. `honours_default`: `<default>ALLOW` allows; otherwise it denies.
-    `first_rule_decides_topic`: where read and write access control are both on, the first rule that lists a topic, for
-    publishing or subscribing and in whatever partition, decides whether there is such a topic at all (measured on
-    Cyclone DDS 0.10.2, of its own topics and of peers'). `any_governance_rule`: access control is off where any
-    matching rule of the governance has it off, not the first.
+    no limit). `reads_1_0`: whether a governance in the form of DDS-Security 1.0 is read.
+    `refuses_unauthenticated_with_rtps`: a governance that allows unauthenticated participants beside a protected RTPS
+    is refused. `skips_grants_out_of_date`: the first grant in force decides, not the first. `honours_default`:
+    `<default>ALLOW` allows; otherwise it denies. `first_rule_decides_topic`: where read and write access control are
+    both on, the first rule that lists a topic, for publishing or subscribing and in whatever partition, decides whether
+    there is such a topic at all (measured on Cyclone DDS 0.10.2, of its own topics and of peers').
+    `any_governance_rule`: access control is off where any matching rule of the governance has it off, not the first.
     """
 
     matcher: Matcher
