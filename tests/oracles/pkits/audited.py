@@ -9,8 +9,10 @@ from pathlib import Path
 from keystore_audit.findings import Result, Severity
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.keystore.layout import Role
+from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.interpret import interpret
+from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.permission import Permissions
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.system import Reading, System
@@ -46,7 +48,8 @@ def objections(
         (enclave / "crl.pem").write_bytes(pem("X509 CRL", *crls))
     keystore = read_keystore(directory)
     profiles = tuple(VARIANTS.values())
-    meaning = interpret(keystore, profiles, at, Usabilities(None))
+    accesses = AccessViews(documents_of(keystore), at, None)
+    meaning = interpret(keystore, profiles, at, accesses, Usabilities(None, accesses))
     context = Context(
         keystore=keystore,
         meaning=meaning,

@@ -130,12 +130,14 @@ int main(void)
         memset(&ex, 0, sizeof ex);
         DDS_Security_PermissionsHandle handle =
             ac->validate_local_permissions(ac, &authentication, 1, domain, &qos, &ex);
-        if (handle == 0) {
+        if (handle == 0 || !ac->check_create_participant(ac, handle, domain, &qos, &ex)) {
             char code[16];
             snprintf(code, sizeof code, "%d", ex.code);
             append_string(&reading, "R");
             append_string(&reading, code);
             append_string(&reading, ex.message != NULL ? ex.message : "");
+            if (handle != 0)
+                ac->return_permissions_handle(ac, handle, &ex);
         } else {
             append(&reading, "A\0\0", 4);
             for (char *topic = strtok(topics.start, "\n"); topic != NULL; topic = strtok(NULL, "\n"))

@@ -14,6 +14,11 @@ def holds(ranges: tuple[DomainRange, ...], domain: int) -> bool:
     return any((r.low or 0) <= domain <= (r.high if r.high is not None else domain) for r in ranges)
 
 
+def joins(grant: Grant) -> bool:
+    """Whether the grant lets its holder join domain 0, where the governance controls it."""
+    return grant.default_allow or any(rule.allow and holds(rule.domains, 0) for rule in grant.rules)
+
+
 def _matches(expression: str, topic: str) -> bool:
     return parse(expression, Matcher.POSIX).matches(topic)
 

@@ -15,6 +15,8 @@ import pytest
 
 from keystore_audit.errors import NothingToAudit
 from keystore_audit.keystore.keystore import Keystore, read_keystore
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.usability import Usabilities
 from tests.oracles.xml.parsers import require_measured_versions
@@ -22,17 +24,8 @@ from tests.oracles.xml.plugins import Plugin, both
 
 pytestmark = pytest.mark.xdist_group("xml-oracle")
 
-OPTIMISTIC = {
-    "rules/KA420-domain-above-230/bad": "domain ids beyond 230 are refused; KA420 says so",
-    "rules/KA421-dds-security-1-0-document/bad": "the form of DDS-Security 1.0 is refused; KA421 says so",
-}
-"""Enclaves that we call usable and that Cyclone DDS refuses: the rows of documents are not part of profiles yet."""
-
 ASKED_ELSEWHERE = ("identity", "private key", "key of kind", "signed with", "revocation list")
 """Words of reasons that this plugin has no part in."""
-
-PESSIMISTIC = "the grant allows no domain that the governance covers"
-"""A reason that we give for every profile; Cyclone DDS creates such a participant, which can do nothing."""
 
 
 @pytest.fixture(scope="module")
@@ -52,21 +45,21 @@ def samples(repository: Path) -> Iterator[tuple[str, Path, Keystore]]:
 
 def test_what_is_usable_starts_and_what_is_refused_does_not(cyclone: Plugin, repository: Path) -> None:
     now = datetime.now(timezone.utc)
-    optimistic, pessimistic, compared = set(), {}, 0
+    optimistic, pessimistic, compared = {}, {}, 0
     for name, store, keystore in samples(repository):
-        usabilities = Usabilities(0)
+        usabilities = Usabilities(0, AccessViews(documents_of(keystore), now, None))
         for enclave in keystore.enclaves:
             try:
                 refused = cyclone.ask_enclave(store / enclave.files.directory).refused
             except OSError:  # a file is missing, which is a reason of its own
                 continue
             compared += 1
-            ours = usabilities.of(enclave, now, VARIANTS["cyclonedds-0.10"].trust)
+            ours = usabilities.of(enclave, now, VARIANTS["cyclonedds-0.10"])
             if ours.usable and refused is not None:
-                optimistic.add(name)
+                optimistic[name] = refused
             reasons = [reason for reason in ours.reasons if not any(word in reason for word in ASKED_ELSEWHERE)]
             if ours.usable is False and refused is None and reasons:
                 pessimistic[name] = reasons
     assert compared > 250
-    assert optimistic == set(OPTIMISTIC)
-    assert all(reasons == [PESSIMISTIC] for reasons in pessimistic.values()), pessimistic
+    assert optimistic == {}
+    assert pessimistic == {}
