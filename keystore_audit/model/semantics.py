@@ -137,7 +137,7 @@ def _rules(rules: Sequence[Rule], access: Access) -> Iterator[ReadRule]:
         relayed = _topics(rule, Operation.RELAY) if access.relay is RelayReading.READ else ()
         if rule.allow and access.partitions is PartitionReading.RULE:
             later = rules[number + 1 :]
-            blocked = {operation: _blocked(rule, operation, later) for operation in Operation}
+            blocked = {operation: _blocked(rule, operation, later, access.relay) for operation in Operation}
             if any(blocked.values()):
                 yield _read_rule(rule, domains, blocked, allow=False)
             if relayed:
@@ -198,14 +198,19 @@ def _by_rule(rule: Rule, operation: Operation) -> Region:
     return (Area(topics, _listed(rule, operation) if rule.allow else None),)
 
 
-def _blocked(rule: Rule, operation: Operation, later: Iterable[Rule]) -> Region:
+def _blocked(rule: Rule, operation: Operation, later: Iterable[Rule], relay: RelayReading) -> Region:
     """Where an allow rule keeps later ones from allowing: its topics, in partitions other than its own.
 
-    Nothing where no later rule allows in another partition, as in what `ros2 security` writes: no rule more then.
+    Nothing where no later rule allows in another partition, as in what `ros2 security` writes: no rule more then. Where
+    `relay` admits readers, a later rule allows them by what it lists for relaying too.
     """
     topics = _topics(rule, operation)
     own = set(_listed(rule, operation))
-    if topics and any(other.allow and not own.issuperset(_listed(other, operation)) for other in later):
+    admitting = {operation}
+    if operation is Operation.SUBSCRIBE and relay is RelayReading.READ:
+        admitting.add(Operation.RELAY)
+    others = (_listed(other, each) for other in later if other.allow for each in admitting)
+    if topics and any(not own.issuperset(listed) for listed in others):
         return (Area(topics, None),)
     return ()
 
