@@ -96,6 +96,10 @@ class AccessViews:
             found = known[file] = self._document(file, row)
         return found
 
+    def of_document(self, file: Typed) -> AccessViews:
+        """The views of this document alone: of what it gives an occasion for."""
+        return AccessViews((Document(file.signed.file.place, file),), self._at, self._zone)
+
     def dates_in_local_time(self, profiles: Iterable[Profile]) -> frozenset[datetime]:
         """Dates of grants that a profile reads in the robot's zone, which we were not told, as if it were UTC."""
         readings = {profile.access.dates for profile in profiles}

@@ -40,7 +40,7 @@ class Decision:
 
 
 @dataclass(frozen=True, slots=True)
-class _Step:
+class Step:
     """Decides about `channels`, unless an earlier step did."""
 
     channels: int
@@ -66,7 +66,7 @@ class LocalRights:
     def allowed(self, enclave: Enclave, profile: Profile, operation: Operation) -> int:
         """The channels on which the operation is allowed, as a bit set."""
         allowed, open_ = 0, self._all
-        for step in self._steps(enclave, profile, operation):
+        for step in self.steps(enclave, profile, operation):
             if step.decision.allow:
                 allowed |= step.channels & open_
             open_ &= ~step.channels
@@ -74,7 +74,7 @@ class LocalRights:
 
     def decide(self, enclave: Enclave, profile: Profile, operation: Operation, channel: int) -> Decision:
         """The decision about one channel."""
-        steps = self._steps(enclave, profile, operation)
+        steps = self.steps(enclave, profile, operation)
         decision = next(step.decision for step in steps if step.channels >> channel & 1)
         if decision.allow:
             return decision
@@ -82,14 +82,14 @@ class LocalRights:
         nearest = self._nearest(grant, profile, operation, channel) if grant is not None else ""
         return Decision(allow=False, reason=decision.reason + nearest, location=decision.location)
 
-    def _steps(self, enclave: Enclave, profile: Profile, operation: Operation) -> Iterator[_Step]:
+    def steps(self, enclave: Enclave, profile: Profile, operation: Operation) -> Iterator[Step]:
         """What decides, in order; the last step decides about everything."""
         access = self._accesses.row(profile.access)
         if operation is not Operation.RELAY:
             yield from self._governance(enclave, access, operation)
         grant = self._grant(enclave, profile)
         if grant is None:
-            yield _Step(self._all, Decision(allow=False, reason="no grant in force names the enclave", location=None))
+            yield Step(self._all, Decision(allow=False, reason="no grant in force names the enclave", location=None))
             return
         place = enclave.permissions.signed.file.place if enclave.permissions else ""
         if access.first_rule_decides_topic and operation is not Operation.RELAY:
@@ -102,11 +102,11 @@ class LocalRights:
             if profile.local.binds_domains:
                 channels &= self._domains(rule)
             if channels:
-                yield _Step(channels, _by_rule(rule, operation, place, blocks=_blocks(rule, passed)))
+                yield Step(channels, _by_rule(rule, operation, place, blocks=_blocks(rule, passed)))
             passed.append(rule)
-        yield _Step(self._all, _by_default(grant, operation, place, profile))
+        yield Step(self._all, _by_default(grant, operation, place, profile))
 
-    def _governance(self, enclave: Enclave, access: Access, operation: Operation) -> Iterator[_Step]:
+    def _governance(self, enclave: Enclave, access: Access, operation: Operation) -> Iterator[Step]:
         """Topics that no rule of the governance covers, and those without access control for the operation."""
         place = enclave.governance.signed.file.place if enclave.governance else ""
         governed = 0
@@ -117,13 +117,13 @@ class LocalRights:
                 where = f"the topic in domain {describe(domain_rule.domains)}"
                 reason = f"the governance has {control} access control off for {where}, so permissions are not asked"
                 location = Location(path=place, line=topic.line)
-                yield _Step(channels, Decision(allow=True, reason=reason, location=location))
+                yield Step(channels, Decision(allow=True, reason=reason, location=location))
         if governed != self._all:
             reason = "no topic rule of the governance covers the topic in this domain, so it cannot be created"
             whole = Location(path=place) if place else None
-            yield _Step(self._all & ~governed, Decision(allow=False, reason=reason, location=whole))
+            yield Step(self._all & ~governed, Decision(allow=False, reason=reason, location=whole))
 
-    def _topics(self, enclave: Enclave, access: Access, grant: ReadGrant, place: str) -> Iterator[_Step]:
+    def _topics(self, enclave: Enclave, access: Access, grant: ReadGrant, place: str) -> Iterator[Step]:
         """Topics that cannot be created, since the first rule that lists them denies (`profiles.Access`)."""
         controlled = 0
         for _domain_rule, topic, channels in self._topic_rules(enclave, access):
@@ -137,7 +137,7 @@ class LocalRights:
                     f"line {rule.line} is the first rule that lists the topic, and it denies: the topic itself cannot "
                     "be created, whichever operation and partition the rule is about"
                 )
-                yield _Step(listed, Decision(allow=False, reason=reason, location=Location(path=place, line=rule.line)))
+                yield Step(listed, Decision(allow=False, reason=reason, location=Location(path=place, line=rule.line)))
 
     def _topic_rules(self, enclave: Enclave, access: Access) -> Iterator[tuple[ReadDomainRule, TopicRule, int]]:
         """The topic rules of the enclave's governance, each with the channels that it decides about."""
