@@ -26,6 +26,7 @@ test)
     # Fast DDS with its XML parser, Cyclone DDS with its own
     has_header g++ tinyxml2.h c++ || missing="$missing libtinyxml2-dev"
     has_header g++ fastrtps/config.h c++ || missing="$missing libfastrtps-dev"
+    ldconfig -p 2>/dev/null | grep -q libACE-7 || missing="$missing libace-7.0.8"  # OpenDDS's matcher
     has_header gcc dds/ddsrt/xmlparser.h c || missing="$missing cyclonedds-dev"
     ;;
 *)

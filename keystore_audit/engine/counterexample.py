@@ -249,8 +249,11 @@ def _outsider_learns(case: _Case) -> Counterexample:
 
 
 def _outsider_injects(case: _Case) -> Counterexample:
+    domain_rule = case.domain_rule
+    unauthenticated = domain_rule is not None and domain_rule.allow_unauthenticated_participants
+    why = ", and messages of unauthenticated participants are allowed in the clear" if unauthenticated else ""
     return Counterexample(
-        text=f"Anybody on the network can send samples on {case.topic}: {case.kinds()}.",
+        text=f"Anybody on the network can send samples on {case.topic}: {case.kinds()}{why}.",
         steps=case.governance_steps() + case.user_steps("subscribe"),
     )
 

@@ -147,7 +147,11 @@ class _Questions:
         """Channels on which a reader takes samples made without any key."""
         for realm, view in enumerate(self._realms):
             p = view.protection
-            clear = p.governed & ~(p.rtps_authenticates | p.metadata_authenticates | p.data_authenticates)
+            in_the_clear = 0  # messages of unauthenticated participants, whatever protects those of the others
+            for domain in members(p.unauthenticated):
+                in_the_clear |= self._permissions.channels_in[domain]
+            messages = p.rtps_authenticates & ~in_the_clear
+            clear = p.governed & ~(messages | p.metadata_authenticates | p.data_authenticates)
             yield from _channels(realm, clear and clear & self._read(view))
 
     def _written(self, view: RealmView) -> int:

@@ -5,6 +5,7 @@ What its peers accept from it is another question (`model.effective`): a comprom
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
@@ -18,10 +19,14 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.domains import contains, describe
+from keystore_audit.model.expression import parse
 from keystore_audit.model.permission import bits
-from keystore_audit.model.profiles import Access, Profile
+from keystore_audit.model.profiles import Access, Local, Profile
 from keystore_audit.model.semantics import ReadDomainRule, ReadGrant, ReadRule, Region
 from keystore_audit.model.subject import names
+
+WILDCARDS: Final = frozenset("*?[")
+"""What makes an expression of a name on Fast DDS."""
 
 DONE: Final = {
     Operation.PUBLISH: ("publish", "publishing"),
@@ -62,6 +67,11 @@ class LocalRights:
         for number, channel in enumerate(channels.channels):
             self._in_domain[channel.domain] |= 1 << number
         self._all = (1 << len(channels.channels)) - 1
+        self._wildcard_names = [
+            number
+            for number, channel in enumerate(channels.channels)
+            if not channel.infinite and not WILDCARDS.isdisjoint(channel.topic)
+        ]
 
     def allowed(self, enclave: Enclave, profile: Profile, operation: Operation) -> int:
         """The channels on which the operation is allowed, as a bit set."""
@@ -86,14 +96,15 @@ class LocalRights:
         """What decides, in order; the last step decides about everything."""
         access = self._accesses.row(profile.access)
         if operation is not Operation.RELAY:
-            yield from self._governance(enclave, access, operation)
+            yield from self._names(profile)
+            yield from self._governance(enclave, access, operation, profile.local)
         grant = self._grant(enclave, profile)
         if grant is None:
             yield Step(self._all, Decision(allow=False, reason="no grant in force names the enclave", location=None))
             return
         place = enclave.permissions.signed.file.place if enclave.permissions else ""
         if access.first_rule_decides_topic and operation is not Operation.RELAY:
-            yield from self._topics(enclave, access, grant, place)
+            yield from self._topics(enclave, access, grant, place, profile.local)
         passed: list[ReadRule] = []
         for rule in grant.rules:
             if rule.of_peers:
@@ -106,11 +117,24 @@ class LocalRights:
             passed.append(rule)
         yield Step(self._all, _by_default(grant, operation, place, profile))
 
-    def _governance(self, enclave: Enclave, access: Access, operation: Operation) -> Iterator[Step]:
+    def _names(self, profile: Profile) -> Iterator[Step]:
+        """Names that no topic can have. A class of infinitely many names is not one of them for its witness alone."""
+        if profile.local.topic_names is not None:
+            pattern = re.compile(profile.local.topic_names)
+            refused = bits(
+                number
+                for number, channel in enumerate(self._channels.channels)
+                if not channel.infinite and pattern.fullmatch(channel.topic) is None
+            )
+            if refused:
+                reason = f"{profile.title} creates no topic of this name"
+                yield Step(refused, Decision(allow=False, reason=reason, location=None))
+
+    def _governance(self, enclave: Enclave, access: Access, operation: Operation, local: Local) -> Iterator[Step]:
         """Topics that no rule of the governance covers, and those without access control for the operation."""
         place = enclave.governance.signed.file.place if enclave.governance else ""
         governed = 0
-        for domain_rule, topic, channels in self._topic_rules(enclave, access):
+        for domain_rule, topic, channels in self._topic_rules(enclave, access, local):
             governed |= channels
             if not _controls(topic, operation):
                 control = "write" if operation is Operation.PUBLISH else "read"
@@ -123,10 +147,10 @@ class LocalRights:
             whole = Location(path=place) if place else None
             yield Step(self._all & ~governed, Decision(allow=False, reason=reason, location=whole))
 
-    def _topics(self, enclave: Enclave, access: Access, grant: ReadGrant, place: str) -> Iterator[Step]:
+    def _topics(self, enclave: Enclave, access: Access, grant: ReadGrant, place: str, local: Local) -> Iterator[Step]:
         """Topics that cannot be created, since the first rule that lists them denies (`profiles.Access`)."""
         controlled = 0
-        for _domain_rule, topic, channels in self._topic_rules(enclave, access):
+        for _domain_rule, topic, channels in self._topic_rules(enclave, access, local):
             if topic.enable_read_access_control and topic.enable_write_access_control:
                 controlled |= channels
         for rule in grant.rules if any(not rule.allow for rule in grant.rules) else ():
@@ -139,7 +163,9 @@ class LocalRights:
                 )
                 yield Step(listed, Decision(allow=False, reason=reason, location=Location(path=place, line=rule.line)))
 
-    def _topic_rules(self, enclave: Enclave, access: Access) -> Iterator[tuple[ReadDomainRule, TopicRule, int]]:
+    def _topic_rules(
+        self, enclave: Enclave, access: Access, local: Local
+    ) -> Iterator[tuple[ReadDomainRule, TopicRule, int]]:
         """The topic rules of the enclave's governance, each with the channels that it decides about."""
         read = self._accesses.read(enclave.governance, access) if enclave.governance else None
         ruled: set[int] = set()
@@ -154,9 +180,20 @@ class LocalRights:
             for number in fresh:
                 undecided |= self._in_domain[number]
             for topic in domain_rule.topic_rules:
-                hit = self._region(access, topic.region) & undecided
+                named = self._region(access, topic.region)
+                if local.reads_names_as_expressions:
+                    named |= self._naming(topic.rule.expression.text, access)
+                hit = named & undecided
                 undecided &= ~hit
                 yield domain_rule, topic.rule, hit
+
+    def _naming(self, expression: str, access: Access) -> int:
+        """The channels whose name, taken for an expression, matches `expression` (of names known one by one)."""
+        found = 0
+        for number in self._wildcard_names:
+            if parse(self._channels.channels[number].topic, access.matcher).matches(expression):
+                found |= 1 << number
+        return found
 
     def _grant(self, enclave: Enclave, profile: Profile) -> ReadGrant | None:
         """The grant of the enclave's own document that decides."""

@@ -95,9 +95,13 @@ class Local:
     """What an implementation asks of its own enclave, beside what its documents mean.
 
     `binds_domains`: rules of other domains do not apply. `starts_ungoverned`: a participant starts in a domain that the
-    governance does not cover, with no topic to use.
+    governance does not cover, with no topic to use. `reads_names_as_expressions`: a topic rule applies to a topic whose
+    name, taken for an expression, matches its own as well. `topic_names`: what a topic can be called, a regular
+    expression (None: anything).
     """
 
     joins: JoinCheck
     binds_domains: bool
     starts_ungoverned: bool
+    reads_names_as_expressions: bool
+    topic_names: str | None

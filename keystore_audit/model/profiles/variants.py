@@ -137,9 +137,23 @@ _OPENDDS_ACCESS: Final = replace(
     any_governance_rule=True,
 )
 
-_SPEC_LOCAL: Final = Local(joins=JoinCheck.SPEC, binds_domains=True, starts_ungoverned=False)
-_FASTDDS_LOCAL: Final = Local(joins=JoinCheck.FASTDDS, binds_domains=False, starts_ungoverned=True)
-_CYCLONEDDS_LOCAL: Final = Local(joins=JoinCheck.CYCLONEDDS, binds_domains=True, starts_ungoverned=False)
+_SPEC_LOCAL: Final = Local(
+    joins=JoinCheck.SPEC,
+    binds_domains=True,
+    starts_ungoverned=False,
+    reads_names_as_expressions=False,
+    topic_names=None,
+)
+_FASTDDS_LOCAL: Final = Local(
+    joins=JoinCheck.FASTDDS,
+    binds_domains=False,
+    starts_ungoverned=True,
+    reads_names_as_expressions=True,
+    topic_names=None,
+)
+_CYCLONEDDS_LOCAL: Final = replace(
+    _SPEC_LOCAL, joins=JoinCheck.CYCLONEDDS, topic_names="(?!DCPS)[A-Za-z_/][A-Za-z0-9_/]*"
+)
 _OPENDDS_LOCAL: Final = replace(_SPEC_LOCAL, joins=JoinCheck.OPENDDS)
 
 SPEC = Profile(

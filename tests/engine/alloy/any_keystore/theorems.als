@@ -104,10 +104,10 @@ check ReadersHoldTheKeys {
 
 -- outsiders
 
-/** Encrypted messages keep every outsider out. */
+/** Encrypted messages keep every outsider out, who can only send where the unauthenticated are let in. */
 check EncryptedMessagesExcludeOutsiders {
 	(no opaque and DomainRule.rtps_protection_kind in encrypting)
-		implies no readable_outside + announced_outside + injectable_outside
+		implies no readable_outside + announced_outside + (injectable_outside - unauthenticated_allowed.~in_domain)
 } for 3 but 6 Entry, 2 Instant expect 0
 
 /** An unreadable governance document protects nothing. */
@@ -115,8 +115,10 @@ check UnreadableGovernanceProtectsNothing {
 	some Enclave implies open_realm -> Channel in readable_outside & announced_outside & injectable_outside
 } for 3 but 6 Entry, 2 Instant expect 0
 
-/** What anybody can inject, anybody can read, if anybody writes it. */
-check InjectableIsReadable { injectable_outside & written in readable_outside } for 3 but 6 Entry, 2 Instant expect 0
+/** What anybody can inject, anybody can read, if anybody writes it, save where the unauthenticated are let in. */
+check InjectableIsReadable {
+	injectable_outside & written in readable_outside + unauthenticated_allowed.~in_domain
+} for 3 but 6 Entry, 2 Instant expect 0
 
 -- every property can fail, and not only for what could not be read
 
