@@ -1,6 +1,6 @@
-"""What the vendors answered to every recipe: measured, written down, and compared with what they answer now.
+"""What the vendors answer to every recipe, written down, and where we know no answer.
 
-`python -m tests.oracles.vendors.local_answers` measures again and writes measured_local.json.
+`python -m tests.oracles.vendors.local_answers` measures again and writes both tables.
 """
 
 from __future__ import annotations
@@ -9,15 +9,18 @@ import json
 import re
 import shutil
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
-from tests.oracles.vendors.enclave import Answer, Vendor, vendors
-from tests.oracles.vendors.recipe import Recipe
+from tests.oracles.vendors.enclave import Answer, vendors
+from tests.oracles.vendors.local_comparison import Comparison, compare
 from tests.oracles.vendors.recipes import every
 
 MEASURED = Path(__file__).with_name("measured_local.json")
 """By recipe and vendor: + (created), t (topic refused), - (refused later) for each endpoint, else why none starts."""
+
+ABSTENTIONS = Path(__file__).with_name("local_abstentions.json")
+"""By recipe and vendor: why we say unknown."""
 
 _PASSING = (
     (re.compile(r"Error occurred while validating local permissions?: "), ""),
@@ -30,6 +33,9 @@ _PASSING = (
 """Of a message: what is the same for all, addresses, where the files were and the source stands, dates."""
 
 
+_OF_TODAY = re.compile(r"\d{4}-\d\d-\d\d([Tt ][\d:]*)?|=+\d+==")
+
+
 def written(answer: Answer) -> str:
     """The answer in one string that does not change with time and place."""
     if answer.participant is None:
@@ -40,18 +46,19 @@ def written(answer: Answer) -> str:
     return f"refused: {message.strip()}"
 
 
-def measured(asked: Mapping[str, Vendor], recipes: Iterable[Recipe]) -> dict[str, dict[str, str]]:
-    """What every recipe comes to."""
-    answers = {}
-    with tempfile.TemporaryDirectory() as folder:
-        for number, recipe in enumerate(recipes):
-            enclave = recipe.build(Path(folder) / str(number))
-            answers[recipe.title] = {
-                name: written(vendor.ask(enclave, recipe.domain, recipe.endpoints, recipe.time_zone))
-                for name, vendor in asked.items()
-            }
-            shutil.rmtree(enclave)
-    return answers
+def abstentions(found: Mapping[tuple[str, str], str]) -> dict[str, dict[str, str]]:
+    """By title and vendor, why we do not know, without today's dates and boundaries of messages."""
+    listed: dict[str, dict[str, str]] = {}
+    for (vendor, title), why in found.items():
+        reason = why.removeprefix("cannot be told whether a participant starts: ")
+        listed.setdefault(title, {})[vendor] = _OF_TODAY.sub("…", reason)
+    return listed
+
+
+def table(rows: Mapping[str, Mapping[str, str]]) -> str:
+    """JSON with one line a recipe, sorted."""
+    lines = (f"{json.dumps(title)}: {json.dumps(rows[title], sort_keys=True)}" for title in sorted(rows))
+    return "{\n" + ",\n".join(lines) + "\n}\n"
 
 
 def _find(program: str) -> str:
@@ -62,10 +69,12 @@ def _find(program: str) -> str:
 
 def main() -> None:
     """Measure and write."""
+    comparison = Comparison()
     with tempfile.TemporaryDirectory() as folder, vendors(_find, Path(folder)) as asked:
-        answers = measured(asked, every().values())
-    lines = (f"{json.dumps(title)}: {json.dumps(answers[title], sort_keys=True)}" for title in sorted(answers))
-    MEASURED.write_text("{\n" + ",\n".join(lines) + "\n}\n")
+        answers = compare(asked, every().values(), Path(folder), comparison)
+    MEASURED.write_text(table({title: {n: written(a) for n, a in each.items()} for title, each in answers.items()}))
+    ABSTENTIONS.write_text(table(abstentions(comparison.abstained)))
+    print(Comparison(agreed=comparison.agreed, deviating=comparison.deviating))
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from __future__ import annotations
 from tests.oracles.vendors.enclave import publish
 from tests.oracles.vendors.recipe import Recipe, allow, deny, of_rules, of_topics, pub, pubsub, topic_rule
 
-NAMES = ("a", "b", "^", "]", "-", "!", "A", "1", "aa", "a/b", ".a", "", "\\", ":", "é", " a", "[", "a]")
+NAMES = ("a", "b", "^", "]", "-", "!", "A", "1", "aa", "a/b", ".a", "", "\\", ":", " a", "[", "a]")
 EXPRESSIONS = (
     "*",
     "?",
@@ -112,10 +112,13 @@ TEXTS = (
         permissions=of_rules(allow(pub("rt/é", "rt/ö?", "rt/[ü]"))),
         endpoints=(publish("rt/é"), publish("rt/öa"), publish("rt/öé"), publish("rt/ü"), publish("rt/u")),
     ),
-    Recipe(
-        title="a question mark for a letter of two octets",
-        permissions=of_rules(allow(pub("rt/?", "x/??"))),
-        endpoints=(publish("rt/é"), publish("rt/a"), publish("x/é"), publish("x/ab")),
+    *(
+        Recipe(
+            title=f"{expression} against a name of two octets and against one of two letters",
+            permissions=of_rules(allow(pub(f"rt/{expression}"), pub("rt/t", partitions=("", expression)))),
+            endpoints=(publish("rt/é"), publish("rt/ab"), publish("rt/a"), publish("rt/t", "é"), publish("rt/t", "ab")),
+        )
+        for expression in ("?", "??", "[!a]", "[!a][!a]", "[^a]", "*")
     ),
     Recipe(
         title="upper and lower case",
@@ -172,7 +175,22 @@ BUILTIN = (
         endpoints=(publish("DCPSParticipant"), publish("DCPSTopic"), publish("ros_discovery_info"), publish("rt/a")),
     ),
 )
+_OPEN_A = topic_rule("rt/a", read=False, write=False)
 WILDCARD_TOPICS = (
+    *(
+        Recipe(
+            title=f"topics that are patterns, governed by {title}",
+            governance=of_topics(*rules),
+            permissions=of_rules(allow(pub("rt/a", "z"))),
+            endpoints=tuple(publish(f"rt/{name}") for name in ("*", "?", "[ab]", "[!a]", "a", "b", "b*")),
+        )
+        for title, rules in {
+            "an open one first": (_OPEN_A, topic_rule()),
+            "a closed one first": (topic_rule("rt/a"), topic_rule(read=False, write=False)),
+            "one of none": (topic_rule("rt/z"),),
+            "a set": (topic_rule("rt/[ab]", read=False, write=False), topic_rule()),
+        }.items()
+    ),
     Recipe(
         title="topics that are patterns",
         permissions=of_rules(allow(pub("rt/a", "rt/b*"))),

@@ -160,6 +160,7 @@ def revocation() -> tuple[Recipe, ...]:
     """Lists beside the other files, and behind the CA."""
     ca = common_authority()
     mine = talker().certificate.serial_number
+    newer = _list(ca, start=-2)
     stranger = authority("stranger")
     lists = {
         "revokes nobody": _list(ca),
@@ -174,6 +175,11 @@ def revocation() -> tuple[Recipe, ...]:
         "is no PEM": b"hello",
         "is DER": x509.load_pem_x509_crl(_list(ca)).public_bytes(Encoding.DER),
         "comes twice, the second revokes": _list(ca) + _list(ca, (mine,)),
+        "comes twice, the first revokes": _list(ca, (mine,)) + _list(ca),
+        "comes twice, the newer second revokes": _list(ca) + _list(ca, (mine,), start=-2),
+        "comes twice, the older first revokes": _list(ca, (mine,)) + newer,
+        "comes twice, the older second revokes": newer + _list(ca, (mine,)),
+        "comes twice, the older first is stale": _list(ca, end=-1) + newer,
         "comes behind a stranger's": _list(stranger) + _list(ca),
     }
     return (

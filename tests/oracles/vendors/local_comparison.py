@@ -1,0 +1,81 @@
+"""What we say of keystores beside what the vendors do with them."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from keystore_audit.model.question import Ruling
+from tests.oracles.vendors.enclave import Answer, Endpoint, Vendor
+from tests.oracles.vendors.ours import Verdict, decide
+from tests.oracles.vendors.recipe import NOW, Recipe
+
+_TOPICS_OF_CYCLONE = re.compile(r"(?!DCPS)[A-Za-z_/][A-Za-z0-9_/]*")
+"""Names that Cyclone DDS 0.10.2 takes for topics (measured); all others it refuses before permissions are asked."""
+
+
+@dataclass(kw_only=True)
+class Comparison:
+    """How often the answers agree, and where they do not: by vendor and title, in words."""
+
+    agreed: Counter[str] = field(default_factory=Counter)
+    abstained: dict[tuple[str, str], str] = field(default_factory=dict)
+    deviating: dict[tuple[str, str], str] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        lines = [f"{vendor}: {count} answers agree" for vendor, count in sorted(self.agreed.items())]
+        lines += [f"{vendor}, {title}: unknown, {why}" for (vendor, title), why in self.abstained.items()]
+        lines += [f"{vendor}, {title}: DEVIATES, {what}" for (vendor, title), what in self.deviating.items()]
+        return "\n".join(lines)
+
+    def add(self, recipe: Recipe, vendor: str, verdict: Verdict, answer: Answer) -> None:
+        """Compare the participant, and the endpoints where one starts."""
+        place = (vendor, recipe.title)
+        if verdict.usable is None:
+            self.abstained[place] = verdict.reason
+            return
+        if verdict.usable != (answer.participant is None):
+            theirs = answer.participant or "starts"
+            self.deviating[place] = f"ours: usable is {verdict.usable} ({verdict.reason}); theirs: {theirs}"
+            return
+        self.agreed[vendor] += 1
+        for endpoint, ruling, exact, refusal in self._comparable(vendor, recipe, verdict, answer):
+            if ruling is Ruling.UNKNOWN:
+                self.abstained[place] = str(endpoint)
+            elif (ruling is Ruling.ALLOW) != (refusal is None) and (exact or refusal is None):
+                self.deviating[place] = f"{endpoint}; ours: {ruling.value}; theirs: {refusal or 'created'}"
+            else:
+                self.agreed[vendor] += 1
+
+    def _comparable(
+        self, vendor: str, recipe: Recipe, verdict: Verdict, answer: Answer
+    ) -> Iterator[tuple[Endpoint, Ruling, bool, str | None]]:
+        listed = zip(recipe.endpoints, verdict.endpoints, verdict.exact, answer.endpoints, strict=bool(verdict.usable))
+        for endpoint, ruling, exact, refusal in listed:
+            if vendor == "cyclone" and _TOPICS_OF_CYCLONE.fullmatch(endpoint.topic) is None:
+                assert refusal is not None
+                assert refusal.startswith("topic: "), refusal
+            else:
+                yield endpoint, ruling, exact, refusal
+
+
+def compare(
+    asked: Mapping[str, Vendor], recipes: Iterable[Recipe], folder: Path, comparison: Comparison
+) -> dict[str, dict[str, Answer]]:
+    """Ask everybody about every recipe; the vendors' answers by title and vendor."""
+    answers: dict[str, dict[str, Answer]] = {}
+    for recipe in recipes:
+        keystore = folder / "keystore"
+        enclave = recipe.build(keystore / "enclaves/talker")
+        verdicts = decide(keystore, recipe.domain, recipe.endpoints, NOW, recipe.time_zone)
+        answers[recipe.title] = {}
+        for name, vendor in asked.items():
+            answer = vendor.ask(enclave, recipe.domain, recipe.endpoints, recipe.time_zone)
+            answers[recipe.title][name] = answer
+            comparison.add(recipe, name, verdicts[name], answer)
+        shutil.rmtree(keystore)
+    return answers

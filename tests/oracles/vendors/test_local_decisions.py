@@ -1,0 +1,89 @@
+"""What an enclave may do by its own implementation: ours beside the real Cyclone DDS 0.10.2 and Fast DDS 2.9.1.
+
+937 recipes that probe every row of the semantics tables, and 1,000 keystores with random rules (`long_run` asks for
+10,000). Where we do not know, the recipe stands in local_abstentions.json with our reason.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.oracles.vendors.enclave import Answer, Vendor, vendors
+from tests.oracles.vendors.local_answers import ABSTENTIONS, MEASURED, abstentions, written
+from tests.oracles.vendors.local_comparison import Comparison, compare
+from tests.oracles.vendors.random_keystores import keystore
+from tests.oracles.vendors.recipes import every
+from tests.oracles.xml.parsers import require_measured_versions
+
+pytestmark = pytest.mark.xdist_group("vendors-local")
+
+_OCTETS = "names beyond ASCII are matched by octets here (and by characters where a process chose a locale)"
+_PATTERNS = "Fast DDS matches topics and the governance both ways, so a topic that is a pattern finds other rules"
+_NEWEST = "of several revocation lists OpenSSL takes the newest alone; we take all of them"
+
+KNOWN: dict[tuple[str, str], str] = {
+    ("fastdds", "semicolons in partitions"): "Fast DDS splits an endpoint's partition at semicolons",
+    ("fastdds", "names beyond ASCII"): _OCTETS,
+    **{
+        (vendor, f"{expression} against a name of two octets and against one of two letters"): _OCTETS
+        for vendor in ("cyclone", "fastdds")
+        for expression in ("?", "??", "[!a]", "[!a][!a]", "[^a]")
+        if (vendor, expression) != ("cyclone", "[^a]")
+    },
+    **{
+        ("fastdds", f"topics that are patterns, governed {how}"): _PATTERNS
+        for how in ("by an open one first", "by a closed one first", "by a set", "literally")
+    },
+    **{
+        ("fastdds", f"list in the CA file comes twice, the {how}"): _NEWEST
+        for how in ("second revokes", "older first revokes", "older second revokes", "older first is stale")
+    },
+}
+"""Recipes on which we and a vendor differ, and why."""
+
+
+@pytest.fixture(scope="module")
+def asked(oracle: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Vendor]]:
+    require_measured_versions(oracle)
+    with vendors(oracle, tmp_path_factory.mktemp("programs")) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def recipes(
+    asked: dict[str, Vendor], tmp_path_factory: pytest.TempPathFactory
+) -> tuple[dict[str, dict[str, Answer]], Comparison]:
+    """Every recipe, asked once: the vendors' answers, and how ours compare."""
+    comparison = Comparison()
+    folder = tmp_path_factory.mktemp("recipes")
+    return compare(asked, every().values(), folder, comparison), comparison
+
+
+def test_the_vendors_answer_as_measured(recipes: tuple[dict[str, dict[str, Answer]], Comparison]) -> None:
+    answers, _ = recipes
+    expected: dict[str, dict[str, str]] = json.loads(MEASURED.read_text())
+    assert {title: {name: written(a) for name, a in each.items()} for title, each in answers.items()} == expected
+
+
+def test_ours_agree_on_every_recipe(recipes: tuple[dict[str, dict[str, Answer]], Comparison]) -> None:
+    _, comparison = recipes
+    assert {place: what for place, what in comparison.deviating.items() if place not in KNOWN} == {}
+    assert set(KNOWN) <= set(comparison.deviating), "agrees now"
+    assert min(comparison.agreed.values()) >= 3500
+
+
+def test_where_we_do_not_know_is_listed(recipes: tuple[dict[str, dict[str, Answer]], Comparison]) -> None:
+    _, comparison = recipes
+    assert abstentions(comparison.abstained) == json.loads(ABSTENTIONS.read_text())
+
+
+def test_ours_agree_on_random_keystores(asked: dict[str, Vendor], tmp_path: Path) -> None:
+    comparison = Comparison()
+    compare(asked, map(keystore, range(1000)), tmp_path, comparison)
+    assert comparison.deviating == {}
+    assert comparison.abstained == {}
+    assert min(comparison.agreed.values()) >= 5000
