@@ -74,10 +74,11 @@ class _Classification:
         self._literals: dict[str, list[int]] = {}
         wildcards: dict[tuple[Token, ...], list[int]] = {}
         for number, pattern in enumerate(patterns):
-            if pattern.literal is None:
+            name = pattern.literal
+            if name is None:
                 wildcards.setdefault(pattern.tokens, []).append(number)
-            elif pattern.literal:  # the empty one matches no name
-                self._literals.setdefault(pattern.literal, []).append(number)
+            elif name:  # the empty one matches no name
+                self._literals.setdefault(name, []).append(number)
         self._numbers = list(wildcards.values())
         self._wildcards = [patterns[numbers[0]] for numbers in self._numbers]
         tokens = list(wildcards)
@@ -182,12 +183,16 @@ class _Verifier:
 
     def verify(self, name: str, expected: _Set) -> None:
         """Raise AuditError unless exactly the patterns `expected` match `name`; only those that may are asked."""
-        asked: list[tuple[int, Pattern]] = []
+        matching = set()
         for length in self._prefix_lengths:
-            asked += self._by_prefix.get(name[:length], ())
+            for number, pattern in self._by_prefix.get(name[:length], ()):
+                if pattern.matches(name):
+                    matching.add(number)
         for length in self._suffix_lengths:
-            asked += self._by_suffix.get(name[-length:], ())
-        if {number for number, pattern in asked if pattern.matches(name)} != expected:
+            for number, pattern in self._by_suffix.get(name[-length:], ()):
+                if pattern.matches(name):
+                    matching.add(number)
+        if matching != expected:
             raise AuditError(
                 f"keystore-audit contradicts itself about which expressions match {name!r}; please report this"
             )

@@ -112,8 +112,11 @@ class Automaton:
         stars, nodes = self._states[state]
         moves = _union([stars.moves, *(self._node_moves[node] for node in nodes)])
         self._budget.spend(len(moves.by_class) // _TARGETS_PER_UNIT)
-        default = self._target(stars, moves.default)
         targets = {number: self._target(stars, found) for number, found in moves.by_class.items()}
+        if len(targets) == self.alphabet.size:  # no character leads to the default
+            default = targets[self.alphabet.rest]
+        else:
+            default = self._target(stars, moves.default)
         return {number: target for number, target in targets.items() if target != default}, default
 
     def _target(self, stars: _Stars, nodes: _Nodes) -> int:

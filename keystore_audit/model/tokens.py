@@ -92,6 +92,8 @@ def pieces(tokens: Iterable[Token]) -> tuple[Piece, ...]:
 
 def split_at_stars(tokens: Iterable[Token]) -> tuple[Piece, ...]:
     """Split `tokens` at the stars and leave what stands between them as it is."""
+    if isinstance(tokens, str):
+        return (tokens,)
     found: list[list[Single]] = [[]]
     for token in tokens:
         if not isinstance(token, Star):

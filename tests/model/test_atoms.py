@@ -13,13 +13,10 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
 
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.atoms import TopicClass, classify
 from keystore_audit.model.expression import Matcher, Pattern, parse
-from keystore_audit.model.tokens import STAR
 
 Fnmatch = Callable[[str, str, Matcher], bool]
 
@@ -67,72 +64,6 @@ def test_classes_are_those_of_brute_force(libc_fnmatch: Fnmatch, matcher: Matche
         known = {found & numbers for found in members}
         for name in SHORT_NAMES:
             assert {n for n, text in asked if libc_fnmatch(text, name, matcher)} in known, (texts, name)
-
-
-def positions_graph(patterns: Sequence[Pattern]) -> tuple[list[frozenset[int]], list[set[int]]]:
-    """An exact oracle on its own: places in every expression at once.
-
-    Its letters are those of the texts and one for each other way in which PARTS tell characters apart.
-    """
-    letters = sorted({*LETTERS, *"cz.", *(letter for pattern in patterns for letter in pattern.text)})
-    tokens = [pattern.tokens for pattern in patterns]
-
-    def close(number: int, places: set[int]) -> frozenset[int]:
-        return frozenset(
-            places | {place + 1 for place in places if place < len(tokens[number]) and tokens[number][place] is STAR}
-        )
-
-    def step(number: int, places: frozenset[int], letter: str) -> frozenset[int]:
-        after = set()
-        for place in places:
-            token = tokens[number][place] if place < len(tokens[number]) else None
-            if token is STAR:
-                after.add(place)
-            elif token is not None and (letter == token if isinstance(token, str) else letter in token):
-                after.add(place + 1)
-        return close(number, after)
-
-    start = tuple(close(number, {0}) for number in range(len(tokens)))
-    states = {start: 0}
-    order = [start]
-    edges: list[set[int]] = []
-    for state in order:
-        targets = set()
-        for letter in letters:
-            after = tuple(step(number, places, letter) for number, places in enumerate(state))
-            if after not in states:
-                states[after] = len(order)
-                order.append(after)
-            targets.add(states[after])
-        edges.append(targets)
-    accepted = [frozenset(n for n, places in enumerate(state) if len(tokens[n]) in places) for state in order]
-    return accepted, edges
-
-
-@given(
-    st.lists(st.lists(st.sampled_from(PARTS), max_size=5).map("".join), min_size=1, max_size=5),
-)
-@example(["rt/robot[12]", "rt/robot1", "rt/robot2"])
-@example(["*", "?"])
-@example(["?", "?*"])
-@example(["??*"])
-@example(["[!a]", "[ab]", "?*b"])
-@example(["a*", "ab*", "*b", "?b"])
-def test_classes_and_their_finiteness_are_those_of_an_exact_oracle(texts: list[str]) -> None:
-    """Every expression is taken as literals are too, in one graph; words of all lengths count."""
-    patterns = patterns_of(texts)
-    accepted, edges = positions_graph(patterns)
-    classes = {found.members: found for found in classify(patterns)}
-    # The empty name is in no class: where only it leads does not count.
-    assert classes.keys() == {accepted[state] for state in set().union(*edges)}
-    behind = [set(targets) for targets in edges]
-    for middle, state in itertools.product(range(len(edges)), repeat=2):
-        if middle in behind[state]:
-            behind[state] |= behind[middle]
-    on_cycle = {state for state in range(len(edges)) if state in behind[state]}
-    endless = {accepted[state] for state in range(len(edges)) if any(state in behind[other] for other in on_cycle)}
-    for members, found in classes.items():
-        assert found.infinite == (members in endless), (texts, found)
 
 
 ROS_PARTS = ["rt/", "rq/", "rr/", "rs/", "a", "b1", "/", "_", "*", "*", "?", "Request", "Reply", "Re", "[!r]", "[a-z]"]
