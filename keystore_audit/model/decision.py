@@ -88,7 +88,7 @@ class LocalRights:
         decision = next(step.decision for step in steps if step.channels >> channel & 1)
         if decision.allow:
             return decision
-        grant = self._grant(enclave, profile)
+        grant = self.grant(enclave, profile)
         nearest = self._nearest(grant, profile, operation, channel) if grant is not None else ""
         return Decision(allow=False, reason=decision.reason + nearest, location=decision.location)
 
@@ -98,7 +98,7 @@ class LocalRights:
         if operation is not Operation.RELAY:
             yield from self._names(profile)
             yield from self._governance(enclave, access, operation, profile.local)
-        grant = self._grant(enclave, profile)
+        grant = self.grant(enclave, profile)
         if grant is None:
             yield Step(self._all, Decision(allow=False, reason="no grant in force names the enclave", location=None))
             return
@@ -195,7 +195,7 @@ class LocalRights:
                 found |= 1 << number
         return found
 
-    def _grant(self, enclave: Enclave, profile: Profile) -> ReadGrant | None:
+    def grant(self, enclave: Enclave, profile: Profile) -> ReadGrant | None:
         """The grant of the enclave's own document that decides."""
         certificate = enclave.certificate.first if enclave.certificate else None
         if enclave.permissions is None or certificate is None:
