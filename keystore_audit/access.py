@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from difflib import get_close_matches
+from typing import Final
 from zoneinfo import ZoneInfo
 
 from keystore_audit.errors import UsageError
@@ -22,6 +23,9 @@ from keystore_audit.model.profiles import Profile
 from keystore_audit.model.question import Answer, Question, Ruling, joint
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.usability import Usabilities
+
+MAX_KNOWN: Final = 30
+"""Enclaves named in a message about one that there is not; those of a fleet would hide the message."""
 
 
 class Access:
@@ -59,26 +63,33 @@ class Access:
         """The enclave of that path. Raises UsageError, with the nearest one, for an unknown path."""
         found = self._enclaves.get(path)
         if found is None:
-            known = sorted(self._enclaves)
-            nearest = get_close_matches(path, known, n=1)
-            hint = f" Did you mean {nearest[0]}?" if nearest else ""
-            raise UsageError(f"There is no enclave {path!r}.{hint} Known: {', '.join(known)}.")
+            raise UsageError(_unknown_enclave(path, sorted(self._enclaves)))
         return found
 
     def answers(self, question: Question) -> Mapping[str, Answer]:
         """By profile. Raises UsageError for an unknown enclave."""
         enclave = self.enclave(question.enclave)
         channel = self._channels.of_point(question.domain, self._points[question.topic, question.partition])
-        return {profile.name: self._answer(enclave, question, channel, profile) for profile in self._profiles}
+        usabilities = self._usabilities.setdefault(question.domain, Usabilities(question.domain, self._accesses))
+        by_kind: dict[object, Answer] = {}
+        answers = {}
+        for profile in self._profiles:
+            kind = usabilities.kind(profile)  # profiles of one kind read everything here alike
+            if kind not in by_kind:
+                by_kind[kind] = self._answer(enclave, question, channel, profile, usabilities)
+            answers[profile.name] = by_kind[kind]
+        return answers
 
     def joint(self, questions: Sequence[Question]) -> Mapping[str, Answer]:
         """By profile, one answer to whether all of it may be done: that of the channel which stands in the way."""
         each = [self.answers(question) for question in questions]
-        return {profile.name: joint([answers[profile.name] for answers in each]) for profile in self._profiles}
+        return {
+            profile.name: joint(questions, [answers[profile.name] for answers in each]) for profile in self._profiles
+        }
 
-    def _answer(self, enclave: Enclave, question: Question, channel: int, profile: Profile) -> Answer:
-        domain = question.domain
-        usabilities = self._usabilities.setdefault(domain, Usabilities(domain, self._accesses))
+    def _answer(
+        self, enclave: Enclave, question: Question, channel: int, profile: Profile, usabilities: Usabilities
+    ) -> Answer:
         usability = usabilities.of(enclave, self._at, profile)
         location: Location | None = None
         if usability.usable:
@@ -86,9 +97,8 @@ class Access:
             decision, reason, location = Ruling.ALLOW if local.allow else Ruling.DENY, local.reason, local.location
         else:
             decision = Ruling.UNKNOWN if usability.usable is None else Ruling.DENY
-            known = (
-                "cannot be told whether a participant starts" if usability.usable is None else "no participant starts"
-            )
+            doubtful = "whether a participant starts cannot be told"
+            known = doubtful if usability.usable is None else "no participant starts"
             reason = f"{known}: {'; '.join(usability.reasons)}"
         return Answer(
             usable=usability.usable,
@@ -103,3 +113,10 @@ class Access:
             return Ruling.ALLOW
         may = self._effective.may(enclave.path, profile.name, operation) >> channel & 1
         return Ruling.UNKNOWN if may else Ruling.DENY
+
+
+def _unknown_enclave(path: str, known: Sequence[str]) -> str:
+    nearest = get_close_matches(path, known, n=1)
+    hint = f" Did you mean {nearest[0]}?" if nearest else ""
+    more = f" and {len(known) - MAX_KNOWN} more" if len(known) > MAX_KNOWN else ""
+    return f"There is no enclave {path!r}.{hint} Known: {', '.join(known[:MAX_KNOWN])}{more}."

@@ -8,10 +8,11 @@ from datetime import datetime
 from typing import TYPE_CHECKING, Any, Final
 
 import click
+from click.core import ParameterSource
 
 from keystore_audit.cli import options as opt
 from keystore_audit.cli import output
-from keystore_audit.errors import EXIT_INCOMPLETE, UsageError
+from keystore_audit.errors import EXIT_INCOMPLETE, BudgetExceeded, UsageError
 
 if TYPE_CHECKING:
     from keystore_audit.access import Access
@@ -85,14 +86,24 @@ def command(keystore: str, words: tuple[str, ...], **given: Any) -> int:
       4   some profile's answer is unknown
     """  # noqa: D301 - click's mark for lines that stay as they are
     if given["batch"] is not None:
-        if words:
-            raise click.UsageError(
-                "With --batch the queries come from the file: leave ENCLAVE, OPERATION and NAME out."
-            )
+        _check_batch(words, given)
         return _batch(keystore, given)
     if len(words) != 3:
         raise click.UsageError("Name ENCLAVE, OPERATION and NAME, e.g. `/talker publish /chatter`.")
     return _one(keystore, words[0], words[1], words[2], given)
+
+
+def _check_batch(words: Sequence[str], given: dict[str, Any]) -> None:
+    """Refuse what would be without effect beside --batch."""
+    if words:
+        raise click.UsageError("With --batch the queries come from the file: leave ENCLAVE, OPERATION and NAME out.")
+    if given["expect"] is not None:
+        raise click.UsageError("--batch answers questions and judges nothing: leave --expect out.")
+    context = click.get_current_context()
+    for option, parameter, value in (("--kind", "kind", "ros"), ("--format", "kind_of_report", "text")):
+        if context.get_parameter_source(parameter) is not ParameterSource.DEFAULT and given[parameter] == value:
+            fixed = "names are those of DDS topics" if parameter == "kind" else "each answer is a line of JSON"
+            raise click.UsageError(f"With --batch {fixed}: leave {option} {value} out.")
 
 
 def _one(keystore: str, enclave: str, operation: str, name: str, given: dict[str, Any]) -> int:
@@ -118,15 +129,18 @@ def _one(keystore: str, enclave: str, operation: str, name: str, given: dict[str
 def _questions(enclave: str, operation: str, name: str, given: dict[str, Any]) -> tuple[Question, ...]:
     """The questions about DDS topics that the question is made of."""
     from keystore_audit.keystore.permissions import Operation
-    from keystore_audit.model.names import dds_channels
+    from keystore_audit.model.names import dds_channels, is_ros_name
     from keystore_audit.model.question import Question
 
     known = DDS_OPERATIONS if given["kind"] == "dds" else ROS_OPERATIONS
     if operation not in known:
         raise click.UsageError(opt.unknown(f"{operation!r} is not one of", operation, known))
-    channels = dds_channels(operation, name) if given["kind"] == "ros" else ((Operation(operation), name),)
     if not name:
-        raise click.UsageError("NAME is empty: no topic is called so.")
+        raise click.UsageError("NAME is empty: nothing is called so.")
+    if given["kind"] == "ros" and not is_ros_name(name):
+        expected = "expected one like /chatter; with --kind dds, that of a DDS topic, like rt/chatter"
+        raise click.UsageError(f"{name!r} is no fully qualified ROS name: {expected}.")
+    channels = dds_channels(operation, name) if given["kind"] == "ros" else ((Operation(operation), name),)
     return tuple(
         Question(enclave=enclave, operation=each, topic=topic, domain=given["domain"], partition=given["partition"])
         for each, topic in channels
@@ -154,8 +168,12 @@ def _batch(keystore: str, given: dict[str, Any]) -> int:
     from keystore_audit.report import answer
 
     lines = list(_lines(given["batch"]))
-    parsed = [_parse(line) for line in lines]
-    access = _access(keystore, [each for each in parsed if not isinstance(each, str)], given)
+    parsed = [_parse(line, given["domain"], given["partition"]) for line in lines]
+    try:
+        access = _access(keystore, [each for each in parsed if not isinstance(each, str)], given)
+    except BudgetExceeded as error:
+        output.write_stdout("".join(answer.error(number, error.message) for number, _ in enumerate(parsed, 1)))
+        return EXIT_INCOMPLETE
     code = 0
     written: list[str] = []
     for number, each in enumerate(parsed, 1):
@@ -199,8 +217,8 @@ def _lines(path: str) -> Iterator[bytes]:
     yield from (line.removesuffix(b"\r") for line in lines)
 
 
-def _parse(line: bytes) -> Question | str:
-    """The query, or what is wrong with the line."""
+def _parse(line: bytes, domain: int, partition: str) -> Question | str:
+    """The query, in this domain and partition if it names none, or what is wrong with the line."""
     from keystore_audit.keystore.permissions import Operation
     from keystore_audit.model.question import Question
 
@@ -211,14 +229,17 @@ def _parse(line: bytes) -> Question | str:
     if not 3 <= len(fields) <= 5:
         return f"expected 3 to 5 fields with tabs between, found {len(fields)}"
     enclave, operation, name = fields[:3]
-    domain = fields[3] if len(fields) > 3 else "0"
+    number = fields[3] if len(fields) > 3 else str(domain)
     if operation not in DDS_OPERATIONS:
         return f"unknown operation {operation!r}; expected publish, subscribe or relay"
     if not name:
         return "the name is empty"
-    if not (domain.isascii() and domain.isdigit() and len(domain) <= 3 and int(domain) <= opt.LAST_DOMAIN):
-        return f"{domain!r} is no domain of 0 to {opt.LAST_DOMAIN}"
-    partition = fields[4] if len(fields) > 4 else ""
+    if not (number.isascii() and number.isdigit() and len(number) <= 3 and int(number) <= opt.LAST_DOMAIN):
+        return f"{number!r} is no domain of 0 to {opt.LAST_DOMAIN}"
     return Question(
-        enclave=enclave, operation=Operation(operation), topic=name, domain=int(domain), partition=partition
+        enclave=enclave,
+        operation=Operation(operation),
+        topic=name,
+        domain=int(number),
+        partition=fields[4] if len(fields) > 4 else partition,
     )

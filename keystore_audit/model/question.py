@@ -48,7 +48,15 @@ class Answer:
 _OBSTACLES = (Ruling.DENY, Ruling.UNKNOWN, Ruling.ALLOW)
 
 
-def joint(answers: Sequence[Answer]) -> Answer:
-    """One answer to whether all of it may be done: deny outranks unknown, since one channel denied is enough."""
-    decisive = min(answers, key=lambda answer: _OBSTACLES.index(answer.decision))
-    return replace(decisive, effective=min((answer.effective for answer in answers), key=_OBSTACLES.index))
+def joint(questions: Sequence[Question], answers: Sequence[Answer]) -> Answer:
+    """One answer to whether all of it may be done; of several questions, it says which one decides.
+
+    Deny outranks unknown, since one channel denied is enough.
+    """
+    question, decisive = min(zip(questions, answers, strict=True), key=lambda each: _OBSTACLES.index(each[1].decision))
+    reason = decisive.reason
+    if len(questions) > 1 and decisive.usable:
+        which = "" if decisive.decision is not Ruling.ALLOW else f"each of the {len(questions)} is allowed, e.g. "
+        reason = f"{which}{question.operation.value} {question.topic}: {reason}"
+    effective = min((answer.effective for answer in answers), key=_OBSTACLES.index)
+    return replace(decisive, effective=effective, reason=reason)

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import json as encoder
 from collections.abc import Mapping
 from dataclasses import dataclass
 from textwrap import fill
 from typing import Final
 
 from keystore_audit.model.question import Answer, Ruling
+from keystore_audit.report.encoded import encoded
 from keystore_audit.text import terminal
 
 WIDTH: Final = 80
 """Columns of the text."""
-
-_USABLE: Final = {True: "starts", False: "does not start", None: "may start"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,12 +38,12 @@ def json(asked: Asked, answers: Mapping[str, Answer]) -> str:
         "partition": asked.partition,
         "decisions": {profile: _described(answer) for profile, answer in answers.items()},
     }
-    return encoder.dumps(document) + "\n"
+    return encoded(document) + "\n"
 
 
 def error(line: int, message: str) -> str:
     """What is said of a query that cannot be answered; `line` counts from 1."""
-    return encoder.dumps({"line": line, "error": message}) + "\n"
+    return encoded({"line": line, "error": message}) + "\n"
 
 
 def _described(answer: Answer) -> dict[str, object]:
@@ -64,7 +62,9 @@ def text(asked: Asked, answers: Mapping[str, Answer]) -> str:
     where = f"domain {asked.domain}" + (f", partition {asked.partition!r}" if asked.partition else "")
     lines = [terminal(f"May {asked.enclave} {asked.operation} {asked.name}? ({where})")]
     if [name for _operation, name in asked.dds_names] != [asked.name]:
-        lines += [terminal(f"  takes: {operation} {name}") for operation, name in asked.dds_names]
+        lines += [terminal(f"  in DDS: {operation} {name}") for operation, name in asked.dds_names]
+    if asked.operation == "relay":
+        lines.append("  No endpoint is made for relaying: this is what the rules say.")
     groups: dict[Answer, list[str]] = {}
     for profile, answer in answers.items():
         groups.setdefault(answer, []).append(profile)
@@ -74,25 +74,41 @@ def text(asked: Asked, answers: Mapping[str, Answer]) -> str:
 
 
 def _answer(answer: Answer, profiles: str) -> list[str]:
-    lines = [f"{answer.decision.value.upper():<8} {profiles}"]
-    lines.append(_filled(f"{answer.reason[:1].upper()}{answer.reason[1:]}."))
+    label = f"{answer.decision.value.upper():<8} "
+    lines = [_wrapped(profiles, first=label, rest=" " * len(label))]
+    lines.append(_sentence(answer.reason))
     if answer.location is not None:
         line = f":{answer.location.line}" if answer.location.line is not None else ""
         lines.append(terminal(f"  {answer.location.path}{line}"))
-    started = f"Its participant {_USABLE[answer.usable]}"
-    if answer.effective is answer.decision:
-        lines.append(_filled(f"{started}; peers {_ACCEPT[answer.effective]}."))
+    if answer.usable is not None:
+        start = f"its participant {'starts' if answer.usable else 'does not start'}"
+        but = "but " if answer.effective is not answer.decision else ""
+        lines.append(_sentence(f"{start}; {but}{_ACCEPT[answer.effective, answer.decision]}"))
     else:
-        lines.append(_filled(f"{started}; but peers {_ACCEPT[answer.effective]}, whatever it is itself."))
+        lines.append(_sentence(_ACCEPT[answer.effective, answer.decision]))
     return lines
 
 
+_TAKEN: Final = "some peer accepts it"
+_REFUSED: Final = "no peer accepts it"
+_OPEN: Final = "whether any peer accepts it cannot be told"
 _ACCEPT: Final = {
-    Ruling.ALLOW: "accept it",
-    Ruling.DENY: "do not accept it",
-    Ruling.UNKNOWN: "may accept it, which cannot be told",
+    (Ruling.ALLOW, Ruling.ALLOW): _TAKEN,
+    (Ruling.ALLOW, Ruling.DENY): f"{_TAKEN} from whoever holds the enclave's keys and skips its own checks",
+    (Ruling.ALLOW, Ruling.UNKNOWN): _TAKEN,
+    (Ruling.DENY, Ruling.ALLOW): f"{_REFUSED}, so nothing comes of it",
+    (Ruling.DENY, Ruling.DENY): _REFUSED,
+    (Ruling.DENY, Ruling.UNKNOWN): _REFUSED,
+    (Ruling.UNKNOWN, Ruling.ALLOW): _OPEN,
+    (Ruling.UNKNOWN, Ruling.DENY): _OPEN,
+    (Ruling.UNKNOWN, Ruling.UNKNOWN): _OPEN,
 }
+"""What peers do, beside what the enclave's own implementation does."""
 
 
-def _filled(sentence: str) -> str:
-    return fill(terminal(sentence), WIDTH, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False)
+def _sentence(text: str) -> str:
+    return _wrapped(f"{text[:1].upper()}{text[1:]}.", first="  ", rest="  ")
+
+
+def _wrapped(text: str, *, first: str, rest: str) -> str:
+    return fill(terminal(text), WIDTH, initial_indent=first, subsequent_indent=rest, break_on_hyphens=False)

@@ -1,0 +1,18 @@
+"""JSON as every report writes it: one line of ASCII that every reader takes."""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import Any, Final
+
+_SURROGATE: Final = re.compile("[\ud800-\udfff]")
+
+
+def encoded(value: Any) -> str:
+    r"""One value on one line. Lone surrogates (bytes that are no text), which readers refuse, are shown: `\udc80`."""
+    text = json.dumps(value)  # without arguments: the one form for which Python keeps its encoder
+    if r"\ud" not in text:
+        return text
+    shown = _SURROGATE.sub(lambda match: rf"\\u{ord(match[0]):04x}", json.dumps(value, ensure_ascii=False))
+    return json.dumps(json.loads(shown))
