@@ -1,4 +1,4 @@
-"""What a pair is made of, stated as its difference from two enclaves that may do everything under one CA."""
+"""What a pair is made of, stated as its difference from two enclaves that may do everything."""
 
 from __future__ import annotations
 
@@ -10,21 +10,22 @@ from tests.oracles.vendors.enclave import Endpoint, publish, subscribe
 from tests.oracles.vendors.pairs import Meeting, Seen, Side
 from tests.oracles.vendors.pairs_material import EVERYTHING, Authorities, Enclave, governance, grant, permissions
 
-SHARED = Authorities.shared()
-"""The CA of every plain pair."""
+CAS = Authorities.split()
+"""Those of every plain pair. Under a shared CA, vendors that do not pin the signer accept whatever an enclave signs."""
 
-FIRST = SHARED.issue("/first")
-SECOND = SHARED.issue("/second")
+FIRST = CAS.issue("/first")
+SECOND = CAS.issue("/second")
 
+KEYSTORE = "keystore"
 ENDPOINTS = (publish("a"), subscribe("a"))
-MAY_ALL = {name: SHARED.sign(permissions(grant(f"CN=/{name}", EVERYTHING))) for name in ("first", "second")}
-GOVERNANCE = SHARED.sign(governance())
+MAY_ALL = {name: CAS.sign(permissions(grant(f"CN=/{name}", EVERYTHING))) for name in ("first", "second")}
+GOVERNANCE = CAS.sign(governance())
 
 
 def plain(name: str) -> Enclave:
     """The enclave /first or /second, with sros2's governance and a grant for everything."""
     identity = FIRST if name == "first" else SECOND
-    return Enclave(authorities=SHARED, identity=identity, governance=GOVERNANCE, permissions=MAY_ALL[name])
+    return Enclave(authorities=CAS, identity=identity, governance=GOVERNANCE, permissions=MAY_ALL[name])
 
 
 PLAIN_FIRST = plain("first")
@@ -44,22 +45,39 @@ class Case:
     endpoints: tuple[Endpoint, ...] = ENDPOINTS
     domains: tuple[int, int] = (0, 0)
 
+    @property
+    def peers_agree(self) -> bool:
+        """Whether the sides differ in identity and permissions alone.
+
+        Then what the first side accepts is what any peer does. Else an attacker may declare what the first side has,
+        and the second one is a peer as well, of another mind.
+        """
+        second = self.second
+        if second is None or self.domains[0] != self.domains[1]:
+            return False
+        same = second.governance == self.first.governance and second.authorities == self.first.authorities == CAS
+        return same and second.key is None and self.first.crl is None and second.crl is None
+
     def sides(self, directory: Path) -> tuple[Side, Side]:
-        """The two, with their enclaves written into `directory`."""
+        """The two, with a keystore of them in `directory`, where the second enclave has what it presents."""
         first = Side(
-            enclave=self.first.write(directory / "first"),
+            enclave=self.first.write(directory / KEYSTORE / "enclaves/first"),
             endpoints=tuple(map(other_end, self.endpoints)),
             domain=self.domains[0],
         )
-        second = Side(
-            enclave=None if self.second is None else self.second.write(directory / "second"),
+        if self.second is None:
+            return first, Side(enclave=None, endpoints=self.endpoints, domain=self.domains[1])
+        place = directory / KEYSTORE / "enclaves/second"
+        if self.presented is None:
+            return first, Side(enclave=self.second.write(place), endpoints=self.endpoints, domain=self.domains[1])
+        replace(self.second, permissions=self.presented).write(place)
+        return first, Side(
+            enclave=self.second.write(directory / "started"),
             endpoints=self.endpoints,
             domain=self.domains[1],
+            compromised=True,
+            presented=place / "permissions.p7s",
         )
-        if self.presented is not None:
-            (directory / "presented.p7s").write_bytes(self.presented)
-            second = replace(second, compromised=True, presented=directory / "presented.p7s")
-        return first, second
 
 
 def other_end(endpoint: Endpoint) -> Endpoint:

@@ -11,7 +11,7 @@ from cryptography.x509.oid import NameOID
 
 from tests.keystore.builder import authority, crl, signed_document
 from tests.oracles.vendors.enclave import Endpoint, publish, subscribe
-from tests.oracles.vendors.pairs_case import FIRST, MAY_ALL, SECOND, SHARED, Case, plain
+from tests.oracles.vendors.pairs_case import CAS, FIRST, MAY_ALL, SECOND, Case, plain
 from tests.oracles.vendors.pairs_material import (
     EVERYTHING,
     FUTURE,
@@ -42,9 +42,9 @@ def _presents(title: str, *grants: str, open_rule: bytes | None = None, endpoint
     """A compromised second side; `open_rule`: another governance than sros2's, for both."""
     first, second = plain("first"), plain("second")
     if open_rule is not None:
-        governed = SHARED.sign(open_rule)
+        governed = CAS.sign(open_rule)
         first, second = replace(first, governance=governed), replace(second, governance=governed)
-    document = SHARED.sign(permissions(*grants))
+    document = CAS.sign(permissions(*grants))
     return Case(title=title, first=first, second=second, presented=document, endpoints=tuple(endpoints))
 
 
@@ -54,46 +54,43 @@ def _ruled(title: str, *rules: str, controls: bool = True, default: str = "DENY"
 
 def _honest(title: str, *grants: str, endpoints: Sequence[Endpoint] = _AB) -> Case:
     """The second side keeps to its own document."""
-    second = replace(plain("second"), permissions=SHARED.sign(permissions(*grants)))
+    second = replace(plain("second"), permissions=CAS.sign(permissions(*grants)))
     return Case(title=title, second=second, endpoints=tuple(endpoints))
 
 
 def _signers() -> list[Case]:
     document = permissions(grant(_SUBJECT, EVERYTHING))
-    other = SHARED.issue("/other")
-    split = Authorities.split()
-    of_split = {name: split.issue(f"/{name}") for name in ("first", "second")}
-    governed = split.sign(governance())
-    sides = [
-        Enclave(
-            authorities=split,
-            identity=of_split[name],
-            governance=governed,
-            permissions=split.sign(permissions(grant(f"CN=/{name}", EVERYTHING))),
-        )
-        for name in ("first", "second")
-    ]
-    closed = replace(sides[1], permissions=split.sign(permissions(grant(_SUBJECT))))
-    own_of_split = signed_document(document, of_split["second"])
-    stranger = authority()
+    one = Authorities.shared()
+    first, second, other = (one.issue(name) for name in ("/first", "/second", "/other"))
+    governed = one.sign(governance())
+    allowed = {name: one.sign(permissions(grant(f"CN={name}", EVERYTHING))) for name in ("/first", "/second")}
+    sides: dict[str, Any] = {
+        "first": Enclave(authorities=one, identity=first, governance=governed, permissions=allowed["/first"]),
+        "second": Enclave(authorities=one, identity=second, governance=governed, permissions=allowed["/second"]),
+    }
+    own = signed_document(document, second)
     return [
-        Case(title="shared CA: signed by its own identity", presented=signed_document(document, SECOND)),
-        Case(title="shared CA: signed by another leaf", presented=signed_document(document, other)),
+        Case(title="shared CA", **sides),
+        Case(title="shared CA: no right at all", **sides, presented=one.sign(permissions(grant(_SUBJECT)))),
+        Case(title="shared CA: signed by its own identity", **sides, presented=own),
+        Case(title="shared CA: signed by another leaf", **sides, presented=signed_document(document, other)),
+        Case(
+            title="shared CA: signed by the first side's identity", **sides, presented=signed_document(document, first)
+        ),
         Case(
             title="shared CA: honest, its own signature",
-            second=replace(plain("second"), permissions=signed_document(document, SECOND)),
+            first=sides["first"],
+            second=replace(sides["second"], permissions=own),
         ),
-        Case(title="shared CA: signed by the first side's identity", presented=signed_document(document, FIRST)),
-        Case(title="split CAs", first=sides[0], second=sides[1]),
-        Case(title="split CAs: no right at all", first=sides[0], second=closed),
-        Case(title="split CAs: signed by its own identity", first=sides[0], second=sides[1], presented=own_of_split),
         Case(
-            title="split CAs: signed by the identity CA",
-            first=sides[0],
-            second=sides[1],
-            presented=signed_document(document, split.identity),
+            title="no right at all", second=replace(plain("second"), permissions=CAS.sign(permissions(grant(_SUBJECT))))
         ),
-        Case(title="a stranger of the CA's name signed it", presented=signed_document(document, stranger)),
+        Case(title="signed by its own identity", presented=signed_document(document, SECOND)),
+        Case(title="signed by the identity CA", presented=signed_document(document, CAS.identity)),
+        Case(
+            title="a stranger of the CA's name signed it",
+            presented=signed_document(document, authority("permissions CA")),
+        ),
         Case(title="not signed", presented=document),
     ]
 
@@ -102,7 +99,7 @@ def _empty_documents() -> list[Case]:
     cases = []
     for join in (True, False):
         for access in (True, False):
-            rule = SHARED.sign(governance(topic_rule(read=access, write=access), join=join))
+            rule = CAS.sign(governance(topic_rule(read=access, write=access), join=join))
             sides = [replace(plain(name), governance=rule) for name in ("first", "second")]
             title = f"an empty document, join control {join}, access control {access}"
             cases.append(Case(title=title, first=sides[0], second=sides[1], presented=b""))
@@ -111,15 +108,15 @@ def _empty_documents() -> list[Case]:
 
 def _others_documents() -> list[Case]:
     wide = permissions(grant("CN=/talker", allow(_A)), grant(_SUBJECT, allow(_B)))
-    closed = SHARED.sign(permissions(grant(_SUBJECT)))
+    closed = CAS.sign(permissions(grant(_SUBJECT)))
     return [
         Case(
             title="its own document allows nothing", second=replace(plain("second"), permissions=closed), endpoints=_AB
         ),
-        Case(title="another's document that holds a grant for it too", presented=SHARED.sign(wide), endpoints=_AB),
+        Case(title="another's document that holds a grant for it too", presented=CAS.sign(wide), endpoints=_AB),
         Case(
             title="the same, honestly copied",
-            second=replace(plain("second"), permissions=SHARED.sign(wide)),
+            second=replace(plain("second"), permissions=CAS.sign(wide)),
             endpoints=_AB,
         ),
         Case(title="another's document without a grant for it", presented=MAY_ALL["first"], endpoints=_AB),
@@ -228,15 +225,15 @@ def _joining() -> list[Case]:
 
 
 def _identities() -> list[Case]:
-    revoked = crl(SHARED.identity, [SECOND.certificate.serial_number, FIRST.certificate.serial_number])
-    other = Authorities.shared()
+    revoked = crl(CAS.identity, [SECOND.certificate.serial_number, FIRST.certificate.serial_number])
+    other = Authorities.split()
     of_other = Enclave(
         authorities=other,
         identity=other.issue("/second"),
         governance=other.sign(governance()),
         permissions=other.sign(permissions(grant(_SUBJECT, EVERYTHING))),
     )
-    named = Authorities(identity=SHARED.identity, permissions=authority("another permissions CA"))
+    named = Authorities(identity=CAS.identity, permissions=authority("another permissions CA"))
     own_rights = replace(
         of_other,
         authorities=named,
@@ -249,19 +246,19 @@ def _identities() -> list[Case]:
     )
     longer = replace(
         plain("second"),
-        identity=SHARED.issue(long),
-        permissions=SHARED.sign(permissions(grant("CN=/second,O=Org", EVERYTHING))),
+        identity=CAS.issue(long),
+        permissions=CAS.sign(permissions(grant("CN=/second,O=Org", EVERYTHING))),
     )
-    only_second = crl(SHARED.identity, [SECOND.certificate.serial_number])
+    only_second = crl(CAS.identity, [SECOND.certificate.serial_number])
     return [
         Case(
             title="the first side holds a list that revokes the second", first=replace(plain("first"), crl=only_second)
         ),
         Case(
             title="the second side holds a list that revokes the first",
-            second=replace(plain("second"), crl=crl(SHARED.identity, [FIRST.certificate.serial_number])),
+            second=replace(plain("second"), crl=crl(CAS.identity, [FIRST.certificate.serial_number])),
         ),
-        Case(title="a list that revokes nobody", first=replace(plain("first"), crl=crl(SHARED.identity))),
+        Case(title="a list that revokes nobody", first=replace(plain("first"), crl=crl(CAS.identity))),
         Case(title="a list that revokes both, at the first side", first=replace(plain("first"), crl=revoked)),
         Case(title="another CA of the same name", second=of_other),
         Case(
@@ -269,12 +266,12 @@ def _identities() -> list[Case]:
             second=own_rights,
             presented=MAY_ALL["second"],
         ),
-        Case(title="a key of another pair", second=replace(plain("second"), key=SHARED.issue("/key").key)),
+        Case(title="a key of another pair", second=replace(plain("second"), key=CAS.issue("/key").key)),
         Case(title="certificate of two parts", second=longer),
         Case(
             title="certificate of two parts, grant in the other order",
             second=longer,
-            presented=SHARED.sign(permissions(grant("O=Org,CN=/second", EVERYTHING))),
+            presented=CAS.sign(permissions(grant("O=Org,CN=/second", EVERYTHING))),
         ),
         Case(title="certificate of two parts, grant for one of them", second=longer, presented=MAY_ALL["second"]),
     ]

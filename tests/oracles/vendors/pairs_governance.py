@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from tests.oracles.vendors.enclave import publish, subscribe
-from tests.oracles.vendors.pairs_case import SHARED, Case, plain
+from tests.oracles.vendors.pairs_case import CAS, Case, plain
 from tests.oracles.vendors.pairs_material import governance, topic_rule
 
 _SIGN_ORIGIN = "SIGN_WITH_ORIGIN_AUTHENTICATION"
@@ -14,10 +14,12 @@ _ENCRYPT_ORIGIN = "ENCRYPT_WITH_ORIGIN_AUTHENTICATION"
 
 
 def _pair(title: str, first: bytes, second: bytes | None = None, **others: Any) -> Case:
+    here = CAS.sign(first)
+    there = CAS.sign(second) if second is not None else here
     return Case(
         title=title,
-        first=replace(plain("first"), governance=SHARED.sign(first)),
-        second=replace(plain("second"), governance=SHARED.sign(second if second is not None else first)),
+        first=replace(plain("first"), governance=here),
+        second=replace(plain("second"), governance=there),
         **others,
     )
 
@@ -111,14 +113,14 @@ def _against_plain(title: str, topic: dict[str, Any] | None = None, **domain: An
     document = governance(rule, controls=False, **{**_OPEN, "join": False, **domain})
     return Case(
         title=f"plain peer: {title}",
-        first=replace(plain("first"), governance=SHARED.sign(document)),
+        first=replace(plain("first"), governance=CAS.sign(document)),
         second=None,
     )
 
 
 def _plain_peers() -> list[Case]:
     access = {"read": True, "write": True}
-    stock = replace(plain("first"), governance=SHARED.sign(governance(unauthenticated=True)))
+    stock = replace(plain("first"), governance=CAS.sign(governance(unauthenticated=True)))
     return [
         _against_plain("everything open"),
         _against_plain("everything open but unauthenticated participants", unauthenticated=False),

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from keystore_audit.access import Access
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.model.question import Question, Ruling
+from keystore_audit.model.question import Answer, Question, Ruling
 from tests.oracles.vendors.enclave import Endpoint
 
 PROFILES = {"cyclone": "cyclonedds-0.10", "fastdds": "fastdds-2.9"}
@@ -19,11 +19,19 @@ def effective(
     keystore: Path, enclave: str, domain: int, endpoints: Sequence[Endpoint], vendor: str
 ) -> tuple[Ruling | None, ...]:
     """For each endpoint of the enclave what the most permissive peer accepts; None where no question asks for it."""
+    found = answers(keystore, enclave, domain, endpoints, vendor)
+    return tuple(None if answer is None else answer.effective for answer in found)
+
+
+def answers(
+    keystore: Path, enclave: str, domain: int, endpoints: Sequence[Endpoint], vendor: str
+) -> tuple[Answer | None, ...]:
+    """For each endpoint of the enclave all that we say; None where no question asks for it."""
     asked = [_question(enclave, domain, endpoint) for endpoint in endpoints]
     questions = [question for question in asked if question is not None]
     profile = VARIANTS[PROFILES[vendor]]
     access = Access(keystore, questions, profiles=[profile], at=datetime.now(timezone.utc))
-    return tuple(None if question is None else access.answers(question)[profile.name].effective for question in asked)
+    return tuple(None if question is None else access.answers(question)[profile.name] for question in asked)
 
 
 def _question(enclave: str, domain: int, endpoint: Endpoint) -> Question | None:
