@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
+from typing import Final
 
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.crl import RevocationList
@@ -56,6 +57,7 @@ class _Dated:
     grants: tuple[tuple[ReadGrant, bool], ...] | None
     """Those that name the certificate, and whether each lets the enclave join; None where the document says nothing."""
     skips_grants_out_of_date: bool
+    joins: JoinCheck
     lists: tuple[RevocationList, ...]
     signers: tuple[Certificate, ...]
     """Of the documents, where others than the permissions CA may sign: their dates count (measured)."""
@@ -134,6 +136,7 @@ class Usabilities:
             permissions_ca=authority if trust.checks_permissions_ca else None,
             grants=self._own_grants(enclave, certificate, profile),
             skips_grants_out_of_date=profile.access.skips_grants_out_of_date,
+            joins=profile.local.joins,
             lists=lists_read(enclave, trust),
             signers=() if trust.pins_signer else _signers(enclave),
         )
@@ -245,7 +248,15 @@ def _refusals_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:
         if not in_force:
             yield f"no grant in force names {certificate.subject}"
         elif not joins:
-            yield "the grant allows no domain that the governance covers"
+            yield _NOT_JOINING[dated.joins]
+
+
+_NOT_JOINING: Final = {
+    JoinCheck.SPEC: "the grant allows no domain that the governance covers",
+    JoinCheck.CYCLONEDDS: "the grant allows no domain that the governance covers",
+    JoinCheck.FASTDDS: "the grant has no allow rule, and without one no participant is created",
+    JoinCheck.OPENDDS: "join access control is on and no topic is without access control, so no participant is created",
+}
 
 
 def _joins(governed: _Governed, grant: ReadGrant, local: Local) -> bool:

@@ -254,6 +254,7 @@ def _opendds(text: str, zone: ZoneInfo | None) -> Dated | None:
         return _certain(instant)
 
 
+@lru_cache(maxsize=4096)
 def parse_instant(text: str) -> datetime | None:
     """The instant that `text` names, aware UTC.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from keystore_audit.model.profiles.access import Access, JoinCheck, Local, OpenRange, PartitionReading, RelayReading
-from keystore_audit.model.profiles.profile import Profile, RevocationLists, SubjectComparison, Trust
+from keystore_audit.model.profiles.profile import Evidence, Profile, RevocationLists, SubjectComparison, Trust
 from keystore_audit.model.profiles.variants import ALIASES, DEFAULT, VARIANTS, resolve
 from keystore_audit.model.validity import DateReading
 
@@ -13,6 +13,7 @@ __all__ = [
     "VARIANTS",
     "Access",
     "DateReading",
+    "Evidence",
     "JoinCheck",
     "Local",
     "OpenRange",

@@ -57,13 +57,25 @@ class Trust:
     compares_key: bool
 
 
+class Evidence(str, Enum):
+    """How the rows of a profile are known (docs/profiles.md tells row by row).
+
+    TESTED: this project's tests ask the real implementation. MEASURED: on the real implementation, for the project's
+    tables; the tests do not ask it again. READ: in its source, or in the specification.
+    """
+
+    TESTED = "tested"
+    MEASURED = "measured"
+    READ = "read"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profile:
     """What one implementation does, for the versions named.
 
     `distributions`: ROS 2 distributions that ship it. `trust`: whom it trusts; `access`: what documents mean to it;
-    `local`: what it asks of its own participant. `measured`: on the real plugins, else read in their source. `source`:
-    where the rows come from.
+    `local`: what it asks of its own participant. `evidence`: how the rows are known. `source`: where they
+    come from.
     """
 
     name: str
@@ -73,5 +85,5 @@ class Profile:
     trust: Trust
     access: Access
     local: Local
-    measured: bool
+    evidence: Evidence
     source: str

@@ -1,7 +1,6 @@
 """The canonical variants and their aliases (design section 3).
 
-The trust rows are those of the project's tables, which docs/security-model.md repeats with their sources: measured
-on the real plugins of the versions named, read in the source where `measured` is false.
+The rows are those of the project's tables; docs/profiles.md and docs/security-model.md give them with their sources.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from typing import Final
 from keystore_audit.errors import UsageError
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.profiles.access import Access, JoinCheck, Local, OpenRange, PartitionReading, RelayReading
-from keystore_audit.model.profiles.profile import Profile, RevocationLists, SubjectComparison, Trust
+from keystore_audit.model.profiles.profile import Evidence, Profile, RevocationLists, SubjectComparison, Trust
 from keystore_audit.model.validity import DateReading
 
 _SPEC: Final = Trust(
@@ -164,7 +163,7 @@ SPEC = Profile(
     trust=_SPEC,
     access=_SPEC_ACCESS,
     local=_SPEC_LOCAL,
-    measured=False,
+    evidence=Evidence.READ,
     source="DDS-Security 1.1, 9.4.1.1: the permissions CA signs governance and permissions",
 )
 
@@ -180,7 +179,7 @@ VARIANTS: dict[str, Profile] = {
             trust=_FASTDDS_UNPINNED,
             access=_FASTDDS_OLD_ACCESS,
             local=_FASTDDS_LOCAL,
-            measured=False,
+            evidence=Evidence.READ,
             source="eProsima/Fast-DDS tags: PKCS7_NOINTERN only from 2.6.5 on",
         ),
         Profile(
@@ -191,7 +190,7 @@ VARIANTS: dict[str, Profile] = {
             trust=_FASTDDS_2_6,
             access=_FASTDDS_ACCESS,
             local=_FASTDDS_LOCAL,
-            measured=True,
+            evidence=Evidence.MEASURED,
             source="leaf-signed documents refused by 2.6.12",
         ),
         Profile(
@@ -202,7 +201,7 @@ VARIANTS: dict[str, Profile] = {
             trust=_FASTDDS_UNPINNED,
             access=_FASTDDS_OLD_ACCESS,
             local=_FASTDDS_LOCAL,
-            measured=True,
+            evidence=Evidence.TESTED,
             source="leaf-signed documents accepted by 2.9.1",
         ),
         Profile(
@@ -213,7 +212,7 @@ VARIANTS: dict[str, Profile] = {
             trust=_FASTDDS,
             access=_FASTDDS_ACCESS,
             local=_FASTDDS_LOCAL,
-            measured=True,
+            evidence=Evidence.MEASURED,
             source="leaf-signed documents refused by 2.14.6",
         ),
         Profile(
@@ -224,7 +223,7 @@ VARIANTS: dict[str, Profile] = {
             trust=_FASTDDS,
             access=_FASTDDS_ACCESS,
             local=_FASTDDS_LOCAL,
-            measured=True,
+            evidence=Evidence.MEASURED,
             source="leaf-signed documents refused by 3.2.5",
         ),
         Profile(
@@ -235,7 +234,7 @@ VARIANTS: dict[str, Profile] = {
             trust=_FASTDDS,
             access=_FASTDDS_ACCESS,
             local=_FASTDDS_LOCAL,
-            measured=True,
+            evidence=Evidence.MEASURED,
             source="leaf-signed documents refused by 3.6.2",
         ),
         Profile(
@@ -246,7 +245,7 @@ VARIANTS: dict[str, Profile] = {
             trust=_CYCLONEDDS_0_10,
             access=_CYCLONEDDS_0_10_ACCESS,
             local=_CYCLONEDDS_LOCAL,
-            measured=True,
+            evidence=Evidence.TESTED,
             source="leaf-signed documents accepted by 0.10.2",
         ),
         Profile(
@@ -257,7 +256,7 @@ VARIANTS: dict[str, Profile] = {
             trust=_CYCLONEDDS_11,
             access=_CYCLONEDDS_11_ACCESS,
             local=_CYCLONEDDS_LOCAL,
-            measured=True,
+            evidence=Evidence.MEASURED,
             source="leaf-signed documents refused by 11.0.1",
         ),
         Profile(
@@ -268,7 +267,7 @@ VARIANTS: dict[str, Profile] = {
             trust=_OPENDDS,
             access=_OPENDDS_ACCESS,
             local=_OPENDDS_LOCAL,
-            measured=False,
+            evidence=Evidence.READ,
             source="OpenDDS/OpenDDS:dds/DCPS/security/SSL/SignedDocument.cpp",
         ),
     )
