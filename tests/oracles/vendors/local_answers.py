@@ -50,7 +50,7 @@ def abstentions(found: Mapping[tuple[str, str], str]) -> dict[str, dict[str, str
     """By title and vendor, why we do not know, without today's dates and boundaries of messages."""
     listed: dict[str, dict[str, str]] = {}
     for (vendor, title), why in found.items():
-        reason = why.removeprefix("cannot be told whether a participant starts: ")
+        reason = why.partition(": ")[2] or why  # behind the words that say what cannot be told
         listed.setdefault(title, {})[vendor] = _OF_TODAY.sub("…", reason)
     return listed
 
