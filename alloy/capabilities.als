@@ -9,9 +9,14 @@
 module capabilities
 open permissions
 
+/** Enclaves that a realm lets in where it does not control who joins: all, or those with some grant in force. */
+fun admitted[realm: Realm]: set Enclave {
+	realm in requires_grant implies held[realm.accepted].Grant + unbounded[realm] else Enclave
+}
+
 /** Domains that each enclave can join, as a participant that the realm has authenticated. */
 fun joins[realm: Realm]: Enclave -> Domain {
-	realm.authentic -> realm.join_uncontrolled
+	(realm.authentic & admitted[realm]) -> realm.join_uncontrolled
 	+ ((held[realm.accepted].joining + unbounded[realm] -> Domain) & realm.authentic -> realm.governed_domain)
 }
 

@@ -5,7 +5,7 @@
  * which keystore-audit writes for each keystore, as functions without arguments:
  *
  *   certificates  issuer, authority, fit_to_sign, public_key, not_before, not_after, following, audit_instant
- *   documents     intact, signer, opaque, pins_signer
+ *   documents     intact, signer, opaque, pins_signer, requires_grant
  *   realms        identity_ca, permissions_ca, governance, revoked
  *   enclaves      in_realm, identity, permissions
  *   governance    domain_rule, topic_rule, domains, topic_expression, precedes, the flags and kinds of both rules

@@ -102,6 +102,7 @@ fun intact: set Document { Document }
 fun signer: Document -> Certificate { Document -> C0_CN_sros2CA }
 fun opaque: set Document + Enclave { none }
 fun pins_signer: set Realm { Realm }
+fun requires_grant: set Realm { none }
 
 -- realms and enclaves
 fun identity_ca: Realm -> Certificate { R0 -> C0_CN_sros2CA }

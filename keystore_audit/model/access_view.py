@@ -38,6 +38,7 @@ _PLAIN: Final = Access(
     partitions=PartitionReading.CRITERION,
     relay=RelayReading.RELAY,
     first_rule_decides_topic=False,
+    requires_grant=False,
     any_governance_rule=False,
 )
 """What stands for every way of reading what all read alike."""
@@ -130,6 +131,11 @@ class AccessViews:
                 for criterion in rule.criteria
             ),
             "first_rule_decides_topic": any(not rule.allow for grant in self._grants for rule in grant.rules),
+            "requires_grant": any(
+                not rule.enable_join_access_control
+                for governance in self._governances
+                for rule in governance.domain_rules
+            ),
             "any_governance_rule": any(
                 len(governance.domain_rules) > 1 or any(len(rule.topic_rules) > 1 for rule in governance.domain_rules)
                 for governance in self._governances

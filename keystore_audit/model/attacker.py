@@ -177,8 +177,9 @@ class RealmView:
         atom = self._system.enclaves[enclave]
         if self._any_opaque or atom.opaque or self.self_granting(enclave):
             return self.protection.ruled
-        joined = ~self.protection.join_controlled
-        for grant in self._permissions.chosen(atom.identity, self.accepted):
+        grants = self._permissions.chosen(atom.identity, self.accepted)
+        joined = ~self.protection.join_controlled if grants or not self._system.requires_grant else 0
+        for grant in grants:
             joined |= self._permissions.joins(grant)
         return self.protection.ruled & joined
 

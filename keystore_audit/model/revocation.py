@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from datetime import datetime
 from typing import Final
 
 from keystore_audit.keystore.certificate import Certificate
@@ -29,19 +30,42 @@ def lists_read(enclave: Enclave, trust: Trust) -> tuple[RevocationList, ...]:
     return lists
 
 
-def revoked(enclave: Enclave, certificates: Iterable[Certificate], trust: Trust) -> tuple[Certificate, ...]:
-    """Those of the certificates that are revoked under an identity CA of the enclave.
+def revoked(
+    enclave: Enclave, certificates: Iterable[Certificate], trust: Trust, at: datetime
+) -> tuple[Certificate, ...]:
+    """Those of the certificates that are revoked under an identity CA of the enclave `at` an instant (aware UTC).
 
     A list that no identity CA signed revokes nothing here: what it does at run time is a finding of its own, and
     leaving an identity in is the careful reading.
     """
+    lists = [each for each in lists_read(enclave, trust) if each.revoked]
+    if not lists or enclave.identity_ca is None:
+        return ()
+    authorities = authorities_read(enclave.identity_ca, trust)
+    named = [certificate for certificate in certificates if any(names_revoked(each, certificate) for each in lists)]
+    used = [(certificate, list_used(enclave, certificate, trust, at)) for certificate in named]
+    return tuple(
+        certificate
+        for certificate, each in used
+        if each is not None
+        and names_revoked(each, certificate)
+        and any(crl_signed_by(each, authority) for authority in authorities)
+    )
+
+
+def list_used(enclave: Enclave, certificate: Certificate, trust: Trust, at: datetime) -> RevocationList | None:
+    """Of the lists that can be used for the identity, the one that OpenSSL looks it up in.
+
+    One in force `at` the instant goes before others, then the newest, then the first (`get_crl_score` in x509_vfy.c;
+    measured on Fast DDS 2.9.1).
+    """
     authorities = authorities_read(enclave.identity_ca, trust) if enclave.identity_ca else ()
-    lists = [
-        revocations
-        for revocations in lists_read(enclave, trust)
-        if revocations.revoked and any(crl_signed_by(revocations, authority) for authority in authorities)
-    ]
-    return tuple(c for c in (certificates if lists else ()) if any(names_revoked(each, c) for each in lists))
+    usable = (each for each in lists_read(enclave, trust) if _usable(each, certificate, authorities, trust))
+    return max(usable, key=lambda each: (_in_force(each, at), each.this_update), default=None)
+
+
+def _in_force(revocations: RevocationList, at: datetime) -> bool:
+    return revocations.this_update <= at and (revocations.next_update is None or at <= revocations.next_update)
 
 
 def names_revoked(revocations: RevocationList, certificate: Certificate) -> bool:

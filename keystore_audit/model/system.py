@@ -185,12 +185,14 @@ class System:
     `profiles`: the variants that read it so (all facts equal). `pins_signer`: documents must be signed by a permissions
     CA certificate itself; otherwise by any certificate that chains to one and is fit to sign (CVE-2023-24010).
     `skips_grants_out_of_date`: of a document the first grant in force that names a certificate counts; otherwise the
-    first that names it, if it is in force. `instants`: sorted; `now`: index of the audit instant among them.
+    first that names it, if it is in force. `requires_grant`: where join access control is off, peers let in whom some
+    document grants something, not everybody. `instants`: sorted; `now`: index of the audit instant among them.
     """
 
     profiles: tuple[str, ...]
     pins_signer: bool
     skips_grants_out_of_date: bool
+    requires_grant: bool
     reading: Reading
     instants: tuple[datetime, ...]
     now: int

@@ -75,7 +75,7 @@ class SystemBuilder:
         self._typed: dict[object, Atoms] = {}
         self._doubts = [(identity_doubt(enclave) is not None, realm_doubt(enclave)) for enclave in keystore.enclaves]
         self._keys = {key: n for n, key in enumerate(dict.fromkeys(c.key for c in self._certificates))}
-        self._views = Views(keystore, self._documents, self._certificates, accesses)
+        self._views = Views(keystore, self._documents, self._certificates, accesses, at)
 
     def _read_all(self, access: Access) -> list[ReadDocument]:
         """The documents as they are read, in order."""
@@ -175,6 +175,7 @@ class SystemBuilder:
             profiles=profiles,
             pins_signer=trust.pins_signer,
             skips_grants_out_of_date=kind.access.skips_grants_out_of_date,
+            requires_grant=kind.access.requires_grant,
             reading=reading,
             instants=self._instants,
             now=self._instants.index(self._at),

@@ -8,7 +8,6 @@ from datetime import datetime
 from typing import Final
 
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
-from keystore_audit.keystore.crl import RevocationList
 from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave
@@ -18,7 +17,7 @@ from keystore_audit.model.domains import Interval, contains, elementary
 from keystore_audit.model.doubt import enclave_doubts
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import JoinCheck, Local, Profile, Trust
-from keystore_audit.model.revocation import list_missing, lists_read, revoked
+from keystore_audit.model.revocation import list_missing, list_used, lists_read, revoked
 from keystore_audit.model.semantics import ReadDomainRule, ReadGrant
 from keystore_audit.model.subject import names
 from keystore_audit.model.trust import (
@@ -58,7 +57,8 @@ class _Dated:
     """Those that name the certificate, and whether each lets the enclave join; None where the document says nothing."""
     skips_grants_out_of_date: bool
     joins: JoinCheck
-    lists: tuple[RevocationList, ...]
+    listed: Enclave | None
+    """The enclave, where it carries revocation lists."""
     signers: tuple[Certificate, ...]
     """Of the documents, where others than the permissions CA may sign: their dates count (measured)."""
 
@@ -137,7 +137,7 @@ class Usabilities:
             grants=self._own_grants(enclave, certificate, profile),
             skips_grants_out_of_date=profile.access.skips_grants_out_of_date,
             joins=profile.local.joins,
-            lists=lists_read(enclave, trust),
+            listed=enclave if lists_read(enclave, trust) else None,
             signers=() if trust.pins_signer else _signers(enclave),
         )
 
@@ -197,8 +197,6 @@ def _identity_refusals(enclave: Enclave, certificate: Certificate, trust: Trust)
             yield f"it takes no identity, and no identity CA, with a key of kind {kind}"
     if trust.identity_algorithms is not None and certificate.signature_algorithm not in trust.identity_algorithms:
         yield f"it takes no identity signed with {certificate.signature_algorithm}"
-    if revoked(enclave, (certificate,), trust):
-        yield "the identity certificate is revoked"
 
 
 def _authority_refusals(enclave: Enclave, trust: Trust) -> Iterator[str]:
@@ -237,10 +235,8 @@ def _refusals_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:
         yield "the permissions CA certificate is outside its validity"
     if any(signer != authority and not signer.not_before <= at <= signer.not_after for signer in dated.signers):
         yield "the certificate that signed a document is outside its validity"
-    if any(revocations.next_update is not None and revocations.next_update < at for revocations in dated.lists):
-        yield "the revocation list is stale, so every identity is refused"
-    if any(revocations.this_update > at for revocations in dated.lists):
-        yield "the revocation list is not yet valid, so every identity is refused"
+    if certificate is not None and dated.listed is not None:
+        yield from _revocations_at(dated.listed, certificate, trust, at)
     if certificate is not None and dated.grants is not None:
         named = ((grant.not_before <= at <= grant.not_after, joins) for grant, joins in dated.grants)
         eligible = (each for each in named if each[0] or not dated.skips_grants_out_of_date)
@@ -257,6 +253,17 @@ _NOT_JOINING: Final = {
     JoinCheck.FASTDDS: "the grant has no allow rule, and without one no participant is created",
     JoinCheck.OPENDDS: "join access control is on and no topic is without access control, so no participant is created",
 }
+
+
+def _revocations_at(enclave: Enclave, certificate: Certificate, trust: Trust, at: datetime) -> Iterator[str]:
+    """What the revocation list says in which the identity is looked up."""
+    if revoked(enclave, (certificate,), trust, at):
+        yield "the identity certificate is revoked"
+    used = list_used(enclave, certificate, trust, at)
+    if used is not None and used.next_update is not None and used.next_update < at:
+        yield "the revocation list is stale, so every identity is refused"
+    if used is not None and used.this_update > at:
+        yield "the revocation list is not yet valid, so every identity is refused"
 
 
 def _joins(governed: _Governed, grant: ReadGrant, local: Local) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import datetime
 from typing import NamedTuple
 
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
@@ -41,7 +42,7 @@ def trust_files(enclave: Enclave) -> TrustFiles:
 
 
 class Views:
-    """The views of one keystore. A certificate is its index in `certificates`."""
+    """The views of one keystore at an instant (aware UTC). A certificate is its index in `certificates`."""
 
     def __init__(
         self,
@@ -49,8 +50,10 @@ class Views:
         documents: Sequence[Document],
         certificates: Sequence[Certificate],
         accesses: AccessViews,
+        at: datetime,
     ) -> None:
         self._accesses = accesses
+        self._at = at
         self._documents = documents
         self._certificates = certificates
         self._number = {certificate.sha256: number for number, certificate in enumerate(certificates)}
@@ -87,7 +90,7 @@ class Views:
         return (
             frozenset(self._number[certificate.sha256] for certificate in vouching),
             frozenset(self._number[certificate.sha256] for certificate in signing),
-            frozenset(self._number[c.sha256] for c in revoked(enclave, self._certificates, trust)),
+            frozenset(self._number[c.sha256] for c in revoked(enclave, self._certificates, trust, self._at)),
         )
 
     def names(self, trust: Trust) -> dict[str, frozenset[int]]:

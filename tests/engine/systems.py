@@ -41,6 +41,7 @@ class Builder:
 
     pins_signer: bool = True
     skips_grants_out_of_date: bool = True
+    requires_grant: bool = False
     reading: Reading = Reading.MUST
     now: int = 2
     certificates: list[CertificateAtom] = field(default_factory=list)
@@ -257,6 +258,7 @@ class Builder:
             profiles=("spec",),
             pins_signer=self.pins_signer,
             skips_grants_out_of_date=self.skips_grants_out_of_date,
+            requires_grant=self.requires_grant,
             reading=self.reading,
             instants=tuple(start + timedelta(days=365 * number) for number in range(INSTANTS)),
             now=self.now,
@@ -359,6 +361,7 @@ class _Chance:
         self.b = Builder(
             pins_signer=self.random.random() < 0.6,
             skips_grants_out_of_date=self.random.random() < 0.5,
+            requires_grant=self.random.random() < 0.3,
             reading=Reading.MAY if may else Reading.MUST,
             now=2 if not self.odd() else self.random.randrange(INSTANTS),
         )

@@ -28,6 +28,7 @@ def small_system(seed: int) -> System:
         profiles=("spec",),
         pins_signer=True,
         skips_grants_out_of_date=True,
+        requires_grant=False,
         reading=Reading.MAY,
         instants=tuple(START + timedelta(days=n) for n in range(4)),
         now=source.randrange(4),

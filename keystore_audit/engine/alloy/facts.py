@@ -204,6 +204,7 @@ class _Facts:
         found = [members for members in opaque if members != "none"]
         yield function("opaque", "set Document + Enclave", " + ".join(found) or "none")
         yield function("pins_signer", "set Realm", "Realm" if self._system.pins_signer else "none")
+        yield function("requires_grant", "set Realm", "Realm" if self._system.requires_grant else "none")
 
     def _enclaves(self) -> Iterator[str]:
         a, realms, enclaves = self._atoms, self._system.realms, self._system.enclaves

@@ -59,6 +59,7 @@ class Access:
     `<default>ALLOW` allows; otherwise it denies. `first_rule_decides_topic`: where read and write access control are
     both on, the first rule that lists a topic, for publishing or subscribing and in whatever partition, decides whether
     there is such a topic at all (measured on Cyclone DDS 0.10.2, of its own topics and of peers').
+    `requires_grant`: a peer without a grant in force is refused, even where join access control is off.
     `any_governance_rule`: access control is off where any matching rule of the governance has it off, not the first.
     """
 
@@ -73,6 +74,7 @@ class Access:
     partitions: PartitionReading
     relay: RelayReading
     first_rule_decides_topic: bool
+    requires_grant: bool
     any_governance_rule: bool
 
 

@@ -90,6 +90,7 @@ _SPEC_ACCESS: Final = Access(
     partitions=PartitionReading.CRITERION,
     relay=RelayReading.RELAY,
     first_rule_decides_topic=False,
+    requires_grant=False,
     any_governance_rule=False,
 )
 """DDS-Security 1.1, 9.4.1.2 and 9.4.1.3, expressions by glibc's `fnmatch` (see `Matcher`)."""
@@ -106,6 +107,7 @@ _FASTDDS_ACCESS: Final = Access(
     partitions=PartitionReading.RULE,
     relay=RelayReading.READ,
     first_rule_decides_topic=False,
+    requires_grant=True,
     any_governance_rule=False,
 )
 _FASTDDS_OLD_ACCESS: Final = replace(_FASTDDS_ACCESS, refuses_unauthenticated_with_rtps=False)
@@ -122,6 +124,7 @@ _CYCLONEDDS_0_10_ACCESS: Final = Access(
     partitions=PartitionReading.CRITERION_DEFAULT,
     relay=RelayReading.NOTHING,
     first_rule_decides_topic=True,
+    requires_grant=False,
     any_governance_rule=False,
 )
 

@@ -62,7 +62,7 @@ def test_a_violated_property_comes_with_its_witness(analyzer: Engine) -> None:
 
 
 def test_many_systems_keep_their_order(analyzer: Engine) -> None:
-    systems = [healthy(), stock(), random_system(130), healthy()]
+    systems = [healthy(), stock(), random_system(159), healthy()]
     together = decide_many(systems, java=analyzer.java, jar=analyzer.jar, timeout=ENOUGH)
     assert together[0] == together[3]
     assert [sum(a.status is Status.VIOLATED for a in answers.values()) for answers in together][:2] == [0, 1]

@@ -76,10 +76,6 @@ def test_what_is_accepted_is_what_we_call_effective(
     vendor: str, vendors: dict[str, Pairs], accepted: Accepted, places: Mapping[int, Path]
 ) -> None:
     remotes = {seed: random_remote(seed) for seed in places}
-    if vendor == "fastdds":
-        # NOTE: Fast DDS wants a grant in force for the peer even where it controls neither joining nor the topic; we do
-        # not say so yet: of such an enclave we promise less safety than there is.
-        remotes = {seed: remote for seed, remote in remotes.items() if remote.is_named_in_force or remote.join_control}
     others: list[str] = []
     asked = 0
     for seed, remote in remotes.items():

@@ -26,7 +26,7 @@ sig AnyRealm extends Realm {
 	identity_ca, permissions_ca, revoked: set Certificate,
 	governance: lone Document
 }
-sig pins_signer in Realm {}
+sig pins_signer, requires_grant in Realm {}
 
 sig AnyEnclave extends Enclave {
 	in_realm: one Realm,
