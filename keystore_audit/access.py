@@ -13,6 +13,7 @@ from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Enclave, read_keystore
 from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.access_table import AccessTable, access_table
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Point
 from keystore_audit.model.decision import LocalRights
@@ -91,8 +92,11 @@ class Access:
         self, enclave: Enclave, question: Question, channel: int, profile: Profile, usabilities: Usabilities
     ) -> Answer:
         usability = usabilities.of(enclave, self._at, profile)
+        unclear = self._accesses.unclear_name(question.topic, question.partition, profile)
         location: Location | None = None
-        if usability.usable:
+        if unclear is not None and usability.usable is not False:
+            decision, reason = Ruling.UNKNOWN, unclear
+        elif usability.usable:
             local = self._local.decide(enclave, profile, question.operation, channel)
             decision, reason, location = Ruling.ALLOW if local.allow else Ruling.DENY, local.reason, local.location
         else:
@@ -103,7 +107,9 @@ class Access:
         return Answer(
             usable=usability.usable,
             decision=decision,
-            effective=self._accepted(enclave, question.operation, channel, profile),
+            effective=Ruling.UNKNOWN
+            if unclear is not None
+            else self._accepted(enclave, question.operation, channel, profile),
             reason=reason,
             location=location,
         )
@@ -120,3 +126,20 @@ def _unknown_enclave(path: str, known: Sequence[str]) -> str:
     hint = f" Did you mean {nearest[0]}?" if nearest else ""
     more = f" and {len(known) - MAX_KNOWN} more" if len(known) > MAX_KNOWN else ""
     return f"There is no enclave {path!r}.{hint} Known: {', '.join(known[:MAX_KNOWN])}{more}."
+
+
+def read_access_table(
+    path: str | os.PathLike[str],
+    *,
+    profiles: Sequence[Profile],
+    at: datetime,
+    zone: ZoneInfo | None = None,
+    domain: int | None = None,
+) -> AccessTable:
+    """Who may do what in the keystore at `path`: every enclave, every name.
+
+    `domain` None: the lowest that some governance covers. Raises errors.NothingToAudit, or errors.BudgetExceeded where
+    there are too many classes of names.
+    """
+    keystore = read_keystore(path)
+    return access_table(keystore, profiles, at, AccessViews(documents_of(keystore), at, zone), domain)

@@ -115,20 +115,24 @@ class LocalRights:
             if channels:
                 yield Step(channels, _by_rule(rule, operation, place, blocks=_blocks(rule, passed)))
             passed.append(rule)
-        yield Step(self._all, _by_default(grant, operation, place, profile))
+        yield Step(self._all, _by_default(grant, operation, place))
 
     def _names(self, profile: Profile) -> Iterator[Step]:
         """Names that no topic can have. A class of infinitely many names is not one of them for its witness alone."""
-        if profile.local.topic_names is not None:
-            pattern = re.compile(profile.local.topic_names)
-            refused = bits(
+        legal = profile.local.topic_names
+        if legal is None:
+            return
+        refused = self._bits.get(legal)
+        if refused is None:
+            pattern = re.compile(legal)
+            refused = self._bits[legal] = bits(
                 number
                 for number, channel in enumerate(self._channels.channels)
                 if not channel.infinite and pattern.fullmatch(channel.topic) is None
             )
-            if refused:
-                reason = f"{profile.title} creates no topic of this name"
-                yield Step(refused, Decision(allow=False, reason=reason, location=None))
+        if refused:
+            reason = "the implementation creates no topic of this name"
+            yield Step(refused, Decision(allow=False, reason=reason, location=None))
 
     def _governance(self, enclave: Enclave, access: Access, operation: Operation, local: Local) -> Iterator[Step]:
         """Topics that no rule of the governance covers, and those without access control for the operation."""
@@ -241,7 +245,7 @@ class LocalRights:
         for other in Operation:
             for rule in allowing:
                 if other is not operation and self._region(access, rule.region(other)) >> channel & 1:
-                    return f". Line {rule.line} allows {DONE[other][1]} it instead"
+                    return f". Line {rule.line} allows {DONE[other][1]} instead"
         listed = {text: rule for rule in reversed(allowing) for area in rule.region(operation) for text in area.topics}
         for text in get_close_matches(topic, listed, n=1, cutoff=0.0):
             if text == topic:
@@ -272,12 +276,12 @@ def _by_rule(rule: ReadRule, operation: Operation, place: str, *, blocks: bool) 
     return Decision(allow=rule.allow, reason=reason, location=Location(path=place, line=rule.line))
 
 
-def _by_default(grant: ReadGrant, operation: Operation, place: str, profile: Profile) -> Decision:
+def _by_default(grant: ReadGrant, operation: Operation, place: str) -> Decision:
     typed = grant.grant
     allow = grant.default_allow
     said = "ALLOW" if typed.default_allow else "DENY"
     reason = f"no rule matches {DONE[operation][1]}, and the default is {said}"
     if typed.default_allow and not allow:
-        reason += f", which {profile.title} never looks at"
+        reason += ", which the implementation never looks at"
     line = typed.default_line if typed.default_line is not None else typed.line
     return Decision(allow=allow, reason=reason, location=Location(path=place, line=line))

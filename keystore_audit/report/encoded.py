@@ -1,9 +1,10 @@
-"""JSON as every report writes it: one line of ASCII that every reader takes."""
+"""Values in JSON as every report writes them: a line of ASCII that every reader takes."""
 
 from __future__ import annotations
 
 import json
 import re
+from datetime import datetime, timezone
 from typing import Any, Final
 
 _SURROGATE: Final = re.compile("[\ud800-\udfff]")
@@ -16,3 +17,9 @@ def encoded(value: Any) -> str:
         return text
     shown = _SURROGATE.sub(lambda match: rf"\\u{ord(match[0]):04x}", json.dumps(value, ensure_ascii=False))
     return json.dumps(json.loads(shown))
+
+
+def instant(moment: datetime) -> str:
+    """Return an aware instant as `YYYY-MM-DDThh:mm:ssZ`, fractions of a second cut off."""
+    utc = moment.astimezone(timezone.utc).replace(tzinfo=None)
+    return utc.isoformat(timespec="seconds") + "Z"

@@ -6,14 +6,13 @@ Pure ASCII, so that no name of a keystore steers whatever shows it, and the same
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from datetime import datetime, timezone
 from typing import Any, Final
 
 from keystore_audit.findings import Finding, Location, Outcome, Result, Severity, Suppression
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.result import EngineRun, ProfileResult, PropertyResult
 from keystore_audit.report.content import EnclaveEntry, Report
-from keystore_audit.report.encoded import encoded
+from keystore_audit.report.encoded import encoded, instant
 
 SCHEMA_VERSION: Final = 1
 """Rises when a key is removed or changes its meaning."""
@@ -38,12 +37,6 @@ def render_several(reports: Sequence[Report]) -> str:
     described = [{**_report(report), "outcomes": _outcomes(report.outcomes)} for report in reports]
     document = {"schema_version": SCHEMA_VERSION, "reports": described, "summary": _counts(summary)}
     return _dump(document, {})
-
-
-def instant(moment: datetime) -> str:
-    """Return an aware instant as `YYYY-MM-DDThh:mm:ssZ`, fractions of a second cut off."""
-    utc = moment.astimezone(timezone.utc).replace(tzinfo=None)
-    return utc.isoformat(timespec="seconds") + "Z"
 
 
 def _dump(document: Mapping[str, Any], ready: Mapping[str, Sequence[str]]) -> str:

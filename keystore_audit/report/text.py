@@ -17,7 +17,8 @@ from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
 from keystore_audit.report.consequences import Consequences
 from keystore_audit.report.content import EnclaveEntry, Report, Verdict
-from keystore_audit.report.json import TOOL, instant
+from keystore_audit.report.encoded import instant
+from keystore_audit.report.json import TOOL
 from keystore_audit.report.page import Page, Piece
 from keystore_audit.text import shorten
 

@@ -16,6 +16,7 @@ from keystore_audit import resources
 from keystore_audit.findings import Severity
 from keystore_audit.report import json
 from keystore_audit.report.content import Report, Verdict
+from keystore_audit.report.encoded import instant
 
 MakeReport = Callable[..., Report]
 
@@ -101,7 +102,7 @@ def test_the_same_value_gives_the_same_bytes(make_report: MakeReport) -> None:
     ],
 )
 def test_instants(moment: datetime, written: str) -> None:
-    assert json.instant(moment) == written
+    assert instant(moment) == written
 
 
 @pytest.mark.parametrize(

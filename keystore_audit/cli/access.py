@@ -1,0 +1,91 @@
+"""`keystore-audit access KEYSTORE`."""
+
+from __future__ import annotations
+
+import sys
+from datetime import datetime
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from keystore_audit.cli import options as opt
+from keystore_audit.cli import output
+from keystore_audit.errors import EXIT_INCOMPLETE
+
+if TYPE_CHECKING:
+    from keystore_audit.model.access_table import AccessTable
+
+FORMATS: Final = ("text", "json", "csv")
+WIDTH: Final = 80
+"""Columns of text where standard output is no terminal."""
+
+MAX_WIDTH: Final = 200
+"""A line longer than that is lost to the eye."""
+
+
+@click.command("access", short_help="Show who may do what: enclaves and topics.")
+@click.argument("keystore", metavar="KEYSTORE", type=opt.keystore_path)
+@click.option(
+    "-f",
+    "--format",
+    "kind",
+    type=opt.one_of(*FORMATS),
+    default="text",
+    show_default=True,
+    metavar="[text|json|csv]",
+    help="How the table is written.",
+)
+@click.option(
+    "--domain",
+    type=click.IntRange(0, opt.LAST_DOMAIN),
+    metavar="N",
+    help="In which domain (default: the lowest that a governance covers).",
+)
+@opt.profile_option
+@opt.at_option
+@opt.time_zone_option
+@opt.verbose_option("Say where a fault is.")
+def command(keystore: str, **given: Any) -> int:
+    """Show who may do what in KEYSTORE: its enclaves and all topics, for each implementation.
+
+    \b
+    Exit codes:
+      0   everything is decided
+      3   nothing to look at there
+      4   something is unknown
+    """  # noqa: D301 - click's mark for lines that stay as they are
+    from keystore_audit.access import read_access_table
+    from keystore_audit.model.profiles import resolve
+
+    at: datetime | None = given["at"]
+    table = read_access_table(
+        keystore,
+        profiles=resolve(given["profiles"]),
+        at=at or opt.now(),
+        zone=given["time_zone"],
+        domain=given["domain"],
+    )
+    output.write_stdout(_rendered(table, given["kind"]))
+    return EXIT_INCOMPLETE if table.has_unknown else 0
+
+
+def _rendered(table: AccessTable, kind: str) -> str:
+    if kind == "json":
+        from keystore_audit.report import access_json
+
+        return access_json.json(table)
+    if kind == "csv":
+        from keystore_audit.report import access_csv
+
+        return access_csv.csv(table)
+    from keystore_audit.report import access_text
+
+    return access_text.text(table, _width())
+
+
+def _width() -> int:
+    from shutil import get_terminal_size
+
+    if sys.stdout is None or not sys.stdout.isatty():
+        return WIDTH
+    return max(WIDTH, min(get_terminal_size((WIDTH, 24)).columns, MAX_WIDTH))

@@ -1,0 +1,100 @@
+"""The access table as JSON (docs/reference.md, `schemas/access.schema.json`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+from keystore_audit import __version__
+from keystore_audit.model.access_table import AccessTable, EnclaveRights, Group
+from keystore_audit.model.names import ros_name
+from keystore_audit.model.question import Ruling
+from keystore_audit.model.safeguard import Safeguard
+from keystore_audit.report.encoded import encoded, instant
+
+SCHEMA_VERSION: Final = 1
+
+
+def json(table: AccessTable) -> str:
+    """A line for each name, enclave and right; ends in a newline."""
+    head = {
+        "schema_version": SCHEMA_VERSION,
+        "tool": {"name": "keystore-audit", "version": __version__},
+        "keystore": {"path": table.root},
+        "at": instant(table.at),
+        "domain": table.domain,
+        "complete": not table.has_unknown,
+    }
+    parts = [f"  {encoded(key)}: {encoded(value)}" for key, value in head.items()]
+    parts.append(_array("names", [encoded(_name(table, number)) for number in range(len(table.names))], 2))
+    groups = ",\n".join(_group(table, group) for group in table.groups)
+    return "{\n" + ",\n".join(parts) + f',\n  "groups": [\n{groups}\n  ]\n}}\n'
+
+
+def _array(key: str, items: list[str], indent: int) -> str:
+    inner = ",\n".join(" " * (indent + 2) + item for item in items)
+    space = " " * indent
+    return f"{space}{encoded(key)}: [\n{inner}\n{space}]" if items else f"{space}{encoded(key)}: []"
+
+
+def _name(table: AccessTable, number: int) -> dict[str, Any]:
+    named = table.names[number]
+    return {
+        "topic": named.topic,
+        "partition": named.partition,
+        "ros": ros_name(named.topic) if named.ros else None,
+        "one": not named.infinite,
+        "expressions": list(named.expressions),
+    }
+
+
+def _group(table: AccessTable, group: Group) -> str:
+    enclaves = [encoded(_enclave(table, path, enclave)) for path, enclave in group.enclaves.items()]
+    parts = [
+        f'      "profiles": {encoded(list(group.profiles))}',
+        _array("protection", [encoded([_safeguard(each) for each in several]) for several in group.safeguards], 6),
+        _array("enclaves", enclaves, 6),
+        _array("rights", [encoded(right) for right in _rights(table, group)], 6),
+    ]
+    return "    {\n" + ",\n".join(parts) + "\n    }"
+
+
+def _safeguard(safeguard: Safeguard) -> dict[str, Any]:
+    return {
+        "governed": safeguard.governed,
+        "encrypted": list(safeguard.encrypted),
+        "authenticated": list(safeguard.authenticated),
+        "read_access_control": safeguard.read_controlled,
+        "write_access_control": safeguard.write_controlled,
+        "unauthenticated_participants": safeguard.unauthenticated,
+    }
+
+
+def _enclave(table: AccessTable, path: str, enclave: EnclaveRights) -> dict[str, Any]:
+    return {
+        "path": path,
+        "usable": enclave.usable,
+        "reasons": list(enclave.reasons),
+        "otherwise": {
+            operation.value: _rulings(*enclave.otherwise(operation, table.rest)) for operation in enclave.rights
+        },
+    }
+
+
+def _rights(table: AccessTable, group: Group) -> Iterator[dict[str, Any]]:
+    """Where something else holds than `otherwise`."""
+    for path, enclave in group.enclaves.items():
+        for operation in enclave.rights:
+            for number, decision, effective in enclave.exceptions(operation, table.rest):
+                named = table.names[number]
+                yield {
+                    "enclave": path,
+                    "operation": operation.value,
+                    "topic": named.topic,
+                    "partition": named.partition,
+                    **_rulings(decision, effective),
+                }
+
+
+def _rulings(decision: Ruling, effective: Ruling) -> dict[str, str]:
+    return {"decision": decision.value, "effective": effective.value}
