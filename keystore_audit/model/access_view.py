@@ -25,9 +25,13 @@ from keystore_audit.model.semantics import (
 from keystore_audit.model.validity import Dated, is_in_force, read_date
 
 _SECOND: Final = timedelta(seconds=1)
+_COUNTING: Final = frozenset("?[")
+"""What takes one character, or one octet."""
+
 _WILDCARDS: Final = frozenset("*?[\\")
 _PLAIN: Final = Access(
     matcher=Matcher.POSIX,
+    matches_octets=False,
     open_ranges=OpenRange.SPEC,
     highest_domain=None,
     reads_1_0=True,
@@ -100,6 +104,15 @@ class AccessViews:
     def of_document(self, file: Typed) -> AccessViews:
         """The views of this document alone: of what it gives an occasion for."""
         return AccessViews((Document(file.signed.file.place, file),), self._at, self._zone)
+
+    def unclear_name(self, topic: str, partition: str, profile: Profile) -> str | None:
+        """Why it cannot be told which expressions an implementation takes to match these names; None: it can."""
+        counting = any(not _COUNTING.isdisjoint(text) for text in self._unusual_expressions)
+        if profile.access.matches_octets and counting and not (topic + partition).isascii():
+            return "in names beyond ASCII, ? and brackets take octets or characters, as the process's locale has it"
+        if profile.local.splits_partitions and ";" in partition:
+            return f"{profile.title} takes the partition apart at its semicolons"
+        return None
 
     def dates_in_local_time(self, profiles: Iterable[Profile]) -> frozenset[datetime]:
         """Dates of grants that a profile reads in the robot's zone, which we were not told, as if it were UTC."""

@@ -52,18 +52,20 @@ class RelayReading(str, Enum):
 class Access:
     """What documents mean to an implementation, its own enclave's and those of peers alike.
 
-    `matcher`: of topic and partition expressions. `highest_domain`: a document that names a higher id is refused (None:
-    no limit). `reads_1_0`: whether a governance in the form of DDS-Security 1.0 is read.
-    `refuses_unauthenticated_with_rtps`: a governance that allows unauthenticated participants beside a protected RTPS
-    is refused. `skips_grants_out_of_date`: the first grant in force decides, not the first. `honours_default`:
-    `<default>ALLOW` allows; otherwise it denies. `first_rule_decides_topic`: where read and write access control are
-    both on, the first rule that lists a topic, for publishing or subscribing and in whatever partition, decides whether
-    there is such a topic at all (measured on Cyclone DDS 0.10.2, of its own topics and of peers').
-    `requires_grant`: a peer without a grant in force is refused, even where join access control is off.
-    `any_governance_rule`: access control is off where any matching rule of the governance has it off, not the first.
+    `matcher`: of topic and partition expressions; `matches_octets`: beyond ASCII, `?` and brackets take octets or
+    characters, we cannot tell which. `highest_domain`: a document that names a higher id is refused (None: no limit).
+    `reads_1_0`: whether a governance in the form of DDS-Security 1.0 is read. `refuses_unauthenticated_with_rtps`: a
+    governance that allows unauthenticated participants beside a protected RTPS is refused. `skips_grants_out_of_date`:
+    the first grant in force decides, not the first. `honours_default`: `<default>ALLOW` allows; otherwise it denies.
+    `first_rule_decides_topic`: where read and write access control are both on, the first rule that lists a topic, for
+    publishing or subscribing and in whatever partition, decides whether there is such a topic at all (measured on
+    Cyclone DDS 0.10.2, of its own topics and of peers'). `requires_grant`: a peer without a grant in force is refused,
+    even where join access control is off. `any_governance_rule`: access control is off where any matching rule of the
+    governance has it off, not the first.
     """
 
     matcher: Matcher
+    matches_octets: bool
     open_ranges: OpenRange
     highest_domain: int | None
     reads_1_0: bool
@@ -99,7 +101,7 @@ class Local:
     `binds_domains`: rules of other domains do not apply. `starts_ungoverned`: a participant starts in a domain that the
     governance does not cover, with no topic to use. `reads_names_as_expressions`: a topic rule applies to a topic whose
     name, taken for an expression, matches its own as well. `topic_names`: what a topic can be called, a regular
-    expression (None: anything).
+    expression (None: anything). `splits_partitions`: an endpoint's partition is taken apart at semicolons.
     """
 
     joins: JoinCheck
@@ -107,3 +109,4 @@ class Local:
     starts_ungoverned: bool
     reads_names_as_expressions: bool
     topic_names: str | None
+    splits_partitions: bool

@@ -80,6 +80,7 @@ _OPENDDS: Final = replace(
 
 _SPEC_ACCESS: Final = Access(
     matcher=Matcher.POSIX,
+    matches_octets=False,
     open_ranges=OpenRange.SPEC,
     highest_domain=None,
     reads_1_0=True,
@@ -97,6 +98,7 @@ _SPEC_ACCESS: Final = Access(
 
 _FASTDDS_ACCESS: Final = Access(
     matcher=Matcher.POSIX_NOESCAPE,
+    matches_octets=True,
     open_ranges=OpenRange.FASTDDS,
     highest_domain=None,
     reads_1_0=False,
@@ -114,6 +116,7 @@ _FASTDDS_OLD_ACCESS: Final = replace(_FASTDDS_ACCESS, refuses_unauthenticated_wi
 
 _CYCLONEDDS_0_10_ACCESS: Final = Access(
     matcher=Matcher.CYCLONEDDS,
+    matches_octets=True,
     open_ranges=OpenRange.CYCLONEDDS,
     highest_domain=230,
     reads_1_0=False,
@@ -133,6 +136,7 @@ _CYCLONEDDS_11_ACCESS: Final = replace(_CYCLONEDDS_0_10_ACCESS, first_rule_decid
 _OPENDDS_ACCESS: Final = replace(
     _SPEC_ACCESS,
     matcher=Matcher.OPENDDS,
+    matches_octets=True,
     dates=DateReading.OPENDDS,
     relay=RelayReading.NOTHING,
     skips_grants_out_of_date=False,
@@ -145,6 +149,7 @@ _SPEC_LOCAL: Final = Local(
     starts_ungoverned=False,
     reads_names_as_expressions=False,
     topic_names=None,
+    splits_partitions=False,
 )
 _FASTDDS_LOCAL: Final = Local(
     joins=JoinCheck.FASTDDS,
@@ -152,6 +157,7 @@ _FASTDDS_LOCAL: Final = Local(
     starts_ungoverned=True,
     reads_names_as_expressions=True,
     topic_names=None,
+    splits_partitions=True,
 )
 _CYCLONEDDS_LOCAL: Final = replace(
     _SPEC_LOCAL, joins=JoinCheck.CYCLONEDDS, topic_names="(?!DCPS)[A-Za-z_/][A-Za-z0-9_/]*"

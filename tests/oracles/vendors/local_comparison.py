@@ -13,25 +13,6 @@ from tests.oracles.vendors.enclave import Answer, Vendor
 from tests.oracles.vendors.ours import Verdict, decide
 from tests.oracles.vendors.recipe import NOW, Recipe
 
-_OCTETS = "names beyond ASCII are matched by octets here (and by characters where a process chose a locale)"
-_NEWEST = "of several revocation lists OpenSSL takes the newest alone; we take all of them"
-
-KNOWN: dict[tuple[str, str], str] = {
-    ("fastdds", "semicolons in partitions"): "Fast DDS splits an endpoint's partition at semicolons",
-    ("fastdds", "names beyond ASCII"): _OCTETS,
-    **{
-        (vendor, f"{expression} against a name of two octets and against one of two letters"): _OCTETS
-        for vendor in ("cyclone", "fastdds")
-        for expression in ("?", "??", "[!a]", "[!a][!a]", "[^a]")
-        if (vendor, expression) != ("cyclone", "[^a]")
-    },
-    **{
-        ("fastdds", f"list in the CA file comes twice, the {how}"): _NEWEST
-        for how in ("second revokes", "older first revokes", "older second revokes", "older first is stale")
-    },
-}
-"""Recipes on which we and a vendor differ, and why."""
-
 
 @dataclass(kw_only=True)
 class Comparison:
