@@ -1,7 +1,7 @@
-"""All recipes and any number of random keystores: `python -m tests.oracles.vendors.long_run --count 10000`.
+"""All recipes, all pairs and any number of random keystores: `python -m tests.oracles.vendors.long_run --count 10000`.
 
 Prints how often we agree with the real Cyclone DDS and Fast DDS, where we know no answer, and where we deviate: the
-exit code is 1 for deviations.
+exit code is 1 for deviations. Pairs and peers are compared by their tests.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ import shutil
 import sys
 import tempfile
 from pathlib import Path
+
+import pytest
 
 from tests.oracles.vendors.enclave import vendors
 from tests.oracles.vendors.local_comparison import Comparison, compare
@@ -35,8 +37,10 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder, vendors(_find, Path(folder)) as asked:
         compare(asked, every().values(), Path(folder), recipes)
         compare(asked, map(keystore, range(chosen.seed, chosen.seed + chosen.count)), Path(folder), random)
+    tests = [str(Path(__file__).with_name(name)) for name in ("test_pairs.py", "test_remote_decisions.py")]
+    peers = pytest.main(["-q", "-p", "no:cacheprovider", *tests])
     print(f"recipes:\n{recipes}\n{chosen.count} random keystores:\n{random}")
-    return 1 if recipes.deviating or random.deviating else 0
+    return 1 if recipes.deviating or random.deviating or peers != 0 else 0
 
 
 if __name__ == "__main__":
