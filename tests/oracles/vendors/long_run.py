@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import argparse
 import shutil
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
-
-import pytest
 
 from tests.oracles.vendors.enclave import vendors
 from tests.oracles.vendors.local_comparison import Comparison, compare
@@ -38,7 +37,8 @@ def main() -> int:
         compare(asked, every().values(), Path(folder), recipes)
         compare(asked, map(keystore, range(chosen.seed, chosen.seed + chosen.count)), Path(folder), random)
     tests = [str(Path(__file__).with_name(name)) for name in ("test_pairs.py", "test_remote_decisions.py")]
-    peers = pytest.main(["-q", "-p", "no:cacheprovider", *tests])
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *tests]
+    peers = subprocess.run(command, check=False).returncode
     print(f"recipes:\n{recipes}\n{chosen.count} random keystores:\n{random}")
     return 1 if recipes.deviating or random.deviating or peers != 0 else 0
 
