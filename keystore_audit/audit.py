@@ -104,7 +104,7 @@ def audit(path: str | os.PathLike[str], options: Options, *, progress: Progress 
         progress.stage("working out what the documents mean")
     accesses = AccessViews(documents_of(keystore), options.at, options.time_zone)
     usabilities = Usabilities(options.domain, accesses)
-    meaning = interpret(keystore, profiles, options.at, accesses, usabilities)
+    meaning = interpret(keystore, profiles, options.at, accesses, usabilities, options.domain)
     native = NativeEngine(meaning.systems)
     runs, answers = run_engines(
         native,

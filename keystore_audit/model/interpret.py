@@ -10,6 +10,7 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.divergence import divergences
 from keystore_audit.model.doubt import keystore_doubts
 from keystore_audit.model.meaning import Doubt, Meaning, UngovernedTopics, Usability
 from keystore_audit.model.permission import Permissions, members
@@ -21,9 +22,16 @@ from keystore_audit.model.usability import Usabilities
 
 
 def interpret(
-    keystore: Keystore, profiles: Sequence[Profile], at: datetime, accesses: AccessViews, usabilities: Usabilities
+    keystore: Keystore,
+    profiles: Sequence[Profile],
+    at: datetime,
+    accesses: AccessViews,
+    usabilities: Usabilities,
+    domain: int | None = None,
 ) -> Meaning:
     """The meaning of a keystore under the profiles at `at` (aware UTC).
+
+    `domain`: the one in which enclaves are to start, as in `usabilities`; None: some domain of 0..232.
 
     Topic classes over budget leave `systems` empty and say why: nothing is decided then.
     """
@@ -40,6 +48,7 @@ def interpret(
         ungoverned=_ungoverned(systems),
         over_budget=over_budget,
         idle=_idle(systems),
+        divergences=divergences(keystore, profiles, at, accesses, domain) if systems else (),
     )
 
 

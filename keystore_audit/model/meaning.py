@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from keystore_audit.findings import Location
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.substitution import Cause
 from keystore_audit.model.system import System
 
 
@@ -42,13 +44,55 @@ class UngovernedTopics:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Example:
+    """One right that some of the chosen profiles give and others do not.
+
+    `decided`: they decide about their own endpoints; False: they decide about what they accept from a peer.
+    `allowing`, `denying`: canonical names; a profile for which it is unknown is in neither.
+    """
+
+    enclave: str
+    operation: Operation
+    topic: str
+    partition: str
+    domain: int
+    decided: bool
+    allowing: tuple[str, ...]
+    denying: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Divergence:
+    """Chosen profiles do different things with one line of a document.
+
+    `location`: the line that decides differently, `other`: the one that decides where it does not. `escalates`:
+    somewhere a chosen profile allows what the specification denies; `restricts`: somewhere one denies what it allows.
+    `example`: None where only the start differs. `starting`, `refusing`: chosen profiles that create a participant of
+    some of the `enclaves` (paths), and that do not; empty where that does not differ. `deviating`: profiles that do
+    otherwise than the specification there.
+    """
+
+    cause: Cause
+    location: Location
+    other: Location | None
+    enclaves: tuple[str, ...]
+    escalates: bool
+    restricts: bool
+    example: Example | None
+    starting: tuple[str, ...] = ()
+    refusing: tuple[str, ...] = ()
+    deviating: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Meaning:
     """The normalised model of a keystore at one instant.
 
     `systems`: one for each kind of implementation among the chosen profiles and each reading (only MAY where
     there is no doubt, since MUST is then equal). `usability`: by (enclave directory, canonical profile name).
     `over_budget`: why topic classes could not be computed; there are no systems then. `idle`: sentences that say
-    which properties hold for want of anything to protect.
+    which properties hold for want of anything to protect. `divergences`: what the profiles decide differently; empty
+    where there are no systems.
     """
 
     systems: tuple[System, ...]
@@ -57,3 +101,4 @@ class Meaning:
     ungoverned: tuple[UngovernedTopics, ...]
     over_budget: str | None
     idle: tuple[str, ...] = ()
+    divergences: tuple[Divergence, ...] = ()

@@ -9,6 +9,7 @@ from keystore_audit.rules.audit import AUDIT
 from keystore_audit.rules.authority import AUTHORITY
 from keystore_audit.rules.breadth import BREADTH
 from keystore_audit.rules.certificate import CERTIFICATE
+from keystore_audit.rules.divergence import DIVERGENCE
 from keystore_audit.rules.domain import DOMAIN
 from keystore_audit.rules.envelope import ENVELOPE
 from keystore_audit.rules.formal import FORMAL
@@ -16,10 +17,12 @@ from keystore_audit.rules.governance import GOVERNANCE
 from keystore_audit.rules.identity import IDENTITY
 from keystore_audit.rules.layout import LAYOUT
 from keystore_audit.rules.permissions import PERMISSIONS
+from keystore_audit.rules.portability import PORTABILITY
 from keystore_audit.rules.private_key import PRIVATE_KEY
 from keystore_audit.rules.protection import PROTECTION
 from keystore_audit.rules.registry import Rule
 from keystore_audit.rules.revocation import REVOCATION
+from keystore_audit.rules.rule_order import RULE_ORDER
 from keystore_audit.rules.signature import SIGNATURE
 from keystore_audit.rules.start import START
 from keystore_audit.rules.subject_names import SUBJECT_NAMES
@@ -45,6 +48,9 @@ RULES: tuple[Rule[Any], ...] = tuple(
             *SUBJECT_NAMES,
             *VALIDITY,
             *BREADTH,
+            *DIVERGENCE,
+            *RULE_ORDER,
+            *PORTABILITY,
             *FORMAL,
             *AUDIT,
         ),

@@ -16,7 +16,7 @@ from keystore_audit.keystore.governance import Text
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Grant
 from keystore_audit.model.trust import Verdict
-from keystore_audit.model.validity import parse_instant
+from keystore_audit.model.validity import DateReading, read_date
 from keystore_audit.rules.acceptance import ROWS, verdict
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import AMBIGUOUS
@@ -50,8 +50,12 @@ def own_grants(use: PermissionsUse) -> Iterator[Grant]:
 
 
 def instant_of(date: Text) -> datetime | None:
-    """The instant that a date of a grant names, None where no two implementations agree on one."""
-    return parse_instant(date.text)
+    """The instant that a date of a grant names to the specification, None for years that nobody reads.
+
+    Where implementations read another one, date-read-differently and date-not-portable say so.
+    """
+    dated = read_date(date.text, DateReading.XSD, None)
+    return dated.instant if dated is not None else None
 
 
 def about(use: PermissionsUse, grant: Grant, line: int | None, message: str, **more: Any) -> Violation:

@@ -16,6 +16,7 @@ from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from tests.rules import (
     test_certificate_rules,
+    test_divergence_rules,
     test_formal_and_audit_rules,
     test_governance_rules,
     test_layout_rules,
@@ -29,6 +30,7 @@ CATALOGUE = {
     "KA3": range(301, 318),
     "KA4": range(401, 422),
     "KA5": range(501, 522),
+    "KA6": range(601, 617),
     "KA7": (701, 702, 703, 704, 705, 711, 712, 713, 721, 722, 723, 724),
     "KA9": range(901, 909),
 }
@@ -72,6 +74,7 @@ def test_every_rule_has_a_test_that_makes_it_speak() -> None:
         test_signature_rules.CASES,
         test_governance_rules.CASES,
         test_permissions_rules.CASES,
+        test_divergence_rules.CASES,
         test_formal_and_audit_rules.CASES,
     )
     tested = {code for table in tables for code in table}

@@ -7,6 +7,7 @@ from fnmatch import fnmatchcase
 
 from . import (
     certificate_stories,
+    divergence_stories,
     formal_stories,
     governance_stories,
     healthy,
@@ -29,6 +30,7 @@ FAMILIES = (
     signature_stories,
     governance_stories,
     permissions_stories,
+    divergence_stories,
     formal_stories,
 )
 

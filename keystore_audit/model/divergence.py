@@ -1,0 +1,266 @@
+"""Where implementations decide differently about one keystore, and which line of which document is why.
+
+Compared are decisions (`model.decision`, with whether a participant starts there), what peers accept
+(`model.effective`) and whether an enclave starts at all, over every class of names, partitions and domains. Whom an
+implementation trusts is left aside (`model.substitution`): that has rules of its own. So is what is unknown to one of
+the two: it leaves the audit incomplete.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from itertools import islice
+from typing import Final
+
+from keystore_audit.errors import BudgetExceeded
+from keystore_audit.findings import Location
+from keystore_audit.keystore.governance import GovernanceFile
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.permissions import Operation, PermissionsFile
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.channels import Channels
+from keystore_audit.model.divergence_lines import Lines, Part
+from keystore_audit.model.divergence_values import LocalValues, PeerValues, Value, attributed, differing
+from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.meaning import Divergence, Example
+from keystore_audit.model.names import AMBIENT_TOPICS
+from keystore_audit.model.permission import members
+from keystore_audit.model.profiles import Profile
+from keystore_audit.model.substitution import PARTITION_CAUSES, Cause, PlainPairs, Reader, Stages, odd_documents
+from keystore_audit.model.systems import SystemBuilder
+
+MAX_WITNESSES: Final = 64
+"""Classes of one difference among which a witness that people can read is looked for."""
+
+
+@dataclass(slots=True)
+class _Found:
+    """What is known so far about one line."""
+
+    other: Location | None
+    enclaves: dict[str, None] = field(default_factory=dict)
+    escalates: bool = False
+    restricts: bool = False
+    example: Example | None = None
+    rank: tuple[object, ...] = ()
+    starting: tuple[str, ...] = ()
+    refusing: tuple[str, ...] = ()
+    deviating: set[str] = field(default_factory=set)
+
+
+def divergences(
+    keystore: Keystore, profiles: Sequence[Profile], at: datetime, accesses: AccessViews, domain: int | None
+) -> tuple[Divergence, ...]:
+    """Every line about which two of the profiles decide differently at `at` (aware UTC), by place and cause.
+
+    `domain`: the one in which enclaves are to start; None: some domain of 0..232. Classes over budget give one
+    divergence of cause UNDECIDED.
+    """
+    readers = Stages(accesses).readers(profiles)
+    if len(readers) < 2:
+        return ()
+    files = [document.file for document in documents_of(keystore) if document.file is not None]
+    odd = odd_documents(files, profiles, accesses)
+    plain = PlainPairs(profiles, accesses, domain)
+    suspects = [
+        enclave
+        for enclave in keystore.enclaves
+        if not odd.isdisjoint((enclave.governance, enclave.permissions)) or not plain.has(enclave)
+    ]
+    if not suspects and not odd:
+        return ()
+    stages = {stage.profile.name: stage.profile for reader in readers for stage in reader.stages}
+    try:
+        builder = SystemBuilder(keystore, tuple(stages.values()), at, accesses)
+    except BudgetExceeded:
+        return (_undecided(odd, keystore),)
+    local = LocalValues(accesses, builder.channels, at, domain)
+    comparison = _Comparison(readers, builder.channels, Lines(keystore, accesses, at, local))
+    for enclave in suspects:
+        comparison.starts(enclave, local)
+        for operation in Operation:
+            comparison.decisions(enclave, operation, local)
+    if odd:
+        peers = PeerValues(builder, stages.values(), accesses)
+        for enclave in _presenting(keystore, odd):
+            for operation in Operation:
+                comparison.rights(enclave, operation, peers)
+    return comparison.found()
+
+
+def _presenting(keystore: Keystore, odd: Collection[GovernanceFile | PermissionsFile]) -> Iterator[Enclave]:
+    """The enclaves whose rights with peers hang on one of the documents."""
+    subjects = {
+        grant.subject_name.text
+        for file in odd
+        if isinstance(file, PermissionsFile) and file.permissions is not None
+        for grant in file.permissions.grants
+    }
+    everybody = any(isinstance(file, GovernanceFile) for file in odd)
+    for enclave in keystore.enclaves:
+        certificate = enclave.certificate.first if enclave.certificate else None
+        if everybody or (certificate is not None and certificate.subject in subjects):
+            yield enclave
+
+
+def _undecided(odd: Collection[GovernanceFile | PermissionsFile], keystore: Keystore) -> Divergence:
+    places = sorted(file.signed.file.place for file in odd)
+    return Divergence(
+        cause=Cause.UNDECIDED,
+        location=Location(path=places[0] if places else keystore.enclaves[0].files.directory),
+        other=None,
+        enclaves=(),
+        escalates=False,
+        restricts=False,
+        example=None,
+    )
+
+
+class _Comparison:
+    """The readers of one keystore, compared right by right; each line with what it brings about."""
+
+    def __init__(self, readers: Sequence[Reader], channels: Channels, lines: Lines) -> None:
+        self._readers = readers
+        self._channels = channels
+        self._lines = lines
+        self._found: dict[tuple[str, int, Cause], _Found] = {}
+        self._explained: dict[tuple[str, Operation], int] = {}
+
+    def starts(self, enclave: Enclave, local: LocalValues) -> None:
+        """Compares whether the enclave starts."""
+        wanted = differing([local.starts(enclave, reader.itself) for reader in self._readers])
+        if not wanted:
+            return
+        starting = self._names(local.starts(enclave, reader.itself).must & 1 for reader in self._readers)
+        refusing = self._names(~local.starts(enclave, reader.itself).may & 1 for reader in self._readers)
+        for reader in self._readers:
+            values = [local.starts(enclave, stage.profile) for stage in reader.stages]
+            for number, more, _one in attributed(values, wanted):
+                cured, before, after = _switched(reader, number)
+                found = self._note(enclave, cured, self._lines.start(enclave, before, after), None, reader)
+                found.escalates |= more
+                found.restricts |= not more
+                found.starting, found.refusing = starting, refusing
+
+    def decisions(self, enclave: Enclave, operation: Operation, local: LocalValues) -> None:
+        """Compares the decisions about an operation of the enclave's own participants."""
+        values = [
+            [local.decided(enclave, stage.profile, operation) for stage in reader.stages] for reader in self._readers
+        ]
+
+        def parts(before: Profile, after: Profile, channels: int) -> Iterator[Part]:
+            return self._lines.decided(enclave, operation, before, after, channels)
+
+        self._compare(enclave, operation, values, parts, decided=True, skipped=0)
+
+    def rights(self, enclave: Enclave, operation: Operation, peers: PeerValues) -> None:
+        """Compares what peers accept of an operation, but where decisions differ for the same cause."""
+        values = [
+            [peers.accepted(enclave.path, stage.profile, operation) for stage in reader.stages]
+            for reader in self._readers
+        ]
+
+        def parts(before: Profile, after: Profile, channels: int) -> Iterator[Part]:
+            return self._lines.accepted(enclave.path, operation, before, after, channels, peers)
+
+        explained = self._explained.get((enclave.files.directory, operation), 0)
+        self._compare(enclave, operation, values, parts, decided=False, skipped=explained)
+
+    def found(self) -> tuple[Divergence, ...]:
+        """Every line with its cause."""
+        return tuple(
+            Divergence(
+                cause=cause,
+                location=Location(path=path, line=line or None),
+                other=found.other,
+                enclaves=tuple(found.enclaves),
+                escalates=found.escalates,
+                restricts=found.restricts,
+                example=found.example,
+                starting=found.starting,
+                refusing=found.refusing,
+                deviating=frozenset(found.deviating),
+            )
+            for (path, line, cause), found in sorted(self._found.items())
+        )
+
+    def _compare(
+        self,
+        enclave: Enclave,
+        operation: Operation,
+        values: Sequence[Sequence[Value]],
+        parts: Callable[[Profile, Profile, int], Iterator[Part]],
+        *,
+        decided: bool,
+        skipped: int,
+    ) -> None:
+        """Notes every line that a difference between the readers is due to."""
+        wanted = differing([stages[0] for stages in values]) & ~skipped
+        if not wanted:
+            return
+        for reader, stages in zip(self._readers, values, strict=True):
+            for number, more, channels in attributed(stages, wanted):
+                cured, before, after = _switched(reader, number)
+                rest = channels
+                for part in parts(before, after, channels):
+                    rest &= ~part.channels
+                    cause = part.cause if cured in PARTITION_CAUSES and part.cause is not None else cured
+                    found = self._note(enclave, cause, part.location, part.other, reader)
+                    self._add(found, enclave, operation, values, part.channels, more=more, decided=decided)
+                if rest:
+                    found = self._note(enclave, cured, self._lines.start(enclave, before, after), None, reader)
+                    self._add(found, enclave, operation, values, rest, more=more, decided=decided)
+                if decided:
+                    key = enclave.files.directory, operation
+                    self._explained[key] = self._explained.get(key, 0) | channels
+
+    def _note(
+        self, enclave: Enclave, cause: Cause, location: Location, other: Location | None, reader: Reader
+    ) -> _Found:
+        found = self._found.setdefault((location.path, location.line or 0, cause), _Found(other=other))
+        found.enclaves[enclave.path] = None
+        found.deviating.update(reader.names)
+        return found
+
+    def _add(
+        self,
+        found: _Found,
+        enclave: Enclave,
+        operation: Operation,
+        values: Sequence[Sequence[Value]],
+        channels: int,
+        *,
+        more: bool,
+        decided: bool,
+    ) -> None:
+        """Adds channels with the best example among them: one that is worse, then one that people know."""
+        found.escalates |= more
+        found.restricts |= not more
+        for number in islice(members(channels), MAX_WITNESSES):
+            channel = self._channels.channels[number]
+            known = channel.ros and channel.topic not in AMBIENT_TOPICS
+            rank = (not more, not decided, operation is Operation.RELAY, not known, channel.partition, channel.topic)
+            if found.example is None or rank < found.rank:
+                found.rank = rank
+                found.example = Example(
+                    enclave=enclave.path,
+                    operation=operation,
+                    topic=channel.topic,
+                    partition=channel.partition,
+                    domain=self._channels.domains[channel.domain].intervals[0][0],
+                    decided=decided,
+                    allowing=self._names(stages[0].must >> number & 1 for stages in values),
+                    denying=self._names(~stages[0].may >> number & 1 for stages in values),
+                )
+
+    def _names(self, chosen: Iterable[int]) -> tuple[str, ...]:
+        """The profiles of the readers that are chosen."""
+        return tuple(name for reader, one in zip(self._readers, chosen, strict=True) if one for name in reader.names)
+
+
+def _switched(reader: Reader, number: int) -> tuple[Cause, Profile, Profile]:
+    """What the stage is cured of, and the profile before and after that."""
+    stage = reader.stages[number]
+    return stage.cured or Cause.OTHER, reader.stages[number - 1].profile, stage.profile

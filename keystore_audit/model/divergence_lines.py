@@ -1,0 +1,301 @@
+"""Which line of which document two ways of reading take differently, for rights that they decide differently about.
+
+Of ordered rules the first that matches decides. Where two readings of them decide differently, the earlier one of the
+two rules that decide is the one that matches in one reading alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from datetime import datetime
+from typing import NamedTuple
+
+from keystore_audit.findings import Location
+from keystore_audit.keystore.governance import GovernanceFile
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.permissions import Operation, PermissionsFile
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.divergence_values import LocalValues, PeerValues
+from keystore_audit.model.permission import Permissions, bits, members
+from keystore_audit.model.profiles import PartitionReading, Profile
+from keystore_audit.model.semantics import ReadGrant
+from keystore_audit.model.substitution import Cause
+from keystore_audit.model.system import RuleAtom, System
+from keystore_audit.model.validity import read_date
+
+
+class Part(NamedTuple):
+    """Channels with the line that is read differently, the line that decides instead, and the cause if that tells."""
+
+    channels: int
+    location: Location
+    other: Location | None
+    cause: Cause | None
+
+
+_Both = tuple[Profile, Profile]
+"""The profile before it is cured of something, and after."""
+
+
+class _Decider(NamedTuple):
+    """Decides about channels that none before it decides about; `is_rule`: not the default or the want of a rule."""
+
+    channels: int
+    ruling: object
+    location: Location | None
+    is_rule: bool
+
+
+class Lines:
+    """The lines of one keystore at `at` (aware UTC)."""
+
+    def __init__(self, keystore: Keystore, accesses: AccessViews, at: datetime, local: LocalValues) -> None:
+        self._accesses = accesses
+        self._at = at
+        self._local = local
+        self._allows: dict[str, dict[int | None, bool]] = {}
+        self._views: dict[int, _Peers] = {}
+        self._files = {
+            file.signed.file.place: file
+            for enclave in keystore.enclaves
+            for file in (enclave.governance, enclave.permissions)
+            if file is not None
+        }
+
+    def start(self, enclave: Enclave, before: Profile, after: Profile) -> Location:
+        """Why the enclave starts under one of the two alone."""
+        if before.local.starts_ungoverned != after.local.starts_ungoverned:
+            return _whole(enclave.governance) or Location(path=enclave.files.directory)
+        for file in (enclave.governance, enclave.permissions):
+            if file is not None:
+                refusals = {self._accesses.read(file, profile.access).refusal for profile in (before, after)}
+                if len(refusals) > 1 and None in refusals:
+                    return self._refused(file, before, after)
+        grants = [self._local.rights.grant(enclave, profile) for profile in (before, after)]
+        if not _same(*grants):
+            return self._own_date(enclave, before, after)
+        if grants[0] is not None and enclave.permissions is not None:
+            return Location(path=enclave.permissions.signed.file.place, line=grants[0].grant.line)
+        return _whole(enclave.governance) or _whole(enclave.permissions) or Location(path=enclave.files.directory)
+
+    def decided(
+        self, enclave: Enclave, operation: Operation, before: Profile, after: Profile, channels: int
+    ) -> Iterator[Part]:
+        """Of channels that the two decide differently about for their own participants."""
+        starts = [self._local.starts_in(enclave, profile, channels) for profile in (before, after)]
+        differs = starts[0] ^ starts[1]
+        if differs:
+            yield Part(differs, self.start(enclave, before, after), None, None)
+        rest = channels & ~differs
+        if rest and not _same(*(self._local.rights.grant(enclave, profile) for profile in (before, after))):
+            yield Part(rest, self._own_date(enclave, before, after), None, None)
+        elif rest:
+            ours, theirs = (_steps(self._local, enclave, profile, operation) for profile in (before, after))
+            yield from self._parts(ours, theirs, rest, before)
+
+    def accepted(
+        self, path: str, operation: Operation, before: Profile, after: Profile, channels: int, peers: PeerValues
+    ) -> Iterator[Part]:
+        """Of channels on which peers accept the operation from the enclave under one of the two alone."""
+        ours, theirs = (self._peers(peers.system(profile)) for profile in (before, after))
+        number = ours.numbers.get(path)
+        for realm in range(min(len(ours.realms), len(theirs.realms)) if number is not None else 0):
+            rights = [
+                getattr(each.realms[realm].abilities(number or 0), _ABILITY[operation]) for each in (ours, theirs)
+            ]
+            here = (rights[0] ^ rights[1]) & channels
+            for part in self._in_realm(ours, theirs, realm, number or 0, operation, (before, after)) if here else ():
+                found = part.channels & here
+                if found:
+                    here &= ~found
+                    channels &= ~found
+                    yield part._replace(channels=found)
+
+    def _in_realm(
+        self, ours: _Peers, theirs: _Peers, realm: int, number: int, operation: Operation, both: _Both
+    ) -> Iterator[Part]:
+        """Every line that the peers of a realm take differently, the governance's first, whatever channels it names."""
+        yield from self._parts(_governance(ours, realm, operation), _governance(theirs, realm, operation), -1, both[0])
+        identity = ours.system.enclaves[number].identity
+        joins: list[Part] = []
+        for document in sorted(ours.realms[realm].accepted | theirs.realms[realm].accepted):
+            mine, other = (each.chosen(realm, identity, document) for each in (ours, theirs))
+            if mine is not None and other is not None and ours.order(mine) == theirs.order(other):
+                yield from self._parts(_rules(ours, mine, operation), _rules(theirs, other, operation), -1, both[0])
+                domains = ours.permissions.joins(mine) ^ theirs.permissions.joins(other)
+                joins.append(Part(ours.within(members(domains)), ours.system.grants[mine].location, None, None))
+            elif mine is not None or other is not None:
+                place = ours.system.documents[document].location.path
+                subject = ours.system.certificates[identity].label if identity is not None else ""
+                yield Part(-1, self._dated(place, subject, *both), None, None)
+        yield from joins
+
+    def _parts(
+        self, ours: Iterable[_Decider], theirs: Iterable[_Decider], channels: int, before: Profile
+    ) -> Iterator[Part]:
+        """Of the channels, those that the two lists decide differently about, by the two that decide."""
+        others = list(theirs)
+        open_ = channels
+        for one in ours:
+            mine = one.channels & open_
+            open_ &= ~mine
+            for two in others:
+                part = mine & two.channels
+                mine &= ~part
+                if part and one.ruling != two.ruling:
+                    first, second = _ordered(one, two)
+                    location = first.location or second.location
+                    if location is not None:
+                        cause = self._partition_cause(one, before)
+                        yield Part(part, location, second.location if first.location else None, cause)
+
+    def _partition_cause(self, decider: _Decider, before: Profile) -> Cause:
+        """What of partitions is read differently, where that is the cause."""
+        if before.access.partitions is PartitionReading.CRITERION_DEFAULT:
+            return Cause.DENY_WITHOUT_PARTITION
+        if decider.ruling is True:
+            return Cause.CROSSED_PARTITIONS
+        line = decider.location.line if decider.location is not None else None
+        place = decider.location.path if decider.location is not None else ""
+        return Cause.FINAL_RULE if self._allowing(place).get(line) else Cause.DENY_IN_PARTITION
+
+    def _allowing(self, place: str) -> dict[int | None, bool]:
+        """By line: whether the permission rule there is an allow rule."""
+        if place not in self._allows:
+            file = self._files.get(place)
+            permissions = file.permissions if isinstance(file, PermissionsFile) else None
+            grants = permissions.grants if permissions is not None else ()
+            self._allows[place] = {rule.line: rule.allow for grant in grants for rule in grant.rules}
+        return self._allows[place]
+
+    def _refused(self, file: GovernanceFile | PermissionsFile, before: Profile, after: Profile) -> Location:
+        """What makes one of the two refuse the document: a date, else the document."""
+        place = file.signed.file.place
+        permissions = file.permissions if isinstance(file, PermissionsFile) else None
+        for grant in permissions.grants if permissions is not None else ():
+            for date in (grant.not_before, grant.not_after):
+                readings = [read_date(date.text, profile.access.dates, None) for profile in (before, after)]
+                if (readings[0] is None) != (readings[1] is None):
+                    return Location(path=place, line=date.line)
+        return _whole(file) or Location(path=place)
+
+    def _own_date(self, enclave: Enclave, before: Profile, after: Profile) -> Location:
+        certificate = enclave.certificate.first if enclave.certificate else None
+        if enclave.permissions is None or certificate is None:
+            return Location(path=enclave.files.directory)
+        return self._dated(enclave.permissions.signed.file.place, certificate.subject, before, after)
+
+    def _dated(self, place: str, subject: str, before: Profile, after: Profile) -> Location:
+        """The date by which a grant for the subject counts for one of the two alone."""
+        file = self._files.get(place)
+        if file is None:
+            return Location(path=place)
+        read = [self._accesses.read(file, profile.access).grants or () for profile in (before, after)]
+        named: Location | None = None
+        for ours, theirs in zip(*read, strict=False):
+            if ours.grant.subject_name.text != subject:
+                continue
+            named = named or Location(path=place, line=ours.grant.line)
+            counts = [self._in_force(grant) for grant in (ours, theirs)]
+            if counts[0] != counts[1]:
+                out = theirs if counts[0] else ours
+                date = out.grant.not_before if self._at < out.not_before else out.grant.not_after
+                return Location(path=place, line=date.line)
+        return named or self._refused(file, before, after)
+
+    def _in_force(self, grant: ReadGrant) -> bool:
+        return grant.not_before <= self._at <= grant.not_after
+
+    def _peers(self, system: System) -> _Peers:
+        known = self._views.get(id(system))
+        if known is None:
+            known = self._views[id(system)] = _Peers(system)
+        return known
+
+
+class _Peers:
+    """The realms of one system, as enclaves meet them."""
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        self.permissions = Permissions(system)
+        self.realms = [RealmView(system, realm, self.permissions) for realm in range(len(system.realms))]
+        self.numbers = {enclave.label: number for number, enclave in enumerate(system.enclaves)}
+
+    def chosen(self, realm: int, identity: int | None, document: int) -> int | None:
+        """The grant of a document that the realm's peers take for the certificate's."""
+        accepted = self.realms[realm].accepted & {document}
+        return next(iter(self.permissions.chosen(identity, accepted)), None)
+
+    def order(self, grant: int) -> int:
+        """The place of a grant in its document."""
+        document = self.system.grants[grant].document
+        return sum(1 for other in self.system.grants[:grant] if other.document == document)
+
+    def within(self, domains: Iterable[int]) -> int:
+        """The channels of these domains."""
+        found = 0
+        for domain in domains:
+            found |= self.permissions.channels_in[domain]
+        return found
+
+
+_ABILITY = {Operation.PUBLISH: "may_write", Operation.SUBSCRIBE: "may_read", Operation.RELAY: "may_relay"}
+
+
+def _whole(file: GovernanceFile | PermissionsFile | None) -> Location | None:
+    if file is None:
+        return None
+    typed = file.governance if isinstance(file, GovernanceFile) else file.permissions
+    return Location(path=file.signed.file.place, line=typed.line if typed is not None else None)
+
+
+def _ordered(one: _Decider, two: _Decider) -> tuple[_Decider, _Decider]:
+    """The two, the one first that is read differently: a rule before what holds without one, the earlier rule first."""
+    if one.is_rule != two.is_rule:
+        return (one, two) if one.is_rule else (two, one)
+    if one.location is None or two.location is None or one.location.path != two.location.path:
+        return one, two
+    return (one, two) if (one.location.line or 0) <= (two.location.line or 0) else (two, one)
+
+
+def _same(one: ReadGrant | None, other: ReadGrant | None) -> bool:
+    """Whether both are a reading of one grant, or of none."""
+    return (one.grant if one is not None else None) is (other.grant if other is not None else None)
+
+
+def _steps(local: LocalValues, enclave: Enclave, profile: Profile, operation: Operation) -> Iterator[_Decider]:
+    steps = list(local.rights.steps(enclave, profile, operation))
+    for step in steps:
+        yield _Decider(step.channels, step.decision.allow, step.decision.location, step is not steps[-1])
+
+
+def _governance(peers: _Peers, realm: int, operation: Operation) -> Iterator[_Decider]:
+    """What the governance says of a topic: everybody may, permissions are asked, or there is no such topic."""
+    protection = peers.realms[realm].protection
+    controlled = protection.write_controlled if operation is Operation.PUBLISH else protection.read_controlled
+    free = 0 if operation is Operation.RELAY else protection.governed & ~controlled
+    for rule in peers.system.topic_rules:
+        parent = peers.system.domain_rules[rule.domain_rule]
+        if parent.document == peers.system.realms[realm].governance:
+            channels = bits(rule.channels) & peers.within(parent.domains) & protection.governed
+            yield _Decider(channels & free, "everybody", rule.location, True)
+            yield _Decider(channels & ~free, "asked", rule.location, True)
+    yield _Decider(-1, "nobody", None, False)
+
+
+def _rules(peers: _Peers, grant: int, operation: Operation) -> Iterator[_Decider]:
+    """What the rules of a grant decide, and its default."""
+    atom = peers.system.grants[grant]
+    for rule in peers.system.rules:
+        if rule.grant == grant:
+            channels = bits(_named(rule, operation)) & peers.within(rule.domains)
+            yield _Decider(channels, rule.allow, rule.location, True)
+    yield _Decider(-1, atom.default_allow, atom.location, False)
+
+
+def _named(rule: RuleAtom, operation: Operation) -> frozenset[int]:
+    if operation is Operation.PUBLISH:
+        return rule.publish
+    return rule.subscribe if operation is Operation.SUBSCRIBE else rule.relay

@@ -1,0 +1,201 @@
+"""From what one implementation does to what the specification says, one difference at a time.
+
+Where two implementations decide differently, the cause is the difference whose removal makes the decision that of the
+specification: implementations are compared with themselves, cured of one peculiarity after another. Whom they trust is
+left aside: it is that of the specification throughout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from enum import Enum
+from typing import Final
+
+from keystore_audit.keystore.governance import GovernanceFile
+from keystore_audit.keystore.keystore import Enclave
+from keystore_audit.keystore.permissions import PermissionsFile
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.domains import Interval
+from keystore_audit.model.profiles import VARIANTS, Access, JoinCheck, Local, Profile
+
+SPEC: Final = VARIANTS["spec"]
+
+
+class Cause(str, Enum):
+    """Why implementations decide differently about one document (`profiles.access`).
+
+    OTHER: a difference without a name of its own. UNDECIDED: there are too many classes of names to compare.
+    """
+
+    FORM = "form of DDS-Security 1.0"
+    HIGHEST_DOMAIN = "domain too high"
+    UNAUTHENTICATED_WITH_RTPS = "unauthenticated participants beside protected RTPS"
+    RANGE = "range of domains with one bound"
+    DATE = "date"
+    GRANT_CHOICE = "first grant out of date"
+    UNGOVERNED = "domain that no rule of the governance covers"
+    JOIN = "join"
+    RULE_DOMAINS = "rule of another domain"
+    EXPRESSION = "expression"
+    DEFAULT = "default"
+    DENY_IN_PARTITION = "deny rule with partitions"
+    DENY_WITHOUT_PARTITION = "deny rule without partitions"
+    CROSSED_PARTITIONS = "partitions of several criteria"
+    FINAL_RULE = "first rule that lists the topic"
+    RELAY = "relay"
+    TOPIC_DENIED = "topic denied as a whole"
+    GRANT_REQUIRED = "no grant"
+    ANY_GOVERNANCE_RULE = "any matching rule of the governance"
+    OTHER = "other"
+    UNDECIDED = "undecided"
+
+
+_OF_DOCUMENTS: Final = {
+    "reads_1_0": Cause.FORM,
+    "highest_domain": Cause.HIGHEST_DOMAIN,
+    "refuses_unauthenticated_with_rtps": Cause.UNAUTHENTICATED_WITH_RTPS,
+    "open_ranges": Cause.RANGE,
+    "dates": Cause.DATE,
+    "skips_grants_out_of_date": Cause.GRANT_CHOICE,
+}
+_OF_PARTICIPANTS: Final = {
+    "binds_domains": Cause.RULE_DOMAINS,
+    "starts_ungoverned": Cause.UNGOVERNED,
+    "joins": Cause.JOIN,
+}
+_OF_RULES: Final = {
+    "matcher": Cause.EXPRESSION,
+    "honours_default": Cause.DEFAULT,
+    "partitions": Cause.DENY_IN_PARTITION,  # one of four: the rule that decides tells which
+    "relay": Cause.RELAY,
+    "first_rule_decides_topic": Cause.TOPIC_DENIED,
+    "requires_grant": Cause.GRANT_REQUIRED,
+    "any_governance_rule": Cause.ANY_GOVERNANCE_RULE,
+}
+"""Fields of `Access` and `Local`, in the order in which they are cured: what makes a document count at all comes before
+what single rules mean."""
+
+PARTITION_CAUSES: Final = frozenset(
+    {Cause.DENY_IN_PARTITION, Cause.DENY_WITHOUT_PARTITION, Cause.CROSSED_PARTITIONS, Cause.FINAL_RULE}
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stage:
+    """An implementation with some peculiarities left; `cured` is the one that the stage before has beside these.
+
+    None: it is the implementation itself. `profile`: its rows, and the trust row of the specification.
+    """
+
+    cured: Cause | None
+    profile: Profile
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reader:
+    """Profiles (their canonical names) that do the same with a keystore's documents, and the way to `spec`."""
+
+    names: tuple[str, ...]
+    stages: tuple[Stage, ...]
+
+    @property
+    def itself(self) -> Profile:
+        """The rows of its profiles."""
+        return self.stages[0].profile
+
+
+class Stages:
+    """The stages of one keystore's readers: equal rows are one profile.
+
+    What topics can be called (the other fields of `Local`) is not a matter of documents, and is the specification's.
+    """
+
+    def __init__(self, accesses: AccessViews) -> None:
+        self._accesses = accesses
+        self._profiles: dict[tuple[Access, tuple[object, ...]], Profile] = {}
+
+    def readers(self, profiles: Iterable[Profile]) -> tuple[Reader, ...]:
+        """The profiles, those that read and start alike together."""
+        found: dict[int, tuple[Profile, list[str]]] = {}
+        for profile in profiles:
+            reading = self._profile(profile.access, profile.local)
+            found.setdefault(id(reading), (reading, []))[1].append(profile.name)
+        return tuple(Reader(names=tuple(names), stages=tuple(self._stages(each))) for each, names in found.values())
+
+    def _profile(self, access: Access, local: Local) -> Profile:
+        row = self._accesses.row(access)
+        kept = {name: getattr(local, name) for name in _OF_PARTICIPANTS}
+        local = replace(SPEC.local, **kept)
+        key = (row, tuple(getattr(local, each.name) for each in fields(local)))
+        if key not in self._profiles:
+            self._profiles[key] = replace(SPEC, name=f"stage {len(self._profiles)}", access=row, local=local)
+        return self._profiles[key]
+
+    def _stages(self, profile: Profile) -> Iterator[Stage]:
+        """From the profile itself to the specification."""
+        goal = self._profile(SPEC.access, SPEC.local)
+        yield Stage(cured=None, profile=profile)
+        for names, of_participants in ((_OF_DOCUMENTS, False), (_OF_PARTICIPANTS, True), (_OF_RULES, False)):
+            for name, cause in names.items():
+                access, local = profile.access, profile.local
+                if of_participants:
+                    local = replace(local, **{name: getattr(goal.local, name)})
+                else:
+                    access = replace(access, **{name: getattr(goal.access, name)})
+                cured = self._profile(access, local)
+                if cured is not profile:
+                    yield Stage(cured=cause, profile=cured)
+                profile = cured
+        if profile is not goal:
+            yield Stage(cured=Cause.OTHER, profile=goal)
+
+
+def odd_documents(
+    files: Iterable[GovernanceFile | PermissionsFile], profiles: Sequence[Profile], accesses: AccessViews
+) -> frozenset[GovernanceFile | PermissionsFile]:
+    """The documents that not all of the profiles read alike."""
+    rows = {accesses.row(profile.access) for profile in profiles}
+    if len(rows) < 2:
+        return frozenset()
+    return frozenset(file for file in files if len(set(map(accesses.of_document(file).row, rows))) > 1)
+
+
+class PlainPairs:
+    """Governance and permissions under which every implementation lets its participants start and do alike.
+
+    Every rule holds in every domain that is governed, and every grant allows something: what `ros2 security` writes.
+    """
+
+    def __init__(self, profiles: Sequence[Profile], accesses: AccessViews, domain: int | None) -> None:
+        self._accesses = accesses
+        self._domain = domain
+        self._access = profiles[0].access
+        self._to_the_letter = any(profile.local.joins is JoinCheck.OPENDDS for profile in profiles)
+        self._known: dict[tuple[GovernanceFile | None, PermissionsFile | None], bool] = {}
+
+    def has(self, enclave: Enclave) -> bool:
+        """Whether the enclave's pair is one of these."""
+        pair = enclave.governance, enclave.permissions
+        known = self._known.get(pair)
+        if known is None:
+            known = self._known[pair] = not self._to_the_letter and self._is_plain(*pair)
+        return known
+
+    def _is_plain(self, governance: GovernanceFile | None, permissions: PermissionsFile | None) -> bool:
+        rules = self._accesses.read(governance, self._access).domain_rules if governance else None
+        grants = self._accesses.read(permissions, self._access).grants if permissions else None
+        if rules is None or grants is None:
+            return True
+        governed = [interval for rule in rules for interval in rule.domains]
+        if not governed or (self._domain is not None and not _holds(governed, (self._domain, self._domain))):
+            return False
+        return all(
+            any(rule.allow for rule in grant.rules)
+            and all(_holds(rule.domains, interval) for rule in grant.rules for interval in governed)
+            for grant in grants
+        )
+
+
+def _holds(cover: Iterable[Interval], interval: Interval) -> bool:
+    return any(low <= interval[0] and interval[1] <= high for low, high in cover)

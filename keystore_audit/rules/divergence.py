@@ -1,0 +1,298 @@
+"""KA6: what one keystore allows under one implementation and not under another (`model.divergence`).
+
+A rule for each cause. What rules about single documents say already of a line is not said again: documents that an
+implementation refuses as a whole (KA417, KA420, KA421), a default that allows (KA509), second grants (KA504), the want
+of a grant in force (KA503, KA505, KA506), grants that allow nothing (KA514) or in other domains alone (KA508), ranges
+with one bound (KA419, KA515) unless they let somebody do more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from typing import Any, Final
+
+from keystore_audit.findings import Location, Severity
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.domains import covered
+from keystore_audit.model.meaning import Divergence, Example
+from keystore_audit.model.names import ros_name
+from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.model.substitution import Cause
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.governance import CORRECT
+from keystore_audit.rules.permissions import WRITE_AGAIN
+from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.wording import either, listed, places, quoted
+
+MEASURED: Final = "measured on Fast DDS 2.9.1 and Cyclone DDS 0.10.2"
+
+
+def _of(context: Context, *causes: Cause) -> Iterator[list[Divergence]]:
+    """The divergences of these causes, those of one document together."""
+    by_document: dict[str, list[Divergence]] = {}
+    for divergence in context.meaning.divergences:
+        if divergence.cause in causes:
+            by_document.setdefault(divergence.location.path, []).append(divergence)
+    yield from by_document.values()
+
+
+def said(context: Context, why: str, *causes: Cause) -> Iterator[Violation]:
+    """One violation for each document with divergences of these causes; `why` is the beginning of its message."""
+    for found in _of(context, *causes):
+        yield _violation(found, why)
+
+
+def _violation(found: Sequence[Divergence], why: str) -> Violation:
+    worst = min(found, key=_rank)
+    enclaves = list(dict.fromkeys(path for divergence in found for path in divergence.enclaves))
+    # What an implementation allows by mistake in its own checks alone gives nothing away: peers refuse it.
+    harmful = any(each.escalates and each.cause is not Cause.RULE_DOMAINS for each in found)
+    harmful = harmful or bool(worst.starting or worst.refusing)
+    more = f" ({len(found)} lines)" if len(found) > 1 else ""
+    return Violation(
+        message=f"{why}{more}: {_consequence(worst, enclaves)}",
+        locations=places(_locations(found)),
+        enclave=enclaves[0] if len(enclaves) == 1 else None,
+        severity=Severity.HIGH if harmful else None,
+        profiles=tuple(name for name in VARIANTS if any(name in divergence.deviating for divergence in found)),
+        # What is done differently is part of it: another line is not hidden by one that was accepted before.
+        key="\n".join(sorted(_key(divergence) for divergence in found)),
+    )
+
+
+def _rank(divergence: Divergence) -> tuple[object, ...]:
+    """What is worse, and tells more, comes first."""
+    starts = bool(divergence.starting or divergence.refusing)
+    return not divergence.escalates, not starts, divergence.example is None, divergence.location.line or 0
+
+
+def _locations(found: Sequence[Divergence]) -> Iterator[Location]:
+    for divergence in sorted(found, key=_rank):
+        yield divergence.location
+    for divergence in found:
+        if divergence.other is not None:
+            decides = Location(path=divergence.other.path, line=divergence.other.line, message="what decides instead")
+            if decides.path != divergence.location.path or decides.line != divergence.location.line:
+                yield decides
+
+
+def _key(divergence: Divergence) -> str:
+    example = divergence.example
+    if example is None:
+        return divergence.cause.value
+    return f"{divergence.cause.value} {example.operation.value} {example.topic} {example.partition}"
+
+
+def _consequence(divergence: Divergence, enclaves: Sequence[str]) -> str:
+    """Who may do what under which implementation, and under which not."""
+    who = listed(enclaves)
+    example = divergence.example
+    if divergence.starting or divergence.refusing:
+        starts = f"{who} starts under {_names(divergence.starting)}, and not under {_names(divergence.refusing)}"
+        if example is None or not divergence.escalates:
+            return f"{starts}."
+        return f"{starts}; {_right(example)}"
+    return _right(example) if example is not None else f"{who}."
+
+
+def _right(example: Example) -> str:
+    what = f"{_VERBS[example.operation]} {ros_name(example.topic)} in domain {example.domain}"
+    if example.partition:
+        what += f", partition {quoted(example.partition)}"
+    allowing, denying = _names(example.allowing), _names(example.denying)
+    if example.decided:
+        return f"{example.enclave} may {what} under {allowing}, and not under {denying}."
+    return f"peers let {example.enclave} {what} under {allowing}, and not under {denying}."
+
+
+_VERBS: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "subscribe to", Operation.RELAY: "relay"}
+
+
+def _names(profiles: Collection[str]) -> str:
+    """`the specification and Fast DDS 2.6, 2.14 (humble, jazzy)`: the variants of one vendor together."""
+    by_vendor: dict[str, tuple[list[str], dict[str, None]]] = {}
+    for name in profiles:
+        profile = VARIANTS[name]
+        vendor, _, version = profile.title.partition(" DDS ")
+        versions, distributions = by_vendor.setdefault(f"{vendor} DDS" if version else vendor, ([], {}))
+        versions.append(version)
+        distributions.update(dict.fromkeys(profile.distributions))
+    said = []
+    for vendor, (versions, distributions) in by_vendor.items():
+        shipped = f" ({', '.join(distributions)})" if distributions else ""
+        said.append(f"{vendor} {', '.join(versions)}".rstrip() + shipped)
+    return either(said) if said else "no other"
+
+
+def _said_of_others(context: Context, why: str, cause: Cause) -> Iterator[Violation]:
+    """The same, but of enclaves whose grant allows something in a governed domain: KA514 and KA508 speak of those."""
+    spoken = frozenset(_without_a_domain(context)) if context.meaning.divergences else frozenset()
+    for found in _of(context, cause):
+        if rest := [divergence for divergence in found if not spoken.issuperset(divergence.enclaves)]:
+            yield _violation(rest, why)
+
+
+def _without_a_domain(context: Context) -> Iterator[str]:
+    """Enclaves whose grant has no allow rule, or none for a governed domain: KA514 and KA508 say so."""
+    for enclave in context.keystore.enclaves:
+        governance = enclave.governance.governance if enclave.governance else None
+        permissions = enclave.permissions.permissions if enclave.permissions else None
+        first = enclave.certificate.first if enclave.certificate else None
+        if governance is None or permissions is None or first is None:
+            continue
+        own = next((grant for grant in permissions.grants if grant.subject_name.text == first.subject), None)
+        if own is None:
+            continue
+        allowed = [ids for permission_rule in own.rules if permission_rule.allow for ids in permission_rule.domains]
+        governed = covered(ids for domain_rule in governance.domain_rules for ids in domain_rule.domains)
+        meets = any(low <= upper and lower <= high for low, high in governed for lower, upper in covered(allowed))
+        if not allowed or not (meets or own.default_allow):
+            yield enclave.path
+
+
+@rule(
+    "KA601",
+    "rule-of-another-domain",
+    Severity.MEDIUM,
+    on=Keystore,
+    clause=f"DDS-Security 1.1, 9.4.1.3 (domains of a rule); {MEASURED}",
+    remedy="Let every rule name all domains that the governance covers, or the governance only those of the rules: "
+    f"{WRITE_AGAIN}",
+)
+def rule_of_another_domain(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """A rule is for some of the governed domains, and Fast DDS applies it in all of them to its own endpoints.
+
+    Allow rules give too much there, and deny rules take too much away. Peers look at the domain, so that what is
+    allowed in excess is matched by none of them; what is denied in excess does not work.
+    """
+    yield from _said_of_others(context, "Fast DDS applies a rule of another domain", Cause.RULE_DOMAINS)
+
+
+@rule(
+    "KA602",
+    "join-checked-differently",
+    Severity.MEDIUM,
+    on=Keystore,
+    clause=f"DDS-Security 1.1, 9.4.1.2.4 (enable_join_access_control) and Table 63; {MEASURED}",
+    remedy=f"Give the grant an allow rule for every domain that the governance covers: {WRITE_AGAIN}",
+)
+def join_checked_differently(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """Whether the enclave may join a domain depends on the implementation.
+
+    Fast DDS wants an allow rule of whatever domain; Cyclone DDS asks nothing where a topic of the domain has read or
+    write access control off (measured); OpenDDS starts only there, or without join access control (read in its source).
+    """
+    why = "The grant lets the enclave join a domain under some implementations alone"
+    yield from _said_of_others(context, why, Cause.JOIN)
+
+
+@rule(
+    "KA603",
+    "starts-in-ungoverned-domain",
+    Severity.MEDIUM,
+    on=Keystore,
+    clause=f"DDS-Security 1.1, 9.4.1.2.4 (domains); {MEASURED}",
+    remedy="Let the governance cover the domain, or set ROS_DOMAIN_ID to one that it covers: correct it " + CORRECT,
+)
+def starts_in_ungoverned_domain(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """The governance does not cover the domain: Fast DDS starts, protects nothing and has no topic; others refuse.
+
+    Asked for the domain of --domain, else for a governance that covers no domain at all.
+    """
+    yield from said(context, "The governance does not cover the domain", Cause.UNGOVERNED)
+
+
+@rule(
+    "KA612",
+    "date-read-differently",
+    Severity.MEDIUM,
+    on=Keystore,
+    clause="DDS-Security 1.1, 9.4.1.3.2.2 (validity, xs:dateTime in UTC); measured on Fast DDS 2.9.1 and Cyclone DDS "
+    "0.10.2 with their clocks set",
+    remedy="Write dates as 2026-01-31T00:00:00, without zone, fraction and 24:00, until 2262, and a day before and "
+    f"after what is needed: {WRITE_AGAIN}",
+)
+def date_read_differently(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """A grant is in force now under one implementation and not under another.
+
+    Fast DDS reads dates in standard time of the robot's zone whatever they say, and refuses a document with 24:00.
+    Cyclone DDS takes what it cannot read, zones beyond 12 hours and years beyond 2262 among it, for long past: a grant
+    that is to begin then has begun, one that is to end then has expired. Without --time-zone what hangs on the zone is
+    unknown, and no finding of this rule.
+    """
+    yield from said(context, "A date of a grant is read differently", Cause.DATE)
+
+
+@rule(
+    "KA614",
+    "range-lets-more",
+    Severity.HIGH,
+    on=Keystore,
+    clause=f"DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.3 (id_range); {MEASURED}",
+    remedy=f"Write both <min> and <max>: {WRITE_AGAIN}",
+)
+def range_lets_more(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """A range of domains with one bound holds less under an implementation, and somebody may do more by it.
+
+    A deny rule of it does not hold in all domains then, or a domain rule does not protect. What such a range means to
+    whom is domain-range-open and rule-domain-range-open; this is what it does.
+    """
+    for found in _of(context, Cause.RANGE):
+        if lax := [divergence for divergence in found if divergence.escalates]:
+            yield _violation(lax, "A range of domains with one bound holds less than it says")
+
+
+@rule(
+    "KA615",
+    "any-governance-rule-counts",
+    Severity.MEDIUM,
+    on=Keystore,
+    clause="DDS-Security 1.1, 9.4.1.2.5 (the first topic_rule that matches); read in the source of OpenDDS "
+    "(AccessControlBuiltInImpl.cpp)",
+    remedy="Let no two rules of the governance match one topic, or give both the same access control: correct them "
+    + CORRECT,
+)
+def any_governance_rule_counts(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """Several rules of the governance match a topic, and on OpenDDS one of them without access control is enough.
+
+    Elsewhere the first that matches decides. Judged where opendds is among the chosen profiles; not measured.
+    """
+    yield from said(
+        context, "OpenDDS has access control off where any matching rule has it off", Cause.ANY_GOVERNANCE_RULE
+    )
+
+
+@rule(
+    "KA616",
+    "decided-differently",
+    Severity.MEDIUM,
+    on=Keystore,
+    clause="DDS-Security 1.1, 9.4.1 (access control); docs/profiles.md",
+    remedy="Let each topic be decided by one rule, without partitions, ranges and brackets: see the lines, and "
+    f"{WRITE_AGAIN}",
+)
+def decided_differently(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """Implementations decide differently, for a reason that no other rule names.
+
+    The net below the others. It leaves the audit incomplete where there are too many classes of names to compare.
+    """
+    yield from said(context, "Implementations decide differently", Cause.OTHER)
+    for found in _of(context, Cause.UNDECIDED):
+        yield Violation(
+            message="Implementations read the documents differently, and there are too many classes of names to say "
+            "where it matters.",
+            locations=(found[0].location,),
+            undecided=True,
+        )
+
+
+DIVERGENCE: tuple[Rule[Any], ...] = (
+    rule_of_another_domain,
+    join_checked_differently,
+    starts_in_ungoverned_domain,
+    date_read_differently,
+    range_lets_more,
+    any_governance_rule_counts,
+    decided_differently,
+)

@@ -1,0 +1,140 @@
+"""KA6: what implementations read in their own ways, though today nothing follows from it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+from keystore_audit.findings import Location, Severity
+from keystore_audit.keystore.governance import Text
+from keystore_audit.model.expression import parse
+from keystore_audit.model.profiles import DateReading, Profile
+from keystore_audit.model.substitution import Cause
+from keystore_audit.model.validity import read_date
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.permissions import WRITE_AGAIN, all_grants
+from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks
+from keystore_audit.rules.wording import implementations, places, quoted, sole
+
+_MAY_BE_MALFORMED: Final = frozenset("[\\")
+
+
+def _spoken(use: DocumentUse, context: Context, cause: Cause) -> frozenset[int | None]:
+    """The lines of the document about which a finding says already what follows from them."""
+    return frozenset(
+        divergence.location.line
+        for divergence in context.meaning.divergences
+        if divergence.cause is cause and divergence.location.path == use.signed.file.place
+    )
+
+
+def _expressions(use: DocumentUse, but: frozenset[int | None]) -> Iterator[Text]:
+    """Every expression of the document, save those of rules at the lines `but`."""
+    if isinstance(use, GovernanceUse) and use.document.governance is not None:
+        for domain_rule in use.document.governance.domain_rules:
+            yield from (topic.expression for topic in domain_rule.topic_rules if topic.line not in but)
+    if isinstance(use, PermissionsUse) and use.document.permissions is not None:
+        for grant in use.document.permissions.grants:
+            for permission_rule in grant.rules:
+                for criterion in permission_rule.criteria if permission_rule.line not in but else ():
+                    yield from criterion.topics
+                    yield from criterion.partitions or ()
+
+
+def _faults(text: str, profiles: tuple[Profile, ...]) -> str:
+    """What is wrong with an expression, and to whom; empty where nothing is."""
+    if _MAY_BE_MALFORMED.isdisjoint(text):
+        return ""
+    faults: dict[str, list[Profile]] = {}
+    for profile in profiles:
+        fault = parse(text, profile.access.matcher).malformed
+        if fault is not None:
+            faults.setdefault(fault, []).append(profile)
+    return "; ".join(f"{fault} ({implementations(who)})" for fault, who in faults.items())
+
+
+@rule(
+    "KA611",
+    "expression-malformed",
+    Severity.LOW,
+    on=DocumentUse,
+    clause="DDS-Security 1.1, 9.4.1.2.6 and 9.4.1.3.2.3; POSIX 1003.1, 2.13.1 (bracket expressions)",
+    remedy=f"Close each [, or name each topic: {WRITE_AGAIN}",
+    applies=lambda use, _context: use.may_be_taken,
+)
+def expression_malformed(use: DocumentUse, context: Context) -> Iterator[Violation]:
+    """An expression is no pattern for an implementation, which gives it a meaning all the same.
+
+    Every decision here is made with that meaning; whoever wrote it had another in mind. Where it makes implementations
+    decide differently, expression-read-differently says so in place of this.
+    """
+    malformed: dict[str, Text] = {}
+    for expression in _expressions(use, _spoken(use, context, Cause.EXPRESSION)):
+        if expression.text not in malformed and _faults(expression.text, context.profiles):
+            malformed[expression.text] = expression
+    if malformed:
+        first = next(iter(malformed))
+        more = f" (and {len(malformed) - 1} more like it)" if len(malformed) > 1 else ""
+        yield Violation(
+            message=f"The expression {quoted(first)}{more} {_faults(first, context.profiles)}.",
+            locations=places(Location(path=use.signed.file.place, line=each.line) for each in malformed.values()),
+            enclave=sole(use.enclaves),
+            key="\n".join(sorted(malformed)),
+        )
+
+
+def _reading(date: Text, reading: DateReading) -> object:
+    """What an implementation takes a date for, to the second, on a robot that is set to UTC."""
+    dated = read_date(date.text, reading, None)
+    if dated is None:
+        return "nothing, and it refuses the document"
+    return dated.instant.replace(microsecond=0) if dated.readable else "long past"
+
+
+@rule(
+    "KA613",
+    "date-not-portable",
+    Severity.LOW,
+    on=PermissionsUse,
+    clause="DDS-Security 1.1, 9.4.1.3.2.2 (validity, xs:dateTime); measured on Fast DDS 2.9.1 and Cyclone DDS 0.10.2",
+    remedy=f"Write dates as 2026-01-31T00:00:00, in UTC and without a zone, until 2262: {WRITE_AGAIN}",
+    applies=speaks,
+)
+def date_not_portable(use: PermissionsUse, context: Context) -> Iterator[Violation]:
+    """A date of a grant names different instants to different implementations, even on robots that are set to UTC.
+
+    Fast DDS passes over the zone that a date names; Cyclone DDS takes years beyond 2262 and zones beyond 12 hours for
+    long past. Where that decides something now, date-read-differently says so in place of this.
+    """
+    spoken = _spoken(use, context, Cause.DATE)
+    odd: dict[str, Text] = {}
+    readings: dict[DateReading, list[Profile]] = {}
+    for profile in context.profiles:
+        readings.setdefault(profile.access.dates, []).append(profile)
+    for grant in all_grants(use):
+        for date in (grant.not_before, grant.not_after):
+            taken = {_reading(date, reading) for reading in readings}
+            if len(taken) > 1 and date.line not in spoken:
+                odd.setdefault(date.text, date)
+    for date in odd.values():
+        says = "; ".join(f"{_words(date, reading)} to {implementations(who)}" for reading, who in readings.items())
+        yield Violation(
+            message=f"The date {quoted(date.text)} is {says}.",
+            locations=(Location(path=use.signed.file.place, line=date.line),),
+            enclave=sole(use.enclaves),
+            key=date.text,
+        )
+
+
+def _words(date: Text, reading: DateReading) -> str:
+    taken = read_date(date.text, reading, None)
+    if taken is None:
+        return "no date, so that the document is refused,"
+    if not taken.readable:
+        return "long past"
+    shown = taken.instant.replace(tzinfo=None).isoformat(timespec="seconds")
+    return f"{shown} in the robot's zone" if taken.local else f"{shown}Z"
+
+
+PORTABILITY: tuple[Rule[Any], ...] = (expression_malformed, date_not_portable)

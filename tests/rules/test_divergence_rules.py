@@ -1,0 +1,477 @@
+"""KA6: implementations differ exactly where these rules say so, and a keystore of one meaning has no finding."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+from zoneinfo import ZoneInfo
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from keystore_audit.findings import Finding, Location, Result, Severity
+from keystore_audit.keystore.governance import DomainRange
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.permissions import Criterion, Operation, Rule
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.decision import LocalRights
+from keystore_audit.model.divergence import divergences
+from keystore_audit.model.effective import EffectiveRights
+from keystore_audit.model.interpret import build_systems
+from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.meaning import Divergence
+from keystore_audit.model.profiles import DEFAULT, VARIANTS, Profile
+from keystore_audit.model.substitution import Cause
+from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.model.usability import Usabilities
+from keystore_audit.rules import RULES
+from keystore_audit.rules.divergence import DIVERGENCE
+from keystore_audit.rules.judge import judge
+from keystore_audit.rules.portability import PORTABILITY
+from keystore_audit.rules.rule_order import RULE_ORDER
+from tests.rules.evidence import (
+    AT,
+    allow,
+    context,
+    domain_rule,
+    enclave,
+    governance,
+    grant,
+    healthy,
+    keystore,
+    meaning,
+    permissions,
+    text,
+    topic_rule,
+)
+
+P7S = "enclaves/talker/permissions.p7s"
+OWN = (*DIVERGENCE, *RULE_ORDER, *PORTABILITY)
+Domains = tuple[tuple[int | None, int | None], ...]
+Listed = Sequence[tuple[Sequence[str], Sequence[str] | None]]
+"""Criteria: topics, and partitions if any are listed."""
+
+
+def ruled(
+    *,
+    allows: bool = True,
+    domains: Domains = ((0, 0),),
+    line: int = 42,
+    **criteria: Listed,
+) -> Rule:
+    """A rule with the criteria of `publish`, `subscribe` and `relay`."""
+    return Rule(
+        allow=allows,
+        domains=tuple(DomainRange(low=low, high=high, line=line) for low, high in domains),
+        criteria=tuple(
+            Criterion(
+                operation=Operation(operation),
+                topics=tuple(text(topic, line) for topic in topics),
+                partitions=None if partitions is None else tuple(text(each, line) for each in partitions),
+                data_tags=False,
+                line=line,
+            )
+            for operation, listed in criteria.items()
+            for topics, partitions in listed
+        ),
+        line=line,
+    )
+
+
+def talking(*rules: Rule, governed: Any = None, **more: Any) -> Keystore:
+    """The healthy keystore with these rules in the talker's grant, and a governance for both."""
+    shared = {} if governed is None else {"governance": governed}
+    own = permissions(P7S, grant("/talker", *rules, **more))
+    return keystore(enclave("/talker", permissions=own, **shared), enclave("/listener", **shared))
+
+
+def chosen(*names: str) -> tuple[Profile, ...]:
+    return tuple(VARIANTS[name] for name in names or DEFAULT)
+
+
+def views(store: Keystore, zone: str | None = None) -> AccessViews:
+    return AccessViews(documents_of(store), AT, ZoneInfo(zone) if zone else None)
+
+
+def compared(
+    store: Keystore, *names: str, domain: int | None = None, zone: str | None = None
+) -> tuple[Divergence, ...]:
+    return divergences(store, chosen(*names), AT, views(store, zone), domain)
+
+
+def spoken(store: Keystore, *names: str, domain: int | None = None, zone: str | None = None) -> tuple[Finding, ...]:
+    """What the rules of KA6 find."""
+    found = compared(store, *names, domain=domain, zone=zone)
+    about = context(store, profiles=chosen(*names), meaning=meaning(divergences=found))
+    return judge(about, OWN).findings
+
+
+def codes(store: Keystore, *names: str, **more: Any) -> list[str]:
+    return sorted({finding.code for finding in spoken(store, *names, **more)})
+
+
+COMMAND: Listed = ((("rt/cmd_vel",), None),)
+LAB: Listed = ((("rt/cmd_vel",), ("lab",)),)
+BOTH: Domains = ((0, 0), (5, 5))
+TWO_DOMAINS = governance(domain_rule(domains=BOTH))
+LOOSE = governance(domain_rule(topic_rule("rt/clock", enable_write_access_control=False), topic_rule(), domains=BOTH))
+SHADOWED = governance(
+    domain_rule(topic_rule("rt/clock"), topic_rule("rt/c*", enable_write_access_control=False), topic_rule())
+)
+TONGA = text("2027-01-01T00:00:00+13:00", 40)
+
+CASES: dict[str, tuple[Keystore, dict[str, Any], list[str]]] = {
+    "KA601": (talking(allow(["rt/a"]), governed=TWO_DOMAINS), {}, ["KA601"]),
+    "KA602": (talking(allow(["rt/a"]), governed=LOOSE), {}, ["KA601", "KA602"]),
+    "KA603": (healthy(), {"domain": 7}, ["KA603"]),
+    "KA604": (talking(ruled(allows=False, publish=LAB), ruled(publish=COMMAND)), {}, ["KA604", "KA608"]),
+    "KA605": (talking(ruled(allows=False, publish=COMMAND), ruled(publish=LAB)), {}, ["KA605"]),
+    "KA606": (talking(ruled(publish=[(["rt/a"], ["p"]), (["rt/b"], ["q"])])), {}, ["KA606"]),
+    "KA607": (talking(ruled(publish=[(["rt/a"], ["p"])]), ruled(publish=[(["rt/a"], ["q"])])), {}, ["KA607"]),
+    "KA608": (talking(ruled(allows=False, publish=COMMAND), ruled(subscribe=COMMAND)), {}, ["KA608"]),
+    "KA609": (talking(allow(["rt/a"]), ruled(relay=COMMAND)), {}, ["KA609"]),
+    "KA610": (talking(allow(["rt/arm_[^s]"])), {}, ["KA610"]),
+    "KA611": (talking(allow(["rt/arm_[ab"], allows=False), allow(["rt/a"])), {}, ["KA611"]),
+    "KA612": (talking(not_before=TONGA), {}, ["KA612"]),
+    "KA613": (talking(not_after=text("2099-01-01T00:00:00+02:00", 41)), {}, ["KA613"]),
+    "KA614": (
+        talking(
+            allow(["rt/a"], domains=[(0, None)], allows=False), allow(["rt/a"], domains=BOTH), governed=TWO_DOMAINS
+        ),
+        {},
+        ["KA614"],
+    ),
+    "KA615": (talking(governed=SHADOWED), {"names": ("spec", "opendds")}, ["KA615"]),
+    "KA616": (healthy(), {}, []),
+}
+"""A keystore in which the rule speaks; of KA616, which speaks of what has no rule, see below."""
+
+
+@pytest.mark.parametrize("code", CASES)
+def test_one_cause_makes_one_rule_speak(code: str) -> None:
+    store, options, expected = CASES[code]
+    assert codes(store, *options.pop("names", ()), **options) == expected
+
+
+def test_a_stock_keystore_has_one_meaning() -> None:
+    for names in (DEFAULT, ("fastdds-3.6", "cyclonedds-0.10"), ("spec",)):
+        assert compared(healthy(), *names) == ()
+    wide = talking(allow(["rt/*", "rq/*Request"], ["rr/*/_action/?"]))
+    assert compared(wide) == ()
+    assert codes(wide) == []
+
+
+def test_only_chosen_profiles_are_compared() -> None:
+    """Both Fast DDS differ from the specification, and not from each other."""
+    store = CASES["KA606"][0]
+    assert compared(store, "fastdds-2.14", "fastdds-3.6") == ()
+    found = compared(store, "fastdds-2.14", "cyclonedds-0.10")
+    assert [(each.cause, each.escalates) for each in found] == [(Cause.CROSSED_PARTITIONS, True)]
+
+
+@pytest.mark.parametrize(
+    ("code", "severity"),
+    [
+        ("KA601", Severity.MEDIUM),  # their own endpoints alone: peers refuse
+        ("KA604", Severity.MEDIUM),
+        ("KA605", Severity.HIGH),
+        ("KA606", Severity.HIGH),
+        ("KA607", Severity.MEDIUM),
+        ("KA608", Severity.MEDIUM),
+        ("KA609", Severity.HIGH),
+        ("KA610", Severity.HIGH),
+        ("KA612", Severity.HIGH),
+        ("KA613", Severity.LOW),
+        ("KA614", Severity.HIGH),
+    ],
+)
+def test_whoever_may_do_more_than_the_specification_says_is_worse(code: str, severity: Severity) -> None:
+    store, options, _ = CASES[code]
+    assert {finding.severity for finding in spoken(store, **options) if finding.code == code} == {severity}
+
+
+def test_a_finding_says_who_does_what_where() -> None:
+    (finding,) = spoken(CASES["KA605"][0])
+    assert finding.message == (
+        "Cyclone DDS applies a deny rule without partitions to the default one alone: /talker may publish /cmd_vel "
+        "(topic) in domain 0, partition 'lab' under Cyclone DDS 11 (lyrical, rolling), and not under DDS-Security 1.1, "
+        "Fast DDS 2.6, 2.14, 3.2, 3.6 (humble, jazzy, kilted, lyrical, rolling) and Cyclone DDS 0.10 (humble, jazzy, "
+        "kilted)."
+    )
+    assert finding.profiles == ("cyclonedds-11",)
+    assert finding.enclave == "/talker"
+
+
+def test_the_line_that_is_read_differently_comes_first() -> None:
+    deny, permit = ruled(allows=False, line=61, publish=COMMAND), ruled(line=62, subscribe=COMMAND)
+    (finding,) = spoken(talking(allow(["rt/a"]), deny, permit))
+    assert [(place.path, place.line) for place in finding.locations] == [(P7S, 61), (P7S, 62)]
+
+
+def test_many_lines_of_one_cause_are_one_finding() -> None:
+    rules = [ruled(line=60 + n, publish=[([f"rt/t{n}"], None)]) for n in range(9)]
+    (finding,) = spoken(talking(*rules, governed=TWO_DOMAINS))
+    assert (finding.code, len(finding.locations)) == ("KA601", 10)
+    assert "(9 lines)" in finding.message
+
+
+def test_another_line_is_another_finding() -> None:
+    few, more = (
+        spoken(
+            talking(*(ruled(line=60 + n, publish=[([f"rt/t{n}"], None)]) for n in range(count)), governed=TWO_DOMAINS)
+        )
+        for count in (2, 3)
+    )
+    assert few[0].fingerprint != more[0].fingerprint
+
+
+def test_relaying_lets_a_reader_read_on_fast_dds() -> None:
+    (found,) = compared(CASES["KA609"][0], "spec", "fastdds-3.6")
+    assert found.example is not None
+    assert (found.example.operation, found.example.decided) == (Operation.SUBSCRIBE, False)
+    assert (found.example.allowing, found.example.denying) == (("fastdds-3.6",), ("spec",))
+
+
+def test_dates_in_the_zone_of_the_robot() -> None:
+    """Until noon it is in force, and it is noon in London: in Berlin it is one, in New York seven."""
+    store = talking(not_after=text("2026-11-21T12:30:00", 41))
+    assert codes(store, zone="Europe/London") == []
+    assert codes(store, zone="America/New_York") == []
+    (finding,) = spoken(store, zone="Europe/Berlin")
+    assert (finding.code, finding.severity, finding.locations[0].line) == ("KA612", Severity.HIGH, 41)
+    assert [each.cause for each in compared(store)] == [], "unknown without the zone, which others say"
+
+
+def test_midnight_at_24_is_no_date_to_fast_dds() -> None:
+    (finding,) = spoken(talking(not_after=text("2090-01-01T24:00:00", 41)), "spec", "fastdds-3.6")
+    assert (finding.code, finding.severity) == ("KA612", Severity.HIGH)
+    assert "starts under DDS-Security 1.1, and not under Fast DDS 3.6" in finding.message
+
+
+def test_what_other_rules_say_is_not_said_again() -> None:
+    spoken_for = {
+        "KA509": (talking(allow(["rt/a"]), default_allow=True), Cause.DEFAULT),
+        "KA508": (talking(allow(["rt/a"], domains=[(7, 7)])), Cause.RULE_DOMAINS),
+        "KA514": (talking(allow(["rt/a"], allows=False)), Cause.JOIN),
+        "KA515": (talking(allow(["rt/a"], domains=[(0, None)]), governed=TWO_DOMAINS), Cause.RANGE),
+        "KA420": (talking(governed=governance(domain_rule(domains=[(0, 0), (231, 231)]))), Cause.HIGHEST_DOMAIN),
+    }
+    for code, (store, cause) in spoken_for.items():
+        found = compared(store)
+        assert cause in {each.cause for each in found}, code
+        about = context(store, meaning=meaning(divergences=found))
+        said = {finding.code for finding in judge(about, RULES).findings}
+        assert code in said
+        assert {each for each in said if each.startswith("KA6")} <= {"KA601"} - (
+            {"KA601"} if code == "KA508" else set()
+        )
+
+
+def net(*causes: Cause) -> tuple[Divergence, ...]:
+    return tuple(
+        Divergence(
+            cause=cause,
+            location=Location(path=P7S, line=42),
+            other=None,
+            enclaves=("/talker",),
+            escalates=False,
+            restricts=True,
+            example=None,
+        )
+        for cause in causes
+    )
+
+
+def test_what_has_no_rule_of_its_own_is_caught() -> None:
+    about = context(meaning=meaning(divergences=net(Cause.OTHER)))
+    judged = judge(about, OWN)
+    assert [(f.code, f.severity) for f in judged.findings] == [("KA616", Severity.MEDIUM)]
+    about = context(meaning=meaning(divergences=net(Cause.UNDECIDED)))
+    judged = judge(about, OWN)
+    assert [f.code for f in judged.findings] == ["KA616"]
+    assert [o.outcome for o in judged.outcomes if o.rule == "KA616"] == [Result.OPEN]
+
+
+def test_every_cause_is_spoken_of_by_some_rule() -> None:
+    """Or it is one of those that rules about single documents speak of."""
+    elsewhere = {
+        Cause.FORM,
+        Cause.HIGHEST_DOMAIN,
+        Cause.UNAUTHENTICATED_WITH_RTPS,
+        Cause.GRANT_CHOICE,
+        Cause.DEFAULT,
+        Cause.GRANT_REQUIRED,
+        Cause.RANGE,
+    }
+    for cause in Cause:
+        about = context(meaning=meaning(divergences=net(cause)))
+        assert bool(judge(about, OWN).findings) is (cause not in elsewhere), cause
+
+
+# Random keystores, against every name one by one
+
+NAMES = tuple("".join(name) for length in (1, 2, 3) for name in product("ab^", repeat=length))
+PARTITIONS = ("", "p", "q", "pq", "x")
+DOMAINS = (0, 1, 2, 3)
+_DOMAIN_SETS: st.SearchStrategy[Domains] = st.sampled_from(
+    (((0, 0),), ((0, 0),), ((0, 3),), ((1, 1),), ((0, 0), (2, 2)), ((1, None),))
+)
+_TOPICS = st.lists(st.sampled_from(("a", "b", "ab", "*", "a*", "?b", "[ab]", "[^a]", "[!a]")), min_size=1, max_size=2)
+_PARTITIONS = st.one_of(
+    st.none(), st.lists(st.sampled_from(("p", "q", "p*", "*", "")), min_size=1, max_size=2, unique=True)
+)
+_CRITERIA = st.lists(st.tuples(_TOPICS, _PARTITIONS), max_size=2)
+_RULES = st.builds(
+    lambda allows, domains, publish, subscribe, relay: ruled(
+        allows=allows, domains=domains, publish=publish, subscribe=subscribe, relay=relay
+    ),
+    st.booleans(),
+    _DOMAIN_SETS,
+    _CRITERIA,
+    _CRITERIA,
+    st.one_of(st.just([]), st.just([]), _CRITERIA),
+)
+_DATES = st.sampled_from(
+    ("2030-01-01T00:00:00", "2030-01-01T00:00:00", "2026-11-21T18:00:00+09:00", "2020-01-01T00:00:00")
+)
+_GOVERNANCES = st.builds(
+    lambda domains, read, write, join: governance(
+        domain_rule(
+            topic_rule("a*", enable_read_access_control=read, enable_write_access_control=write),
+            topic_rule(),
+            domains=domains,
+            enable_join_access_control=join,
+        )
+    ),
+    st.sampled_from((((0, 0),), ((0, 0),), ((0, 2),))),
+    *(st.sampled_from((True, True, True, False)) for _ in range(3)),
+)
+
+
+@st.composite
+def _keystores(draw: st.DrawFn) -> Keystore:
+    """Two enclaves under one governance; the talker's document may hold a grant for the listener too."""
+    governed = draw(_GOVERNANCES)
+    grants = {
+        path: [
+            grant(
+                path,
+                *draw(st.lists(_RULES, min_size=1, max_size=3)),
+                not_after=text(draw(_DATES), 41),
+                default_allow=draw(st.sampled_from((False, False, False, True))),
+            )
+            for _ in range(draw(st.sampled_from((1, 1, 1, 2))))
+        ]
+        for path in ("/talker", "/listener")
+    }
+    if draw(st.booleans()):
+        grants["/talker"].append(grant("/listener", draw(_RULES)))
+    return keystore(
+        *(
+            enclave(path, governance=governed, permissions=permissions(f"enclaves{path}/permissions.p7s", *own))
+            for path, own in grants.items()
+        )
+    )
+
+
+@dataclass(frozen=True)
+class Point:
+    """One question."""
+
+    enclave: str
+    operation: Operation
+    topic: str
+    partition: str
+    domain: int
+    decided: bool
+
+
+def one_by_one(store: Keystore, profiles: Sequence[Profile], accesses: AccessViews) -> dict[Point, dict[str, bool]]:
+    """By point and profile: whether it is allowed; profiles for which that is unknown are left out."""
+    points = [(topic, partition) for topic in NAMES for partition in PARTITIONS]
+    builder = SystemBuilder(store, profiles, AT, accesses, points)
+    local, peers = LocalRights(accesses, builder.channels, AT), EffectiveRights(build_systems(builder))
+    found: dict[Point, dict[str, bool]] = {}
+    for domain in DOMAINS:
+        usabilities = Usabilities(domain, accesses)
+        for profile in profiles:
+            for each in store.enclaves:
+                usable = usabilities.of(each, AT, profile).usable
+                for operation in Operation:
+                    allowed = local.allowed(each, profile, operation) if usable else 0
+                    sets = [(True, allowed, allowed if usable is not None else -1)]
+                    must, may = (ask(each.path, profile.name, operation) for ask in (peers.must, peers.may))
+                    sets.append((False, must, may))
+                    for number, (topic, partition) in enumerate(points):
+                        channel = builder.channels.of_point(domain, number)
+                        for decided, certainly, perhaps in sets:
+                            if certainly >> channel & 1 == perhaps >> channel & 1:
+                                point = Point(each.path, operation, topic, partition, domain, decided)
+                                found.setdefault(point, {})[profile.name] = bool(certainly >> channel & 1)
+    return found
+
+
+def starting(store: Keystore, profiles: Iterable[Profile], accesses: AccessViews) -> Iterator[tuple[str, bool]]:
+    """Enclaves and whether they start, for each profile that knows."""
+    usabilities = Usabilities(None, accesses)
+    for each in store.enclaves:
+        for profile in profiles:
+            usable = usabilities.of(each, AT, profile).usable
+            if usable is not None:
+                yield each.path, usable
+
+
+def enclaves_that_differ(store: Keystore, profiles: Sequence[Profile], accesses: AccessViews) -> set[str]:
+    answers = one_by_one(store, profiles, accesses)
+    differing = {point.enclave for point, by_profile in answers.items() if len({*by_profile.values()}) > 1}
+    starts: dict[str, set[bool]] = {}
+    for path, usable in starting(store, profiles, accesses):
+        starts.setdefault(path, set()).add(usable)
+    return differing | {path for path, answered in starts.items() if len(answered) > 1}
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    store=_keystores(),
+    names=st.sampled_from(
+        (DEFAULT, ("spec", "cyclonedds-11"), ("fastdds-2.14", "cyclonedds-0.10"), ("spec", "opendds"))
+    ),
+    zone=st.sampled_from((None, "Asia/Tokyo")),
+)
+def test_a_divergence_is_found_iff_some_name_is_decided_differently(
+    store: Keystore, names: tuple[str, ...], zone: str | None
+) -> None:
+    profiles = chosen(*names)
+    found = compared(store, *names, zone=zone)
+    differing = enclaves_that_differ(store, profiles, views(store, zone))
+    assert {path for each in found for path in each.enclaves} == differing
+    assert Cause.OTHER not in {each.cause for each in found}
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(store=_keystores(), zone=st.sampled_from((None, "Asia/Tokyo")))
+def test_examples_hold(store: Keystore, zone: str | None) -> None:
+    """What a finding says of a name is what each profile answers when it is asked for that name alone."""
+    profiles = chosen()
+    accesses = views(store, zone)
+    for divergence in compared(store, zone=zone):
+        example = divergence.example
+        if example is None:
+            continue
+        builder = SystemBuilder(store, profiles, AT, accesses, [(example.topic, example.partition)])
+        local, peers = LocalRights(accesses, builder.channels, AT), EffectiveRights(build_systems(builder))
+        channel = builder.channels.of_point(example.domain, 0)
+        usabilities = Usabilities(example.domain, accesses)
+        each: Enclave = next(one for one in store.enclaves if one.path == example.enclave)
+        for profile in profiles:
+            if example.decided:
+                usable = usabilities.of(each, AT, profile).usable
+                allowed = local.allowed(each, profile, example.operation) if usable else 0
+            else:
+                allowed = peers.must(each.path, profile.name, example.operation)
+            assert (profile.name in example.allowing) is bool(allowed >> channel & 1)
+        assert example.allowing
+        assert example.denying

@@ -1,0 +1,239 @@
+"""Pairs for KA6: one keystore, several meanings. Each is about the talker, under the default profiles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from .base import LISTENER_GRANT, ONE, QUIET, TALKER, TWO, governed, listener, with_grant
+from .documents import DISCOVERY, Criterion, Permissions, Rule, TopicRule
+from .store import Store
+from .story import Case, Story, pair
+
+COMMAND = "rt/cmd_vel"
+BOTH = (0, 5)
+"""Domains of a robot and of its test bench."""
+
+
+def stories() -> Iterator[Story]:
+    """All pairs of KA6."""
+    yield from _participants()
+    yield from _partitions()
+    yield from _rules()
+    yield from _values()
+
+
+def _rules_of(*rules: Rule) -> Store:
+    return with_grant(rules=(*rules, DISCOVERY))
+
+
+def _in(store: Store, *domains: int, **fields: object) -> Store:
+    """The keystore with its governance for these domains."""
+    return governed(store, replace(QUIET, domains=domains, **fields))  # type: ignore[arg-type]
+
+
+def _for(domains: tuple[int, ...], *rules: Rule) -> tuple[Rule, ...]:
+    return tuple(replace(rule, domains=domains) for rule in (*rules, DISCOVERY))
+
+
+def _participants() -> Iterator[Story]:
+    talking = Rule(publish=("rt/chatter",))
+    yield from pair(
+        "KA601",
+        "rule-of-another-domain",
+        bad=Case(
+            "The governance covers domains 0 and 5, the talker's rules are for domain 0. Fast DDS does not look at the "
+            "domain of a rule when it asks about its own endpoints: the talker publishes in domain 5 as well.",
+            _in(ONE, *BOTH),
+        ),
+        good=Case("The talker's rules are for both domains.", _in(with_grant(rules=_for(BOTH, talking)), *BOTH)),
+    )
+    open_topic = (TopicRule(expression="rt/clock", write_access_control=False), TopicRule())
+    yield from pair(
+        "KA602",
+        "join-checked-differently",
+        bad=Case(
+            "The governance covers domains 0 and 5 and lets everybody publish /clock; the talker's rules are for "
+            "domain 0. Cyclone DDS asks no permissions of who joins a domain with such a topic: the talker starts in "
+            "domain 5, which the specification denies.",
+            _in(ONE, *BOTH, topics=open_topic),
+        ),
+        good=Case(
+            "The talker's rules are for both domains.",
+            _in(with_grant(rules=_for(BOTH, talking)), *BOTH, topics=open_topic),
+        ),
+    )
+    yield from pair(
+        "KA603",
+        "starts-in-ungoverned-domain",
+        bad=Case(
+            "The robot is in domain 7, the governance covers domain 0. Fast DDS starts all the same, with nothing "
+            "protected and without a topic; the others refuse.",
+            ONE,
+        ),
+        good=Case(
+            "Governance and permissions are for domain 7 as well.",
+            _in(with_grant(rules=_for((0, 7), talking)), 0, 7),
+        ),
+        options=("--domain", "7"),
+    )
+
+
+def _partitions() -> Iterator[Story]:
+    command = Rule(publish=(COMMAND,))
+    here = Rule(publish=(Criterion(topics=(COMMAND,), partitions=("lab",)),))
+    yield from pair(
+        "KA604",
+        "deny-rule-with-partitions",
+        bad=Case(
+            "The talker may not publish /cmd_vel in the partition lab, and may elsewhere. Fast DDS does not look at "
+            "the partitions of a deny rule and denies it everywhere; so does Cyclone DDS 0.10, in its own way.",
+            _rules_of(replace(here, allow=False), command),
+        ),
+        good=Case("Only what is allowed is written: the default partition.", _rules_of(command)),
+    )
+    yield from pair(
+        "KA605",
+        "deny-rule-without-partitions",
+        bad=Case(
+            "A deny rule takes /cmd_vel from the talker, a later one allows it in the partition lab. The specification "
+            "denies it in every partition, Cyclone DDS 11 in the default one alone: there the talker drives in lab.",
+            _rules_of(replace(command, allow=False), here),
+        ),
+        good=Case("Neither rule: what is not allowed is denied.", ONE),
+    )
+    apart = (
+        Criterion(topics=("rt/chatter",), partitions=("public",)),
+        Criterion(topics=("rt/map",), partitions=("private",)),
+    )
+    yield from pair(
+        "KA606",
+        "partitions-of-several-criteria",
+        bad=Case(
+            "One rule allows /chatter in the partition public and /map in private. Fast DDS puts the partitions of "
+            "both together: the talker publishes /map in public.",
+            _rules_of(Rule(publish=apart)),
+        ),
+        good=Case("A rule for each partition.", _rules_of(*(Rule(publish=(criterion,)) for criterion in apart))),
+    )
+    two = tuple(Rule(publish=(Criterion(topics=("rt/map",), partitions=(name,)),)) for name in ("east", "west"))
+    yield from pair(
+        "KA607",
+        "later-rule-for-other-partitions",
+        bad=Case(
+            "A rule allows /map in the partition east, the next one in west. Fast DDS stops at the first that lists "
+            "the topic: nothing is published in west.",
+            _rules_of(*two),
+        ),
+        good=Case(
+            "One rule lists both partitions.",
+            _rules_of(Rule(publish=(Criterion(topics=("rt/map",), partitions=("east", "west")),))),
+        ),
+    )
+
+
+def _rules() -> Iterator[Story]:
+    denied = replace(LISTENER_GRANT, rules=(Rule(publish=("rt/chatter",), allow=False), *LISTENER_GRANT.rules))
+    yield from pair(
+        "KA608",
+        "deny-rule-blocks-topic",
+        bad=Case(
+            "The listener may not publish /chatter, says a deny rule, and may subscribe to it. Cyclone DDS 0.10 denies "
+            "the whole topic to it: the listener hears nothing.",
+            replace(TWO, enclaves=(TALKER, listener(permissions=Permissions(grants=(denied,))))),
+        ),
+        good=Case("No deny rule: what is not allowed is denied.", TWO),
+    )
+    yield from pair(
+        "KA609",
+        "relay-read-differently",
+        bad=Case(
+            "The talker may relay /camera, which the specification means for passing on what it cannot read. Fast DDS "
+            "gives its reader the samples in plain.",
+            _rules_of(Rule(publish=("rt/chatter",)), Rule(relay=("rt/camera",))),
+        ),
+        good=Case("Nothing is relayed.", ONE),
+    )
+    yield from pair(
+        "KA610",
+        "expression-read-differently",
+        bad=Case(
+            "The talker may publish arm_[^s]: on every arm but s, as Fast DDS reads it. Cyclone DDS reads the "
+            "arms ^ and s: the one that was to be left out.",
+            _rules_of(Rule(publish=("rt/arm_[^s]",))),
+        ),
+        good=Case("The arms are named.", _rules_of(Rule(publish=("rt/arm_a", "rt/arm_b")))),
+    )
+    yield from pair(
+        "KA611",
+        "expression-malformed",
+        bad=Case(
+            "Somebody wanted to keep the talker from the arms a and b, and forgot the closing bracket: the rule denies "
+            "one odd name, or none. Nothing else allows the arms today.",
+            _rules_of(Rule(publish=("rt/arm_[ab",), allow=False), Rule(publish=("rt/chatter",))),
+        ),
+        good=Case(
+            "The bracket is closed.",
+            _rules_of(Rule(publish=("rt/arm_[ab]",), allow=False), Rule(publish=("rt/chatter",))),
+        ),
+    )
+
+
+def _values() -> Iterator[Story]:
+    yield from pair(
+        "KA612",
+        "date-read-differently",
+        bad=Case(
+            "The grant begins on New Year's Day in Tonga, whose zone is 13 hours ahead. Cyclone DDS reads zones up to "
+            "12 hours and takes the date for long past: the talker has its rights six weeks early.",
+            with_grant(not_before="2027-01-01T00:00:00+13:00"),
+        ),
+        good=Case("The same instant in UTC.", with_grant(not_before="2026-12-31T11:00:00")),
+    )
+    yield from pair(
+        "KA613",
+        "date-not-portable",
+        bad=Case(
+            "The grant ends at midnight in Helsinki. Fast DDS does not read the zone: there it ends two hours later on "
+            "a robot that is set to UTC.",
+            with_grant(not_after="2100-01-01T00:00:00+02:00"),
+        ),
+        good=Case("It ends at the same instant, in UTC.", with_grant(not_after="2099-12-31T22:00:00")),
+    )
+    everywhere = Rule(publish=(COMMAND,), domains=BOTH)
+    yield from pair(
+        "KA614",
+        "range-lets-more",
+        bad=Case(
+            "The talker may not publish /cmd_vel from domain 0 on, which the specification reads as everywhere, Fast "
+            "DDS and Cyclone DDS as domain 0: in domain 5 the next rule allows it.",
+            _in(
+                with_grant(
+                    rules=(
+                        replace(everywhere, domains=((0, None),), allow=False),
+                        everywhere,
+                        *_for(BOTH, Rule(publish=("rt/chatter",))),
+                    )
+                ),
+                *BOTH,
+            ),
+        ),
+        good=Case(
+            "Neither rule: what is not allowed is denied.",
+            _in(with_grant(rules=_for(BOTH, Rule(publish=("rt/chatter",)))), *BOTH),
+        ),
+    )
+    clock = TopicRule(expression="rt/clock", write_access_control=False)
+    yield from pair(
+        "KA615",
+        "any-governance-rule-counts",
+        bad=Case(
+            "/clock is under access control, and every topic that begins with c is not. Of rules that match a topic "
+            "the first decides; on OpenDDS one without access control is enough, and the talker sets the clock.",
+            _in(ONE, 0, topics=(TopicRule(expression="rt/clock"), replace(clock, expression="rt/c*"), TopicRule())),
+        ),
+        good=Case(
+            "The rule without access control is the first that matches.", _in(ONE, 0, topics=(clock, TopicRule()))
+        ),
+        options=("--profile", "spec", "--profile", "opendds"),
+    )
