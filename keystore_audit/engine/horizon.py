@@ -63,6 +63,9 @@ def horizon(
         if not why:
             changes = map(_status_change, native.answers, native.statuses(moment))
             why = next((change for change in changes if change), "")
+        if not why:
+            enclave = next((label for label in native.changed_rights(moment) if label is not None), None)
+            why = f"{enclave}: its grants give it other rights" if enclave is not None else ""
         if why:
             return Horizon(instant=earliest, why=why)
     return Horizon(instant=None, why="no date in the keystore changes anything")

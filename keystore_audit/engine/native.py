@@ -6,7 +6,7 @@ Independent of Alloy, which decides the same questions from the same `System` wi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import islice
 
@@ -54,6 +54,20 @@ class NativeEngine:
     def statuses(self, moment: int) -> tuple[dict[str, Status], ...]:
         """For each system the status of each property at `moment`, by id."""
         return tuple(_Questions(s, moment, self._shared(s)).statuses() for s in self.systems)
+
+    def changed_rights(self, moment: int) -> tuple[str | None, ...]:
+        """For each system an enclave for which documents grant something else at `moment` than now, by its label."""
+        return tuple(self._changed_rights(system, moment) for system in self.systems)
+
+    def _changed_rights(self, system: System, moment: int) -> str | None:
+        decisions = self._shared(system)
+        now, then = Permissions(system, None, decisions), Permissions(system, moment, decisions)
+        documents = frozenset(range(len(system.documents)))
+        for enclave in system.enclaves:
+            before, after = now.chosen(enclave.identity, documents), then.chosen(enclave.identity, documents)
+            if before != after and _granted(now, before) != _granted(then, after):
+                return enclave.label
+        return None
 
     def _shared(self, system: System) -> Decisions:
         """Decisions for all systems that hold the same grants, rules and channels, as one keystore's mostly do."""
@@ -212,6 +226,16 @@ class _Questions:
                 reader = view.granted(enclave, Operation.SUBSCRIBE)
                 forged = view.abilities(enclave).forges & reader & written
                 yield from _channels(realm, forged & ~view.granted(enclave, Operation.PUBLISH), enclave)
+
+
+def _granted(permissions: Permissions, grants: Iterable[int]) -> tuple[int, ...]:
+    """What the grants give together: channels for each operation, and domains."""
+    given = [0] * (len(Operation) + 1)
+    for grant in grants:
+        for place, operation in enumerate(Operation):
+            given[place] |= permissions.allowed(grant, operation)
+        given[-1] |= permissions.joins(grant)
+    return tuple(given)
 
 
 def _channels(realm: int, channels: int, enclave: int | None = None) -> Iterator[Witness]:

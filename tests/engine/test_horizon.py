@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import datetime, timedelta
 from pathlib import Path
+from zoneinfo import ZoneInfo
 
 import pytest
 from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
@@ -11,7 +12,7 @@ from cryptography.x509 import load_pem_x509_certificate
 
 from keystore_audit.audit import Options, audit
 from keystore_audit.report.content import Report
-from tests.keystore.builder import END, START, Signed, crl, sros2
+from tests.keystore.builder import END, START, Signed, crl, signed_document, sros2
 
 
 def audited(root: Path, at: datetime, *, days: int = 0, end: datetime = END) -> Report:
@@ -43,3 +44,55 @@ def test_a_revocation_list_has_its_days(
     report = audited(tmp_path / "keys", START + timedelta(days=100), days=days, end=end)
     assert usable(report) is expected
     assert report.safe_until == until
+
+
+def with_grants(root: Path, *grants: tuple[str, str, str]) -> Path:
+    """A keystore whose talker has grants of one topic expression each, with dates; the first wins where both count."""
+    sros2(root)
+    key = load_pem_private_key((root / "private/ca.key.pem").read_bytes(), None)
+    certificate = load_pem_x509_certificate((root / "public/ca.cert.pem").read_bytes())
+    written = "".join(
+        f'<grant name="g"><subject_name>CN=/talker</subject_name><validity><not_before>{start}</not_before>'
+        f"<not_after>{end}</not_after></validity><allow_rule><domains><id>0</id></domains><publish><topics><topic>{topic}"
+        "</topic></topics></publish></allow_rule><default>DENY</default></grant>"
+        for topic, start, end in grants
+    )
+    document = f"<dds><permissions>{written}</permissions></dds>".encode()
+    signed = signed_document(document, Signed(key, certificate))  # type: ignore[arg-type]
+    (root / "enclaves/talker/permissions.p7s").write_bytes(signed)
+    return root
+
+
+WIDER_LATER = (
+    ("*", "2025-01-01T00:00:00", "2033-01-01T00:00:00"),
+    ("rt/a", "2024-01-01T00:00:00", "2033-01-01T00:00:00"),
+)
+
+
+@pytest.mark.parametrize(
+    ("zone", "until"),
+    [
+        (None, "2024-12-31T10:00:00+00:00"),
+        ("UTC", "2025-01-01T00:00:00+00:00"),
+        ("Asia/Tokyo", "2024-12-31T15:00:00+00:00"),
+    ],
+)
+def test_a_wider_grant_that_begins_ends_what_the_audit_says(tmp_path: Path, zone: str | None, until: str) -> None:
+    """Fast DDS reads local time: without the zone, what it says may change 14 hours before."""
+    options = Options(
+        at=START + timedelta(days=100),
+        engine="native",
+        profiles=("fastdds-3.6",),
+        time_zone=ZoneInfo(zone) if zone else None,
+    )
+    report = audit(with_grants(tmp_path / "keys", *WIDER_LATER), options)
+    assert report.safe_until == datetime.fromisoformat(until)
+    assert report.safe_until_why == "/talker: its grants give it other rights"
+
+
+def test_a_grant_that_begins_and_gives_no_more_changes_nothing(tmp_path: Path) -> None:
+    same = (("rt/a", WIDER_LATER[0][1], WIDER_LATER[0][2]), WIDER_LATER[1])
+    options = Options(at=START + timedelta(days=100), engine="native", profiles=("spec",))
+    assert audit(with_grants(tmp_path / "keys", *same), options).safe_until > datetime.fromisoformat(
+        "2030-01-01T00:00:00+00:00"
+    )
