@@ -26,7 +26,7 @@ from keystore_audit.model.divergence_values import LocalValues, PeerValues, Valu
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.meaning import Divergence, Example
 from keystore_audit.model.names import AMBIENT_TOPICS
-from keystore_audit.model.permission import members
+from keystore_audit.model.permission import bits, members
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.substitution import PARTITION_CAUSES, Cause, PlainPairs, Reader, Stages, odd_documents
 from keystore_audit.model.systems import SystemBuilder
@@ -43,6 +43,7 @@ class _Found:
     enclaves: dict[str, None] = field(default_factory=dict)
     escalates: bool = False
     restricts: bool = False
+    ros: bool = False
     example: Example | None = None
     rank: tuple[object, ...] = ()
     starting: tuple[str, ...] = ()
@@ -114,6 +115,7 @@ def _undecided(odd: Collection[GovernanceFile | PermissionsFile], keystore: Keys
         enclaves=(),
         escalates=False,
         restricts=False,
+        ros=True,
         example=None,
     )
 
@@ -124,6 +126,7 @@ class _Comparison:
     def __init__(self, readers: Sequence[Reader], channels: Channels, lines: Lines) -> None:
         self._readers = readers
         self._channels = channels
+        self._ros = bits(number for number, channel in enumerate(channels.channels) if channel.ros)
         self._lines = lines
         self._found: dict[tuple[str, int, Cause], _Found] = {}
         self._explained: dict[tuple[str, Operation], int] = {}
@@ -142,7 +145,7 @@ class _Comparison:
                 found = self._note(enclave, cured, self._lines.start(enclave, before, after), None, reader)
                 found.escalates |= more
                 found.restricts |= not more
-                found.starting, found.refusing = starting, refusing
+                found.starting, found.refusing, found.ros = starting, refusing, True
 
     def decisions(self, enclave: Enclave, operation: Operation, local: LocalValues) -> None:
         """Compares the decisions about an operation of the enclave's own participants."""
@@ -178,6 +181,7 @@ class _Comparison:
                 enclaves=tuple(found.enclaves),
                 escalates=found.escalates,
                 restricts=found.restricts,
+                ros=found.ros,
                 example=found.example,
                 starting=found.starting,
                 refusing=found.refusing,
@@ -238,7 +242,8 @@ class _Comparison:
         """Adds channels with the best example among them: one that is worse, then one that people know."""
         found.escalates |= more
         found.restricts |= not more
-        for number in islice(members(channels), MAX_WITNESSES):
+        found.ros |= bool(channels & self._ros)
+        for number in islice(members(channels & self._ros or channels), MAX_WITNESSES):
             channel = self._channels.channels[number]
             known = channel.ros and channel.topic not in AMBIENT_TOPICS
             rank = (not more, not decided, operation is Operation.RELAY, not known, channel.partition, channel.topic)

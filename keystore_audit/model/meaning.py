@@ -67,9 +67,9 @@ class Divergence:
 
     `location`: the line that decides differently, `other`: the one that decides where it does not. `escalates`:
     somewhere a chosen profile allows what the specification denies; `restricts`: somewhere one denies what it allows.
-    `example`: None where only the start differs. `starting`, `refusing`: chosen profiles that create a participant of
-    some of the `enclaves` (paths), and that do not; empty where that does not differ. `deviating`: profiles that do
-    otherwise than the specification there.
+    `ros`: whether that concerns names that ROS 2 can produce, or the start. `example`: None where only the start
+    differs. `starting`, `refusing`: chosen profiles that create a participant of some of the `enclaves` (paths), and
+    that do not; empty where that does not differ. `deviating`: profiles that do otherwise than the specification.
     """
 
     cause: Cause
@@ -78,6 +78,7 @@ class Divergence:
     enclaves: tuple[str, ...]
     escalates: bool
     restricts: bool
+    ros: bool
     example: Example | None
     starting: tuple[str, ...] = ()
     refusing: tuple[str, ...] = ()

@@ -54,11 +54,18 @@ def _violation(found: Sequence[Divergence], why: str) -> Violation:
         message=f"{why}{more}: {_consequence(worst, enclaves)}",
         locations=places(_locations(found)),
         enclave=enclaves[0] if len(enclaves) == 1 else None,
-        severity=Severity.HIGH if harmful else None,
+        severity=_severity(harmful=harmful, ros=any(divergence.ros for divergence in found)),
         profiles=tuple(name for name in VARIANTS if any(name in divergence.deviating for divergence in found)),
         # What is done differently is part of it: another line is not hidden by one that was accepted before.
         key="\n".join(sorted(_key(divergence) for divergence in found)),
     )
+
+
+def _severity(*, harmful: bool, ros: bool) -> Severity | None:
+    """One step less where all names concerned are such that no ROS 2 node has them. None: the rule's."""
+    if harmful:
+        return Severity.HIGH if ros else Severity.MEDIUM
+    return None if ros else Severity.LOW
 
 
 def _rank(divergence: Divergence) -> tuple[object, ...]:

@@ -12,7 +12,7 @@ from keystore_audit.model.profiles import DateReading, Profile
 from keystore_audit.model.substitution import Cause
 from keystore_audit.model.validity import read_date
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.permissions import WRITE_AGAIN, all_grants
+from keystore_audit.rules.permissions import WRITE_AGAIN, all_grants, instant_of
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks
 from keystore_audit.rules.wording import implementations, places, quoted, sole
@@ -105,7 +105,8 @@ def date_not_portable(use: PermissionsUse, context: Context) -> Iterator[Violati
     """A date of a grant names different instants to different implementations, even on robots that are set to UTC.
 
     Fast DDS passes over the zone that a date names; Cyclone DDS takes years beyond 2262 and zones beyond 12 hours for
-    long past. Where that decides something now, date-read-differently says so in place of this.
+    long past. Where that decides something now, date-read-differently says so in place of this; permissions-ambiguous
+    has what is no date to the specification.
     """
     spoken = _spoken(use, context, Cause.DATE)
     odd: dict[str, Text] = {}
@@ -115,7 +116,7 @@ def date_not_portable(use: PermissionsUse, context: Context) -> Iterator[Violati
     for grant in all_grants(use):
         for date in (grant.not_before, grant.not_after):
             taken = {_reading(date, reading) for reading in readings}
-            if len(taken) > 1 and date.line not in spoken:
+            if len(taken) > 1 and date.line not in spoken and instant_of(date) is not None:
                 odd.setdefault(date.text, date)
     for date in odd.values():
         says = "; ".join(f"{_words(date, reading)} to {implementations(who)}" for reading, who in readings.items())
