@@ -20,6 +20,7 @@ from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.effective import EffectiveRights
 from keystore_audit.model.interpret import build_systems
 from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.question import Answer, Question, Ruling, joint
 from keystore_audit.model.systems import SystemBuilder
@@ -75,9 +76,11 @@ class Access:
         by_kind: dict[object, Answer] = {}
         answers = {}
         for profile in self._profiles:
-            kind = usabilities.kind(profile)  # profiles of one kind read everything here alike
+            unclear = self._accesses.unclear_name(question.topic, question.partition, profile)
+            kind = (usabilities.kind(profile), unclear)  # profiles of one kind read everything here alike
             if kind not in by_kind:
-                by_kind[kind] = self._answer(enclave, question, channel, profile, usabilities)
+                usability = usabilities.of(enclave, self._at, profile)
+                by_kind[kind] = self._answer(enclave, question, channel, profile, usability, unclear)
             answers[profile.name] = by_kind[kind]
         return answers
 
@@ -89,10 +92,14 @@ class Access:
         }
 
     def _answer(
-        self, enclave: Enclave, question: Question, channel: int, profile: Profile, usabilities: Usabilities
+        self,
+        enclave: Enclave,
+        question: Question,
+        channel: int,
+        profile: Profile,
+        usability: Usability,
+        unclear: str | None,
     ) -> Answer:
-        usability = usabilities.of(enclave, self._at, profile)
-        unclear = self._accesses.unclear_name(question.topic, question.partition, profile)
         location: Location | None = None
         if unclear is not None and usability.usable is not False:
             decision, reason = Ruling.UNKNOWN, unclear
@@ -104,12 +111,11 @@ class Access:
             doubtful = "whether a participant starts cannot be told"
             known = doubtful if usability.usable is None else "no participant starts"
             reason = f"{known}: {'; '.join(usability.reasons)}"
+        accepted = self._accepted(enclave, question.operation, channel, profile)
         return Answer(
             usable=usability.usable,
             decision=decision,
-            effective=Ruling.UNKNOWN
-            if unclear is not None
-            else self._accepted(enclave, question.operation, channel, profile),
+            effective=accepted if unclear is None else Ruling.UNKNOWN,
             reason=reason,
             location=location,
         )

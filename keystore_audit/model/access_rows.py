@@ -57,14 +57,14 @@ Safeguards = tuple[Safeguard, ...]
 class Row:
     """`label`: in words, raw text. `cells`: by enclave path, what it may do: operations, or those of `PARTS`.
 
-    `safeguards`: what protects its topics. `dds_only`: ROS 2 has no such name. `infinite`: it is about all names of a
+    `safeguards`: what protects its topics. `dds_only`: ROS 2 has no such name. `several`: it is about all names of a
     kind, save those that other rows are about; `excepted`: it is one of those. Only these may be without cells.
     """
 
     sort: Sort
     label: str
     dds_only: bool
-    infinite: bool
+    several: bool
     excepted: bool
     safeguards: frozenset[Safeguards]
     cells: Mapping[str, tuple[str, ...]]
@@ -108,7 +108,7 @@ class _Subject(NamedTuple):
     sort: Sort
     name: str
     partition: str
-    infinite: bool
+    several: bool
 
 
 def _subject(named: Named) -> _Subject | None:
@@ -117,24 +117,24 @@ def _subject(named: Named) -> _Subject | None:
     if parsed is None or parsed.kind not in (RosKind.SERVICE, RosKind.ACTION) or not parsed.part:
         return None
     name = parsed.name
-    if named.infinite:
+    if named.several:
         meant = {_MANGLED.sub("", expression) for expression in named.expressions}
         if not meant:
             return None
         name = " & ".join(sorted(meant))
-    return _Subject(Sort(parsed.kind.value), name, named.partition, named.infinite)
+    return _Subject(Sort(parsed.kind.value), name, named.partition, named.several)
 
 
 def _plain(table: AccessTable, group: Group, name: int, cells: Mapping[str, list[Operation]]) -> Row:
     named = table.names[name]
-    sort = Sort.REST if name == table.rest else Sort.PATTERN if named.infinite else Sort.TOPIC
-    if named.topic in AMBIENT_TOPICS and not named.infinite:
+    sort = Sort.REST if name == table.rest else Sort.PATTERN if named.several else Sort.TOPIC
+    if named.topic in AMBIENT_TOPICS and not named.several:
         sort = Sort.AMBIENT
     return Row(
         sort=sort,
         label=label(table, name),
         dds_only=not named.ros,
-        infinite=named.infinite,
+        several=named.several,
         excepted=name != table.rest,
         safeguards=frozenset({group.safeguards[name]}),
         cells={path: tuple(operation.value for operation in operations) for path, operations in cells.items()},
@@ -146,7 +146,7 @@ def label(table: AccessTable, name: int) -> str:
     named = table.names[name]
     parsed = parse_dds_name(named.topic) if named.ros else None
     short = (str(parsed) if parsed.part else parsed.name) if parsed is not None else f'"{named.topic}"'
-    if not named.infinite:
+    if not named.several:
         text = short
     elif name == table.rest:
         text = "any other name"
@@ -167,7 +167,7 @@ def _folded(
 ) -> Iterable[Row]:
     """One row for the whole service or action, and one for each of its topics with rights that are no whole."""
     parts = {name: _part(table.names[name].topic) for name in by_name}
-    if len(set(parts.values())) < len(parts):  # of infinitely many names, not all fare alike
+    if len(set(parts.values())) < len(parts):  # of several names, not all fare alike
         yield from (replace(_plain(table, group, name, cells), sort=Sort.PART) for name, cells in by_name.items())
         return
     held: dict[str, set[tuple[Operation, str]]] = {}
@@ -178,13 +178,13 @@ def _folded(
     words = {path: tuple(word for word, need in needs.items() if need <= rights) for path, rights in held.items()}
     spent = {path: {right for word in whole for right in needs[word]} for path, whole in words.items()}
     if any(words.values()) or not held:
-        kind = f"any {subject.sort.value}" if subject.infinite else subject.sort.value
+        kind = f"any {subject.sort.value}" if subject.several else subject.sort.value
         where = f" in partition {subject.partition!r}" if subject.partition else ""
         yield Row(
             sort=subject.sort,
             label=f"{subject.name} ({kind}){where}",
             dds_only=False,
-            infinite=subject.infinite,
+            several=subject.several,
             excepted=True,
             safeguards=frozenset(group.safeguards[name] for name in by_name),
             cells={path: whole for path, whole in words.items() if whole},
@@ -250,7 +250,7 @@ def _own_parameters(rows: Iterable[Row]) -> Iterable[Row]:
             sort=Sort.PARAMETERS,
             label=OWN_PARAMETERS,
             dds_only=False,
-            infinite=False,
+            several=False,
             excepted=False,
             safeguards=protected,
             cells=cells,
@@ -266,7 +266,7 @@ def folded_by_owner(rows: Iterable[Row]) -> tuple[Row, ...]:
     private: dict[object, list[tuple[Row, str]]] = {}
     for row in rows:
         owner = next(iter(row.cells), "")
-        if len(row.cells) == 1 and owner != "/" and row.label.startswith(f"{owner}/") and not row.infinite:
+        if len(row.cells) == 1 and owner != "/" and row.label.startswith(f"{owner}/") and not row.several:
             own = "~" + row.label.removeprefix(owner)
             private.setdefault((row.sort, own, row.safeguards), []).append((row, own))
         else:

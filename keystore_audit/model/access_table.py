@@ -168,7 +168,15 @@ class _Table:
         self._usabilities = Usabilities(domain, accesses)
         self._local = LocalRights(accesses, builder.channels, at)
         self._effective = EffectiveRights(systems)
-        self._infinite = bits(number for number, name in enumerate(names) if name.infinite)
+        self._unclear = {
+            profile.name: bits(
+                number
+                for number, name in enumerate(names)
+                if accesses.unclear_name(name.topic, name.partition, profile) is not None
+            )
+            for profile in profiles
+        }
+        self._several = bits(number for number, name in enumerate(names) if name.several)
         self._window = _Window(builder.channels, domain, len(names))
         self._systems = {
             name: system for system in systems if system.reading is Reading.MAY for name in system.profiles
@@ -178,7 +186,7 @@ class _Table:
         """Profiles by equal answers."""
         kinds: dict[object, list[Profile]] = {}
         for profile in self._profiles:
-            kinds.setdefault(self._usabilities.kind(profile), []).append(profile)
+            kinds.setdefault((self._usabilities.kind(profile), self._unclear[profile.name]), []).append(profile)
         groups: list[Group] = []
         for alike in kinds.values():
             enclaves = {enclave.path: self._rights(enclave, alike[0]) for enclave in self._enclaves}
@@ -194,16 +202,17 @@ class _Table:
     def _rights(self, enclave: Enclave, profile: Profile) -> EnclaveRights:
         usability = self._usabilities.of(enclave, self._at, profile)
         rights = {}
+        unclear = self._unclear[profile.name]
         for operation in Operation:
             allowed = self._allowed(enclave, profile, operation) if usability.usable else 0
             must = self._window.of(self._effective.must(enclave.path, profile.name, operation))
             may = self._window.of(self._effective.may(enclave.path, profile.name, operation))
             rights[operation] = Rights(
                 names=self._window.all,
-                allowed=allowed,
-                undecided=self._window.all if usability.usable is None else 0,
-                accepted=must,
-                disputed=may & ~must,
+                allowed=allowed & ~unclear,
+                undecided=self._window.all if usability.usable is None else unclear if usability.usable else 0,
+                accepted=must & ~unclear,
+                disputed=may & ~must | unclear,
             )
         return EnclaveRights(usable=usability.usable, reasons=usability.reasons, rights=rights)
 
@@ -213,11 +222,11 @@ class _Table:
         That it creates no topic of a witness's name says nothing of the other names of the class.
         """
         allowed = self._window.of(self._local.allowed(enclave, profile, operation))
-        if profile.local.topic_names is None or not self._infinite:
+        if profile.local.topic_names is None or not self._several:
             return allowed
         any_name = replace(profile, local=replace(profile.local, topic_names=None))
         by_rules = self._window.of(self._local.allowed(enclave, any_name, operation))
-        return allowed & ~self._infinite | by_rules & self._infinite
+        return allowed & ~self._several | by_rules & self._several
 
 
 class _Window:

@@ -24,14 +24,14 @@ DEFAULT_PARTITION: Final = ""
 class Named:
     """The topic names of one class, in a class of partitions.
 
-    `topic`: one of them, the only one unless `infinite`. `ros`: whether ROS 2 can produce one. `expressions`: those
-    with wildcards in permissions that match it, longest first. `partition`: one of the names that are alike.
+    `topic`: one of them, the only one unless there are `several`. `ros`: whether ROS 2 can produce one. `expressions`:
+    those with wildcards in permissions that match it, longest first. `partition`: one of the names that are alike.
     """
 
     topic: str
     partition: str
     ros: bool
-    infinite: bool
+    several: bool
     expressions: tuple[str, ...]
 
 
@@ -68,7 +68,7 @@ def names_of(read: Iterable[tuple[Matcher, ReadDocument]]) -> Names:
             topic=each.witness,
             partition=partition,
             ros=each.ros,
-            infinite=each.infinite,
+            several=all(topics.patterns[member].literal is None for member in each.members),
             expressions=topics.wildcards(each.members),
         )
         for partition in (DEFAULT_PARTITION, *others)

@@ -43,7 +43,7 @@ def _name(table: AccessTable, number: int) -> dict[str, Any]:
         "topic": named.topic,
         "partition": named.partition,
         "ros": ros_name(named.topic) if named.ros else None,
-        "one": not named.infinite,
+        "one": not named.several,
         "expressions": list(named.expressions),
     }
 

@@ -9,6 +9,7 @@ from typing import Final
 from keystore_audit.model.access_rows import Row
 from keystore_audit.model.access_table import Group
 from keystore_audit.report.access_words import protection_words
+from keystore_audit.text import terminal
 
 SHORT: Final = {
     "publish": "pub",
@@ -78,12 +79,17 @@ def matrices(group: Group, rows: Sequence[Row], width: int) -> Iterator[Matrix]:
         number += len(pack)
 
 
+def shown_name(row: Row) -> str:
+    """The name of the row, escaped, in full."""
+    return terminal(row.label + (" (not in ROS 2)" if row.dds_only else ""))
+
+
 def _namespace(path: str) -> str:
     return path.rpartition("/")[0]
 
 
 def _label_width(rows: Iterable[Row], width: int) -> int:
-    longest = max((len(row.label) for row in rows), default=MIN_LABEL)
+    longest = max((len(shown_name(row)) for row in rows), default=MIN_LABEL)
     return max(MIN_LABEL, min(longest + GAP, MAX_LABEL, width // 2))
 
 
@@ -128,7 +134,7 @@ def _matrix(
     done: Mapping[str, Sequence[tuple[int, str]]],
 ) -> Matrix:
     wanted = {number for paths in pack for number, _words in done.get(paths[0], ())}
-    if any(rows[number].infinite for number in wanted):  # what they may not do is news then
+    if any(rows[number].several for number in wanted):  # what they may not do is news then
         wanted.update(number for number, row in enumerate(rows) if row.excepted)
     shown = sorted((rows[number] for number in sorted(wanted)), key=lambda row: protection_words(row.safeguards))
     return Matrix(

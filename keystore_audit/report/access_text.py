@@ -22,7 +22,7 @@ from keystore_audit.model.access_rows import (
     taken_by_nobody,
 )
 from keystore_audit.model.access_table import AccessTable, EnclaveRights, Group
-from keystore_audit.report.access_matrix import Matrix, matrices
+from keystore_audit.report.access_matrix import Matrix, matrices, shown_name
 from keystore_audit.report.access_words import protection_words
 from keystore_audit.text import shorten, terminal
 
@@ -97,7 +97,8 @@ def _group(sheet: _Sheet, group: Group, rows: Sequence[Row]) -> None:
         for number, paths in matrix.columns:
             _column(sheet, number, paths, group)
         if not matrix.rows:
-            sheet.put("They may do nothing.", indent=2)
+            told = None not in matrix.started.values()
+            sheet.put("They may do nothing." if told else "What they may do cannot be told.", indent=2)
         _rows(sheet, matrix)
     if rows:
         sheet.blank()
@@ -136,9 +137,8 @@ def _rows(sheet: _Sheet, matrix: Matrix) -> None:
             sheet.blank()
             sheet.put(words, hanging=2)
             sheet.lines.append((" " * (2 + matrix.label_width) + "".join(matrix.heads)).rstrip())
-        name = row.label + (" (not in ROS 2)" if row.dds_only else "")
         cells = "".join(matrix.cells(row))
-        sheet.lines.append(f"  {_fitted(terminal(name), matrix.label_width)}{cells}".rstrip())
+        sheet.lines.append(f"  {_fitted(shown_name(row), matrix.label_width)}{cells}".rstrip())
 
 
 def _fitted(name: str, width: int) -> str:

@@ -1,0 +1,84 @@
+"""Keystores with permissions of the test's choosing, and the program run in this process."""
+
+from __future__ import annotations
+
+import io
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+from keystore_audit.cli.program import run
+from tests.keystore.builder import GOVERNANCE, Signed, authority, certificate, signed_document
+
+AT = "2026-11-21T12:00:00Z"
+"""Within every sample's and every built document's validity."""
+
+_DOCUMENT = """<?xml version="1.0" encoding="UTF-8"?>
+<dds>
+  <permissions>
+    <grant name="g">
+      <subject_name>CN={path}</subject_name>
+      <validity><not_before>2024-01-01T00:00:00</not_before><not_after>2034-01-01T00:00:00</not_after></validity>
+{rules}
+      <default>{default}</default>
+    </grant>
+  </permissions>
+</dds>
+"""
+
+
+def rule(
+    publish: tuple[str, ...] = (), subscribe: tuple[str, ...] = (), *, allow: bool = True, partition: str = ""
+) -> str:
+    """A rule of domain 0 in one line."""
+    kind = "allow" if allow else "deny"
+    partitions = f"<partitions><partition>{partition}</partition></partitions>" if partition else ""
+    listed = {
+        operation: "".join(f"<topic>{topic}</topic>" for topic in topics)
+        for operation, topics in (("publish", publish), ("subscribe", subscribe))
+    }
+    criteria = "".join(
+        f"<{operation}>{partitions}<topics>{topics}</topics></{operation}>"
+        for operation, topics in listed.items()
+        if topics
+    )
+    return f"      <{kind}_rule><domains><id>0</id></domains>{criteria}</{kind}_rule>"
+
+
+def keystore(
+    root: Path, enclaves: Mapping[str, tuple[str, ...]], *, governance: bytes = GOVERNANCE, default: str = "DENY"
+) -> Path:
+    """A keystore of two authorities whose enclaves have these rules."""
+    identity, permissions = authority("identityCA"), authority("permissionsCA")
+    for path, rules in enclaves.items():
+        own = certificate(path, identity)
+        document = _DOCUMENT.format(path=path, rules="\n".join(rules), default=default).encode()
+        _write(root / "enclaves" / path.strip("/"), own, document, identity, permissions, governance)
+    return root
+
+
+def _write(
+    directory: Path, own: Signed, document: bytes, identity: Signed, permissions: Signed, governance: bytes
+) -> None:
+    directory.mkdir(parents=True)
+    for name, content in (
+        ("cert.pem", own.pem),
+        ("key.pem", own.key_pem),
+        ("identity_ca.cert.pem", identity.pem),
+        ("permissions_ca.cert.pem", permissions.pem),
+        ("permissions.p7s", signed_document(document, permissions)),
+        ("governance.p7s", signed_document(governance, permissions)),
+    ):
+        (directory / name).write_bytes(content)
+
+
+def answer(*args: str | Path) -> tuple[int, str]:
+    """The exit code and what is written to standard output."""
+    stream, kept = io.TextIOWrapper(io.BytesIO(), encoding="utf-8"), sys.stdout
+    sys.stdout = stream
+    try:
+        code = run([str(arg) for arg in args])
+    finally:
+        sys.stdout = kept
+    stream.flush()
+    return code, stream.buffer.getvalue().decode()

@@ -1,0 +1,346 @@
+"""`access`: the table says what `can` says, for every sample, in every format."""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+from collections.abc import Callable
+from datetime import datetime, timezone
+from functools import lru_cache
+from io import StringIO
+from itertools import product
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import escape
+
+import jsonschema
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from keystore_audit import resources
+from keystore_audit.access import Access
+from keystore_audit.cli.program import run
+from keystore_audit.errors import EXIT_INCOMPLETE
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.profiles import DEFAULT, resolve
+from keystore_audit.model.question import Question
+from tests.cli.keystores import AT, answer, keystore, rule
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
+EXPECTATIONS = sorted(SAMPLES.rglob("*.toml"))
+NOON = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
+
+
+def name(path: Path) -> str:
+    return path.relative_to(SAMPLES).with_suffix("").as_posix()
+
+
+def instant(expectation: Path) -> str:
+    at: str = tomllib.loads(expectation.read_text("utf-8"))["at"]
+    return at
+
+
+@pytest.fixture(scope="module")
+def schema() -> dict[str, Any]:
+    loaded: dict[str, Any] = json.loads((resources.schemas() / "access.schema.json").read_text())
+    jsonschema.Draft202012Validator.check_schema(loaded)
+    return loaded
+
+
+def listed(document: dict[str, Any]) -> dict[tuple[str, str, str, str, str], tuple[str, str]]:
+    """Every answer of the table: (profile, enclave, operation, topic, partition) to (decision, effective)."""
+    found = {}
+    for group in document["groups"]:
+        for profile, enclave in product(group["profiles"], group["enclaves"]):
+            for (operation, pair), named in product(enclave["otherwise"].items(), document["names"]):
+                key = (profile, enclave["path"], operation, named["topic"], named["partition"])
+                found[key] = (pair["decision"], pair["effective"])
+        for profile, right in product(group["profiles"], group["rights"]):
+            key = (profile, right["enclave"], right["operation"], right["topic"], right["partition"])
+            assert found[key] != (right["decision"], right["effective"]), "listed though nothing else holds"
+            found[key] = (right["decision"], right["effective"])
+    return found
+
+
+@pytest.mark.parametrize("expectation", EXPECTATIONS, ids=name)
+def test_the_table_of_a_sample_is_what_single_answers_are(expectation: Path, schema: dict[str, Any]) -> None:
+    """Other code on the way: bit sets over all names there, one decision about one name here."""
+    store, at = expectation.with_suffix(""), instant(expectation)
+    code, out = answer("access", store, "-f", "json", "--at", at)
+    assert out.isascii()
+    document = json.loads(out)
+    jsonschema.Draft202012Validator(schema).validate(document)
+    assert all(len(group["protection"]) == len(document["names"]) for group in document["groups"])
+    found = listed(document)
+    assert code == (EXIT_INCOMPLETE if any("unknown" in pair for pair in found.values()) else 0)
+    assert document["complete"] is (code == 0)
+    asked = {
+        (enclave["path"], operation, named["topic"], named["partition"]): Question(
+            enclave=enclave["path"],
+            operation=operation,
+            topic=named["topic"],
+            partition=named["partition"],
+            domain=document["domain"],
+        )
+        for enclave, operation, named in product(document["groups"][0]["enclaves"], Operation, document["names"])
+        if named["one"] or named["ros"]  # of the other classes some names cannot be created on Cyclone DDS
+    }
+    instant_ = datetime.fromisoformat(at.replace("Z", "+00:00"))
+    access = Access(store, list(asked.values()), profiles=resolve([]), at=instant_)
+    for (path, operation, topic, partition), question in asked.items():
+        for profile, single in access.answers(question).items():
+            in_table = found[profile, path, operation.value, topic, partition]
+            assert in_table == (single.decision.value, single.effective.value), (profile, question)
+
+
+@pytest.mark.parametrize("expectation", EXPECTATIONS, ids=name)
+def test_text_and_csv_of_a_sample(expectation: Path) -> None:
+    store, at = expectation.with_suffix(""), instant(expectation)
+    code, text = answer("access", store, "--at", at)
+    assert text.startswith("Who may do what in ")
+    assert max(map(len, text.splitlines())) <= 80
+    assert all(character.isprintable() or character == "\n" for character in text)
+    assert "\n\n\n" not in text
+    csv_code, rows = answer("access", store, "--at", at, "-f", "csv")
+    json_code, document = answer("access", store, "--at", at, "-f", "json")
+    assert code == csv_code == json_code
+    header, *table = csv.reader(StringIO(rows, newline=""))
+    assert header == [
+        "profiles", "enclave", "usable", "operation", "name", "topic", "partition", "decision", "effective",
+    ]  # fmt: skip
+    groups = json.loads(document)["groups"]
+    assert len([row for row in table if row[4] != "any other name" or row[5]]) == sum(len(g["rights"]) for g in groups)
+    assert all(group["profiles"] == sorted(group["profiles"], key=group["profiles"].index) for group in groups)
+
+
+def test_the_text_of_the_manual(repository: Path) -> None:
+    _code, out = answer("access", SAMPLES / "healthy/turtlesim", "--at", AT)
+    manual = (repository / "docs/usage.md").read_text()
+    lines = out.splitlines()
+    begin = next(number for number, line in enumerate(lines) if line.startswith("[1] "))
+    shown = "\n".join(f"    {line}".rstrip() for line in lines[begin : begin + 11])
+    assert shown in manual
+
+
+def matrix(*args: str | Path) -> dict[str, list[str]]:
+    """The rows of the text: label to cells, of the first matrix."""
+    _code, out = answer("access", *args, "--at", AT)
+    lines = out.splitlines()
+    start = next(number for number, line in enumerate(lines) if line.strip().startswith("[1]") and line[0] == " ")
+    columns = [place for place, character in enumerate(lines[start]) if character == "["]
+    rows = {}
+    for line in lines[start + 1 :]:
+        if not line.startswith("  ") or not line.strip():
+            break
+        ends = [*columns[1:], None]
+        rows[line[: columns[0]].strip()] = [line[a:b].strip() for a, b in zip(columns, ends, strict=True)]
+    return rows
+
+
+CALL = (rule(("rq/addRequest",), ("rr/addReply",)),)
+
+
+def test_a_service_is_one_row_only_where_all_of_it_is_allowed(tmp_path: Path) -> None:
+    store = keystore(
+        tmp_path / "k",
+        {
+            "/client": CALL,
+            "/server": (rule(("rr/addReply",), ("rq/addRequest",)),),
+            "/half": (rule(("rq/addRequest",)),),
+            "/more": (rule(("rq/addRequest", "rr/addReply"), ("rr/addReply",)),),
+        },
+    )
+    assert matrix(store) == {
+        "/add (service)": ["req", "", "req", "rep"],
+        "/add (service request)": ["", "pub", "", ""],
+        "/add (service reply)": ["", "", "pub", ""],
+    }
+
+
+def test_exceptions_to_an_expression_have_rows_though_nobody_has_the_right(tmp_path: Path) -> None:
+    rules = (rule(("rt/secret", "rt/s/*"), allow=False), rule(("rt/*",)))
+    rows = matrix(keystore(tmp_path / "k", {"/talker": rules}), "--profile", "spec")
+    assert rows["/secret"] == [""]
+    assert rows["/*, e.g. /a"] == ["pub"]
+    assert [cells for label, cells in rows.items() if label.startswith("/s/*")] == [[""]]
+
+
+def test_every_service_by_expression_is_one_row(tmp_path: Path) -> None:
+    rules = (rule(("rq/*Request",), ("rr/*Reply",)), rule(("rq/stop*Request",)))
+    rows = matrix(keystore(tmp_path / "k", {"/client": rules}), "--profile", "spec")
+    assert rows["/* (any service)"] == ["req"]
+
+
+def test_names_that_ros_has_not_are_marked(tmp_path: Path) -> None:
+    rows = matrix(keystore(tmp_path / "k", {"/talker": (rule(("plain", "rt/chatter")),)}))
+    assert rows == {'"plain" (not in ROS 2)': ["pub"], "/chatter": ["pub"]}
+
+
+def test_an_expression_for_a_few_names_is_no_name(tmp_path: Path) -> None:
+    store = keystore(tmp_path / "k", {"/talker": (rule(("rt/camera[12]",)),)})
+    rows = matrix(store, "--profile", "spec")
+    assert rows == {"/camera[12], e.g. /camera1": ["pub"]}
+
+
+def test_partitions_are_told(tmp_path: Path) -> None:
+    rows = matrix(keystore(tmp_path / "k", {"/talker": (rule(("rt/chatter",), partition="left"),)}))
+    assert rows == {"/chatter in partition 'left'": ["pub"]}
+
+
+def test_enclaves_that_may_do_the_same_are_one_column(tmp_path: Path) -> None:
+    robots = [f"/robot{number}/arm" for number in range(14)]
+    store = keystore(tmp_path / "k", {path: (rule((f"rt{path}/state", "rt/rosout")),) for path in robots})
+    code, out = answer("access", store, "--at", AT)
+    assert code == 0
+    assert matrix(store) == {"~/state": ["pub"], "/rosout": ["pub"]}
+    assert all(path in out for path in robots)
+    assert len(out.splitlines()) < 30
+
+
+def test_who_does_not_start_is_said(tmp_path: Path) -> None:
+    store = keystore(tmp_path / "k", {"/a": (rule(("rt/x",)),), "/b": (rule(("rt/x",)),)})
+    (store / "enclaves/b/key.pem").unlink()
+    code, out = answer("access", store, "--at", AT)
+    assert code == 0
+    assert "] /b: DOES NOT START (key: " in out
+    assert matrix(store)["/x"] == ["pub", "-"]
+
+
+def test_differences_come_first() -> None:
+    _code, out = answer("access", SAMPLES / "rules/KA509-default-allow/bad", "--at", AT)
+    different, others = out.index("Different under spec, cyclonedds-0.10, cyclonedds-11"), out.index("Under all others")
+    assert different < others
+    assert "may also subscribe and relay /chatter" in " ".join(out[different:others].split())
+
+
+def test_what_peers_accept_besides_is_said() -> None:
+    _code, out = answer("access", SAMPLES / "stock/talker_listener", "--at", AT)
+    flat = " ".join(out.split())
+    assert "peers accept besides from every enclave: publish, subscribe, relay every topic." in flat
+
+
+def test_the_domain(tmp_path: Path) -> None:
+    store = keystore(tmp_path / "k", {"/a": CALL})
+    assert json.loads(answer("access", store, "-f", "json")[1])["domain"] == 0
+    code, out = answer("access", store, "-f", "json", "--domain", "9")
+    document = json.loads(out)
+    assert (code, document["domain"]) == (0, 9)
+    assert set(listed(document).values()) == {("deny", "deny")}
+    assert all(not each["governed"] for group in document["groups"] for row in group["protection"] for each in row)
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["--format", "xml"], "text, json, csv"),
+        (["--domain", "233"], "232"),
+        (["--profile", "humbl"], "Did you mean humble?"),
+        (["--time-zone", "Nowhere/None"], "Nowhere/None"),
+        (["more"], "more"),
+    ],
+)
+def test_wrong_usage(args: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["access", str(SAMPLES / "healthy/turtlesim"), *args]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert words in err
+
+
+def test_no_keystore(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["access", str(tmp_path / "none")]) == 3
+    assert "does not exist" in capsys.readouterr().err
+
+
+def test_hostile_names(tmp_path: Path) -> None:
+    topics = ("=1+1", "@cmd", "rt/\u00e9", 'a","x', "<b>a</b>")
+    store = keystore(tmp_path / "k", {"/talker": (rule(tuple(map(escape, topics))),)})
+    args = ("access", store, "--at", AT, "--profile", "spec")
+    _code, text = answer(*args)
+    assert all(character.isprintable() or character == "\n" for character in text)
+    assert '"<b>a</b>" (not in ROS 2)' in text
+    _code, cells = answer(*args, "-f", "csv")
+    table = list(csv.reader(StringIO(cells, newline="")))
+    assert not [cell for row in table for cell in row if cell[:1] in {"=", "+", "-", "@"}]
+    assert {"'=1+1", "'@cmd", 'a","x'} <= {row[5] for row in table}
+    _code, document = answer(*args, "-f", "json")
+    assert {*topics} <= {named["topic"] for named in json.loads(document)["names"]}
+
+
+def test_what_cannot_be_told_is_no_denial() -> None:
+    code, out = answer("access", SAMPLES / "unknown/unreadable_enclave", "--at", AT)
+    assert code == 4
+    assert "[1] /listener: UNKNOWN (" in out
+    assert "cannot be told whether peers accept" in " ".join(out.split())
+    assert matrix(SAMPLES / "unknown/unreadable_enclave")["/chatter"] == ["?", "pub"]
+
+
+def test_names_that_a_process_reads_in_its_locale_are_unknown(tmp_path: Path) -> None:
+    """Whether `?` takes a character or an octet, Fast DDS and Cyclone DDS leave to others."""
+    store = keystore(tmp_path / "k", {"/talker": (rule(("rt/?", "rt/\u00e9")),)})
+    found = listed(json.loads(answer("access", store, "--at", AT, "-f", "json")[1]))
+    rulings = {profile: found[profile, "/talker", "publish", "rt/\u00e9", ""] for profile in DEFAULT}
+    assert {profile for profile, pair in rulings.items() if pair == ("unknown", "unknown")} == {*DEFAULT} - {"spec"}
+    assert rulings["spec"] == ("allow", "allow")
+    code, document = answer("can", store, "/talker", "publish", "rt/\u00e9", "--kind", "dds", "-f", "json", "--at", AT)
+    decisions = json.loads(document)["decisions"]
+    assert code == 4
+    assert {profile: (each["decision"], each["effective"]) for profile, each in decisions.items()} == rulings
+
+
+def test_without_a_terminal_text_has_80_columns(keystore_audit: Callable[..., Any]) -> None:
+    done = keystore_audit("access", SAMPLES / "healthy/turtlesim", "--at", AT, env={"COLUMNS": "200"})
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert max(map(len, done.stdout.decode().splitlines())) <= 80
+
+
+TOPIC = st.sampled_from(["rt/a", "rt/b", "rt/*", "rt/a*", "rt/[!a]", "x", "*", "rq/sRequest", "rr/sReply"])
+RULE = st.builds(
+    rule,
+    st.lists(TOPIC, max_size=2).map(tuple),
+    st.lists(TOPIC, min_size=1, max_size=2).map(tuple),
+    allow=st.booleans(),
+    partition=st.sampled_from(["", "p", "p*"]),
+)
+
+
+@lru_cache(maxsize=1)
+def _names() -> tuple[str, ...]:
+    return ("rt/a", "rt/b", "rt/ab", "rt/c", "x", "y", "rq/sRequest", "rr/sReply", "rt/long_name")
+
+
+@settings(max_examples=20)
+@given(rules=st.lists(RULE, max_size=3), other=st.lists(RULE, max_size=2), default=st.sampled_from(["DENY", "ALLOW"]))
+def test_text_hides_no_right(
+    rules: list[str], other: list[str], default: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Every name and partition asked one by one: where something is allowed, some row of the table says so."""
+    root = tmp_path_factory.mktemp("random")
+    store = keystore(root / "k", {"/e": tuple(rules), "/f": tuple(other)}, default=default)
+    asked = [
+        Question(enclave=enclave, operation=operation, topic=topic, partition=partition)
+        for enclave, operation, topic, partition in product(("/e", "/f"), Operation, _names(), ("", "p", "q"))
+    ]
+    profile = resolve(["spec"])
+    access = Access(store, asked, profiles=profile, at=NOON)
+    code, out = answer("access", store, "--at", AT, "-f", "json", "--profile", "spec")
+    document = json.loads(out)
+    found = listed(document)
+    by_name = {(named["topic"], named["partition"]): named for named in document["names"]}
+    allowed: set[tuple[str, str]] = set()
+    for question in asked:
+        single = access.answers(question)["spec"]
+        if single.decision.value == "allow":
+            allowed.add((question.enclave, question.operation.value))
+        if (question.topic, question.partition) in by_name:
+            key = ("spec", question.enclave, question.operation.value, question.topic, question.partition)
+            assert found[key] == (single.decision.value, single.effective.value)
+    assert code == 0
+    in_table = {(path, operation) for (_p, path, operation, _t, _q), pair in found.items() if pair[0] == "allow"}
+    assert allowed <= in_table

@@ -1,0 +1,311 @@
+"""`can`: the interface contract, answer by answer (docs/reference.md)."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from keystore_audit.access import Access
+from keystore_audit.cli.program import run
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model import question as questions
+from keystore_audit.model.names import dds_channels
+from keystore_audit.model.profiles import DEFAULT
+from keystore_audit.model.question import Answer, Question, Ruling
+from tests.cli.keystores import AT, answer, keystore, rule
+
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
+TURTLESIM = SAMPLES / "healthy/turtlesim"
+ACTIONS = SAMPLES / "healthy/service_action"
+UNREADABLE = SAMPLES / "unknown/unreadable_enclave"
+DEFAULT_ALLOW = SAMPLES / "rules/KA509-default-allow/bad"
+SHARED_CA = SAMPLES / "stock/talker_listener"
+
+ALLOW, DENY, UNKNOWN = "allow", "deny", "unknown"
+ANSWER_KEYS = ["enclave", "operation", "name", "dds_names", "domain", "partition", "decisions"]
+DECISION_KEYS = ["usable", "decision", "effective", "reason", "path", "line"]
+
+
+def decisions(*args: str | Path) -> tuple[int, dict[str, Any]]:
+    code, out = answer("can", "--at", AT, "-f", "json", *args)
+    assert out.isascii()
+    assert out.count("\n") == 1
+    document = json.loads(out)
+    assert list(document) == ANSWER_KEYS
+    assert all(list(each) == DECISION_KEYS for each in document["decisions"].values())
+    return code, document
+
+
+@pytest.mark.parametrize(
+    ("store", "words", "code", "decision", "effective", "line"),
+    [
+        (TURTLESIM, "/random publish /low_priority", 0, ALLOW, ALLOW, 17),
+        (TURTLESIM, "/random publish /high_priority", 1, DENY, DENY, 74),
+        (TURTLESIM, "/random relay /low_priority", 1, DENY, DENY, 74),
+        (TURTLESIM, "/random publish rt/low_priority --kind dds", 0, ALLOW, ALLOW, 17),
+        (TURTLESIM, "/random publish rt/low_priority --kind dds --partition p", 1, DENY, DENY, 74),
+        (ACTIONS, "/add_two_ints/client request /add_two_ints", 0, ALLOW, ALLOW, 17),
+        (ACTIONS, "/add_two_ints/client reply /add_two_ints", 1, DENY, DENY, 75),
+        (ACTIONS, "/fibonacci/client call /fibonacci", 0, ALLOW, ALLOW, 17),
+        (ACTIONS, "/fibonacci/server execute /fibonacci", 0, ALLOW, ALLOW, 17),
+        (UNREADABLE, "/listener subscribe /chatter", 4, UNKNOWN, UNKNOWN, None),
+        (UNREADABLE, "/talker publish /chatter", 0, ALLOW, ALLOW, 17),
+    ],
+)
+def test_answers_on_which_all_implementations_agree(
+    store: Path, words: str, code: int, decision: str, effective: str, line: int | None
+) -> None:
+    found, document = decisions(store, *words.split())
+    assert found == code
+    assert list(document["decisions"]) == list(DEFAULT)
+    for each in document["decisions"].values():
+        assert (each["decision"], each["effective"], each["line"]) == (decision, effective, line)
+        assert each["usable"] is (None if decision == UNKNOWN else True)
+
+
+def test_each_profile_answers_for_itself() -> None:
+    code, document = decisions(DEFAULT_ALLOW, "/talker", "subscribe", "/chatter")
+    assert code == 1
+    assert {name: each["decision"] for name, each in document["decisions"].items()} == {
+        name: DENY if name.startswith("fastdds") else ALLOW for name in DEFAULT
+    }
+    for profile, expected in (("spec", 0), ("cyclonedds", 0), ("fastdds", 1)):
+        assert decisions(DEFAULT_ALLOW, "/talker", "subscribe", "/chatter", "--profile", profile)[0] == expected
+
+
+def test_what_peers_accept_is_another_question() -> None:
+    """One CA for both roles: where the signer is not pinned, an enclave signs itself any permissions."""
+    words = (SHARED_CA, "/listener", "publish", "/chatter", "--profile", "cyclonedds-0.10")
+    code, document = decisions(*words)
+    (only,) = document["decisions"].values()
+    assert (code, only["decision"], only["effective"]) == (1, DENY, ALLOW)
+    assert decisions(*words, "--effective")[0] == 0
+    assert decisions(*words, "--effective", "--expect", "deny")[0] == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("/random publish /low_priority --expect allow", 0),
+        ("/random publish /low_priority --expect deny", 1),
+        ("/random publish /high_priority --expect deny", 0),
+        ("/random publish /high_priority --expect allow", 1),
+    ],
+)
+def test_expect(words: str, expected: int) -> None:
+    assert decisions(TURTLESIM, *words.split())[0] == expected
+
+
+@pytest.mark.parametrize("expected", [ALLOW, DENY])
+def test_nothing_unknown_is_expected(expected: str) -> None:
+    assert decisions(UNREADABLE, "/listener", "publish", "/chatter", "--expect", expected)[0] == 4
+
+
+def test_where_no_participant_starts_nothing_is_allowed() -> None:
+    code, document = decisions(TURTLESIM, "/random", "publish", "/low_priority", "--domain", "7")
+    assert code == 1
+    for name, each in document["decisions"].items():
+        assert each["decision"] == each["effective"] == DENY
+        assert each["usable"] is name.startswith("fastdds")  # it starts, with no topic to use (measured on 2.9.1)
+    assert "does not cover" in document["decisions"]["spec"]["reason"] or "7" in document["decisions"]["spec"]["reason"]
+
+
+def test_the_topic_that_stands_in_the_way_is_named(tmp_path: Path) -> None:
+    store = keystore(tmp_path / "k", {"/c": (rule(publish=("rq/addRequest",)),)})
+    code, document = decisions(store, "/c", "request", "/add")
+    assert (code, document["dds_names"]) == (1, ["rq/addRequest", "rr/addReply"])
+    assert all(each["reason"].startswith("subscribe rr/addReply: ") for each in document["decisions"].values())
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["/random", "publish"], ["Name ENCLAVE, OPERATION and NAME"]),
+        (["/rando", "publish", "/x"], ["/rando", "Did you mean /random?", "/keyboard, /multiplexer"]),
+        (["random", "publish", "/x"], ["Did you mean /random?"]),
+        (["/random", "publis", "/x"], ["'publish'?", "publish, subscribe, relay, request"]),
+        (["/random", "request", "/x", "--kind", "dds"], ["publish, subscribe, relay"]),
+        (["/random", "publish", "x"], ["fully qualified", "--kind dds"]),
+        (["/random", "publish", ""], ["NAME is empty"]),
+        (["/random", "publish", "", "--kind", "dds"], ["NAME is empty"]),
+        (["/random", "publish", "/x", "--profile", "humbl"], ["Did you mean humble?", "cyclonedds-0.10"]),
+        (["/random", "publish", "/x", "--domain", "233"], ["232"]),
+        (["/random", "publish", "/x", "--expect", "unknown"], ["allow, deny"]),
+        (["/random", "publish", "/x", "--time-zone", "Europe/Berlinn"], ["Europe/Berlin"]),
+        (["/random", "publish", "/x", "--batch", __file__], ["--batch"]),
+        (["--batch", __file__, "--expect", "allow"], ["--expect"]),
+        (["--batch", __file__, "--kind", "ros"], ["--kind ros"]),
+        (["--batch", __file__, "-f", "text"], ["--format text"]),
+        (["--batch", "/no/such/file"], ["/no/such/file"]),
+    ],
+)
+def test_wrong_usage(args: list[str], words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["can", str(TURTLESIM), *args]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert [word for word in words if word not in err] == []
+
+
+def test_no_keystore(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["can", str(tmp_path / "none"), "/a", "publish", "/b"]) == 3
+    assert "does not exist" in capsys.readouterr().err
+
+
+def test_the_enclaves_of_a_fleet_do_not_hide_the_message(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    store = tmp_path / "k"
+    shutil.copytree(TURTLESIM, store, symlinks=True)
+    for number in range(100):
+        (store / f"enclaves/robot{number:03}").mkdir()
+        (store / f"enclaves/robot{number:03}/cert.pem").write_bytes(b"")
+    assert run(["can", str(store), "/robot1", "publish", "/x"]) == 2
+    err = capsys.readouterr().err
+    assert "and 74 more." in err
+    assert len(err) < 600
+
+
+def test_hostile_names_steer_no_terminal(tmp_path: Path) -> None:
+    store = tmp_path / "k"
+    shutil.copytree(TURTLESIM, store, symlinks=True)
+    (store / "enclaves/random").rename(store / "enclaves/ran\x1b[31mdom")
+    words = ("/ran%1B[31mdom", "publish", "rt/\udcff\u202e\x07", "--kind", "dds", "--partition", "\x1b")
+    code, out = answer("can", store, *words, "--at", AT)
+    assert code == 1
+    assert all(character.isprintable() or character == "\n" for character in out)
+    assert r"rt/\udcff\u202e\x07" in out
+    _code, document = decisions(store, *words)
+    assert document["name"] == "rt/\\udcff\u202e\x07"
+    json.dumps(document, ensure_ascii=False).encode()  # no lone surrogate is left
+
+
+def test_text_folds_equal_answers_and_shows_differences_first() -> None:
+    code, out = answer("can", DEFAULT_ALLOW, "/talker", "subscribe", "/chatter", "--at", AT)
+    assert code == 1
+    first, second = out.index("\nALLOW    spec, cyclonedds-0.10, cyclonedds-11\n"), out.index("\nDENY     fastdds-2.6")
+    assert first < second
+    assert max(map(len, out.splitlines())) <= 80
+
+
+def test_text_of_the_sample_of_the_manual(repository: Path) -> None:
+    code, out = answer("can", TURTLESIM, "/random", "publish", "/high_priority", "--at", AT)
+    manual = (repository / "docs/usage.md").read_text()
+    assert code == 1
+    assert "\n".join(f"    {line}".rstrip() for line in out.splitlines()) in manual
+
+
+BATCH = (
+    b"/random\tpublish\trt/low_priority\n"
+    b"\n"
+    b"/nobody\tpublish\trt/x\r\n"
+    b"/random\tsubscribe\trt/low_priority\t0\tp\n"
+    b"/random\tpublish\n"
+    b"/random\trequest\t/x\n"
+    b"/random\tpublish\trt/\xff\n"
+    b"/random\tpublish\trt/x\t233\n"
+    b"/random\tpublish\trt/x\t-1\n"
+    b"/random\tpublish\t\n"
+    b"/random\tpublish\trt/x\t7"
+)
+
+
+def test_batch_answers_every_line_in_order(tmp_path: Path) -> None:
+    (tmp_path / "queries").write_bytes(BATCH)
+    code, out = answer("can", TURTLESIM, "--batch", tmp_path / "queries", "--at", AT)
+    lines = [json.loads(line) for line in out.splitlines()]
+    assert code == 4
+    assert len(lines) == BATCH.count(b"\n") + 1
+    errors = {line["line"]: line["error"] for line in lines if "error" in line}
+    assert list(errors) == [2, 3, 5, 6, 7, 8, 9, 10]
+    assert all(lines[number - 1] == {"line": number, "error": errors[number]} for number in errors)
+    assert "/nobody" in errors[3]
+    answered = [line for line in lines if "error" not in line]
+    assert [list(line) for line in answered] == [ANSWER_KEYS] * 3
+    assert [(line["domain"], line["partition"]) for line in answered] == [(0, ""), (0, "p"), (7, "")]
+
+
+@pytest.mark.parametrize(
+    ("store", "content", "code"),
+    [
+        (TURTLESIM, b"", 0),
+        (TURTLESIM, b"/random\tpublish\trt/high_priority\n", 0),
+        (UNREADABLE, b"/talker\tpublish\trt/chatter\n", 0),
+        (UNREADABLE, b"/listener\tpublish\trt/chatter\n", 4),
+    ],
+)
+def test_batch_judges_nothing(store: Path, content: bytes, code: int, tmp_path: Path) -> None:
+    (tmp_path / "queries").write_bytes(content)
+    assert answer("can", store, "--batch", tmp_path / "queries", "--at", AT)[0] == code
+
+
+def test_batch_from_standard_input(keystore_audit: Callable[..., Any]) -> None:
+    done = keystore_audit("can", TURTLESIM, "--batch", "-", "--domain", "7", input=b"/random\tpublish\trt/x\n")
+    assert (done.returncode, json.loads(done.stdout)["domain"]) == (0, 7)
+
+
+ENCLAVES = ("/keyboard", "/multiplexer", "/random", "/turtlesim")
+QUERY = st.tuples(
+    st.sampled_from(ENCLAVES),
+    st.sampled_from(list(Operation)),
+    st.sampled_from(["rt/high_priority", "rt/low_priority", "rt/move_turtle", "rt/rosout", "ros_discovery_info", "x"])
+    | st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\t\n\r"), min_size=1, max_size=6),
+    st.sampled_from([0, 7]),
+    st.sampled_from(["", "p"]),
+)
+
+
+@settings(max_examples=15)
+@given(queries=st.lists(QUERY, min_size=1, max_size=3))
+def test_batch_answers_are_those_of_single_questions(
+    queries: list[tuple[str, Operation, str, int, str]], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    file = tmp_path_factory.mktemp("batch") / "queries"
+    rows = [f"{e}\t{o.value}\t{n}\t{d}\t{p}\n" for e, o, n, d, p in queries]
+    file.write_bytes("".join(rows).encode())
+    _code, out = answer("can", TURTLESIM, "--batch", file, "--at", AT)
+    each = [json.loads(line) for line in out.splitlines()]
+    for (enclave, operation, name, domain, partition), line in zip(queries, each, strict=True):
+        words = [enclave, operation.value, "--kind", "dds", "--domain", str(domain), f"--partition={partition}"]
+        assert decisions(TURTLESIM, *words, "--", name)[1] == line
+
+
+RULINGS = st.sampled_from(list(Ruling))
+
+
+@given(st.lists(st.tuples(RULINGS, RULINGS), min_size=1, max_size=9))
+def test_a_whole_is_allowed_only_where_all_of_it_is(rulings: list[tuple[Ruling, Ruling]]) -> None:
+    asked = [Question(enclave="/e", operation=Operation.PUBLISH, topic=str(n)) for n in range(len(rulings))]
+    given_ = [
+        Answer(usable=True, decision=decision, effective=effective, reason=f"r{n}", location=None)
+        for n, (decision, effective) in enumerate(rulings)
+    ]
+    whole = questions.joint(asked, given_)
+    for of, found in ((0, whole.decision), (1, whole.effective)):
+        values = {each[of] for each in rulings}
+        expected = (
+            Ruling.DENY if Ruling.DENY in values else Ruling.UNKNOWN if Ruling.UNKNOWN in values else Ruling.ALLOW
+        )
+        assert found is expected
+
+
+@pytest.mark.parametrize(("operation", "name"), [("call", "/fibonacci"), ("request", "/add_two_ints")])
+def test_a_ros_question_is_that_about_its_dds_topics(operation: str, name: str) -> None:
+    from datetime import datetime, timezone
+
+    from keystore_audit.model.profiles import resolve
+
+    asked = [
+        Question(enclave=enclave, operation=each, topic=topic)
+        for enclave in ("/fibonacci/client", "/fibonacci/server", "/add_two_ints/client")
+        for each, topic in dds_channels(operation, name)
+    ]
+    access = Access(ACTIONS, asked, profiles=resolve(["spec"]), at=datetime(2026, 11, 21, 12, tzinfo=timezone.utc))
+    for enclave in ("/fibonacci/client", "/fibonacci/server", "/add_two_ints/client"):
+        single = {access.answers(each)["spec"].decision for each in asked if each.enclave == enclave}
+        code = decisions(ACTIONS, enclave, operation, name, "--profile", "spec")[0]
+        assert (code == 0) is (single == {Ruling.ALLOW})
