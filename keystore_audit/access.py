@@ -6,14 +6,13 @@ import os
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from difflib import get_close_matches
-from typing import Final
+from typing import TYPE_CHECKING, Final
 from zoneinfo import ZoneInfo
 
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Enclave, read_keystore
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.access_table import AccessTable, access_table
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Point
 from keystore_audit.model.decision import LocalRights
@@ -25,6 +24,9 @@ from keystore_audit.model.profiles import Profile
 from keystore_audit.model.question import Answer, Question, Ruling, joint
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.usability import Usabilities
+
+if TYPE_CHECKING:
+    from keystore_audit.model.access_table import AccessTable
 
 MAX_KNOWN: Final = 30
 """Enclaves named in a message about one that there is not; those of a fleet would hide the message."""
@@ -147,5 +149,7 @@ def read_access_table(
     `domain` None: the lowest that some governance covers. Raises errors.NothingToAudit, or errors.BudgetExceeded where
     there are too many classes of names.
     """
+    from keystore_audit.model.access_table import access_table  # single questions need none of it
+
     keystore = read_keystore(path)
     return access_table(keystore, profiles, at, AccessViews(documents_of(keystore), at, zone), domain)
