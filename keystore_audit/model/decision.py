@@ -9,7 +9,6 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
-from difflib import get_close_matches
 from typing import Final
 
 from keystore_audit.findings import Location
@@ -247,14 +246,24 @@ class LocalRights:
                 if other is not operation and self._region(access, rule.region(other)) >> channel & 1:
                     return f". Line {rule.line} allows {DONE[other][1]} instead"
         listed = {text: rule for rule in reversed(allowing) for area in rule.region(operation) for text in area.topics}
-        for text in get_close_matches(topic, listed, n=1, cutoff=0.0):
-            if text == topic:
-                return f". Line {listed[text].line} allows it in another partition"
-            return f". The nearest that may be {_PAST[operation]} is {text!r} (line {listed[text].line})"
-        return f". It may {DONE[operation][0]} nothing"
+        if not listed:
+            return f". It may {DONE[operation][0]} nothing"
+        text = max(listed, key=lambda text: _likeness(text, topic))
+        if text == topic:
+            return f". Line {listed[text].line} allows it in another partition"
+        return f". The nearest that may be {_PAST[operation]} is {text!r} (line {listed[text].line})"
 
 
 _PAST: Final = {Operation.PUBLISH: "published", Operation.SUBSCRIBE: "subscribed to", Operation.RELAY: "relayed"}
+
+
+def _likeness(text: str, topic: str) -> int:
+    """How many characters both begin and end with: what differs in the middle is a typing error, or a neighbour."""
+    return _shared_beginning(text, topic) + _shared_beginning(text[::-1], topic[::-1])
+
+
+def _shared_beginning(one: str, other: str) -> int:
+    return next((n for n, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))
 
 
 def _controls(topic: TopicRule, operation: Operation) -> bool:
