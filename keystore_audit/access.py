@@ -17,7 +17,6 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Point
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.effective import EffectiveRights
-from keystore_audit.model.interpret import build_systems
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import Profile
@@ -60,7 +59,7 @@ class Access:
         builder = SystemBuilder(keystore, profiles, at, self._accesses, tuple(points))
         self._channels = builder.channels
         self._local = LocalRights(self._accesses, builder.channels, at)
-        self._effective = EffectiveRights(build_systems(builder))
+        self._effective = EffectiveRights(builder.systems())
         self._usabilities: dict[int, Usabilities] = {}
 
     def enclave(self, path: str) -> Enclave:

@@ -18,7 +18,6 @@ from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.domains import contains
 from keystore_audit.model.effective import EffectiveRights
 from keystore_audit.model.expression import Matcher
-from keystore_audit.model.interpret import build_systems
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.named import Named, names_of
 from keystore_audit.model.permission import bits, members
@@ -161,7 +160,7 @@ class _Table:
         names: Sequence[Named],
     ) -> None:
         builder = SystemBuilder(keystore, profiles, at, accesses, [(name.topic, name.partition) for name in names])
-        systems = build_systems(builder)
+        systems = builder.systems()
         self._enclaves = keystore.enclaves
         self._profiles = profiles
         self._at = at

@@ -38,7 +38,7 @@ def interpret(
     over_budget: str | None = None
     systems: tuple[System, ...] = ()
     try:
-        systems = build_systems(SystemBuilder(keystore, profiles, at, accesses))
+        systems = SystemBuilder(keystore, profiles, at, accesses).systems()
     except BudgetExceeded as exceeded:
         over_budget = exceeded.message
     return Meaning(
@@ -64,17 +64,6 @@ def usability_by_profile(
         for name, kind in kinds:
             found[enclave.files.directory, name] = by_row[kind]
     return found
-
-
-def build_systems(builder: SystemBuilder) -> tuple[System, ...]:
-    """One system for each way in which the profiles read the keystore, and a MUST reading beside each with doubt."""
-    systems: list[System] = []
-    for kind, names in builder.kinds().items():
-        may = builder.build(kind, profiles=names, reading=Reading.MAY)
-        systems.append(may)
-        if may.has_doubt:
-            systems.append(builder.build(kind, profiles=names, reading=Reading.MUST))
-    return tuple(systems)
 
 
 def _doubts(keystore: Keystore, profiles: Sequence[Profile], accesses: AccessViews) -> tuple[Doubt, ...]:

@@ -128,6 +128,16 @@ class SystemBuilder:
         """The names of the profiles that read this keystore alike, under the rows of one of them."""
         return self._views.kinds(self._profiles)
 
+    def systems(self) -> tuple[System, ...]:
+        """One for each way in which the profiles read the keystore, and a MUST reading beside each with doubt."""
+        systems: list[System] = []
+        for kind, names in self.kinds().items():
+            may = self.build(kind, profiles=names, reading=Reading.MAY)
+            systems.append(may)
+            if may.has_doubt:
+                systems.append(self.build(kind, profiles=names, reading=Reading.MUST))
+        return tuple(systems)
+
     def build(self, kind: Kind, *, profiles: tuple[str, ...], reading: Reading) -> System:
         """The system as implementations of this kind read it."""
         may = reading is Reading.MAY

@@ -20,7 +20,6 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.divergence import divergences
 from keystore_audit.model.effective import EffectiveRights
-from keystore_audit.model.interpret import build_systems
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.meaning import Divergence
 from keystore_audit.model.profiles import DEFAULT, VARIANTS, Profile
@@ -387,7 +386,7 @@ def enclaves_that_differ(store: Keystore, profiles: Sequence[Profile], accesses:
     points = [(topic, partition) for topic in NAMES for partition in PARTITIONS]
     profiles = naming_alike(profiles)
     builder = SystemBuilder(store, profiles, AT, accesses, points)
-    local, peers = LocalRights(accesses, builder.channels, AT), EffectiveRights(build_systems(builder))
+    local, peers = LocalRights(accesses, builder.channels, AT), EffectiveRights(builder.systems())
     found = set()
     for domain in (*DOMAINS, None):
         usabilities = Usabilities(domain, accesses)
@@ -440,7 +439,7 @@ def test_examples_hold(drawn: tuple[Any, ...], zone: str | None) -> None:
         if example is None:
             continue
         builder = SystemBuilder(store, profiles, AT, accesses, [(example.topic, example.partition)])
-        local, peers = LocalRights(accesses, builder.channels, AT), EffectiveRights(build_systems(builder))
+        local, peers = LocalRights(accesses, builder.channels, AT), EffectiveRights(builder.systems())
         channel = builder.channels.of_point(example.domain, 0)
         usabilities = Usabilities(example.domain, accesses)
         each: Enclave = next(one for one in store.enclaves if one.path == example.enclave)
