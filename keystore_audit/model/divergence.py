@@ -129,47 +129,44 @@ class _Comparison:
         self._ros = bits(number for number, channel in enumerate(channels.channels) if channel.ros)
         self._lines = lines
         self._found: dict[tuple[str, int, Cause], _Found] = {}
-        self._explained: dict[tuple[str, Operation], int] = {}
+        self._explained: dict[tuple[str, Operation, bool], int] = {}
 
     def starts(self, enclave: Enclave, local: LocalValues) -> None:
         """Compares whether the enclave starts."""
-        wanted = differing([local.starts(enclave, reader.itself) for reader in self._readers])
-        if not wanted:
-            return
-        starting = self._names(local.starts(enclave, reader.itself).must & 1 for reader in self._readers)
-        refusing = self._names(~local.starts(enclave, reader.itself).may & 1 for reader in self._readers)
-        for reader in self._readers:
-            values = [local.starts(enclave, stage.profile) for stage in reader.stages]
-            for number, more, _one in attributed(values, wanted):
+        values = [local.starts(enclave, reader.itself) for reader in self._readers]
+        wanted = differing(values)
+        for reader in self._readers if wanted else ():
+            stages = [local.starts(enclave, stage.profile) for stage in reader.stages]
+            for number, more, _one in attributed(stages, wanted):
                 cured, before, after = _switched(reader, number)
                 found = self._note(enclave, cured, self._lines.start(enclave, before, after), None, reader)
                 found.escalates |= more
                 found.restricts |= not more
-                found.starting, found.refusing, found.ros = starting, refusing, True
+                found.ros = True
+                found.starting = self._names(value.must & 1 for value in values)
+                found.refusing = self._names(~value.may & 1 for value in values)
 
     def decisions(self, enclave: Enclave, operation: Operation, local: LocalValues) -> None:
         """Compares the decisions about an operation of the enclave's own participants."""
-        values = [
-            [local.decided(enclave, stage.profile, operation) for stage in reader.stages] for reader in self._readers
-        ]
+
+        def value(profile: Profile) -> Value:
+            return local.decided(enclave, profile, operation)
 
         def parts(before: Profile, after: Profile, channels: int) -> Iterator[Part]:
             return self._lines.decided(enclave, operation, before, after, channels)
 
-        self._compare(enclave, operation, values, parts, decided=True, skipped=0)
+        self._compare(enclave, operation, value, parts, decided=True)
 
     def rights(self, enclave: Enclave, operation: Operation, peers: PeerValues) -> None:
-        """Compares what peers accept of an operation, but where decisions differ for the same cause."""
-        values = [
-            [peers.accepted(enclave.path, stage.profile, operation) for stage in reader.stages]
-            for reader in self._readers
-        ]
+        """Compares what peers accept of an operation, but where decisions differ already in the same way."""
+
+        def value(profile: Profile) -> Value:
+            return peers.accepted(enclave.path, profile, operation)
 
         def parts(before: Profile, after: Profile, channels: int) -> Iterator[Part]:
             return self._lines.accepted(enclave.path, operation, before, after, channels, peers)
 
-        explained = self._explained.get((enclave.files.directory, operation), 0)
-        self._compare(enclave, operation, values, parts, decided=False, skipped=explained)
+        self._compare(enclave, operation, value, parts, decided=False)
 
     def found(self) -> tuple[Divergence, ...]:
         """Every line with its cause."""
@@ -194,21 +191,26 @@ class _Comparison:
         self,
         enclave: Enclave,
         operation: Operation,
-        values: Sequence[Sequence[Value]],
+        value: Callable[[Profile], Value],
         parts: Callable[[Profile, Profile, int], Iterator[Part]],
         *,
         decided: bool,
-        skipped: int,
     ) -> None:
         """Notes every line that a difference between the readers is due to."""
-        wanted = differing([stages[0] for stages in values]) & ~skipped
-        if not wanted:
-            return
-        for reader, stages in zip(self._readers, values, strict=True):
-            for number, more, channels in attributed(stages, wanted):
+        values = [value(reader.itself) for reader in self._readers]
+        wanted = left = differing(values)
+        for reader, itself in zip(self._readers, values, strict=True) if wanted else ():
+            if not differing((itself, value(reader.stages[-1].profile))) & wanted:
+                continue
+            for number, more, channels in attributed([value(stage.profile) for stage in reader.stages], wanted):
                 cured, before, after = _switched(reader, number)
-                rest = channels
-                for part in parts(before, after, channels):
+                left &= ~channels
+                key = enclave.files.directory, operation, more
+                explained = self._explained.get(key, 0)
+                rest = channels if decided else channels & ~explained
+                if decided:
+                    self._explained[key] = explained | channels
+                for part in parts(before, after, rest) if rest else ():
                     rest &= ~part.channels
                     cause = part.cause if cured in PARTITION_CAUSES and part.cause is not None else cured
                     found = self._note(enclave, cause, part.location, part.other, reader)
@@ -216,9 +218,11 @@ class _Comparison:
                 if rest:
                     found = self._note(enclave, cured, self._lines.start(enclave, before, after), None, reader)
                     self._add(found, enclave, operation, values, rest, more=more, decided=decided)
-                if decided:
-                    key = enclave.files.directory, operation
-                    self._explained[key] = self._explained.get(key, 0) | channels
+        if left:  # what is unknown to the specification
+            first, last = self._readers[0], self._readers[-1]
+            where = self._lines.start(enclave, first.itself, last.itself)
+            found = self._note(enclave, Cause.OTHER, where, None, last)
+            self._add(found, enclave, operation, values, left, more=True, decided=decided)
 
     def _note(
         self, enclave: Enclave, cause: Cause, location: Location, other: Location | None, reader: Reader
@@ -233,7 +237,7 @@ class _Comparison:
         found: _Found,
         enclave: Enclave,
         operation: Operation,
-        values: Sequence[Sequence[Value]],
+        values: Sequence[Value],
         channels: int,
         *,
         more: bool,
@@ -256,8 +260,8 @@ class _Comparison:
                     partition=channel.partition,
                     domain=self._channels.domains[channel.domain].intervals[0][0],
                     decided=decided,
-                    allowing=self._names(stages[0].must >> number & 1 for stages in values),
-                    denying=self._names(~stages[0].may >> number & 1 for stages in values),
+                    allowing=self._names(value.must >> number & 1 for value in values),
+                    denying=self._names(~value.may >> number & 1 for value in values),
                 )
 
     def _names(self, chosen: Iterable[int]) -> tuple[str, ...]:

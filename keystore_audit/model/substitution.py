@@ -139,10 +139,13 @@ class Stages:
         for names, of_participants in ((_OF_DOCUMENTS, False), (_OF_PARTICIPANTS, True), (_OF_RULES, False)):
             for name, cause in names.items():
                 access, local = profile.access, profile.local
+                theirs: Access | Local = goal.local if of_participants else goal.access
+                if getattr(local if of_participants else access, name) == getattr(theirs, name):
+                    continue
                 if of_participants:
-                    local = replace(local, **{name: getattr(goal.local, name)})
+                    local = replace(local, **{name: getattr(theirs, name)})
                 else:
-                    access = replace(access, **{name: getattr(goal.access, name)})
+                    access = replace(access, **{name: getattr(theirs, name)})
                 cured = self._profile(access, local)
                 if cured is not profile:
                     yield Stage(cured=cause, profile=cured)

@@ -132,14 +132,6 @@ def _names(profiles: Collection[str]) -> str:
     return either(said) if said else "no other"
 
 
-def _said_of_others(context: Context, why: str, cause: Cause) -> Iterator[Violation]:
-    """The same, but of enclaves whose grant allows something in a governed domain: KA514 and KA508 speak of those."""
-    spoken = frozenset(_without_a_domain(context)) if context.meaning.divergences else frozenset()
-    for found in _of(context, cause):
-        if rest := [divergence for divergence in found if not spoken.issuperset(divergence.enclaves)]:
-            yield _violation(rest, why)
-
-
 def _without_a_domain(context: Context) -> Iterator[str]:
     """Enclaves whose grant has no allow rule, or none for a governed domain: KA514 and KA508 say so."""
     for enclave in context.keystore.enclaves:
@@ -173,7 +165,15 @@ def rule_of_another_domain(_keystore: Keystore, context: Context) -> Iterator[Vi
     Allow rules give too much there, and deny rules take too much away. Peers look at the domain, so that what is
     allowed in excess is matched by none of them; what is denied in excess does not work.
     """
-    yield from _said_of_others(context, "Fast DDS applies a rule of another domain", Cause.RULE_DOMAINS)
+    spoken = frozenset(_without_a_domain(context)) if context.meaning.divergences else frozenset()
+    wide = [
+        divergence
+        for found in _of(context, Cause.RULE_DOMAINS)
+        for divergence in found
+        if not spoken.issuperset(divergence.enclaves)
+    ]
+    if wide:  # all in one: it is most often the governance that is wider than every grant
+        yield _violation(wide, "Fast DDS applies a rule of another domain")
 
 
 @rule(
@@ -190,8 +190,10 @@ def join_checked_differently(_keystore: Keystore, context: Context) -> Iterator[
     Fast DDS wants an allow rule of whatever domain; Cyclone DDS asks nothing where a topic of the domain has read or
     write access control off (measured); OpenDDS starts only there, or without join access control (read in its source).
     """
-    why = "The grant lets the enclave join a domain under some implementations alone"
-    yield from _said_of_others(context, why, Cause.JOIN)
+    spoken = frozenset(_without_a_domain(context)) if context.meaning.divergences else frozenset()
+    for found in _of(context, Cause.JOIN):
+        if rest := [divergence for divergence in found if not spoken.issuperset(divergence.enclaves)]:
+            yield _violation(rest, "The grant lets the enclave join a domain under some implementations alone")
 
 
 @rule(
