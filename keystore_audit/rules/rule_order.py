@@ -14,8 +14,8 @@ from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Rule, Violation, rule
 
 _NO_DENIAL: Final = (
-    "Take the deny rule out, and name the topics and partitions that are needed in the allow rules: what no rule "
-    "allows is denied everywhere"
+    "Take the deny rule out, since what no rule allows is denied by every implementation, and name the topics and "
+    "partitions that are needed in the allow rules"
 )
 
 
