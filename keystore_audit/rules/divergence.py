@@ -9,6 +9,7 @@ with one bound (KA419, KA515) unless they let somebody do more.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
@@ -96,7 +97,8 @@ def _consequence(divergence: Divergence, enclaves: Sequence[str]) -> str:
     who = listed(enclaves)
     example = divergence.example
     if divergence.starting or divergence.refusing:
-        starts = f"{who} starts under {_names(divergence.starting)}, and not under {_names(divergence.refusing)}"
+        verb = " starts" if len(enclaves) == 1 else ": start"
+        starts = f"{who}{verb} under {_names(divergence.starting)}, and not under {_names(divergence.refusing)}"
         if example is None or not divergence.escalates:
             return f"{starts}."
         return f"{starts}; {_right(example)}"
@@ -191,9 +193,27 @@ def join_checked_differently(_keystore: Keystore, context: Context) -> Iterator[
     write access control off (measured); OpenDDS starts only there, or without join access control (read in its source).
     """
     spoken = frozenset(_without_a_domain(context)) if context.meaning.divergences else frozenset()
+    to_the_letter: list[Divergence] = []
     for found in _of(context, Cause.JOIN):
-        if rest := [divergence for divergence in found if not spoken.issuperset(divergence.enclaves)]:
+        unspoken = [divergence for divergence in found if not spoken.issuperset(divergence.enclaves)]
+        to_the_letter += [divergence for divergence in unspoken if divergence.deviating == {"opendds"}]
+        if rest := [divergence for divergence in unspoken if divergence.deviating != {"opendds"}]:
             yield _violation(rest, "The grant lets the enclave join a domain under some implementations alone")
+    if to_the_letter:
+        yield _table_63(to_the_letter, context)
+
+
+def _table_63(found: Sequence[Divergence], context: Context) -> Violation:
+    """What OpenDDS refuses, and no grant can mend: it is the governance, most often that of `ros2 security`."""
+    concerned = {path for divergence in found for path in divergence.enclaves}
+    files = (e.governance for e in context.keystore.enclaves if e.path in concerned and e.governance is not None)
+    said = _violation(found, "OpenDDS takes Table 63 to the letter and starts nobody where everything is controlled")
+    return replace(
+        said,
+        locations=places((*(Location(path=file.signed.file.place) for file in files), *said.locations)),
+        remedy="Use another implementation: what OpenDDS asks for, join access control off or a topic without access "
+        "control, weakens all of them.",
+    )
 
 
 @rule(

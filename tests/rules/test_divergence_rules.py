@@ -199,6 +199,15 @@ def test_whoever_may_do_more_than_the_specification_says_is_worse(code: str, sev
     assert {finding.severity for finding in spoken(store, **options) if finding.code == code} == {severity}
 
 
+def test_opendds_starts_nobody_with_the_governance_of_sros2() -> None:
+    """One finding for all: no grant can mend it."""
+    (finding,) = spoken(healthy(), "spec", "opendds")
+    assert (finding.code, finding.severity, finding.profiles) == ("KA602", Severity.HIGH, ("opendds",))
+    assert finding.locations[0].path == "enclaves/governance.p7s"
+    assert "/listener, /talker: start under DDS-Security 1.1, and not under OpenDDS" in finding.message
+    assert "weakens" in finding.remedy
+
+
 def test_a_finding_says_who_does_what_where() -> None:
     (finding,) = spoken(CASES["KA605"][0])
     assert finding.message == (
