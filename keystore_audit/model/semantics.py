@@ -128,7 +128,8 @@ def has_one_reading(permissions: Permissions) -> bool:
 
 
 def _rules(rules: Sequence[Rule], access: Access) -> Iterator[ReadRule]:
-    for number, rule in enumerate(rules):
+    blocking = _blocking(rules, access.relay) if access.partitions is PartitionReading.RULE else ({},) * len(rules)
+    for rule, blocked in zip(rules, blocking, strict=True):
         domains = covered(rule.domains, access.open_ranges)
         regions = {operation: _region(rule, operation, access) for operation in Operation}
         if access.relay is not RelayReading.RELAY:
@@ -136,8 +137,6 @@ def _rules(rules: Sequence[Rule], access: Access) -> Iterator[ReadRule]:
         yield _read_rule(rule, domains, regions, allow=rule.allow)
         relayed = _topics(rule, Operation.RELAY) if access.relay is RelayReading.READ else ()
         if rule.allow and access.partitions is PartitionReading.RULE:
-            later = rules[number + 1 :]
-            blocked = {operation: _blocked(rule, operation, later, access.relay) for operation in Operation}
             if any(blocked.values()):
                 yield _read_rule(rule, domains, blocked, allow=False)
             if relayed:
@@ -198,21 +197,26 @@ def _by_rule(rule: Rule, operation: Operation) -> Region:
     return (Area(topics, _listed(rule, operation) if rule.allow else None),)
 
 
-def _blocked(rule: Rule, operation: Operation, later: Iterable[Rule], relay: RelayReading) -> Region:
-    """Where an allow rule keeps later ones from allowing: its topics, in partitions other than its own.
+def _blocking(rules: Sequence[Rule], relay: RelayReading) -> Sequence[Mapping[Operation, Region]]:
+    """Where each allow rule keeps later ones from allowing: its topics, in partitions other than its own.
 
     Nothing where no later rule allows in another partition, as in what `ros2 security` writes: no rule more then. Where
     `relay` admits readers, a later rule allows them by what it lists for relaying too.
     """
-    topics = _topics(rule, operation)
-    own = set(_listed(rule, operation))
-    admitting = {operation}
-    if operation is Operation.SUBSCRIBE and relay is RelayReading.READ:
-        admitting.add(Operation.RELAY)
-    others = (_listed(other, each) for other in later if other.allow for each in admitting)
-    if topics and any(not own.issuperset(listed) for listed in others):
-        return (Area(topics, None),)
-    return ()
+    later: dict[Operation, set[str]] = {operation: set() for operation in Operation}
+    found: list[Mapping[Operation, Region]] = []
+    for rule in reversed(rules):  # a document may hold 10,000 of them: what comes later is gathered once
+        blocked: dict[Operation, Region] = {}
+        for operation in Operation if rule.allow else ():
+            topics, own = _topics(rule, operation), _listed(rule, operation)
+            if topics and not later[operation].issubset(own):
+                blocked[operation] = (Area(topics, None),)
+        found.append(blocked)
+        for operation in Operation if rule.allow else ():
+            later[operation].update(_listed(rule, operation))
+            if operation is Operation.RELAY and relay is RelayReading.READ:
+                later[Operation.SUBSCRIBE].update(_listed(rule, operation))
+    return found[::-1]
 
 
 def _topics(rule: Rule, operation: Operation) -> tuple[str, ...]:

@@ -101,7 +101,7 @@ def _ranges(use: DocumentUse) -> Iterator[DomainRange]:
 def _meet(one: DomainRange, other: DomainRange) -> bool:
     """Whether the ranges share a domain; an absent bound is none (`model.domains.covered`)."""
     low = max(one.low or 0, other.low or 0)
-    return low <= min(HIGHEST_DOMAIN, *(high for high in (one.high, other.high) if high is not None))
+    return low <= min((HIGHEST_DOMAIN, *(high for high in (one.high, other.high) if high is not None)))
 
 
 @rule(
