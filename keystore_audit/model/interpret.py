@@ -14,7 +14,7 @@ from keystore_audit.model.divergence import divergences
 from keystore_audit.model.doubt import keystore_doubts
 from keystore_audit.model.meaning import Doubt, Meaning, UngovernedTopics, Usability
 from keystore_audit.model.permission import Permissions, members
-from keystore_audit.model.profiles import Profile
+from keystore_audit.model.profiles import SPEC, Profile
 from keystore_audit.model.protection import protection
 from keystore_audit.model.system import Reading, System
 from keystore_audit.model.systems import SystemBuilder
@@ -48,8 +48,13 @@ def interpret(
         ungoverned=_ungoverned(systems),
         over_budget=over_budget,
         idle=_idle(systems),
-        divergences=divergences(keystore, profiles, at, accesses, domain) if systems else (),
+        divergences=divergences(keystore, _beside_spec(profiles), at, accesses, domain) if systems else (),
     )
+
+
+def _beside_spec(profiles: Sequence[Profile]) -> tuple[Profile, ...]:
+    """The profiles, and the specification: what one implementation alone gives beyond a document has to be said too."""
+    return tuple(profiles) if SPEC in profiles else (SPEC, *profiles)
 
 
 def usability_by_profile(

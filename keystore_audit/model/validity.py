@@ -252,20 +252,3 @@ def _opendds(text: str, zone: ZoneInfo | None) -> Dated | None:
         return _certain(instant + standard_offset(instant, zone))
     except OverflowError:
         return _certain(instant)
-
-
-@lru_cache(maxsize=4096)
-def parse_instant(text: str) -> datetime | None:
-    """The instant that `text` names, aware UTC.
-
-    Without a zone it is UTC (what sros2 writes and `spec` reads).
-
-    None for whatever is no date of the years 1 to 9999 in the four-digit form, for midnight written as 24:00, for zones
-    beyond 12 hours and fractions of more than 12 digits, which Cyclone DDS takes for expired (measured, 0.10.2):
-    implementations differ about them.
-    """
-    date = _DATE_TIME.fullmatch(text)
-    if date is None or date["hour"] == "24" or len(date["fraction"] or "") > _MAX_DIGITS:
-        return None
-    instant = _xsd(text)
-    return None if instant in (BEGINNING, END) or _offset(date, 12 * _HOUR) is None else instant

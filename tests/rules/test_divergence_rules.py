@@ -20,6 +20,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.divergence import divergences
 from keystore_audit.model.effective import EffectiveRights
+from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.meaning import Divergence
 from keystore_audit.model.profiles import DEFAULT, VARIANTS, Profile
@@ -461,3 +462,14 @@ def test_examples_hold(drawn: tuple[Any, ...], zone: str | None) -> None:
             assert (profile.name in example.allowing) is bool(allowed >> channel & 1)
         assert example.allowing
         assert example.denying
+
+
+def test_one_implementation_alone_is_compared_with_the_specification() -> None:
+    """What it gives beyond the document must not go unsaid because nobody else was asked about."""
+    store = talking(ruled(publish=[(["rt/a"], ["p"]), (["rt/b"], None)]))
+    accesses = views(store)
+    said = interpret(store, chosen("fastdds-3.6"), AT, accesses, Usabilities(None, accesses))
+    assert [each.escalates for each in said.divergences] == [True]
+    plain = talking(ruled(publish=[(["rt/a"], ["p"])]))
+    accesses = views(plain)
+    assert interpret(plain, chosen("fastdds-3.6"), AT, accesses, Usabilities(None, accesses)).divergences == ()
