@@ -16,7 +16,7 @@ from keystore_audit.model.substitution import Cause
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.rules import RULES
 from keystore_audit.rules.judge import judge
-from tests.rules.divergent import OWN, P7S, chosen, codes, compared, ruled, spoken, talking, views
+from tests.rules.divergent import OWN, P7S, Domains, Listed, chosen, codes, compared, ruled, spoken, talking, views
 from tests.rules.evidence import (
     AT,
     allow,
