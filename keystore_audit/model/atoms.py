@@ -31,6 +31,9 @@ Only texts between two stars multiply states. What `ros2 security` writes needs 
 _MAX_QUOTED: Final = 60
 """Characters of the expression that the message about the budget quotes."""
 
+_PIECES_PER_UNIT: Final = 8
+"""Pieces between stars that are looked for in the time of one unit of the budget."""
+
 _Set = frozenset[int]
 
 
@@ -85,7 +88,7 @@ class _Classification:
         self._alphabet = _alphabet(tokens, self._budget)
         self._automaton = Automaton(tokens, self._alphabet, self._budget)
         self._members: dict[_Set, _Set] = {}
-        self._verifier = _Verifier(self._wildcards)
+        self._verifier = _Verifier(self._wildcards, self._budget)
 
     def classes(self, prefer: Iterable[str]) -> tuple[TopicClass, ...]:
         """All classes."""
@@ -171,7 +174,8 @@ def _alphabet(expressions: Iterable[Sequence[Token]], budget: Budget) -> Alphabe
 class _Verifier:
     """Asks the patterns themselves, with their own matcher, about a name that the automaton found."""
 
-    def __init__(self, patterns: Sequence[Pattern]) -> None:
+    def __init__(self, patterns: Sequence[Pattern], budget: Budget) -> None:
+        self._budget = budget
         self._by_prefix: dict[str, list[tuple[int, Pattern]]] = {}
         self._by_suffix: dict[str, list[tuple[int, Pattern]]] = {}
         for number, pattern in enumerate(patterns):
@@ -184,12 +188,12 @@ class _Verifier:
     def verify(self, name: str, expected: _Set) -> None:
         """Raise AuditError unless exactly the patterns `expected` match `name`; only those that may are asked."""
         matching = set()
-        for length in self._prefix_lengths:
-            for number, pattern in self._by_prefix.get(name[:length], ()):
-                if pattern.matches(name):
-                    matching.add(number)
-        for length in self._suffix_lengths:
-            for number, pattern in self._by_suffix.get(name[-length:], ()):
+        asked = [self._by_prefix.get(name[:length], ()) for length in self._prefix_lengths]
+        asked += [self._by_suffix.get(name[-length:], ()) for length in self._suffix_lengths]
+        for patterns in asked:
+            for number, pattern in patterns:
+                if len(pattern.pieces) > _PIECES_PER_UNIT:  # hundreds of stars, in hundreds of expressions
+                    self._budget.spend(len(pattern.pieces) // _PIECES_PER_UNIT)
                 if pattern.matches(name):
                     matching.add(number)
         if matching != expected:
