@@ -211,7 +211,10 @@ class AccessViews:
         if undefined is not None:
             return ReadDocument(doubt=undefined)
         if governance is not None:
-            refusal = self._range_refusal(_governance_ranges(governance), access)
+            ranges = list(_governance_ranges(governance))
+            refusal = self._range_refusal(ranges, access)
+            if refusal is None and _unbounded_below(ranges, access) is not None:
+                refusal = "it has an <id_range> without <min>"
             if refusal is None and access.refuses_unauthenticated_with_rtps and _opens_protected_rtps(governance):
                 refusal = "it allows unauthenticated participants beside a protected RTPS"
             return ReadDocument(
@@ -233,14 +236,15 @@ class AccessViews:
         known = list(ranges)
         if access.highest_domain is not None and self._beyond(known, access.highest_domain):
             return f"it names a domain above {access.highest_domain}"
-        if access.open_ranges is OpenRange.CYCLONEDDS and any(entry.low is None for entry in known):
-            return "it has an <id_range> without <min>"
         return None
 
     def _permissions_document(self, permissions: Permissions, access: Access) -> ReadDocument:
         refusal = self._range_refusal(_permissions_ranges(permissions), access)
         if refusal is not None:
             return ReadDocument(refusal=refusal)
+        unbounded = _unbounded_below(_permissions_ranges(permissions), access)
+        if unbounded is not None:  # in permissions it is not refused: coming to it ends the process (measured)
+            return ReadDocument(doubt=("an <id_range> without <min> ends the process that comes to it", unbounded.line))
         grants = []
         for grant in permissions.grants:
             dates = [read_date(date.text, access.dates, self._zone) for date in (grant.not_before, grant.not_after)]
@@ -278,6 +282,13 @@ def _meaning(text: str, matcher: Matcher) -> object:
 def _is_1_0(file: Typed) -> bool:
     """Permissions of that form only mix their criteria, which every implementation reads (measured)."""
     return isinstance(file, GovernanceFile) and any(defect.kind is Kind.DDS_SECURITY_1_0 for defect in file.defects)
+
+
+def _unbounded_below(ranges: Iterable[DomainRange], access: Access) -> DomainRange | None:
+    """A range without a lower bound, where the implementation wants one."""
+    if access.open_ranges is not OpenRange.CYCLONEDDS:
+        return None
+    return next((entry for entry in ranges if entry.low is None), None)
 
 
 def _opens_protected_rtps(governance: Governance) -> bool:

@@ -14,6 +14,7 @@ from zoneinfo import ZoneInfo
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from keystore_audit.access import Access as Answers
 from keystore_audit.audit import Options, audit
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.keystore.permissions import Operation, Rule
@@ -25,6 +26,7 @@ from keystore_audit.model.effective import EffectiveRights
 from keystore_audit.model.expression import parse
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.profiles import VARIANTS, Access, Profile
+from keystore_audit.model.question import Question, Ruling
 from keystore_audit.model.semantics import read_grant
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.usability import Usabilities
@@ -347,3 +349,16 @@ def test_a_range_without_an_end_is_audited(tmp_path: Path) -> None:
     report = audit(tmp_path, Options(at=r.NOW, engine="native"))
     assert not [finding for finding in report.findings if finding.code.startswith("KA9")]
     assert "KA515" in {finding.code for finding in report.findings}
+
+
+def test_a_range_without_a_beginning_is_unknown_where_it_may_be_passed_over(tmp_path: Path) -> None:
+    """Cyclone DDS 0.10.2 crashes where it comes to one, and starts where an id before it matches (measured)."""
+    permissions = r.permissions(r.grant(r.allow(r.pub("rt/b"), where=r.domains(0, (None, 3))), subject="CN=/a"))
+    _write(tmp_path / "enclaves/a", "a", _authority("permissions CA"), r.governance(), permissions)
+    question = Question(enclave="/a", operation=Operation.PUBLISH, topic="rt/b", domain=0)
+    answers = Answers(tmp_path, [question], profiles=PROFILES, at=r.NOW).answers(question)
+    for name, answer in answers.items():
+        expected = (None, Ruling.UNKNOWN) if name.startswith("cyclonedds") else (True, Ruling.ALLOW)
+        if name != "opendds":  # refuses the stock governance
+            assert (answer.usable, answer.decision) == expected, name
+        assert answer.effective is not Ruling.DENY, name

@@ -13,7 +13,8 @@ class OpenRange(str, Enum):
     """What an `<id_range>` with one bound holds (measured; OPENDDS read).
 
     SPEC, OPENDDS: the absent bound does not bound. FASTDDS: a lone `<min>`, or a `<max>` of 0, is that one id.
-    CYCLONEDDS: a lone `<min>` is that one id; a lone `<max>`, or one below `<min>`, and the file is refused.
+    CYCLONEDDS: a lone `<min>` is that one id; a lone `<max>` and the governance is refused, while in permissions
+    it ends the process that comes to it, and no other.
     """
 
     SPEC = "spec"
