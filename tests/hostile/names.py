@@ -80,9 +80,8 @@ def in_authority(name: str) -> Callable[[Store], None]:
 
 
 UNREAD: Final = frozenset(
-    # Not the one meaning that a document must have, or an expression that implementations read differently.
-    {"a screen that is cleared", "a C1 control sequence", "a carriage return", "line ends", "rich markup"}
-    | {"a right-to-left override", "bidi isolates", "zero-width characters", "a JSON string that ends"}
+    # Not the one meaning that a document must have.
+    {"a C1 control sequence", "line ends", "a right-to-left override", "bidi isolates", "zero-width characters"}
     | {"a Unicode line end", "tags of an invisible plane"}
 )
 
