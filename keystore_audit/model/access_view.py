@@ -14,7 +14,7 @@ from keystore_audit.keystore.governance import DomainRange, Governance, Governan
 from keystore_audit.keystore.permissions import Grant, Operation, Permissions, PermissionsFile
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.inventory import Document
-from keystore_audit.model.profiles import Access, DateReading, OpenRange, PartitionReading, Profile, RelayReading
+from keystore_audit.model.profiles import SPEC, Access, DateReading, OpenRange, Profile
 from keystore_audit.model.semantics import (
     ReadDomainRule,
     ReadGrant,
@@ -29,24 +29,6 @@ _COUNTING: Final = frozenset("?[")
 """What takes one character, or one octet."""
 
 _WILDCARDS: Final = frozenset("*?[\\")
-_PLAIN: Final = Access(
-    matcher=Matcher.POSIX,
-    matches_octets=False,
-    open_ranges=OpenRange.SPEC,
-    highest_domain=None,
-    reads_1_0=True,
-    refuses_unauthenticated_with_rtps=False,
-    dates=DateReading.XSD,
-    skips_grants_out_of_date=True,
-    honours_default=True,
-    partitions=PartitionReading.CRITERION,
-    relay=RelayReading.RELAY,
-    first_rule_decides_topic=False,
-    requires_grant=False,
-    any_governance_rule=False,
-)
-"""What stands for every way of reading what all read alike."""
-
 Typed = GovernanceFile | PermissionsFile
 
 
@@ -121,7 +103,7 @@ class AccessViews:
         return frozenset(each.instant for each in dated if each is not None and each.local)
 
     def _reduced(self, access: Access) -> Access:
-        """The row with everything that no document gives an occasion for as `_PLAIN` has it."""
+        """The row with everything that no document gives an occasion for as the specification has it."""
         texts = self._unusual_expressions
         alike = all(_meaning(text, access.matcher) == _meaning(text, Matcher.POSIX) for text in texts)
         dates = all(self._same_date(text, access.dates) for text in self._dates)
@@ -154,7 +136,7 @@ class AccessViews:
                 for governance in self._governances
             ),
         }
-        return replace(_PLAIN, **{name: getattr(access, name) for name, occurs in occasions.items() if occurs})
+        return replace(SPEC.access, **{name: getattr(access, name) for name, occurs in occasions.items() if occurs})
 
     @cached_property
     def _governances(self) -> list[Governance]:
