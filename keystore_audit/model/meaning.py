@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.substitution import Cause
-from keystore_audit.model.system import System
+
+if TYPE_CHECKING:  # `can` has no part in either
+    from keystore_audit.model.substitution import Cause
+    from keystore_audit.model.system import System
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
