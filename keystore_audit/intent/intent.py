@@ -1,0 +1,87 @@
+"""Intended rights, whatever file says them: the values that `keystore_audit.intent` reads files into."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from keystore_audit.findings import Location
+
+
+class Action(str, Enum):
+    """What a node does with a topic, service or action, in the words of SROS2's policy (ROS 2 design, article 182)."""
+
+    PUBLISH = "publish"
+    SUBSCRIBE = "subscribe"
+    REQUEST = "request"
+    REPLY = "reply"
+    CALL = "call"
+    EXECUTE = "execute"
+
+
+class Origin(str, Enum):
+    """Which sort of file says it."""
+
+    POLICY = "policy"
+    GRAPH = "graph"
+    LAUNCH = "launch"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IntendedNode:
+    """A node that is to run in the enclave (its path); `name` is its fully qualified ROS name."""
+
+    enclave: str
+    name: str
+    location: Location
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IntendedRight:
+    """What a node does, or (`allow` False, policies alone) must not do.
+
+    `name`: fully qualified ROS name; in a policy it may be an expression with wildcards. `node`: the fully qualified
+    name of the node, "" where the file does not say. `location`: in the file that says so, its path as the user gave
+    it.
+    """
+
+    enclave: str
+    node: str
+    action: Action
+    name: str
+    allow: bool
+    location: Location
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UsedName:
+    """A name that a node uses while the file does not say how: a remapping in a launch file."""
+
+    enclave: str
+    node: str
+    name: str
+    location: Location
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unresolved:
+    """Something in the file that could not be worked out, so that rights may be missing from the intent.
+
+    `reason`: a sentence.
+    """
+
+    location: Location
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Intent:
+    """What one file, with all that it includes, says. `enclaves`: every path it names, with the place."""
+
+    origin: Origin
+    path: str
+    enclaves: tuple[tuple[str, Location], ...]
+    nodes: tuple[IntendedNode, ...]
+    rights: tuple[IntendedRight, ...]
+    names: tuple[UsedName, ...] = ()
+    unresolved: tuple[Unresolved, ...] = ()
