@@ -16,6 +16,7 @@ from enum import Enum
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import ProtectionKind
+from keystore_audit.model.claim import ClaimAtom
 
 
 class Reading(str, Enum):
@@ -206,6 +207,7 @@ class System:
     topic_rules: tuple[TopicRuleAtom, ...]
     grants: tuple[GrantAtom, ...]
     rules: tuple[RuleAtom, ...]
+    claims: tuple[ClaimAtom, ...] = ()
 
     @property
     def has_doubt(self) -> bool:

@@ -16,6 +16,9 @@ class Role(str, Enum):
     OTHER = "other"
     DOCUMENT = "document"
     CHANNEL = "channel"
+    CERTIFICATE = "certificate"
+    OTHER_CERTIFICATE = "other_certificate"
+    OTHER_CHANNEL = "other_channel"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,13 +51,29 @@ Witness = Mapping[Role, int]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Hop:
+    """One step of a flow: a participant hands a sample of the channel to the next.
+
+    Enclaves by index; None: the outsider, or, at the first and last hop, that the flow begins or ends at the channel.
+    `instant`: at which (index).
+    """
+
+    sender: int | None
+    channel: int
+    receiver: int | None
+    instant: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
-    """One engine's answer about one system. `witnesses` is empty exactly where it holds.
+    """One engine's answer about one system. `witnesses` is empty exactly where a property holds.
 
     An engine may give one witness or several, the most telling first; never UNKNOWN: within one reading
-    everything is decided.
+    everything is decided. Of a claim (`model.claim`): `path` is a shortest flow that violates it, where its kind has
+    flows.
     """
 
     property_id: str
     status: Status
     witnesses: tuple[Witness, ...] = ()
+    path: tuple[Hop, ...] = ()

@@ -1,0 +1,59 @@
+"""A claim: a user's property about one system, or a question about flows, as facts for both engines (docs/model.md).
+
+Places are sets of atoms; what a user wrote as globs has become indices here. Neither engine is told an answer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from keystore_audit.findings import Location
+
+
+class ClaimKind(str, Enum):
+    """What is claimed of the places."""
+
+    NO_FLOW = "no-flow"
+    ONLY_PUBLISH = "only-publish"
+    ENCRYPTED = "encrypted"
+    SEPARATE_DOMAINS = "separate-domains"
+    ABLE = "able"
+
+
+class Attacker(str, Enum):
+    """Who does more than its rights let it: the first three on the way of a flow, the last two before encryption."""
+
+    HONEST = "honest"
+    SOURCE = "source"
+    RELAYS = "relays"
+    OUTSIDER = "outsider"
+    INSIDER = "insider"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """Where a flow begins or ends: enclaves, channels, or the one participant without any key."""
+
+    enclaves: frozenset[int] = frozenset()
+    channels: frozenset[int] = frozenset()
+    outsider: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClaimAtom:
+    """One claim. `id`: unique, `[a-z0-9-]+`. `through`: enclaves that a flow may not pass for it to count (`no-flow`).
+
+    `left_out`: ambient channels that no flow takes. `until`: the last instant (index) at which it must hold, None: now
+    alone. `location`: where the user wrote it.
+    """
+
+    id: str
+    kind: ClaimKind
+    attacker: Attacker
+    source: Place
+    target: Place
+    through: frozenset[int]
+    left_out: frozenset[int]
+    until: int | None
+    location: Location
