@@ -13,10 +13,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from keystore_audit.errors import BudgetExceeded
+from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.atoms import TopicClass, classify
 from keystore_audit.model.domains import Interval, contains, describe, elementary
 from keystore_audit.model.expression import Matcher, Pattern, parse
 from keystore_audit.model.names import is_ros_dds_name
+from keystore_audit.model.profiles import Access
 from keystore_audit.model.semantics import Region
 from keystore_audit.model.system import ChannelAtom, DomainAtom
 
@@ -117,6 +119,32 @@ def build_channels(
         regions=shapes.found(columns, [start for start, ruled in zip(starts, governed, strict=True) if ruled]),
         starts=tuple(starts),
     )
+
+
+def document_channels(read: Mapping[Access, Iterable[ReadDocument]], points: Sequence[Point] | None = None) -> Channels:
+    """The channels that documents tell apart, as implementations of each access row read them.
+
+    `points`: as in `build_channels`, which says what is raised.
+    """
+    governed: dict[tuple[Interval, ...], None] = {}
+    ruled: dict[tuple[Interval, ...], None] = {}
+    regions: dict[Named, None] = {}
+    for access, documents in read.items():
+        for document in documents:
+            for domain_rule in document.domain_rules or ():
+                governed[domain_rule.domains] = None
+                for topic_rule in domain_rule.topic_rules:
+                    regions[access.matcher, topic_rule.region] = None
+            for grant in document.grants or ():
+                for rule in grant.rules:
+                    ruled[rule.domains] = None
+                    for region in (rule.publish, rule.subscribe, rule.relay):
+                        regions[access.matcher, region] = None
+                    if access.first_rule_decides_topic:
+                        regions[access.matcher, rule.listed] = None
+    domains = domain_classes([*governed, *ruled])
+    covers = [any(contains(cover, domain.intervals[0][0]) for cover in governed) for domain in domains]
+    return build_channels(domains, covers, regions, points)
 
 
 def _check_cells(classes: int, others: int, words: str) -> None:

@@ -14,10 +14,8 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.issuer import fit_to_sign
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.access_view import AccessViews, ReadDocument
-from keystore_audit.model.channels import Channels, Point, build_channels, domain_classes
-from keystore_audit.model.domains import Interval, contains
+from keystore_audit.model.channels import Point, document_channels
 from keystore_audit.model.doubt import identity_doubt, realm_doubt
-from keystore_audit.model.expression import Matcher
 from keystore_audit.model.inventory import (
     Document,
     certificates_of,
@@ -27,7 +25,6 @@ from keystore_audit.model.inventory import (
 )
 from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.rule_atoms import Atoms, RuleAtoms
-from keystore_audit.model.semantics import Region
 from keystore_audit.model.system import (
     CertificateAtom,
     DocumentAtom,
@@ -69,7 +66,7 @@ class SystemBuilder:
         self._number = {certificate.sha256: n for n, certificate in enumerate(self._certificates)}
         grants = (g for read in self._read.values() for document in read for g in document.grants or ())
         self._instants = instants_of(self._certificates, grants, at)
-        self.channels = self._classes(points)
+        self.channels = document_channels(self._read, points)
         self._rule_atoms = RuleAtoms(self.channels, self._instants)
         self._issuers = self._issue()
         self._typed: dict[object, Atoms] = {}
@@ -81,28 +78,6 @@ class SystemBuilder:
         """The documents as they are read, in order."""
         nothing = ReadDocument()
         return [nothing if d.file is None else self._accesses.read(d.file, access) for d in self._documents]
-
-    def _classes(self, points: Sequence[Point] | None) -> Channels:
-        """Domain classes and channels over all readable documents."""
-        governed: dict[tuple[Interval, ...], None] = {}
-        ruled: dict[tuple[Interval, ...], None] = {}
-        regions: dict[tuple[Matcher, Region], None] = {}
-        for access, documents in self._read.items():
-            for document in documents:
-                for domain_rule in document.domain_rules or ():
-                    governed[domain_rule.domains] = None
-                    for topic_rule in domain_rule.topic_rules:
-                        regions[access.matcher, topic_rule.region] = None
-                for grant in document.grants or ():
-                    for rule in grant.rules:
-                        ruled[rule.domains] = None
-                        for region in (rule.publish, rule.subscribe, rule.relay):
-                            regions[access.matcher, region] = None
-                        if access.first_rule_decides_topic:
-                            regions[access.matcher, rule.listed] = None
-        domains = domain_classes([*governed, *ruled])
-        covers = [any(contains(cover, domain.intervals[0][0]) for cover in governed) for domain in domains]
-        return build_channels(domains, covers, regions, points)
 
     def _issue(self) -> tuple[frozenset[int], ...]:
         """For each certificate, those of CA files and messages that issued it: names and signature, not dates."""
