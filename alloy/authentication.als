@@ -36,3 +36,6 @@ fun authentic_in_force: Realm -> Enclave { authentic_among[in_force & Certificat
 
 /** Pairs of enclaves whose identities have one key, so that each can pass for the other. */
 fun one_key: Enclave -> Enclave { identity.public_key.~(identity.public_key) - iden }
+
+/** Pairs of enclaves whose identities one grant names, so that neither can have rights that the other has not. */
+fun one_subject: Enclave -> Enclave { identity.~subject_name.subject_name.~identity - iden }

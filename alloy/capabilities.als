@@ -55,6 +55,12 @@ fun forges[realm: Realm]: Enclave -> Channel {
 		submessage & payload & Enclave -> anonymous
 }
 
+/** Channels whose samples the enclave learns, as a reader or from packets. */
+fun knows[realm: Realm]: Enclave -> Channel { may_read[realm] + overhears[realm] }
+
+/** Channels whose readers take samples from the enclave, as a permitted writer or as a forger. */
+fun feeds[realm: Realm]: Enclave -> Channel { may_write[realm] + forges[realm] }
+
 /** Channels on which there may be something to read: some enclave may write. */
 fun written: Realm -> Channel { { realm: Realm, channel: Enclave.(may_write[realm]) } }
 

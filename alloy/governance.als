@@ -92,3 +92,9 @@ fun payload_protection[kinds: set ProtectionKind]: Realm -> Channel {
 fun discovery_encrypted: Realm -> Channel {
 	channels_under[enable_discovery_protection] & channels_within[discovery_protection_kind.encrypting]
 }
+
+/** Channels on which a participant's word that a writer lives is taken from members of the domain alone. */
+fun liveliness_authenticated: Realm -> Channel {
+	channels_under[enable_liveliness_protection]
+	& channels_within[liveliness_protection_kind.(ProtectionKind - NONE)]
+}

@@ -5,7 +5,7 @@
  * whom. A family is worth something only where it has something to speak of: see the module `vacuity`.
  */
 module properties
-open capabilities
+open enforcement
 
 -- authentication: who may take part (8.3 and 9.3)
 
@@ -31,28 +31,28 @@ assert NoIdentityServesTwoEnclaves {
 	all enclave, other: Enclave | enclave not in opaque and other not in enclave.one_key
 }
 
+/** No subject that permissions documents grant rights to is the subject of two enclaves. */
+assert NoSubjectServesTwoEnclaves {
+	all enclave, other: Enclave | enclave not in opaque and (other in opaque or other not in enclave.one_subject)
+}
+
 /** No enclave can sign a permissions document that its peers obey, or holds one that not the CA has signed. */
 assert NoEnclaveGrantsItselfRights {
 	all realm: Realm, enclave: Enclave |
 		enclave not in realm.self_granting and no enclave.permissions & (realm.accepted - realm.genuine)
 }
 
--- encryption: what somebody without any key of the keystore can do (9.5)
-
-/** Channels whose payloads anybody can read who sees the packets. */
-fun readable_outside: Realm -> Channel {
-	governed & written
-	- message_protection[encrypting] - submessage_protection[encrypting] - payload_protection[encrypting]
+/** Who vouches for identities does not sign permissions: no key is that of an identity CA and of a permissions CA. */
+assert OneCaForOneRole {
+	all realm: Realm, certificate: realm.identity_ca, other_certificate: realm.permissions_ca |
+		certificate.public_key != other_certificate.public_key
 }
+
+-- encryption: what somebody without any key of the keystore can do (9.5)
 
 /** No payload is readable without a key of this keystore. */
 assert OutsidersCannotRead {
 	all realm: Realm, channel: Channel | channel not in realm.readable_outside
-}
-
-/** Channels whose names anybody learns who sees the packets of discovery. */
-fun announced_outside: Realm -> Channel {
-	governed & (written + read) - message_protection[encrypting] - discovery_encrypted
 }
 
 /** No topic name is readable in discovery without a key of this keystore. */
@@ -60,41 +60,26 @@ assert OutsidersCannotLearnNames {
 	all realm: Realm, channel: Channel | channel not in realm.announced_outside
 }
 
-/**
- * Channels whose readers take samples from anybody who can send packets. Where unauthenticated participants are
- * allowed, their messages come in the clear, whatever protects those of the others (measured on Cyclone DDS).
- */
-fun injectable_outside: Realm -> Channel {
-	governed & read & (message_protection[NONE] + unauthenticated_allowed.~in_domain)
-		& submessage_protection[NONE] & payload_protection[NONE]
-}
-
 /** No reader takes a sample that was made without a key of this keystore. */
 assert OutsidersCannotInject {
 	all realm: Realm, channel: Channel | channel not in realm.injectable_outside
 }
 
--- access control: whether rights are what the signed permissions grant (8.4 and 9.4)
-
-/** Channels on which some enclave has a grant that the governance makes nobody ask for. */
-fun unenforced: Realm -> Channel {
-	{ realm: Realm, channel: realm.governed |
-		let publishers = granted[realm, publish_allowed].channel,
-		    subscribers = granted[realm, subscribe_allowed].channel {
-			some publishers and channel in realm.write_uncontrolled
-			or some subscribers and channel in realm.read_uncontrolled
-			or some publishers + subscribers and channel.in_domain in realm.join_uncontrolled
-		} }
+/** No reader takes an old sample for a new one from somebody without a key of this keystore. */
+assert OutsidersCannotReplay {
+	all realm: Realm, channel: Channel | channel not in realm.replayable_outside
 }
+
+/** No reader believes somebody without a key of this keystore that a writer lives, or has gone. */
+assert OutsidersCannotForgeLiveliness {
+	all realm: Realm, channel: Channel | channel not in realm.liveliness_forgeable_outside
+}
+
+-- access control: whether rights are what the signed permissions grant (8.4 and 9.4)
 
 /** Wherever a permissions document grants something, the governance makes peers ask for the grant. */
 assert GrantsAreEnforced {
 	all realm: Realm, channel: Channel | channel not in realm.unenforced
-}
-
-/** Channels on which an enclave has its samples taken, without a grant to publish or, where it forges, to subscribe. */
-fun writes_without_a_grant[realm: Realm]: Enclave -> Channel {
-	may_write[realm] + (forges[realm] - granted[realm, subscribe_allowed]) - granted[realm, publish_allowed]
 }
 
 /** No enclave gets a sample taken on a topic for which the permissions CA gave it no grant at all. */
@@ -102,22 +87,23 @@ assert NobodyWritesWithoutAGrant {
 	all realm: Realm, enclave: Enclave, channel: Channel | channel not in enclave.(writes_without_a_grant[realm])
 }
 
-/** Channels that an enclave reads, as a reader or from packets, without a grant to subscribe. */
-fun reads_without_a_grant[realm: Realm]: Enclave -> Channel {
-	may_read[realm] + overhears[realm] - granted[realm, subscribe_allowed]
-}
-
 /** No enclave reads a topic for which the permissions CA gave it no subscribe grant. */
 assert NobodyReadsWithoutAGrant {
 	all realm: Realm, enclave: Enclave, channel: Channel | channel not in enclave.(reads_without_a_grant[realm])
 }
 
-/** Channels that are written, and on which an enclave, granted to subscribe only, can pass for a writer. */
-fun forged_by_readers[realm: Realm]: Enclave -> Channel {
-	(forges[realm] & granted[realm, subscribe_allowed] & Enclave -> realm.written) - granted[realm, publish_allowed]
-}
-
 /** No enclave that may only subscribe to a topic can pass for a publisher of it. */
 assert ReadersCannotForge {
 	all realm: Realm, enclave: Enclave, channel: Channel | channel not in enclave.(forged_by_readers[realm])
+}
+
+/** No enclave that is granted to relay a topic, and not to subscribe to it, reads what it relays. */
+assert RelaysCannotRead {
+	all realm: Realm, enclave: Enclave, channel: Channel | channel not in enclave.(read_by_relays[realm])
+}
+
+/** No enclave reads in one domain and writes in another. */
+assert NoEnclaveBridgesDomains {
+	all realm: Realm, enclave: Enclave, channel: enclave.(carried_across[realm]), other_channel: enclave.(feeds[realm]) |
+		channel.in_domain = other_channel.in_domain
 }

@@ -381,7 +381,20 @@ class _Chance:
             self.governance(document)
         for document in range(len(self.b.documents)):
             self.permissions(document)
+        self.liveliness()
         return self.b.system()
+
+    def liveliness(self) -> None:
+        """Drawn last: what was drawn before stays as it is."""
+        b, kinds = self.b, list(ProtectionKind)
+        if not self.odd():
+            return
+        b.domain_rules = [
+            replace(rule, liveliness_protection_kind=self.random.choice(kinds)) for rule in b.domain_rules
+        ]
+        b.topic_rules = [
+            replace(rule, enable_liveliness_protection=self.random.random() < 0.5) for rule in b.topic_rules
+        ]
 
     def dates(self) -> tuple[int, int]:
         if not self.odd(0.3):

@@ -26,6 +26,9 @@ ROLE_LETTERS: Final = {
     Role.OTHER: "E",
     Role.DOCUMENT: "P",
     Role.CHANNEL: "T",
+    Role.CERTIFICATE: "C",
+    Role.OTHER_CERTIFICATE: "C",
+    Role.OTHER_CHANNEL: "T",
 }
 """The letters of the sig that a role ranges over."""
 

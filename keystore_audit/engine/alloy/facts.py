@@ -33,6 +33,8 @@ MODULES: Final = (
     "governance.als",
     "permissions.als",
     "capabilities.als",
+    "outsiders.als",
+    "enforcement.als",
     "properties.als",
     "vacuity.als",
 )

@@ -144,6 +144,9 @@ def _read(system: System, directory: Path, output: Output, java: Path, memory_mb
         Role.OTHER: len(system.enclaves),
         Role.DOCUMENT: len(system.documents),
         Role.CHANNEL: len(system.channels),
+        Role.CERTIFICATE: len(system.certificates),
+        Role.OTHER_CERTIFICATE: len(system.certificates),
+        Role.OTHER_CHANNEL: len(system.channels),
     }
     solutions = directory / OUTPUT_DIRECTORY
     answers = {

@@ -1,0 +1,39 @@
+/**
+ * What enclaves can do beyond what the permissions CA granted them (DDS-Security 1.1, 8.4 and 9.4).
+ */
+module enforcement
+open outsiders
+
+/** Channels on which some enclave has a grant that the governance makes nobody ask for. */
+fun unenforced: Realm -> Channel {
+	{ realm: Realm, channel: realm.governed |
+		let publishers = granted[realm, publish_allowed].channel,
+		    subscribers = granted[realm, subscribe_allowed].channel {
+			some publishers and channel in realm.write_uncontrolled
+			or some subscribers and channel in realm.read_uncontrolled
+			or some publishers + subscribers and channel.in_domain in realm.join_uncontrolled
+		} }
+}
+
+/** Channels on which an enclave has its samples taken, without a grant to publish or, where it forges, to subscribe. */
+fun writes_without_a_grant[realm: Realm]: Enclave -> Channel {
+	may_write[realm] + (forges[realm] - granted[realm, subscribe_allowed]) - granted[realm, publish_allowed]
+}
+
+/** Channels that an enclave reads, as a reader or from packets, without a grant to subscribe. */
+fun reads_without_a_grant[realm: Realm]: Enclave -> Channel { knows[realm] - granted[realm, subscribe_allowed] }
+
+/** Channels that are written, and on which an enclave, granted to subscribe only, can pass for a writer. */
+fun forged_by_readers[realm: Realm]: Enclave -> Channel {
+	(forges[realm] & granted[realm, subscribe_allowed] & Enclave -> realm.written) - granted[realm, publish_allowed]
+}
+
+/** Channels that an enclave is there to relay, and reads without a grant to subscribe: payloads are in the clear. */
+fun read_by_relays[realm: Realm]: Enclave -> Channel {
+	relays[realm] - Enclave -> realm.(payload_protection[encrypting]) - granted[realm, subscribe_allowed]
+}
+
+/** Channels that an enclave reads, and whose samples it could carry into another domain, where it has its own taken. */
+fun carried_across[realm: Realm]: Enclave -> Channel {
+	knows[realm] & feeds[realm].in_domain.(Domain -> Domain - iden).~in_domain
+}

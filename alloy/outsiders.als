@@ -1,0 +1,43 @@
+/**
+ * What somebody without any key of the keystore can do who sees the packets of the network, and can send some
+ * (DDS-Security 1.1, 8.1 and 9.5): read, learn names, inject, replay, and feign that others live.
+ *
+ * Each function is the set of channels where nothing stands in the way. Where unauthenticated participants are
+ * allowed, their messages come in the clear, whatever protects those of the others (measured on Cyclone DDS).
+ */
+module outsiders
+open capabilities
+
+/** Channels whose payloads no protection hides: anybody reads them, if anybody writes. */
+fun in_clear: Realm -> Channel {
+	governed - message_protection[encrypting] - submessage_protection[encrypting] - payload_protection[encrypting]
+}
+
+/** Channels whose payloads anybody can read who sees the packets. */
+fun readable_outside: Realm -> Channel { in_clear & written }
+
+/** Channels whose names anybody learns who sees the packets of discovery. */
+fun announced_outside: Realm -> Channel {
+	governed & (written + read) - message_protection[encrypting] - discovery_encrypted
+}
+
+/** Channels on which readers take whole messages from anybody, as far as these are not protected inside. */
+fun open_messages: Realm -> Channel { governed & (message_protection[NONE] + unauthenticated_allowed.~in_domain) }
+
+/** Channels on which readers take submessages from anybody: nothing tells who numbered or announced a sample. */
+fun open_submessages: Realm -> Channel { open_messages & submessage_protection[NONE] }
+
+/** Channels on which readers would take samples from anybody, if anybody reads. */
+fun unguarded: Realm -> Channel { open_submessages & payload_protection[NONE] }
+
+/** Channels whose readers take samples from anybody who can send packets. */
+fun injectable_outside: Realm -> Channel { unguarded & read }
+
+/**
+ * Channels whose readers take an old sample for a new one from anybody: a payload that is protected for itself still
+ * counts when the submessage around it, with its sequence number, is anybody's.
+ */
+fun replayable_outside: Realm -> Channel { open_submessages & read }
+
+/** Channels whose readers take anybody's word that a writer lives, or that it has gone. */
+fun liveliness_forgeable_outside: Realm -> Channel { open_messages & read - liveliness_authenticated }
