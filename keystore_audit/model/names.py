@@ -1,19 +1,19 @@
 """ROS 2 names and the DDS names that they become, by the rules of rmw and of sros2's policy translation.
 
-Sources: rmw's `validate_full_topic_name.c` for what a fully qualified name is, rmw's topic prefixes, and sros2's
+Sources: `intent/ros_names.py` for what a fully qualified name is, rmw's topic prefixes, and sros2's
 `permissions.xsl` for which DDS topics a right on a service or an action needs. Lengths are not limited here: rmw takes
 at most 247 characters, a DDS participant any number.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
 from keystore_audit.errors import UsageError
+from keystore_audit.intent.ros_names import FULL_NAME, is_ros_name
 from keystore_audit.keystore.permissions import Operation
 
 DISCOVERY_TOPIC: Final = "ros_discovery_info"
@@ -42,7 +42,6 @@ SERVICE_PREFIX: Final = "rs"
 REQUEST_SUFFIX: Final = "Request"
 REPLY_SUFFIX: Final = "Reply"
 
-_FULL_NAME: Final = re.compile(r"(?:/[A-Za-z_][A-Za-z0-9_]*)+")
 _ACTION_PART: Final = "/_action/"
 _ACTION_SERVICES: Final = ("cancel_goal", "get_result", "send_goal")
 _ACTION_TOPICS: Final = ("feedback", "status")
@@ -80,20 +79,12 @@ class RosName:
         return f"{self.name} ({f'{self.kind.value} {self.part}'.rstrip()})"
 
 
-def is_ros_name(path: str) -> bool:
-    """Return whether `path` is a fully qualified ROS name: of a topic, service, action or enclave (but the root).
-
-    Tokens `[A-Za-z_][A-Za-z0-9_]*`, each behind one `/`, nothing after the last.
-    """
-    return _FULL_NAME.fullmatch(path) is not None
-
-
 def is_ros_dds_name(dds: str) -> bool:
     """Return whether `parse_dds_name` gives a name; the quick question for 100,000s of topics."""
     suffix = _MANGLING.get(dds[:2], (None,))[0]
     if suffix is None or not dds.endswith(suffix):
         return dds == DISCOVERY_TOPIC
-    return _FULL_NAME.fullmatch(dds, 2, len(dds) - len(suffix)) is not None or dds == DISCOVERY_TOPIC
+    return FULL_NAME.fullmatch(dds, 2, len(dds) - len(suffix)) is not None or dds == DISCOVERY_TOPIC
 
 
 def parse_dds_name(dds: str) -> RosName | None:
