@@ -128,8 +128,8 @@ def _one(keystore: str, enclave: str, operation: str, name: str, given: dict[str
 
 def _questions(enclave: str, operation: str, name: str, given: dict[str, Any]) -> tuple[Question, ...]:
     """The questions about DDS topics that the question is made of."""
-    from keystore_audit.keystore.permissions import Operation
     from keystore_audit.intent.ros_names import is_ros_name
+    from keystore_audit.keystore.permissions import Operation
     from keystore_audit.model.names import dds_channels
     from keystore_audit.model.question import Question
 
