@@ -36,15 +36,17 @@ _RANK = {severity: rank for rank, severity in enumerate(Severity)}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Location:
-    """A place in a file of the keystore.
+    """A place in a file of the keystore, or (`beside`) in one that the user named: a policy, a graph, settings.
 
     `path` is relative to the keystore, links resolved, POSIX, percent-encoded where it is not
-    UTF-8; `line` counts from 1 in the file as it is on disk, and is None for a whole file.
+    UTF-8; `beside`, it is as the user gave it. `line` counts from 1 in the file as it is on disk, and is None for a
+    whole file.
     """
 
     path: str
     line: int | None = None
     message: str = ""
+    beside: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
