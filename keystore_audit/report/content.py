@@ -48,6 +48,26 @@ class Scope:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SettingsFile:
+    """The settings that the audit was made with: `path` as it was given or found, `sha256` of its bytes in hex."""
+
+    path: str
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RuleEntry:
+    """A registered rule, for the formats that describe rules; `description` is Markdown-free text in paragraphs."""
+
+    code: str
+    name: str
+    severity: Severity
+    clause: str
+    remedy: str
+    description: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
     """One audited keystore (interface contract: docs/reference.md, `schemas/report.schema.json`).
 
@@ -75,6 +95,9 @@ class Report:
     findings: tuple[Finding, ...]
     outcomes: tuple[Outcome, ...]
     scope: Scope
+    settings: SettingsFile | None = None
+    files: tuple[tuple[str, str], ...] = ()
+    """Path (relative to the keystore) and SHA-256, in hexadecimal, of every file that was read, by path."""
 
     @property
     def summary(self) -> dict[Severity, int]:

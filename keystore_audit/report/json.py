@@ -63,7 +63,9 @@ def _report(report: Report) -> dict[str, Any]:
         "schema_version": SCHEMA_VERSION,
         "tool": {"name": TOOL, "version": report.version},
         "keystore": {"path": report.keystore, "layout": report.layout, "digest": report.digest},
-        "settings": None,
+        "settings": None
+        if report.settings is None
+        else {"path": report.settings.path, "sha256": report.settings.sha256},
         "at": instant(report.at),
         "safe_until": None if report.safe_until is None else instant(report.safe_until),
         "verdict": report.verdict.value,
