@@ -90,6 +90,41 @@ def read_xml(signed: SignedDocument) -> tuple[etree._Element | None, tuple[Defec
     return root, reading.found()
 
 
+class Malformed(ValueError):
+    """A text is no XML that is read: `line` and `detail`, words to go behind "expected XML"."""
+
+    def __init__(self, line: int, detail: str) -> None:
+        """Keep both."""
+        super().__init__(detail)
+        self.line = line
+        self.detail = detail
+
+
+def parse_unsigned(content: bytes) -> etree._Element:
+    """Parse a text that the user names and no implementation reads; bounded, without document type and network.
+
+    Raises Malformed.
+    """
+    if len(content) > MAX_BYTES or content.count(b"<") > MAX_TAGS:
+        raise Malformed(1, f"more than {MAX_BYTES} bytes or {MAX_TAGS} tags, which are not read")
+    declared = _DECLARED_ENCODING.match(content, 0, 512)
+    if b"\0" in content or (declared is not None and declared[1].upper() not in (b"UTF-8", b"US-ASCII")):
+        raise Malformed(1, "expected UTF-8, found another encoding")
+    for match in _MARKUP.finditer(content) if b"<!DOCTYPE" in content else ():
+        if match.group() == b"<!DOCTYPE":
+            raise Malformed(_line_of(content, match.start()), "a document type, which is not read")
+    try:
+        root = etree.fromstring(content, _parser())
+    except etree.XMLSyntaxError as error:
+        raise Malformed(error.lineno or 1, f"the text is no well-formed XML: {error.msg}") from None
+    except (ValueError, LookupError) as error:
+        raise Malformed(1, f"the text is no XML: {error}") from None
+    for element in root.iter(etree.Element):
+        if len(element.attrib) > MAX_ATTRIBUTES:
+            raise Malformed(source_line(element) or 1, f"more than {MAX_ATTRIBUTES} attributes, which are not read")
+    return root
+
+
 def _only_elements(content: bytes) -> bool:
     """Whether there is nothing but elements and text in it, which every document of sros2's is.
 
