@@ -1,0 +1,134 @@
+"""A running ROS graph, as tools/write_graph.py writes it down: schemas/graph.schema.json, docs/intent.md."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final, NoReturn
+
+from keystore_audit.findings import Location
+from keystore_audit.intent.intent import Action, IntendedNode, IntendedRight, Intent, Origin
+from keystore_audit.intent.located_json import Malformed, Value, parse
+from keystore_audit.intent.ros_names import is_node_name, is_path, is_ros_name, joined
+from keystore_audit.intent.source import Source, read_source, shown
+
+SCHEMA_VERSION: Final = 1
+"""The form that is read; another number is another form."""
+
+ENDPOINTS: Final[Mapping[str, tuple[Action, str]]] = {
+    "publishers": (Action.PUBLISH, "topic"),
+    "subscribers": (Action.SUBSCRIBE, "topic"),
+    "service_servers": (Action.REPLY, "service"),
+    "service_clients": (Action.REQUEST, "service"),
+    "action_servers": (Action.EXECUTE, "action"),
+    "action_clients": (Action.CALL, "action"),
+}
+"""Lists of a node, what each entry lets it do, and the key of the entry that holds the name."""
+
+_TYPE: Final = "type"
+
+
+def read_graph(path: Path) -> Intent:
+    """Read the graph in the file at `path`; every right has the line of its entry.
+
+    Raises UsageError, naming file and line, for what is not of the form: wrong JSON, unknown or missing keys, names
+    that are not fully qualified. Nodes of one name in one enclave are one node: ROS 2 only warns of them.
+    """
+    source = read_source(path)
+    try:
+        document = parse(source.text)
+    except Malformed as error:
+        raise source.malformed(error.line, error.detail) from None
+    return _Graph(source).intent(document)
+
+
+class _Graph:
+    """One graph being read."""
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        self._enclaves: dict[str, Location] = {}
+        self._nodes: dict[tuple[str, str], IntendedNode] = {}
+        self._rights: dict[tuple[str, str, Action, str], IntendedRight] = {}
+
+    def intent(self, document: Value) -> Intent:
+        entries = self._object(document, "the graph", required=("schema_version", "nodes"))
+        version = entries["schema_version"]
+        if version.content is True or version.content != SCHEMA_VERSION:
+            self._refuse(version, f"expected schema_version {SCHEMA_VERSION}, the form that is read")
+        for node in self._array(entries["nodes"], "nodes"):
+            self._node(node)
+        return Intent(
+            origin=Origin.GRAPH,
+            path=self._source.path,
+            enclaves=tuple(self._enclaves.items()),
+            nodes=tuple(self._nodes.values()),
+            rights=tuple(self._rights.values()),
+        )
+
+    def _node(self, node: Value) -> None:
+        entries = self._object(node, "a node", required=("name", "namespace", "enclave"), optional=tuple(ENDPOINTS))
+        name = self._text(entries["name"], "the name of a node")
+        if not is_node_name(name):
+            self._refuse(entries["name"], f"expected the name of a node without its namespace, found {shown(name)}")
+        namespace = self._path(entries["namespace"], "a namespace")
+        enclave = self._path(entries["enclave"], "an enclave")
+        full = joined(namespace, name)
+        location = self._source.location(node.line)
+        self._enclaves.setdefault(enclave, location)
+        self._nodes.setdefault((enclave, full), IntendedNode(enclave=enclave, name=full, location=location))
+        for key, (action, named) in ENDPOINTS.items():
+            if key in entries:
+                self._endpoints(entries[key], key, (enclave, full), action, named)
+
+    def _endpoints(self, entries: Value, key: str, node: tuple[str, str], action: Action, named: str) -> None:
+        for entry in self._array(entries, key):
+            endpoint = self._object(entry, f"an entry of {key}", required=(named,), optional=(_TYPE,))
+            name = self._text(endpoint[named], f"the name of a {named}")
+            if not is_ros_name(name):
+                self._refuse(endpoint[named], f"expected a fully qualified name like '/chatter', found {shown(name)}")
+            if _TYPE in endpoint:
+                self._text(endpoint[_TYPE], "the name of a type")
+            right = IntendedRight(
+                enclave=node[0],
+                node=node[1],
+                action=action,
+                name=name,
+                allow=True,
+                location=self._source.location(endpoint[named].line),
+            )
+            self._rights.setdefault((*node, action, name), right)  # a topic with two types is listed twice
+
+    def _path(self, value: Value, what: str) -> str:
+        path = self._text(value, what)
+        if not is_path(path):
+            self._refuse(value, f"expected {what} like '/' or '/robot', found {shown(path)}")
+        return path
+
+    def _text(self, value: Value, what: str) -> str:
+        if not isinstance(value.content, str):
+            self._refuse(value, f"expected {what} in quotes")
+        return value.content
+
+    def _array(self, value: Value, what: str) -> tuple[Value, ...]:
+        if not isinstance(value.content, tuple):
+            self._refuse(value, f"expected an array of {what}")
+        return value.content
+
+    def _object(
+        self, value: Value, what: str, *, required: tuple[str, ...], optional: tuple[str, ...] = ()
+    ) -> Mapping[str, Value]:
+        content = value.content
+        if not isinstance(content, Mapping):
+            self._refuse(value, f"expected an object for {what}")
+        for key, entry in content.items():
+            if key not in required and key not in optional:
+                known = ", ".join((*required, *optional))
+                self._refuse(entry, f"expected of {what} the keys {known}; found {shown(key)}")
+        for key in required:
+            if key not in content:
+                self._refuse(value, f"expected {what} to have the key {key!r}, and there is none")
+        return content
+
+    def _refuse(self, value: Value, detail: str) -> NoReturn:
+        raise self._source.malformed(value.line, detail)

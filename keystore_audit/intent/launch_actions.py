@@ -1,0 +1,175 @@
+"""What launch files of every form say, before anything is worked out: actions and texts with substitutions.
+
+The three readers (`launch_entities` for XML and YAML, `launch_python`) make these; `launch` follows them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+
+class Variable(str, Enum):
+    """Where a substitution takes its text from."""
+
+    ARGUMENT = "argument"
+    ENVIRONMENT = "environment variable"
+    DIRECTORY = "directory of the launch file"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reference:
+    """A substitution that may be worked out: `name` of an argument or variable, `default` where there is one."""
+
+    variable: Variable
+    name: Text = ()
+    default: Text | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unknown:
+    """A piece of text that only a running launch knows; `reason`: why, words such as "the result of a command"."""
+
+    reason: str
+
+
+Part = str | Reference | Unknown
+Text = tuple[Part, ...]
+"""A text in pieces, which join without anything between them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Condition:
+    """An action happens where `text` is true, or with `negated` where it is false."""
+
+    text: Text
+    negated: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """An action happens where `left` and `right` are the same text, or with `negated` where they differ."""
+
+    left: Text
+    right: Text
+    negated: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Action:
+    """One element of a launch description; `line`: where it begins. All of `conditions` have to hold."""
+
+    line: int
+    conditions: tuple[Condition | Comparison, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Declare(Action):
+    """An argument of the file, which the caller may set; without default the caller has to."""
+
+    name: Text
+    default: Text | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Assign(Action):
+    """An argument gets a value, whatever it had; None: it is taken away."""
+
+    name: Text
+    value: Text | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AssignEnvironment(Action):
+    """An environment variable gets a value; None: it is taken away."""
+
+    name: Text
+    value: Text | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PushNamespace(Action):
+    """Nodes behind it, to the end of the group, are in this namespace."""
+
+    namespace: Text
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetRemap(Action):
+    """Nodes behind it, to the end of the group, use another name if they use `source`."""
+
+    source: Text
+    target: Text
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Group(Action):
+    """Actions together; what they set ends with the group if it is `scoped`.
+
+    `forwarding` False: nothing set before reaches into it but `given`, arguments by name.
+    """
+
+    actions: tuple[Action, ...]
+    scoped: bool = True
+    forwarding: bool = True
+    given: tuple[tuple[Text, Text], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Include(Action):
+    """Another launch file, with values for its arguments; what it sets stays set."""
+
+    path: Text
+    arguments: tuple[tuple[Text, Text], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NodeNames:
+    """Names of a node, in a process of its own or in another's.
+
+    `name` None: the program chooses. `remaps`: from, to.
+    """
+
+    line: int
+    name: Text | None
+    namespace: Text | None
+    remaps: tuple[tuple[Text, Text], ...]
+    conditions: tuple[Condition | Comparison, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StartNode(Action):
+    """A process with a node; `components` are loaded into it.
+
+    `arguments`: the command line, each entry split at blanks; `ros_arguments`: those behind `--ros-args`.
+    """
+
+    names: NodeNames
+    arguments: tuple[Text, ...] = ()
+    ros_arguments: tuple[Text, ...] = ()
+    environment: tuple[tuple[Text, Text], ...] = ()
+    components: tuple[NodeNames, ...] = ()
+    split: bool = field(default=True)
+    """Whether an argument is split at blanks, as XML and YAML do with one text, or is one word, as in Python."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoadComponents(Action):
+    """Nodes that are loaded into a process that runs already: the container called `target`."""
+
+    target: Text
+    components: tuple[NodeNames, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unread(Action):
+    """Something that may start nodes or change what others are; `reason` says what and why, a sentence's beginning."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Description:
+    """All actions of one file."""
+
+    actions: tuple[Action, ...] = field(default=())

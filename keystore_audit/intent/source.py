@@ -1,0 +1,136 @@
+"""The files that graphs and launch files are read from: regular and bounded; included ones below one directory."""
+
+from __future__ import annotations
+
+import os
+import posixpath
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Final
+
+from keystore_audit.errors import NothingToAudit, UsageError
+from keystore_audit.findings import Location
+from keystore_audit.keystore.files import File, Status
+from keystore_audit.keystore.root import Root
+from keystore_audit.text import percent_path, shorten
+
+MAX_QUOTED: Final = 80
+"""Characters of a name from a file that a message quotes."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Source:
+    """The text of one file.
+
+    `path`: as the user gave it, or below what the user gave, percent-encoded. `real`: where it is, absolute, links
+    resolved.
+    """
+
+    path: str
+    real: str
+    text: str
+
+    @property
+    def directory(self) -> str:
+        """The directory that it is in, absolute."""
+        return os.path.dirname(self.real)
+
+    def location(self, line: int | None = None) -> Location:
+        """A place in it."""
+        return Location(path=self.path, line=line)
+
+    def malformed(self, line: int | None, detail: str) -> UsageError:
+        """The error for something that cannot be read; `detail` becomes the rest of the sentence."""
+        place = self.path if line is None else f"{self.path}:{line}"
+        return UsageError(f"{place}: {detail}.")
+
+
+class Unreadable(Exception):
+    """An included file that is not read; the message is the reason, words to go into a sentence."""
+
+
+def shown(text: str) -> str:
+    """Return `text` from a file as messages quote it: short, in quotes, on one line."""
+    return repr(shorten(text, MAX_QUOTED))
+
+
+def read_source(path: Path) -> Source:
+    """Read the file that the user named, UTF-8, links followed.
+
+    Raises UsageError if it is no regular file, larger than 4 MB, unreadable or not UTF-8.
+    """
+    given = os.fspath(path)
+    named = percent_path(given)
+    try:
+        real = os.path.realpath(given)
+        with Root.open(os.path.dirname(real)) as beside:
+            file = beside.file(os.path.basename(real))
+    except (NothingToAudit, ValueError):  # a NUL character in the path
+        raise UsageError(f"{named}: there is no such file.") from None
+    if file.status is not Status.PRESENT or file.content is None:
+        raise UsageError(f"{named}: {_reason(file)}.")
+    return Source(path=named, real=real, text=_decoded(named, file.content))
+
+
+class Directory:
+    """The directory below which files may be included; a context manager, since it keeps a descriptor."""
+
+    def __init__(self, given: str, real: str, root: Root) -> None:
+        """Take over an open `root`; use `Directory.open`."""
+        self._given = given
+        self._real = real
+        self._root = root
+
+    @classmethod
+    def open(cls, directory: Path | None, source: Source, given: Path) -> Directory:
+        """Open `directory`, or where there is none the one that `source` is in, which the user named `given`.
+
+        Raises UsageError if it is no directory that can be read.
+        """
+        name = os.path.dirname(os.fspath(given)) if directory is None else os.fspath(directory)
+        try:
+            real = source.directory if directory is None else os.path.realpath(name)
+            return cls(name, real, Root.open(real))
+        except (NothingToAudit, ValueError):
+            raise UsageError(f"{percent_path(name)}: expected a directory that can be read, found none.") from None
+
+    def __enter__(self) -> Directory:
+        """Return the directory itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close it."""
+        self._root.close()
+
+    def included(self, path: str) -> Source:
+        """Read the file at `path`, absolute or relative to this directory.
+
+        Raises Unreadable if there is none below the directory, and UsageError if it is not UTF-8.
+        """
+        if "\0" in path:
+            raise Unreadable("the path holds a NUL character")
+        below = os.path.relpath(os.path.join(self._real, path), self._real)
+        if below.split(os.sep, 1)[0] == os.pardir:
+            raise Unreadable(f"it is not below {percent_path(self._given or os.curdir)}, and was not read")
+        file = self._root.file(below)
+        if file.status is not Status.PRESENT or file.content is None:
+            raise Unreadable(_reason(file))
+        named = percent_path(posixpath.join(self._given, below))
+        return Source(path=named, real=os.path.join(self._real, below), text=_decoded(named, file.content))
+
+
+def _reason(file: File) -> str:
+    if file.status is Status.PRESENT:
+        return "it was not read"
+    return file.detail or f"expected a file that can be read, found {file.status.value}"
+
+
+def _decoded(named: str, content: bytes) -> str:
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise UsageError(f"{named}:{line}: expected UTF-8, found the byte 0x{content[error.start]:02x}.") from None
