@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
+from typing import Protocol
 
-from keystore_audit.model.alphabet import Budget
-from keystore_audit.model.automaton import Automaton
+from keystore_audit.model.alphabet import Alphabet, Budget
 from keystore_audit.model.universe import DEAD, Universe
 
 _Prefix = tuple[int, int, int]
@@ -18,8 +18,23 @@ _Place = tuple[int, int, _Prefix | None]
 """A state of the automaton, one of the universe, and the avoided names that begin so; None for none of them."""
 
 
+class Walk(Protocol):
+    """What is searched: an automaton, built as far as it is walked, whose state 0 is where every name begins."""
+
+    @property
+    def alphabet(self) -> Alphabet:
+        """The classes of characters."""
+
+    @property
+    def accepts(self) -> Sequence[frozenset[int]]:
+        """By state: what matches the names that lead there."""
+
+    def moves(self, state: int) -> tuple[Mapping[int, int], int]:
+        """The next state by character class, and that of every class that is not named."""
+
+
 def shortest_names(
-    automaton: Automaton,
+    automaton: Walk,
     universe: Universe,
     budget: Budget,
     *,
@@ -69,7 +84,7 @@ def _spell(origins: dict[_Place, tuple[_Place | None, str]], place: _Place) -> s
 class _Search:
     """The product of automaton, universe and the tree of avoided names, walked but never built."""
 
-    automaton: Automaton
+    automaton: Walk
     universe: Universe
     avoided: _Avoided
 
