@@ -64,9 +64,9 @@ class Expanded:
         while holder is not None:
             number = holder.get(BASE)
             if number is not None:
-                return Location(path=self._files[int(number)], line=source_line(element))
+                return Location(path=self._files[int(number)], line=source_line(element), beside=True)
             holder = holder.getparent()
-        return Location(path=self._files[0], line=source_line(element))
+        return Location(path=self._files[0], line=source_line(element), beside=True)
 
 
 def expand(path: str | os.PathLike[str], directory: str | os.PathLike[str] | None = None) -> Expanded:

@@ -118,6 +118,14 @@ def dds_channels(operation: str, name: str) -> tuple[tuple[Operation, str], ...]
     """
     if not is_ros_name(name):
         raise UsageError(f"{name!r} is no fully qualified ROS name; expected one like '/chatter'")
+    return dds_expressions(operation, name)
+
+
+def dds_expressions(operation: str, name: str) -> tuple[tuple[Operation, str], ...]:
+    """Return what sros2 makes of the right to `operation` on `name`, which may have wildcards: as `dds_channels`.
+
+    The name is taken as it is; raises UsageError for another operation.
+    """
     if operation in {"publish", "subscribe", "relay"}:
         return ((Operation(operation), TOPIC_PREFIX + name),)
     if operation in {"request", "reply"}:
