@@ -50,6 +50,8 @@ class File:
     link: str | None = None
     holds_private_key: bool = False
     """Whether a PEM block of a private key begins somewhere in it."""
+    may_be_message: bool = False
+    """Whether its header may be that of an S/MIME message; of a file too large to be read, its first 4,096 bytes."""
 
     @property
     def place(self) -> str:
@@ -68,6 +70,7 @@ class File:
             mode=self.mode,
             link=self.link,
             holds_private_key=self.holds_private_key,
+            may_be_message=self.may_be_message,
         )
 
 

@@ -20,6 +20,7 @@ from keystore_audit.keystore.permissions import PermissionsFile, read_permission
 from keystore_audit.keystore.private_key import PrivateKey, read_private_key
 from keystore_audit.keystore.root import Root
 from keystore_audit.keystore.smime import Candidates
+from keystore_audit.keystore.stray import Stray, is_message_by_name, read_strays
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,6 +59,10 @@ class Keystore:
     private_keys: tuple[File, ...]
     """Every file below the root in which a private key is, whatever its name; without content."""
     digest: str
+    strays: tuple[Stray, ...] = ()
+    """Signed messages that no enclave carries, by place, each content once: see `stray`."""
+    unread: int = 0
+    """Other files that were not read: neither name nor beginning is that of a signed message."""
 
 
 def read_keystore(path: str | os.PathLike[str], *, progress: Callable[[int, int], None] | None = None) -> Keystore:
@@ -78,15 +83,18 @@ def read_keystore(path: str | os.PathLike[str], *, progress: Callable[[int, int]
             enclaves.append(reader.enclave(files, read, candidates))
             if progress is not None:
                 progress(len(enclaves), len(layout.enclaves))
-        digest = _digest(root)
+        digest = _digest(root)  # it has read every file
+        strays = _strays(root, layout, enclaves, candidates)
         return Keystore(
             root=root.path,
             layout=layout,
             enclaves=tuple(enclaves),
             authorities=authorities,
             authority_keys=_distinct(reader.private_key(file) for file in layout.authority_keys),
-            private_keys=root.holding_private_keys(),  # the digest has read every file
+            private_keys=root.holding_private_keys(),
             digest=digest,
+            strays=strays,
+            unread=len(_unread(root, layout)) - sum(stray.document is None for stray in strays),
         )
 
 
@@ -177,6 +185,26 @@ def _moved(document: _Document, file: File) -> _Document:
     embedded = certificates(signed.embedded)
     moved = replace(signed, file=file, embedded=embedded, signatures=signatures, defects=defects(signed.defects))
     return replace(document, signed=moved, defects=defects(document.defects))
+
+
+def _strays(root: Root, layout: Layout, enclaves: list[Enclave], candidates: Candidates) -> tuple[Stray, ...]:
+    """Read the signed messages that no enclave carries; one that could not be read is known by name or beginning."""
+    carried = {
+        document.signed.file.sha256 or document.signed.file.place
+        for enclave in enclaves
+        for document in (enclave.governance, enclave.permissions)
+        if document is not None
+    }
+    unread = [file for file in _unread(root, layout) if file.may_be_message or is_message_by_name(file)]
+    read = [file for file in root.messages() if file.status is Status.PRESENT]
+    return tuple(sorted(read_strays([*read, *unread], carried, candidates), key=lambda stray: stray.place))
+
+
+def _unread(root: Root, layout: Layout) -> list[File]:
+    """Files that a robot might read and we did not, apart from those of enclaves and links to directories."""
+    known = {file.path for enclave in layout.enclaves for file in (*enclave.files.values(), *enclave.pkcs11.values())}
+    known.update(file.path for file in layout.directory_links)
+    return [file for file in root.unread() if file.path not in known]
 
 
 def _distinct(readings: Iterable[_Reading | None]) -> tuple[_Reading, ...]:

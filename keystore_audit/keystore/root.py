@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import stat
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import TracebackType
 from typing import Final
 from urllib.parse import unquote_to_bytes
@@ -22,6 +22,7 @@ from keystore_audit.keystore.descent import (
     refusal,
 )
 from keystore_audit.keystore.files import Entry, EntryKind, File, Listing, Status
+from keystore_audit.keystore.message import may_be_message
 
 MAX_FILE_BYTES: Final = 4 * 1024 * 1024
 """Largest file that is read: a permissions document of 20,000 topics has about 2 MB; no parser gets more."""
@@ -31,6 +32,9 @@ MAX_TOTAL_BYTES: Final = 256 * 1024 * 1024
 
 MAX_ENTRIES: Final = 200_000
 """Most directory entries listed: 20,000 enclaves, each a directory and nine files, in about a second."""
+
+_BEGINNING: Final = 4096
+"""Bytes that are looked at of a file too large to be read: the header of a real message has 250."""
 
 _LIST_FLAGS: Final = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 _READ_FLAGS: Final = os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC
@@ -48,6 +52,7 @@ class _Reading:
     sha256: str | None = None
     mode: int | None = None
     holds_private_key: bool = False
+    may_be_message: bool = False
 
 
 class Root:
@@ -68,6 +73,7 @@ class Root:
         self._files: dict[bytes, File] = {}
         self._sealed: dict[bytes, File] = {}
         self._secrets: dict[str, bytes] = {}
+        self._messages: dict[str, bytes] = {}
         self._entries: dict[bytes, Entry] = {}
         self._listings: dict[bytes, Listing] = {}
         self._entries_left = MAX_ENTRIES
@@ -147,6 +153,20 @@ class Root:
         found = {file.place: file.holding(None) for file in read if file.holds_private_key}
         return tuple(found[place] for place in sorted(found))
 
+    def messages(self) -> tuple[File, ...]:
+        """The files read so far that may be S/MIME messages, by place, each content once, and with it."""
+        read = [file for file in (*self._files.values(), *self._sealed.values()) if file.sha256 in self._messages]
+        found: dict[str, File] = {}
+        for file in sorted(read, key=lambda file: file.place):
+            if file.sha256 is not None:
+                found.setdefault(file.sha256, file.holding(self._messages[file.sha256]))
+        return tuple(found.values())
+
+    def unread(self) -> tuple[File, ...]:
+        """The entries met so far in which a robot might read something that we did not, by path."""
+        found = {file.path: file for file in (*self._files.values(), *self._sealed.values()) if file.status.unknown}
+        return tuple(found[path] for path in sorted(found))
+
     def entries(self, relative: bytes | str) -> Listing:
         """List the directory at `relative` (`b""`: the root itself), links not followed. Never raises."""
         key = relative if isinstance(relative, bytes) else os.fsencode(relative)
@@ -185,6 +205,7 @@ class Root:
             mode=reading.mode,
             link=display(target) if target is not None else None,
             holds_private_key=reading.holds_private_key,
+            may_be_message=reading.may_be_message,
         )
 
     def _find(self, relative: bytes) -> tuple[Place, os.stat_result | None, bytes | None]:
@@ -236,15 +257,8 @@ class Root:
         reading = self._known(inode, needed=needed)
         if reading is None:
             reading = self._content(descriptor, found)
-            kept = reading.content if keep else None
-            self._readings[inode] = _Reading(
-                status=reading.status,
-                detail=reading.detail,
-                content=kept,
-                sha256=reading.sha256,
-                mode=reading.mode,
-                holds_private_key=reading.holds_private_key,
-            )
+            kept = reading if keep else replace(reading, content=None)
+            self._readings[inode] = kept
         return reading
 
     def _content(self, descriptor: int, found: os.stat_result) -> _Reading:
@@ -261,10 +275,20 @@ class Root:
             if len(content) > MAX_FILE_BYTES:
                 too_large = f"holds more than the limit of {MAX_FILE_BYTES} bytes"
         if too_large:
-            return _Reading(status=Status.TOO_LARGE, detail=too_large, mode=mode)
+            message = may_be_message(os.pread(descriptor, _BEGINNING, 0))
+            return _Reading(status=Status.TOO_LARGE, detail=too_large, mode=mode, may_be_message=message)
         digest = hashlib.sha256(content).hexdigest()
-        private = b"PRIVATE KEY-----" in content
-        return _Reading(status=Status.PRESENT, content=content, sha256=digest, mode=mode, holds_private_key=private)
+        message = may_be_message(content)
+        if message:
+            self._messages.setdefault(digest, content)
+        return _Reading(
+            status=Status.PRESENT,
+            content=content,
+            sha256=digest,
+            mode=mode,
+            holds_private_key=b"PRIVATE KEY-----" in content,
+            may_be_message=message,
+        )
 
     def _list(self, relative: bytes) -> Listing:
         path = display(relative)

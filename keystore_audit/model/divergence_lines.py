@@ -62,6 +62,8 @@ class Lines:
             for file in (enclave.governance, enclave.permissions)
             if file is not None
         }
+        strays = (stray.document for stray in keystore.strays)
+        self._files.update((file.signed.file.place, file) for file in strays if file is not None)
 
     def start(self, enclave: Enclave, before: Profile, after: Profile) -> Location:
         """Why the enclave starts under one of the two alone."""

@@ -16,6 +16,7 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews, ReadDocument
+from keystore_audit.model.inventory import permissions_at_large, permissions_cas
 from keystore_audit.model.meaning import Doubt
 from keystore_audit.model.profiles import Access, Profile, Trust
 from keystore_audit.model.subject import is_printable
@@ -33,6 +34,9 @@ def keystore_doubts(keystore: Keystore, profile: Profile, accesses: AccessViews)
             if place not in seen:
                 seen.add(place)
                 yield doubt
+    for doubt in _stray_doubts(keystore, profile.trust, accesses.row(profile.access), accesses):
+        if (doubt.location.path, doubt.location.line) not in seen:
+            yield doubt
 
 
 @lru_cache(maxsize=32_768)  # asked for usability and for the report, under each kind of implementation
@@ -58,14 +62,28 @@ def _enclave_doubts(enclave: Enclave, trust: Trust, access: Access, accesses: Ac
             yield _document_doubt(enclave, document, read)
 
 
-def _document_doubt(enclave: Enclave, file: GovernanceFile | PermissionsFile, read: ReadDocument) -> Doubt:
+def _stray_doubts(keystore: Keystore, trust: Trust, access: Access, accesses: AccessViews) -> Iterator[Doubt]:
+    """Everything outside enclaves that could not be read and that a peer may take for permissions."""
+    files = permissions_cas(keystore)
+    for stray in permissions_at_large(keystore):
+        if stray.document is None:
+            yield Doubt(enclave=None, location=Location(path=stray.place), reason=stray.file.detail)
+            continue
+        read = accesses.read(stray.document, access)
+        silent = not read.is_readable and read.refusal is None
+        verdicts = {document_verdict(stray.document.signed, file, trust) for file in files}
+        if Verdict.UNKNOWN in verdicts or (silent and Verdict.ACCEPTED in verdicts):
+            yield _document_doubt(None, stray.document, read)
+
+
+def _document_doubt(enclave: Enclave | None, file: GovernanceFile | PermissionsFile, read: ReadDocument) -> Doubt:
     defects: tuple[Defect, ...] = file.signed.defects + file.defects
     defect = next((defect for defect in defects if defect.kind.opaque), None)
+    path = None if enclave is None else enclave.path
     if defect is None:
         reason, line = read.doubt or ("the document has no meaning that every parser agrees on", None)
-        return Doubt(enclave=enclave.path, location=Location(path=file.signed.file.place, line=line), reason=reason)
-    location = Location(path=defect.path, line=defect.line)
-    return Doubt(enclave=enclave.path, location=location, reason=defect.detail)
+        return Doubt(enclave=path, location=Location(path=file.signed.file.place, line=line), reason=reason)
+    return Doubt(enclave=path, location=Location(path=defect.path, line=defect.line), reason=defect.detail)
 
 
 def identity_doubt(enclave: Enclave) -> Doubt | None:

@@ -5,14 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import datetime
+from typing import Final
 
-from keystore_audit.keystore.certificate import Certificate
+from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
+from keystore_audit.keystore.smime import SignedDocument
+from keystore_audit.keystore.stray import Stray
+from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.semantics import ReadGrant
-from keystore_audit.model.trust import envelope, is_authority
+from keystore_audit.model.trust import Verdict, document_verdict, envelope, is_authority
+
+_TRUSTS: Final = tuple(dict.fromkeys(profile.trust for profile in VARIANTS.values()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,14 +30,42 @@ class Document:
 
 
 def documents_of(keystore: Keystore) -> tuple[Document, ...]:
-    """Every distinct document that an enclave carries, and those it carries that we could not read, by place."""
-    found: dict[str, Document] = {}
+    """Every distinct document that bears on rights, by place: what enclaves carry, and strays that a peer may take.
+
+    What could not be read is among them.
+    """
+    found = {stray.place: Document(stray.place, stray.document) for stray in permissions_at_large(keystore)}
     for enclave in keystore.enclaves:
         for role, read in ((Role.GOVERNANCE, enclave.governance), (Role.PERMISSIONS, enclave.permissions)):
             file = enclave.files.files[role]
             if read is not None or (role is Role.PERMISSIONS and file.status.unknown):
                 found.setdefault(file.place, Document(file.place, read))
     return tuple(found[place] for place in sorted(found))
+
+
+def permissions_at_large(keystore: Keystore) -> tuple[Stray, ...]:
+    """The strays that may give rights: permissions that some peer may take, and whatever could not be read.
+
+    Of governance documents an enclave applies its own alone.
+    """
+    files = permissions_cas(keystore)
+    return tuple(
+        stray
+        for stray in keystore.strays
+        if stray.document is None
+        or (isinstance(stray.document, PermissionsFile) and may_be_taken(stray.document.signed, files))
+    )
+
+
+def permissions_cas(keystore: Keystore) -> tuple[CertificateFile | None, ...]:
+    """The permissions CA files of the enclaves, those of equal bytes once; None where an enclave has none."""
+    found = {e.permissions_ca.file.sha256 if e.permissions_ca else None: e.permissions_ca for e in keystore.enclaves}
+    return tuple(found.values())
+
+
+def may_be_taken(signed: SignedDocument, files: Iterable[CertificateFile | None]) -> bool:
+    """Whether a peer with one of these permissions CA files may take the document, under any known implementation."""
+    return any(document_verdict(signed, file, trust) is not Verdict.REFUSED for file in files for trust in _TRUSTS)
 
 
 def embedded_authorities(documents: Iterable[Document]) -> Iterator[Certificate]:
@@ -50,9 +84,9 @@ def certificates_of(keystore: Keystore, documents: Iterable[Document]) -> tuple[
                 found.setdefault(certificate.sha256, certificate)
         if enclave.certificate is not None and enclave.certificate.first is not None:
             found.setdefault(enclave.certificate.first.sha256, enclave.certificate.first)
-        for document in (enclave.governance, enclave.permissions):
-            for signer in envelope(document.signed).signers if document else ():
-                found.setdefault(signer.sha256, signer)
+    for document in documents:
+        for signer in envelope(document.file.signed).signers if document.file else ():
+            found.setdefault(signer.sha256, signer)
     for certificate in embedded_authorities(documents):
         found.setdefault(certificate.sha256, certificate)
     return tuple(sorted(found.values(), key=lambda c: (c.path, c.line, c.sha256)))

@@ -1,0 +1,76 @@
+"""Signed documents that no enclave carries, whatever they are called and wherever in the keystore they lie.
+
+Peers take any validly signed document that is presented to them: an old `permissions.p7s.bak` still gives what it says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Final
+
+from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.files import File
+from keystore_audit.keystore.governance import GovernanceFile, read_governance
+from keystore_audit.keystore.permissions import PermissionsFile, read_permissions
+from keystore_audit.keystore.smime import Candidates
+
+MAX_STRAYS: Final = 2_000
+"""Distinct documents outside enclaves that are read, three seconds; those beyond may say anything."""
+
+_GOVERNANCE_ONLY: Final = b"domain_access_rules"
+"""The element that every governance document has and no permissions document."""
+
+_MESSAGE_NAMES: Final = ("p7s", "p7m")
+"""What the names of signed messages hold (RFC 8551, 3.2.1), old copies and compressed ones among them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Stray:
+    """A signed message that no enclave carries as its own; `document` is None where it could not be read."""
+
+    file: File
+    document: GovernanceFile | PermissionsFile | None
+
+    @property
+    def place(self) -> str:
+        """Where it lies, relative to the keystore."""
+        return self.file.place
+
+
+def is_message_by_name(file: File) -> bool:
+    """Whether a file that could not be read is to count as a signed message."""
+    name = file.path.rpartition("/")[2].lower()
+    return any(part in name for part in _MESSAGE_NAMES)
+
+
+def read_strays(messages: Iterable[File], carried: Collection[str], candidates: Candidates) -> Iterator[Stray]:
+    """Read every message but those `carried` by enclaves, by place; what OpenSSL takes for no message is left out.
+
+    `messages`: files that may be one, each content once; without content, they were not read. `carried`: the SHA-256 of
+    the documents of the enclaves, since a copy of one gives nothing more.
+    """
+    read = 0
+    for file in messages:
+        if file.sha256 in carried:
+            continue
+        if file.content is None:
+            yield Stray(file=file, document=None)
+            continue
+        read += 1
+        if read > MAX_STRAYS:
+            detail = f"more than {MAX_STRAYS} signed documents lie outside enclaves; it was not taken apart"
+            yield Stray(file=replace(file, content=None, detail=detail), document=None)
+            continue
+        document = _document(file, candidates)
+        if not any(defect.kind is Kind.NOT_SMIME for defect in document.signed.defects):
+            yield Stray(file=file, document=document)
+
+
+def _document(file: File, candidates: Candidates) -> GovernanceFile | PermissionsFile:
+    """Read a document as what it is. What has no meaning as either may be permissions, which give more."""
+    if file.content is not None and _GOVERNANCE_ONLY in file.content:
+        governance = read_governance(file, candidates)
+        if governance.governance is not None:
+            return governance
+    return read_permissions(file, candidates)
