@@ -14,7 +14,8 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.governance import Text
 from keystore_audit.keystore.keystore import Enclave
-from keystore_audit.keystore.permissions import Grant
+from keystore_audit.keystore.permissions import Grant, Operation
+from keystore_audit.model.permission import Permissions
 from keystore_audit.model.trust import Verdict
 from keystore_audit.model.validity import DateReading, read_date
 from keystore_audit.rules.acceptance import ROWS, verdict
@@ -221,8 +222,9 @@ def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator
     """The document holds grants for others than the enclaves that carry it.
 
     Peers take any validly signed document with a matching grant, so that whoever is named may present this one in place
-    of its own (measured); and in the handshake it shows everybody what the others may do. A misspelt name of this
-    enclave's own is no-grant-for-certificate.
+    of its own (measured); and in the handshake it shows everybody what the others may do. High where that gives an
+    enclave of the keystore a right that its own document does not: an escalation. A misspelt name of this enclave's own
+    is no-grant-for-certificate.
     """
     own = subjects(use)
     if not own or all(grant.subject_name.text in own for grant in all_grants(use)):
@@ -240,13 +242,38 @@ def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator
     ]
     if others:
         names = list(dict.fromkeys(grant.subject_name.text for grant in others))
+        gaining = [everybody[name] for name in names if name in everybody and _gains(use, everybody[name], context)]
+        more = f", and {listed(gaining)} {'gains' if len(gaining) == 1 else 'gain'} by it" if gaining else ""
         yield Violation(
             message=f"The document also grants rights to {listed(quoted(name) for name in names)}: whoever has the "
-            "name can use them by presenting this document.",
+            f"name can use them by presenting this document{more}.",
             locations=places(Location(path=use.signed.file.place, line=grant.line) for grant in others),
             enclave=sole(use.enclaves),
+            severity=Severity.HIGH if gaining else None,
             key="\n".join(sorted(names)),
         )
+
+
+def _gains(use: PermissionsUse, path: str, context: Context) -> bool:
+    """Whether presenting the document gives the enclave a right that its own does not, under a chosen profile."""
+    for system in context.meaning.systems:
+        permissions = Permissions(system)
+        enclave = next((each for each in system.enclaves if each.label == path), None)
+        place = use.signed.file.place
+        here = frozenset(n for n, document in enumerate(system.documents) if document.location.path == place)
+        if enclave is None or not here:
+            continue
+        own = frozenset(() if enclave.permissions is None else (enclave.permissions,))
+        given, had = (permissions.chosen(enclave.identity, documents) for documents in (here, own))
+        for operation in Operation:
+            beyond = 0
+            for grant in given:
+                beyond |= permissions.allowed(grant, operation)
+            for grant in had:
+                beyond &= ~permissions.allowed(grant, operation)
+            if beyond:
+                return True
+    return False
 
 
 @rule(

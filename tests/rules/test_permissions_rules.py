@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.permissions import Grant
+from keystore_audit.model.coverage import EVERYTHING, MAX_CANDIDATES, covers
 from keystore_audit.model.expression import Matcher, parse
-from keystore_audit.rules.breadth import EVERYTHING, MAX_CANDIDATES, covers
 from tests.rules.evidence import (
     AT,
     DAY,
@@ -182,6 +182,11 @@ def test_a_default_of_allow_is_for_those_who_read_it() -> None:
         ("r*", Severity.HIGH),
         ("?t/*", Severity.HIGH),
         ("rt/?*", Severity.HIGH),
+        ("rt/[a-m]* rt/[!a-m]*", Severity.HIGH),
+        ("rt/[a-m]* rt/[n-z]*", Severity.MEDIUM),
+        ("rt/?* rt/[!a]?*", Severity.HIGH),
+        ("rt/[!a] rt/[!a]?* rt/a?*", Severity.MEDIUM),
+        ("rt/[!a] rt/?* rt/a", Severity.HIGH),
         ("rt/camera/*", Severity.MEDIUM),
         ("rt/*/status", Severity.MEDIUM),
         ("rt/[ab]", Severity.MEDIUM),
@@ -192,7 +197,7 @@ def test_a_default_of_allow_is_for_those_who_read_it() -> None:
     ],
 )
 def test_patterns_by_what_they_cover(expression: str, severity: Severity | None) -> None:
-    found = findings("KA510", judged(granted(grant("/talker", allow([expression])))(healthy())))
+    found = findings("KA510", judged(granted(grant("/talker", allow(expression.split())))(healthy())))
     assert [finding.severity for finding in found] == ([] if severity is None else [severity])
 
 
@@ -213,7 +218,10 @@ def test_a_new_wildcard_is_another_finding() -> None:
     assert findings("KA510", few)[0].fingerprint != findings("KA510", more)[0].fingerprint
 
 
-@pytest.mark.parametrize("topics", [["*"], ["r*"], ["rt*", "rq*", "rr*"], [*EVERYTHING], ["rr/*", "r[qt]/*"]])
+@pytest.mark.parametrize(
+    "topics",
+    [["*"], ["r*"], ["rt*", "rq*", "rr*"], [*EVERYTHING], ["rr/*", "r[qt]/*"], ["rt/[a-m]*", "rt/[!a-m]*", "r[qr]/*"]],
+)
 def test_everything_is_known_by_its_meaning(topics: list[str]) -> None:
     assert becomes(granted(grant("/talker", allow(topics, topics)))) == ["KA511"]
     assert becomes(granted(grant("/talker", allow(topics)))) == ["KA510"]
