@@ -35,6 +35,25 @@ PARAMETER_SERVICES: Final = (
 )
 """The services that every node offers below its own name (rcl_interfaces)."""
 
+SETTING_SERVICES: Final = ("set_parameters", "set_parameters_atomically")
+"""Those of the parameter services that change what a node does."""
+
+TYPE_DESCRIPTION_SERVICE: Final = "get_type_description"
+"""What every node offers besides, from Iron on (type_description_interfaces)."""
+
+LIFECYCLE_SERVICES: Final = (
+    "change_state",
+    "get_available_states",
+    "get_available_transitions",
+    "get_state",
+    "get_transition_graph",
+)
+"""The services that a managed node offers below its own name (lifecycle_msgs, rcl_lifecycle)."""
+
+ACTION_SERVICES: Final = ("cancel_goal", "get_result", "send_goal")
+ACTION_TOPICS: Final = ("feedback", "status")
+"""The services and topics of an action, below its name and `_action/` (ROS 2 design, actions)."""
+
 TOPIC_PREFIX: Final = "rt"
 REQUEST_PREFIX: Final = "rq"
 REPLY_PREFIX: Final = "rr"
@@ -42,9 +61,7 @@ SERVICE_PREFIX: Final = "rs"
 REQUEST_SUFFIX: Final = "Request"
 REPLY_SUFFIX: Final = "Reply"
 
-_ACTION_PART: Final = "/_action/"
-_ACTION_SERVICES: Final = ("cancel_goal", "get_result", "send_goal")
-_ACTION_TOPICS: Final = ("feedback", "status")
+ACTION_PART: Final = "/_action/"
 _MANGLING: Final = {
     # prefix: suffix, kind, and which half of it the DDS topic is
     TOPIC_PREFIX: ("", "topic", ""),
@@ -95,8 +112,8 @@ def parse_dds_name(dds: str) -> RosName | None:
         return None
     suffix, kind, part = _MANGLING[dds[:2]]
     name = dds[2 : len(dds) - len(suffix)]
-    action, found, action_part = name.rpartition(_ACTION_PART)
-    if found and action and action_part in (_ACTION_SERVICES if part else _ACTION_TOPICS):
+    action, found, action_part = name.rpartition(ACTION_PART)
+    if found and action and action_part in (ACTION_SERVICES if part else ACTION_TOPICS):
         return RosName(kind=RosKind.ACTION, name=action, part=f"{action_part} {part}".rstrip())
     return RosName(kind=RosKind(kind), name=name, part=part)
 
@@ -131,15 +148,15 @@ def dds_expressions(operation: str, name: str) -> tuple[tuple[Operation, str], .
     if operation in {"request", "reply"}:
         return _service(operation, name)
     if operation in {"call", "execute"}:
-        action = name + _ACTION_PART
+        action = name + ACTION_PART
         reads_topics = operation == "call"
         services = [
             channel
-            for service in _ACTION_SERVICES
+            for service in ACTION_SERVICES
             for channel in _service("request" if reads_topics else "reply", action + service)
         ]
         direction = Operation.SUBSCRIBE if reads_topics else Operation.PUBLISH
-        return (*services, *((direction, TOPIC_PREFIX + action + topic) for topic in _ACTION_TOPICS))
+        return (*services, *((direction, TOPIC_PREFIX + action + topic) for topic in ACTION_TOPICS))
     raise UsageError(
         f"unknown operation {operation!r}; expected publish, subscribe, relay, request, reply, call or execute"
     )

@@ -6,7 +6,7 @@ says apply where somebody may take it: what a document says that every implement
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import datetime
 from typing import Any, Final
 
@@ -16,6 +16,7 @@ from keystore_audit.keystore.governance import Text
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.permission import Permissions
+from keystore_audit.model.system import EnclaveAtom
 from keystore_audit.model.trust import Verdict
 from keystore_audit.model.validity import DateReading, read_date
 from keystore_audit.rules.acceptance import ROWS, verdict
@@ -242,7 +243,7 @@ def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator
     ]
     if others:
         names = list(dict.fromkeys(grant.subject_name.text for grant in others))
-        gaining = [everybody[name] for name in names if name in everybody and _gains(use, everybody[name], context)]
+        gaining = _gaining(use, [everybody[name] for name in names if name in everybody], context)
         more = f", and {listed(gaining)} {'gains' if len(gaining) == 1 else 'gain'} by it" if gaining else ""
         yield Violation(
             message=f"The document also grants rights to {listed(quoted(name) for name in names)}: whoever has the "
@@ -254,25 +255,31 @@ def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator
         )
 
 
-def _gains(use: PermissionsUse, path: str, context: Context) -> bool:
-    """Whether presenting the document gives the enclave a right that its own does not, under a chosen profile."""
-    for system in context.meaning.systems:
+def _gaining(use: PermissionsUse, paths: Sequence[str], context: Context) -> list[str]:
+    """Those enclaves that get a right from this document which their own does not give, under a chosen profile."""
+    found: dict[str, None] = {}
+    for system in context.meaning.systems if paths else ():
         permissions = Permissions(system)
-        enclave = next((each for each in system.enclaves if each.label == path), None)
+        atoms = {enclave.label: enclave for enclave in system.enclaves}
         place = use.signed.file.place
         here = frozenset(n for n, document in enumerate(system.documents) if document.location.path == place)
-        if enclave is None or not here:
-            continue
-        own = frozenset(() if enclave.permissions is None else (enclave.permissions,))
-        given, had = (permissions.chosen(enclave.identity, documents) for documents in (here, own))
-        for operation in Operation:
-            beyond = 0
-            for grant in given:
-                beyond |= permissions.allowed(grant, operation)
-            for grant in had:
-                beyond &= ~permissions.allowed(grant, operation)
-            if beyond:
-                return True
+        for path in paths:
+            if path in atoms and path not in found and _gains(permissions, atoms[path], here):
+                found[path] = None
+    return list(found)
+
+
+def _gains(permissions: Permissions, enclave: EnclaveAtom, document: frozenset[int]) -> bool:
+    own = frozenset(() if enclave.permissions is None else (enclave.permissions,))
+    given, had = (permissions.chosen(enclave.identity, documents) for documents in (document, own))
+    for operation in Operation:
+        beyond = 0
+        for grant in given:
+            beyond |= permissions.allowed(grant, operation)
+        for grant in had:
+            beyond &= ~permissions.allowed(grant, operation)
+        if beyond:
+            return True
     return False
 
 
