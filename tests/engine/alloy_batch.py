@@ -17,11 +17,11 @@ import jpype
 import pytest
 
 from keystore_audit import resources
-from keystore_audit.engine.alloy import install
+from keystore_audit.engine.alloy import claims, install
 from keystore_audit.engine.alloy.facts import CONSISTENCY, commands, facts
 from keystore_audit.errors import EngineMissing
 from keystore_audit.model.system import System
-from keystore_audit.properties import PROPERTIES
+from keystore_audit.properties import PROPERTIES, Status
 
 _BY_ASSERTION = {prop.assertion: prop.id for prop in PROPERTIES}
 
@@ -37,11 +37,10 @@ def engine() -> install.Engine:
 
 
 def decide_batch(systems: Sequence[System]) -> list[dict[str, bool]]:
-    """For each system, whether each property (by id) holds."""
+    """For each system, whether each property and claim (by id) holds."""
     with tempfile.TemporaryDirectory(prefix="alloy-batch-") as directory:
         modules = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
-        modules["audit.als"] = commands(PROPERTIES)
-        return [_decide(Path(directory), modules | {"keystore.als": facts(system)}) for system in systems]
+        return [_decide(Path(directory), modules, system) for system in systems]
 
 
 def outcomes(directory: Path, modules: dict[str, str], main: str = "audit.als") -> dict[str, bool]:
@@ -57,10 +56,16 @@ def outcomes(directory: Path, modules: dict[str, str], main: str = "audit.als") 
     }
 
 
-def _decide(directory: Path, modules: dict[str, str]) -> dict[str, bool]:
-    found = outcomes(directory, modules)
+def _decide(directory: Path, modules: dict[str, str], system: System) -> dict[str, bool]:
+    found = outcomes(
+        directory, modules | {"keystore.als": facts(system), "audit.als": commands(PROPERTIES, system)}
+    )
     assert found[CONSISTENCY]
-    return {identifier: not found[assertion] for assertion, identifier in _BY_ASSERTION.items()}
+    answers = {identifier: not found[assertion] for assertion, identifier in _BY_ASSERTION.items()}
+    for number, claim in enumerate(system.claims):
+        status = claims.status(claim, found[claims.command_of(claim, number).name])
+        answers[claim.id] = status is Status.HOLDS
+    return answers
 
 
 class _Analyzer:

@@ -14,6 +14,7 @@ from datetime import datetime, timedelta, timezone
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import ProtectionKind
+from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.system import (
     CertificateAtom,
     ChannelAtom,
@@ -520,3 +521,45 @@ class _Chance:
                     subscribe=self.some(channels, 0.4),
                     relay=self.some(channels, 0.1),
                 )
+
+
+def with_claims(system: System, seed: int, count: int = 4) -> System:
+    """The same system with claims drawn from `seed`, of all kinds; some have an empty place, as in MUST."""
+    chance = random.Random(f"claims {seed}")
+    return replace(system, claims=tuple(_random_claim(system, chance, number) for number in range(count)))
+
+
+def _random_claim(system: System, chance: random.Random, number: int) -> ClaimAtom:
+    def some(items: Sequence[object], probability: float) -> frozenset[int]:
+        return frozenset(index for index in range(len(items)) if chance.random() < probability)
+
+    def place() -> Place:
+        kind = chance.random()
+        if kind < 0.6:
+            return Place(enclaves=some(system.enclaves, 0.4))
+        return Place(channels=some(system.channels, 0.4)) if kind < 0.9 else Place(outsider=True)
+
+    kind = chance.choice([ClaimKind.NO_FLOW, ClaimKind.NO_FLOW, ClaimKind.NO_FLOW, *ClaimKind])
+    source, target = place(), place()
+    attacker = chance.choice([Attacker.HONEST, Attacker.SOURCE, Attacker.RELAYS])
+    if kind is ClaimKind.ABLE:
+        attacker = Attacker.HONEST
+    elif kind is not ClaimKind.NO_FLOW:
+        enclaves = Place(enclaves=some(system.enclaves, 0.5))
+        source = enclaves if kind in (ClaimKind.ONLY_PUBLISH, ClaimKind.SEPARATE_DOMAINS) else Place()
+        target = Place(channels=some(system.channels, 0.5))
+        if kind is ClaimKind.SEPARATE_DOMAINS:
+            target = Place(enclaves=some(system.enclaves, 0.4))
+        attacker = chance.choice([Attacker.OUTSIDER, Attacker.INSIDER])
+    flows = kind in (ClaimKind.NO_FLOW, ClaimKind.ABLE)
+    return ClaimAtom(
+        id=f"claim-{number}",
+        kind=kind,
+        attacker=attacker,
+        source=source,
+        target=target,
+        through=some(system.enclaves, 0.15) if flows else frozenset(),
+        left_out=some(system.channels, 0.15) if flows else frozenset(),
+        until=None,
+        location=Location(path="keystore-audit.toml", line=1 + number),
+    )

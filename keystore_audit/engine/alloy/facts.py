@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from keystore_audit import resources, text
+from keystore_audit.engine.alloy import claims
 from keystore_audit.engine.alloy.atoms import Sort, name_atoms
 from keystore_audit.engine.alloy.readme import describe_folders, describe_system, folder_names
 from keystore_audit.engine.alloy.relations import Relations, Row, function
@@ -87,21 +88,23 @@ def facts(system: System) -> str:
     return "\n\n".join([_header(system), *filter(None, map(_sigs, sorts)), *_Facts(system).sections()]) + "\n"
 
 
-def commands(properties: Sequence[Property], *, window: bool = False) -> str:
-    """Return the module `audit`: the runs against vacuity, then a check of each of `properties`.
+def commands(properties: Sequence[Property], system: System | None = None, *, window: bool = False) -> str:
+    """Return the module `audit`: the runs against vacuity, a check of each of `properties`, the claims of `system`.
 
     `window`: for the Analyzer's window, with short atom names and relations to draw. Not for the solver alone, since
     the Analyzer parses a module once for each path of `open` that leads to it, and the facts are the largest.
     """
+    asked = claims.write_claims(system) if system is not None else ""
     lines = [
         "/** The audit: every property of `properties`, after the runs that show what they speak of. */",
         "module audit",
         *(["open dds_security", "open keystore"] if window else []),
-        "open vacuity",
+        "open claims" if asked else "open vacuity",
         "",
         *(f"run {name} for 0" for name in (CONSISTENCY, *EXERCISED.values())),
         "",
         *(f"check {prop.assertion} for 0" for prop in properties),
+        *(["", asked] if asked else []),
         *(["", _DRAWN] if window else []),
     ]
     return "\n".join(lines).rstrip("\n") + "\n"
@@ -150,10 +153,10 @@ def write_model(systems: Sequence[System], directory: Path) -> None:
         for system, name in zip(systems, names, strict=True):
             folder = directory / name if len(systems) > 1 else directory
             folder.mkdir(exist_ok=True)
-            for module in (*MODULES, THEME):
+            for module in (*MODULES, *claims.MODULES, THEME):
                 shutil.copyfile(resources.alloy() / module, folder / module)
             (folder / KEYSTORE).write_text(facts(system), encoding="ascii")
-            (folder / MAIN).write_text(commands(PROPERTIES, window=True), encoding="ascii")
+            (folder / MAIN).write_text(commands(PROPERTIES, system, window=True), encoding="ascii")
             (folder / README).write_text(describe_system(system), encoding="utf-8")
         if len(systems) > 1:
             (directory / README).write_text(describe_folders(systems, names), encoding="utf-8")

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from keystore_audit import resources
+from keystore_audit.engine.alloy import claims
 from keystore_audit.engine.alloy.facts import CONSISTENCY, EXERCISED, KEYSTORE, MAIN, MODULES, commands, facts
 from keystore_audit.engine.alloy.process import OUTPUT_DIRECTORY, AnalyzerProcess, Limits, Output
 from keystore_audit.engine.alloy.solution import Command, failure, verdicts, witness
@@ -31,7 +32,7 @@ _COMMANDS: Final = (
     *(Command(kind="run", name=name) for name in (CONSISTENCY, *EXERCISED.values())),
     *(Command(kind="check", name=prop.assertion) for prop in PROPERTIES),
 )
-"""The commands of the main file, in its order (`facts.commands`)."""
+"""The commands of the main file, in its order (`facts.commands`), before those of claims."""
 
 _POLL: Final = 0.01
 """Seconds between looks at a process."""
@@ -41,8 +42,8 @@ _POLL: Final = 0.01
 class Decision:
     """All that the Analyzer says of one system.
 
-    `answers` by property id. `idle`: families of properties (keys of `facts.EXERCISED`) that had nothing to speak
-    of in this system, so that their properties hold for want of an object.
+    `answers` by property id and claim id. `idle`: families (keys of `facts.EXERCISED`, `claims.EXERCISED`) that had
+    nothing to speak of in this system, so that their properties hold for want of an object.
     """
 
     answers: Mapping[str, Answer]
@@ -52,7 +53,7 @@ class Decision:
 def decide(
     system: System, *, java: Path, jar: Path, timeout: float, memory_mb: int = MEMORY_MB
 ) -> Mapping[str, Answer]:
-    """Return the answer to every property, by id; each violated one with a witness. See `examine`."""
+    """Return the answer to every property and claim, by id; each violated one with a witness. See `examine`."""
     return decide_many([system], java=java, jar=jar, timeout=timeout, memory_mb=memory_mb)[0]
 
 
@@ -75,7 +76,8 @@ def examine(
     """
     for system in systems:
         _check_scale(system)
-    modules = _modules()
+    modules = _modules(MODULES)
+    flows = _modules(claims.MODULES) if any(system.claims for system in systems) else {}
     decisions: dict[int, Decision] = {}
     waiting = deque(enumerate(systems))
     running: dict[int, AnalyzerProcess] = {}
@@ -84,7 +86,7 @@ def examine(
             while waiting and len(running) < PARALLEL:
                 number, system = waiting.popleft()
                 limits = Limits(timeout=timeout, memory_mb=memory_mb, atoms=count_atoms(system))
-                files = {**modules, KEYSTORE: facts(system)}
+                files = {**modules, **flows, KEYSTORE: facts(system), MAIN: commands(PROPERTIES, system)}
                 running[number] = cleanup.enter_context(AnalyzerProcess(files, MAIN, java=java, jar=jar, limits=limits))
             for number, process in tuple(running.items()):
                 output = process.poll(_POLL)
@@ -121,23 +123,42 @@ def _check_scale(system: System) -> None:
         )
 
 
-def _modules() -> dict[str, str]:
-    """Return the text of every hand-written module and of the main file."""
+def _modules(names: Sequence[str]) -> dict[str, str]:
+    """Return the text of hand-written modules."""
     folder = resources.alloy()
     try:
-        modules = {name: (folder / name).read_text(encoding="ascii") for name in MODULES}
+        return {name: (folder / name).read_text(encoding="ascii") for name in names}
     except (OSError, UnicodeDecodeError) as error:
         raise EngineFailed(f"This installation is incomplete: an Alloy module cannot be read ({error}).") from error
-    return {**modules, MAIN: commands(PROPERTIES)}
 
 
 def _read(system: System, directory: Path, output: Output, java: Path, memory_mb: int) -> Decision:
     if output.status != 0:
         raise failure(output.status, output.diagnostics + output.messages, java=java, memory_mb=memory_mb)
-    found = verdicts(output.diagnostics, _COMMANDS)
+    found = verdicts(output.diagnostics, (*_COMMANDS, *claims.commands_of(system.claims)))
     if not found[CONSISTENCY]:
         raise EngineFailed("The model contradicts itself, so that every property would hold of it.")
-    sizes = {
+    solutions, sizes = directory / OUTPUT_DIRECTORY, _sizes(system)
+    answers = {
+        prop.id: Answer(
+            property_id=prop.id,
+            status=Status.VIOLATED if found[prop.assertion] else Status.HOLDS,
+            witnesses=(witness(solutions, prop.assertion, prop.roles, sizes),) if found[prop.assertion] else (),
+        )
+        for prop in PROPERTIES
+    }
+    for number, claim in enumerate(system.claims):
+        name = claims.command_of(claim, number).name
+        status, roles = claims.status(claim, found[name]), claims.roles_of(claim)
+        told = (witness(solutions, name, roles, sizes),) if roles and status is Status.VIOLATED else ()
+        answers[claim.id] = Answer(property_id=claim.id, status=status, witnesses=told)
+    exercised = {**EXERCISED, **(claims.EXERCISED if system.claims else {})}
+    return Decision(answers=answers, idle=frozenset(family for family, run in exercised.items() if not found[run]))
+
+
+def _sizes(system: System) -> Mapping[Role, int]:
+    """Return how many atoms may play each role."""
+    return {
         Role.REALM: len(system.realms),
         Role.DOMAIN: len(system.domains),
         Role.ENCLAVE: len(system.enclaves),
@@ -148,13 +169,3 @@ def _read(system: System, directory: Path, output: Output, java: Path, memory_mb
         Role.OTHER_CERTIFICATE: len(system.certificates),
         Role.OTHER_CHANNEL: len(system.channels),
     }
-    solutions = directory / OUTPUT_DIRECTORY
-    answers = {
-        prop.id: Answer(
-            property_id=prop.id,
-            status=Status.VIOLATED if found[prop.assertion] else Status.HOLDS,
-            witnesses=(witness(solutions, prop, sizes),) if found[prop.assertion] else (),
-        )
-        for prop in PROPERTIES
-    }
-    return Decision(answers=answers, idle=frozenset(family for family, run in EXERCISED.items() if not found[run]))

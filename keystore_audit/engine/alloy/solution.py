@@ -12,7 +12,7 @@ from lxml import etree
 
 from keystore_audit.engine.alloy.atoms import index_of
 from keystore_audit.errors import EngineFailed
-from keystore_audit.properties.property import Property, Role, Witness
+from keystore_audit.properties.property import Role, Witness
 from keystore_audit.text import shorten
 
 MAX_INSTANCE: Final = 64 * 1024 * 1024
@@ -52,19 +52,18 @@ def verdicts(diagnostics: str, commands: Sequence[Command]) -> dict[str, bool]:
     return found
 
 
-def witness(directory: Path, prop: Property, sizes: Mapping[Role, int]) -> Witness:
-    """Return the atoms that make `prop` fail, from the instance that the Analyzer left in `directory`.
+def witness(directory: Path, command: str, roles: Sequence[Role], sizes: Mapping[Role, int]) -> Witness:
+    """Return the atoms that make the check `command` fail, from the instance that the Analyzer left in `directory`.
 
     `sizes`: how many atoms may play each role. Raises EngineFailed if the instance is not there, is no XML, or does
-    not name one known atom for each role.
+    not name one known atom for each of `roles`.
     """
-    path = directory / f"{prop.assertion}-solution-0.xml"
-    atoms = _skolems(path, prop.assertion)
+    atoms = _skolems(directory / f"{command}-solution-0.xml", command)
     found: dict[Role, int] = {}
-    for role in prop.roles:
+    for role in roles:
         index = index_of(atoms.get(role.value, ""), role)
         if index is None or index >= sizes[role]:
-            raise EngineFailed(f"The Alloy Analyzer's counterexample to {prop.assertion} names no {role.value}.")
+            raise EngineFailed(f"The Alloy Analyzer's counterexample to {command} names no {role.value}.")
         found[role] = index
     return found
 

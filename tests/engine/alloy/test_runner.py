@@ -273,5 +273,6 @@ def test_a_counterexample_is_no_place_for_entities(tmp_path: Path) -> None:
         '<alloy><instance><skolem label="$ReadersCannotForge_realm"><tuple><atom label="&e;"/></tuple></skolem>'
         "</instance></alloy>"
     )
+    prop = BY_ID["readers-cannot-forge"]
     with pytest.raises(EngineFailed):
-        witness(tmp_path, BY_ID["readers-cannot-forge"], {Role.REALM: 1, Role.ENCLAVE: 1, Role.CHANNEL: 1})
+        witness(tmp_path, prop.assertion, prop.roles, {Role.REALM: 1, Role.ENCLAVE: 1, Role.CHANNEL: 1})

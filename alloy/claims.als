@@ -1,0 +1,76 @@
+/**
+ * What users claim of their own keystore, in the forms that `keystore-audit.toml` has.
+ *
+ * The places of a claim are written into the main file, as functions. A claim about flows is a `run` that looks for
+ * a compartment (see `information_flow`): `separated` has an instance where nothing flows. Every other claim is a
+ * `check`, whose counterexample tells who does what, like those of `properties`.
+ */
+module claims
+open information_flow
+
+-- only these publish
+
+/** Channels on which each enclave publishes by a grant of the permissions CA, or writes without one. */
+fun publishes[realm: Realm]: Enclave -> Channel {
+	may_write[realm] + (within_reach[realm] & granted[realm, publish_allowed])
+}
+
+-- encrypted against insiders
+
+/** Channels that each enclave recovers from packets, and is not a reader of. */
+fun listens_in[realm: Realm]: Enclave -> Channel { overhears[realm] - may_read[realm] }
+
+-- able: what an enclave can do by its own documents alone, as it is meant to, and as a peer that is right would see it
+
+/** Grants that count for each enclave in the permissions document that it holds, as far as the realm obeys it. */
+fun own_grant[realm: Realm]: Enclave -> Grant {
+	{ e: Enclave, g: e.identity.chosen & (e.permissions & realm.accepted).grant }
+}
+
+/** Enclaves whose own permissions, or who themselves, could not be read, so that they may have any right. */
+fun own_unread: set Enclave { opaque & Enclave + permissions.(opaque & Document) }
+
+/** Domains that each enclave joins by its own document. */
+fun joins_by_own[realm: Realm]: Enclave -> Domain {
+	let grants = own_grant[realm],
+		let_in = realm in requires_grant - open_realm implies grants.Grant + own_unread else Enclave |
+		(realm.authentic & let_in) -> realm.join_uncontrolled
+		+ ((grants.joining + own_unread -> Domain) & realm.authentic -> realm.governed_domain)
+}
+
+/** Governed channels in the domains that each enclave joins by its own document. */
+fun reached_by_own[realm: Realm]: Enclave -> Channel {
+	joins_by_own[realm].(~in_domain & Domain -> realm.governed)
+}
+
+/** Channels on which each enclave writes by its own document. */
+fun writes_by_own[realm: Realm]: Enclave -> Channel {
+	reached_by_own[realm]
+	& (Enclave -> realm.write_uncontrolled + own_grant[realm].publish_allowed + own_unread -> Channel)
+}
+
+/** Channels that each enclave reads by its own document. */
+fun reads_by_own[realm: Realm]: Enclave -> Channel {
+	reached_by_own[realm]
+	& (Enclave -> realm.read_uncontrolled + own_grant[realm].subscribe_allowed + own_unread -> Channel)
+}
+
+/** Whom one hop reaches from some of `holders`, if every enclave uses its own documents and nobody attacks. */
+fun next_by_own[holders: set Enclave + Outsider, usable: set Channel, sending, receiving: Realm]: set Enclave {
+	(in_realm.receiving <: (reads_by_own[receiving] & reads_by_own[sending]))
+		.(usable & holders.(in_realm.sending <: writes_by_own[receiving]))
+}
+
+/** As `separated`, where every enclave uses its own documents and nobody attacks: the intended flow is not possible. */
+pred cut_off[inside, source: set Enclave + Outsider, first: set Channel, target: set Enclave + Outsider,
+             last: set Channel, through: set Enclave, usable: set Channel] {
+	source in inside
+	all realm: Realm {
+		(in_realm.realm <: reads_by_own[realm]).first in inside + through - target
+		no inside & writes_by_own[realm].last
+	}
+	all sending, receiving: Realm {
+		next_by_own[inside, usable, sending, receiving] in inside + through - (target - source)
+		all home: source & target | home not in next_by_own[inside - home, usable, sending, receiving]
+	}
+}

@@ -1,0 +1,126 @@
+/**
+ * Where data can go: from writers to readers, over any number of enclaves, whatever runs in them.
+ *
+ * A *participant* is an enclave, or the outsider. What a participant has received may be in anything that it sends
+ * later, so data goes on wherever there is a next hop. A *hop* takes a sample of one channel from one participant to
+ * another one; there are three routes, and an attacker opens the second and the third:
+ *
+ *   by right        the writer matches the reader, and each gives the other its keys
+ *   imposed         a `forger` has its sample taken, by any identity whose key it has, or by the reader's own keys
+ *   intercepted     an `eavesdropper` recovers a sample that was never meant for it
+ *
+ * Who forges and who eavesdrops is the attacker. *honest*: nobody does. *source*: where the flow begins, they forge.
+ * *relays*: everybody does both, the outsider too.
+ *
+ * That data cannot get from one place to another has a certificate: a compartment, a set of participants that holds
+ * the beginning, that no hop leads out of, and that the end is not in. The Analyzer looks for one. If there is one, no
+ * chain of hops of any length leads out; if there is none, the participants that can be reached are no compartment
+ * because the end is among them. So the answer is exact, and costs a multiple of the number of hops, where the
+ * transitive closure of the hops would cost the cube of the number of participants.
+ */
+module information_flow
+open vacuity
+
+/** Somebody who has no key of the keystore, and can see and send packets. */
+one sig Outsider {}
+
+/** As whom each enclave can act: every enclave with its key, which an unreadable enclave may have or lend. */
+fun acts_as: Enclave -> Enclave {
+	Enclave <: iden + one_key + (opaque & Enclave) -> Enclave + Enclave -> (opaque & Enclave)
+}
+
+/** As whom each enclave does act, where `attackers` use each key that they have, and the others their name alone. */
+fun guise[attackers: set Enclave + Outsider]: Enclave -> Enclave { Enclave <: iden + attackers <: acts_as }
+
+/** Channels that each member of a realm subscribes to by right. */
+fun takes[realm: Realm]: Enclave -> Channel { in_realm.realm <: may_read[realm] }
+
+/** Channels that each member of a realm writes by right of this realm. */
+fun emits[realm: Realm]: Enclave -> Channel { in_realm.realm <: may_write[realm] }
+
+-- by right: members of two realms each ask for the rights of the other
+
+/** Channels on which members of the realm `sending` write to members of `receiving`. */
+fun sends[sending, receiving: Realm]: Enclave -> Channel { in_realm.sending <: may_write[receiving] }
+
+/** Channels on which members of `receiving` read what members of `sending` write: these give them their keys. */
+fun receives[sending, receiving: Realm]: Enclave -> Channel { takes[receiving] & may_read[sending] }
+
+-- imposed
+
+/** Channels on which members of the realm take the samples of `forgers`, and the outsider's if it is one. */
+fun imposes[forgers: set Enclave + Outsider, realm: Realm]: (Enclave + Outsider) -> Channel {
+	(forgers <: acts_as).(feeds[realm]) + (forgers & Outsider) -> realm.unguarded
+}
+
+/** Channels that reach each participant through a member of the realm as whom it acts. */
+fun obtains[eavesdroppers: set Enclave + Outsider, realm: Realm]: Enclave -> Channel {
+	guise[eavesdroppers].(takes[realm])
+}
+
+-- intercepted
+
+/** Channels on which each participant writes as a member of the realm. */
+fun exposes[forgers: set Enclave + Outsider, realm: Realm]: Enclave -> Channel { guise[forgers].(emits[realm]) }
+
+/** Channels of which `eavesdroppers` recover what members of the realm write, and the outsider if it is one. */
+fun intercepts[eavesdroppers: set Enclave + Outsider, realm: Realm]: (Enclave + Outsider) -> Channel {
+	(eavesdroppers <: acts_as).(overhears[realm]) + (eavesdroppers & Outsider) -> realm.in_clear
+}
+
+-- one hop
+
+/** Whom one hop reaches from some of `holders`, on `usable` channels, from and to members of two realms. */
+fun next[holders: set Enclave + Outsider, usable: set Channel, forgers, eavesdroppers: set Enclave + Outsider,
+         sending, receiving: Realm]: set Enclave + Outsider {
+	receives[sending, receiving].(usable & holders.(sends[sending, receiving]))
+	+ obtains[eavesdroppers, receiving].(usable & holders.(imposes[forgers, receiving]))
+	+ intercepts[eavesdroppers, sending].(usable & holders.(exposes[forgers, sending]))
+}
+
+/** A sample of `over` goes from `holder` to `receiver`, who is somebody else. */
+pred hop[holder: Enclave + Outsider, over: Channel, receiver: Enclave + Outsider,
+         forgers, eavesdroppers: set Enclave + Outsider] {
+	holder != receiver
+	some sending, receiving: Realm | receiver in next[holder, over, forgers, eavesdroppers, sending, receiving]
+}
+
+-- where flows begin and end
+
+/** Participants that get a sample of one of `channels`, as readers in the realm or from its packets. */
+fun getters[channels: set Channel, eavesdroppers: set Enclave + Outsider, realm: Realm]: set Enclave + Outsider {
+	(obtains[eavesdroppers, realm] + intercepts[eavesdroppers, realm]).channels
+}
+
+/** Participants whose samples some member of the realm takes, or is to take, on one of `channels`. */
+fun putters[channels: set Channel, forgers: set Enclave + Outsider, realm: Realm]: set Enclave + Outsider {
+	(may_write[realm] + imposes[forgers, realm]).channels
+}
+
+/**
+ * No flow from `source`, or from a sample of `first`, to `target`, or to a sample of `last`, over participants other
+ * than `through`: `inside` is a compartment. Who gets a sample of `first`, or puts one on `last`, is passed over; an
+ * enclave of `source` or `target` is where the flow begins or ends, and may be in `through`.
+ */
+pred separated[inside, source: set Enclave + Outsider, first: set Channel, target: set Enclave + Outsider,
+               last: set Channel, through: set Enclave, usable: set Channel,
+               forgers, eavesdroppers: set Enclave + Outsider] {
+	source in inside
+	all realm: Realm {
+		getters[first, eavesdroppers, realm] in inside + through - target
+		no inside & putters[last, forgers, realm]
+	}
+	all sending, receiving: Realm {
+		next[inside, usable, forgers, eavesdroppers, sending, receiving] in inside + through - (target - source)
+		all home: source & target |
+			home not in next[inside - home, usable, forgers, eavesdroppers, sending, receiving]
+	}
+}
+
+/** Somewhere data does flow: two participants can tell each other something by right, so that there is a flow to ask for. */
+pred FlowIsExercised {
+	some sending, receiving: Realm, channel: Channel, writer, reader: Enclave {
+		writer != reader
+		channel in writer.(sends[sending, receiving]) & reader.(receives[sending, receiving])
+	}
+}

@@ -1,0 +1,171 @@
+"""The claims of a system as Alloy: their places as functions, and a command each.
+
+A claim is called by its index, `Claim0`: what its author wrote stands in comments only. Claims about flows are runs
+that look for a compartment (alloy/information_flow.als), so that "no flow" is said on the strength of an instance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from keystore_audit import text
+from keystore_audit.engine.alloy.atoms import Sort, name_atoms
+from keystore_audit.engine.alloy.relations import Relations, function
+from keystore_audit.engine.alloy.solution import Command
+from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.system import System
+from keystore_audit.properties.property import Role, Status
+
+MODULES: Final = ("information_flow.als", "claims.als")
+"""The hand-written modules that claims need, after those of the properties; each opens the one before."""
+
+FLOWS: Final = frozenset({ClaimKind.NO_FLOW, ClaimKind.ABLE})
+"""Kinds whose command is a run that looks for a compartment."""
+
+FLOW_EXERCISED: Final = "FlowIsExercised"
+"""The run that shows that data can flow by right at all."""
+
+INHABITED: Final = "PlacesAreInhabited"
+"""The run that shows that there is something at each place of each claim."""
+
+EXERCISED: Final = {"flows": FLOW_EXERCISED, "places": INHABITED}
+"""As `facts.EXERCISED`. In MUST a place may be empty, where its enclaves are left out; MAY decides then."""
+
+PARTICIPANTS: Final = "set Enclave + Outsider"
+
+_ROLES: Final = {
+    (ClaimKind.ONLY_PUBLISH, None): (Role.REALM, Role.ENCLAVE, Role.CHANNEL),
+    (ClaimKind.ENCRYPTED, Attacker.OUTSIDER): (Role.REALM, Role.CHANNEL),
+    (ClaimKind.ENCRYPTED, Attacker.INSIDER): (Role.REALM, Role.ENCLAVE, Role.CHANNEL),
+    (ClaimKind.SEPARATE_DOMAINS, None): (Role.REALM, Role.ENCLAVE, Role.OTHER, Role.DOMAIN),
+}
+"""The variables of a check; of `encrypted` by attacker."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Places:
+    """The functions of one claim, by name, as they are used in commands."""
+
+    source: str
+    first: str
+    target: str
+    last: str
+    through: str
+    left_out: str
+
+    @classmethod
+    def of(cls, number: int) -> Places:
+        """The names for the claim of this index."""
+        return cls(**{name: f"{name}_{number}" for name in cls.__slots__})
+
+
+def command_of(claim: ClaimAtom, number: int) -> Command:
+    """Return the command that decides the claim of this index."""
+    return Command(kind="run" if claim.kind in FLOWS else "check", name=f"Claim{number}")
+
+
+def commands_of(claims: Sequence[ClaimAtom]) -> tuple[Command, ...]:
+    """Return all commands of the claims: none for none, else the runs against vacuity first."""
+    if not claims:
+        return ()
+    runs = (Command(kind="run", name=name) for name in EXERCISED.values())
+    return (*runs, *(command_of(claim, number) for number, claim in enumerate(claims)))
+
+
+def status(claim: ClaimAtom, found: bool) -> Status:
+    """Return the answer, by whether the command of `claim` has an instance.
+
+    A compartment shows that nothing flows, a counterexample to a check that the claim is violated.
+    """
+    holds = found if claim.kind is ClaimKind.NO_FLOW else not found
+    return Status.HOLDS if holds else Status.VIOLATED
+
+
+def roles_of(claim: ClaimAtom) -> tuple[Role, ...]:
+    """Return the variables of the check of `claim`; none where it is a run."""
+    attacker = claim.attacker if claim.kind is ClaimKind.ENCRYPTED else None
+    return _ROLES.get((claim.kind, attacker), ())
+
+
+def write_claims(system: System) -> str:
+    """Return the part of a main file that asks about the claims of `system`: places, then commands."""
+    if not system.claims:
+        return ""
+    writer = _Writer(system)
+    places = [line for number, claim in enumerate(system.claims) for line in writer.places(claim, number)]
+    commands = [command(claim, number) for number, claim in enumerate(system.claims)]
+    lines = [*writer.relations.take_private(), *places, f"run {FLOW_EXERCISED} for 0", _inhabited(system.claims)]
+    return "\n".join(["-- claims", "", *lines, "", *commands]) + "\n"
+
+
+def command(claim: ClaimAtom, number: int) -> str:
+    """Return the text of the command that decides the claim of this index."""
+    return f"{command_of(claim, number).kind} Claim{number} {{\n\t{_condition(claim, Places.of(number))}\n}} for 0"
+
+
+def attackers(claim: ClaimAtom, places: Places) -> tuple[str, str]:
+    """Return who forges and who eavesdrops in the flows of `claim`."""
+    if claim.attacker is Attacker.RELAYS:
+        return "Enclave + Outsider", "Enclave + Outsider"
+    return (places.source if claim.attacker is Attacker.SOURCE else "none"), "none"
+
+
+def _condition(claim: ClaimAtom, at: Places) -> str:
+    places = f"{at.source}, {at.first}, {at.target}, {at.last}, {at.through}, Channel - {at.left_out}"
+    if claim.kind is ClaimKind.NO_FLOW:
+        forgers, eavesdroppers = attackers(claim, at)
+        return f"some inside: {PARTICIPANTS} | separated[inside, {places}, {forgers}, {eavesdroppers}]"
+    if claim.kind is ClaimKind.ABLE:
+        return f"some inside: {PARTICIPANTS} | cut_off[inside, {places}]"
+    if claim.kind is ClaimKind.ONLY_PUBLISH:
+        who = f"enclave: Enclave - {at.source}, channel: {at.last}"
+        return f"all realm: Realm, {who} | channel not in enclave.(publishes[realm])"
+    if claim.kind is ClaimKind.SEPARATE_DOMAINS:
+        who = f"enclave: Enclave & {at.source}, other: Enclave & {at.target}, domain: Domain"
+        return f"all realm: Realm, {who} |\n\t\tdomain not in enclave.(joins[realm]) & other.(joins[realm])"
+    if claim.attacker is Attacker.INSIDER:
+        who = f"enclave: Enclave, channel: {at.last}"
+        return f"all realm: Realm, {who} | channel not in enclave.(listens_in[realm])"
+    return f"all realm: Realm, channel: {at.last} | channel not in realm.readable_outside"
+
+
+def _inhabited(claims: Sequence[ClaimAtom]) -> str:
+    places = []
+    for number, claim in enumerate(claims):
+        at = Places.of(number)
+        if claim.kind in FLOWS or claim.kind is ClaimKind.SEPARATE_DOMAINS:
+            places.append(f"\tsome {at.source} + {at.first}")
+        places.append(f"\tsome {at.target} + {at.last}")
+    return "\n".join([f"run {INHABITED} {{", *places, "} for 0"])
+
+
+class _Writer:
+    """Writes the places of claims."""
+
+    def __init__(self, system: System) -> None:
+        self._atoms = name_atoms(system)
+        self.relations = Relations()
+
+    def places(self, claim: ClaimAtom, number: int) -> Iterator[str]:
+        """The functions of one claim, after a comment that says which it is."""
+        enclaves, channels, at = self._atoms.enclaves, self._atoms.channels, Places.of(number)
+        where = claim.location
+        place = where.path if where.line is None else f"{where.path}:{where.line}"
+        said = f"{claim.kind.value} ({claim.attacker.value}), {claim.id}: {place}"
+        yield f"-- Claim{number}: {text.alloy_comment(said)}"
+        yield function(at.source, PARTICIPANTS, self._participants(claim.source))
+        yield function(at.first, "set Channel", self._members(channels, claim.source.channels))
+        yield function(at.target, PARTICIPANTS, self._participants(claim.target))
+        yield function(at.last, "set Channel", self._members(channels, claim.target.channels))
+        yield function(at.through, "set Enclave", self._members(enclaves, claim.through))
+        yield function(at.left_out, "set Channel", self._members(channels, claim.left_out))
+        yield ""
+
+    def _participants(self, place: Place) -> str:
+        enclaves = self._members(self._atoms.enclaves, place.enclaves)
+        return " + ".join(filter(None, [enclaves, "Outsider" if place.outsider else ""]))
+
+    def _members(self, sort: Sort, members: frozenset[int]) -> str:
+        return self.relations.atoms(sort, [index in members for index in range(len(sort.atoms))])

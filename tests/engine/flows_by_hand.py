@@ -1,0 +1,259 @@
+"""Flows and claims by enumeration, as docs/model.md words them: slow, and independent of both engines' ways.
+
+What an enclave may do in a realm comes from `model.attacker`, which the properties test; everything from there on
+is counted out here, participant by participant, with Python sets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind
+from keystore_audit.model.permission import Permissions, members
+from keystore_audit.model.system import System
+
+OUTSIDER = -1
+"""The participant without a key, beside the indices of enclaves."""
+
+
+@dataclass(frozen=True)
+class Powers:
+    """Sets of channels of an enclave in a realm."""
+
+    writes: frozenset[int]
+    reads: frozenset[int]
+    overhears: frozenset[int]
+    forges: frozenset[int]
+    publishes: frozenset[int]
+    joins: frozenset[int]
+
+
+class ByHand:
+    """One system at one moment (as `Permissions` takes it)."""
+
+    def __init__(self, system: System, moment: int | None = None) -> None:
+        self.system = system
+        self.permissions = Permissions(system, moment)
+        self.views = [RealmView(system, realm, self.permissions) for realm in range(len(system.realms))]
+        self.enclaves = range(len(system.enclaves))
+
+    @lru_cache(maxsize=None)  # noqa: B019: an object lives as long as one comparison
+    def powers(self, enclave: int, realm: int) -> Powers:
+        view = self.views[realm]
+        able = view.abilities(enclave)
+        joined = view.joined(enclave) & view.protection.ruled if not view.open else view.joined(enclave)
+        within = frozenset(c for c, atom in enumerate(self.system.channels) if joined >> atom.domain & 1)
+        granted = frozenset(members(view.granted(enclave, Operation.PUBLISH) & view.protection.governed))
+        return Powers(
+            writes=frozenset(members(able.may_write)),
+            reads=frozenset(members(able.may_read)),
+            overhears=frozenset(members(able.overhears)),
+            forges=frozenset(members(able.forges)),
+            publishes=frozenset(members(able.may_write)) | (granted & within),
+            joins=frozenset(members(joined)),
+        )
+
+    def own_powers(self, enclave: int, realm: int) -> tuple[frozenset[int], frozenset[int]]:
+        """What it writes and reads by its own document alone, as peers of the realm see it."""
+        view, atom, s = self.views[realm], self.system.enclaves[enclave], self.system
+        own = frozenset() if atom.permissions is None else frozenset({atom.permissions}) & view.accepted
+        grants = self.permissions.chosen(atom.identity, own)
+        unread = atom.opaque or (atom.permissions is not None and s.documents[atom.permissions].opaque)
+        p = view.protection
+        joined = 0
+        if view.open:
+            joined = self.permissions.all_domains
+        elif view.authenticated(enclave):
+            if unread:
+                joined = p.ruled
+            else:
+                if grants or not s.requires_grant:
+                    joined = p.ruled & ~p.join_controlled
+                for grant in grants:
+                    joined |= p.ruled & self.permissions.joins(grant)
+
+        def right(operation: Operation, controlled: int) -> frozenset[int]:
+            found = set()
+            for channel in members(p.governed):
+                if not joined >> s.channels[channel].domain & 1:
+                    continue
+                allowed = any(self.permissions.allowed(grant, operation) >> channel & 1 for grant in grants)
+                if unread or allowed or not controlled >> channel & 1:
+                    found.add(channel)
+            return frozenset(found)
+
+        return right(Operation.PUBLISH, p.write_controlled), right(Operation.SUBSCRIBE, p.read_controlled)
+
+    def acts_as(self, enclave: int) -> set[int]:
+        atoms, certificates = self.system.enclaves, self.system.certificates
+        one = atoms[enclave]
+        if one.opaque:
+            return set(self.enclaves)
+        key = None if one.identity is None else certificates[one.identity].key
+        return {
+            f
+            for f in self.enclaves
+            if f == enclave
+            or atoms[f].opaque
+            or (key is not None and (i := atoms[f].identity) is not None and certificates[i].key == key)
+        }
+
+    def in_clear(self, realm: int) -> frozenset[int]:
+        p = self.views[realm].protection
+        return frozenset(members(p.governed & ~(p.rtps_encrypts | p.metadata_encrypts | p.data_encrypts)))
+
+    def unguarded(self, realm: int) -> frozenset[int]:
+        p, found = self.views[realm].protection, set()
+        for channel in members(p.governed):
+            lets_in = p.unauthenticated >> self.system.channels[channel].domain & 1
+            inside = (p.metadata_authenticates | p.data_authenticates) >> channel & 1
+            if not inside and (lets_in or not p.rtps_authenticates >> channel & 1):
+                found.add(channel)
+        return frozenset(found)
+
+
+class Flow:
+    """The flows of one claim."""
+
+    def __init__(self, hand: ByHand, claim: ClaimAtom) -> None:
+        self.hand, self.claim = hand, claim
+        self.realms = range(len(hand.system.realms))
+        self.able = claim.kind is ClaimKind.ABLE
+        self.relays = claim.attacker is Attacker.RELAYS and not self.able
+        everybody = set(hand.enclaves) | {OUTSIDER}
+        self.source = set(claim.source.enclaves) | ({OUTSIDER} if claim.source.outsider else set())
+        self.target = set(claim.target.enclaves) | ({OUTSIDER} if claim.target.outsider else set())
+        self.forgers = everybody if self.relays else set()
+        if claim.attacker is Attacker.SOURCE and not self.able:
+            self.forgers = self.source
+
+    def writes(self, enclave: int, realm: int) -> frozenset[int]:
+        if self.able:
+            return self.hand.own_powers(enclave, realm)[0]
+        return self.hand.powers(enclave, realm).writes
+
+    def reads(self, enclave: int, realm: int) -> frozenset[int]:
+        if self.able:
+            return self.hand.own_powers(enclave, realm)[1]
+        return self.hand.powers(enclave, realm).reads
+
+    def member(self, enclave: int) -> int:
+        return self.hand.system.enclaves[enclave].realm
+
+    def imposes(self, holder: int, realm: int) -> set[int]:
+        """Channels on which an attacker has its samples taken in the realm."""
+        if holder not in self.forgers:
+            return set()
+        if holder == OUTSIDER:
+            return set(self.hand.unguarded(realm))
+        found: set[int] = set()
+        for guise in self.hand.acts_as(holder):
+            powers = self.hand.powers(guise, realm)
+            found |= powers.writes | powers.forges
+        return found
+
+    @cached_property
+    def hops(self) -> set[tuple[int, int, int]]:
+        """(sender, channel, receiver)."""
+        return {(e, c, f) for e, c, f in self._hops() if e != f and c not in self.claim.left_out}
+
+    def _hops(self) -> Iterator[tuple[int, int, int]]:
+        hand = self.hand
+        for f in hand.enclaves:
+            home = self.member(f)
+            for e in hand.enclaves:
+                for c in self.writes(e, home) & self.reads(f, home) & self.reads(f, self.member(e)):
+                    yield e, c, f
+            as_whom = hand.acts_as(f) if self.relays else {f}
+            for holder in self.forgers:
+                for guise in as_whom:
+                    realm = self.member(guise)
+                    for c in self.imposes(holder, realm) & self.reads(guise, realm):
+                        yield holder, c, f
+        if not self.relays:
+            return
+        for e in hand.enclaves:
+            for mask in hand.acts_as(e):
+                realm = self.member(mask)
+                for c in self.writes(mask, realm):
+                    if c in hand.in_clear(realm):
+                        yield e, c, OUTSIDER
+                    for f in hand.enclaves:
+                        if any(c in hand.powers(guise, realm).overhears for guise in hand.acts_as(f)):
+                            yield e, c, f
+
+    def gets(self) -> set[int]:
+        """Who gets a sample of a channel of the source."""
+        found = set()
+        for c in self.claim.source.channels:
+            for f in self.hand.enclaves:
+                as_whom = self.hand.acts_as(f) if self.relays else {f}
+                if any(c in self.reads(guise, self.member(guise)) for guise in as_whom) or (
+                    self.relays
+                    and any(c in self.hand.powers(guise, realm).overhears for guise in as_whom for realm in self.realms)
+                ):
+                    found.add(f)
+            if self.relays and any(c in self.hand.in_clear(realm) for realm in self.realms):
+                found.add(OUTSIDER)
+        return found
+
+    def puts(self, holder: int) -> bool:
+        """Whether it puts a sample on a channel of the target."""
+        for realm in self.realms:
+            reached = self.imposes(holder, realm)
+            if holder != OUTSIDER:
+                reached |= self.writes(holder, realm)
+            if reached & self.claim.target.channels:
+                return True
+        return False
+
+    def shortest(self) -> int | None:
+        """The number of hops of a shortest flow, getting and putting included; None where there is none."""
+        getters = self.gets()
+        found = [1] if getters & self.target else []
+        ways = {e: 0 for e in self.source}
+        for f in getters - set(self.claim.through):
+            ways.setdefault(f, 1)
+        length = 0
+        while any(steps >= length for steps in ways.values()):
+            for e in [e for e, steps in ways.items() if steps == length]:
+                if self.puts(e):
+                    found.append(length + 1)
+                for sender, _channel, f in self.hops:
+                    if sender != e:
+                        continue
+                    if f in self.target:
+                        found.append(length + 1)
+                    if f not in self.claim.through:
+                        ways.setdefault(f, length + 1)
+            length += 1
+        return min(found, default=None)
+
+
+def violated(hand: ByHand, claim: ClaimAtom) -> bool:
+    """Whether the claim is violated at the moment of `hand`."""
+    s = hand.system
+    if claim.kind is ClaimKind.NO_FLOW:
+        return Flow(hand, claim).shortest() is not None
+    if claim.kind is ClaimKind.ABLE:
+        return Flow(hand, claim).shortest() is None
+    for realm in range(len(s.realms)):
+        for e in hand.enclaves:
+            powers = hand.powers(e, realm)
+            if claim.kind is ClaimKind.ONLY_PUBLISH:
+                if e not in claim.source.enclaves and powers.publishes & claim.target.channels:
+                    return True
+            elif claim.kind is ClaimKind.SEPARATE_DOMAINS:
+                others = (hand.powers(f, realm).joins for f in claim.target.enclaves)
+                if e in claim.source.enclaves and any(powers.joins & joins for joins in others):
+                    return True
+            elif claim.attacker is Attacker.INSIDER:
+                if (powers.overhears - powers.reads) & claim.target.channels:
+                    return True
+            elif powers.writes & hand.in_clear(realm) & claim.target.channels:
+                return True
+    return False
