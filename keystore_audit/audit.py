@@ -18,11 +18,10 @@ from keystore_audit.engine.horizon import Horizon, horizon
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Finding, Result, Severity
-from keystore_audit.keystore.keystore import read_keystore
+from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.profiles import DEFAULT, Evidence, Profile, resolve
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.properties import Status
@@ -46,8 +45,8 @@ ASSUMPTIONS = (
 
 NOT_CHECKED = (
     (
-        "Signed documents outside the enclaves, and under other names than governance.p7s and permissions.p7s, though "
-        "peers take whatever valid document is presented to them."
+        "Signed documents that are kept elsewhere than in this directory, though peers take whatever valid document is "
+        "presented to them."
     ),
     "Flows through several enclaves, and flows by timing, acknowledgements or matching.",
     "The policy that the keystore was generated from, and the nodes that will use it.",
@@ -153,7 +152,7 @@ def _report(context: Context, judgement: Judgement, safe: Horizon, options: Opti
         properties=context.results,
         findings=judgement.findings,
         outcomes=judgement.outcomes,
-        scope=_scope(context.meaning, context.profiles),
+        scope=_scope(context),
     )
 
 
@@ -212,15 +211,25 @@ def _enclaves(context: Context) -> tuple[EnclaveEntry, ...]:
     return tuple(entries)
 
 
-def _scope(meaning: Meaning, profiles: Sequence[Profile]) -> Scope:
+def _scope(context: Context) -> Scope:
+    meaning = context.meaning
     system = meaning.systems[0] if meaning.systems else None
     return Scope(
         certificates=len(system.certificates) if system else 0,
         documents=len(system.documents) if system else 0,
         channels=len(system.channels) if system else 0,
         rules=len(RULES),
-        not_checked=(*meaning.idle, *_untested(profiles), *NOT_CHECKED),
+        not_checked=(*meaning.idle, *_unread(context.keystore), *_untested(context.profiles), *NOT_CHECKED),
     )
+
+
+def _unread(keystore: Keystore) -> Iterator[str]:
+    """Files that were not read and are taken for no documents."""
+    if keystore.unread:
+        yield (
+            f"{keystore.unread} of the other files, which could not be read: neither their names nor the beginnings of "
+            "those that are too large are those of signed documents."
+        )
 
 
 def _untested(profiles: Sequence[Profile]) -> Iterator[str]:

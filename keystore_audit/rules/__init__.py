@@ -25,6 +25,7 @@ from keystore_audit.rules.revocation import REVOCATION
 from keystore_audit.rules.rule_order import RULE_ORDER
 from keystore_audit.rules.signature import SIGNATURE
 from keystore_audit.rules.start import START
+from keystore_audit.rules.stray import STRAY
 from keystore_audit.rules.subject_names import SUBJECT_NAMES
 from keystore_audit.rules.validity import VALIDITY
 
@@ -51,6 +52,7 @@ RULES: tuple[Rule[Any], ...] = tuple(
             *DIVERGENCE,
             *RULE_ORDER,
             *PORTABILITY,
+            *STRAY,
             *FORMAL,
             *AUDIT,
         ),

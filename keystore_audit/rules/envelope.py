@@ -15,17 +15,17 @@ from keystore_audit.model.trust import Verdict
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.signature import SIGN_AGAIN
-from keystore_audit.rules.subjects import DocumentUse
+from keystore_audit.rules.subjects import SignedUse
 from keystore_audit.rules.wording import defective, of_kinds
 
 
-def _has(use: DocumentUse, says: str, *kinds: Kind) -> Iterable[Violation]:
+def _has(use: SignedUse, says: str, *kinds: Kind) -> Iterable[Violation]:
     if not use.signed.defects:
         return ()
     return defective(of_kinds(use.signed.defects, *kinds), use.enclaves, says)
 
 
-def _leaves_open(use: DocumentUse, says: str, *kinds: Kind) -> Iterable[Violation]:
+def _leaves_open(use: SignedUse, says: str, *kinds: Kind) -> Iterable[Violation]:
     """As `_has`; undecided unless something else makes every implementation refuse the document."""
     if not use.signed.defects:
         return ()
@@ -37,12 +37,12 @@ def _leaves_open(use: DocumentUse, says: str, *kinds: Kind) -> Iterable[Violatio
     "KA304",
     "not-smime",
     Severity.HIGH,
-    on=DocumentUse,
+    on=SignedUse,
     clause="DDS-Security 1.1, 9.4.1.2 and 9.4.1.3 (S/MIME version 3.2, multipart/signed); measured",
     remedy=SIGN_AGAIN,
     explains=("documents-signed-by-the-permissions-ca",),
 )
-def not_smime(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+def not_smime(use: SignedUse, _context: Context) -> Iterator[Violation]:
     """The file is no S/MIME message: plain XML, PEM or DER. Every implementation refuses it (measured)."""
     yield from _has(use, "every implementation refuses it.", Kind.NOT_SMIME)
 
@@ -51,11 +51,11 @@ def not_smime(use: DocumentUse, _context: Context) -> Iterator[Violation]:
     "KA305",
     "malformed-smime",
     Severity.HIGH,
-    on=DocumentUse,
+    on=SignedUse,
     clause="RFC 8551, 3.5.3; RFC 2046, 5.1; OpenSSL, crypto/asn1/asn_mime.c",
     remedy=SIGN_AGAIN,
 )
-def malformed_smime(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+def malformed_smime(use: SignedUse, _context: Context) -> Iterator[Violation]:
     """The message can be taken apart in more than one way, or not at all as the standard has it.
 
     OpenSSL, which all measured implementations use, takes some such messages. Which part a robot reads is not guessed
@@ -68,11 +68,11 @@ def malformed_smime(use: DocumentUse, _context: Context) -> Iterator[Violation]:
     "KA306",
     "cms-not-strict",
     Severity.HIGH,
-    on=DocumentUse,
+    on=SignedUse,
     clause="RFC 5652, 5.1; ITU-T X.690 (DER)",
     remedy=SIGN_AGAIN,
 )
-def cms_not_strict(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+def cms_not_strict(use: SignedUse, _context: Context) -> Iterator[Violation]:
     """The signature is not strict DER, or not the structure that RFC 5652 describes.
 
     OpenSSL takes BER and bytes behind the end. What two parsers may read differently is not interpreted here, so that
@@ -85,12 +85,12 @@ def cms_not_strict(use: DocumentUse, _context: Context) -> Iterator[Violation]:
     "KA307",
     "no-text-plain-header",
     Severity.HIGH,
-    on=DocumentUse,
+    on=SignedUse,
     clause="OpenSSL, SMIME_text (run times pass PKCS7_TEXT); measured",
     remedy="Sign with -text. " + SIGN_AGAIN,
     explains=("documents-signed-by-the-permissions-ca",),
 )
-def no_text_plain_header(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+def no_text_plain_header(use: SignedUse, _context: Context) -> Iterator[Violation]:
     """The signed part does not begin with Content-Type: text/plain, as when -text was forgotten.
 
     Every implementation refuses it (measured), though `openssl smime -verify` without -text accepts it.
@@ -102,11 +102,11 @@ def no_text_plain_header(use: DocumentUse, _context: Context) -> Iterator[Violat
     "KA308",
     "unsigned-text",
     Severity.MEDIUM,
-    on=DocumentUse,
+    on=SignedUse,
     clause="RFC 2046, 5.1.1 (preamble and epilogue are ignored)",
     remedy="Take the text out of the file, or sign again. " + SIGN_AGAIN,
 )
-def unsigned_text(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+def unsigned_text(use: SignedUse, _context: Context) -> Iterator[Violation]:
     """Text stands outside the signature, beyond the line that every S/MIME writer puts there.
 
     No run time reads it; a person who reviews the file may take it for signed.
@@ -118,11 +118,11 @@ def unsigned_text(use: DocumentUse, _context: Context) -> Iterator[Violation]:
     "KA309",
     "weak-digest",
     Severity.HIGH,
-    on=DocumentUse,
+    on=SignedUse,
     clause="NIST SP 800-131A; DDS-Security 1.1, 9.4.1.1",
     remedy="Sign over SHA-256 (-md sha256). " + SIGN_AGAIN,
 )
-def weak_digest(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+def weak_digest(use: SignedUse, _context: Context) -> Iterator[Violation]:
     """The signature covers a digest for which two documents with one value have been made, SHA-1 or MD5.
 
     Whoever could choose what was signed may hold another document with the same signature. Every implementation takes
@@ -135,12 +135,12 @@ def weak_digest(use: DocumentUse, _context: Context) -> Iterator[Violation]:
     "KA310",
     "several-signers",
     Severity.MEDIUM,
-    on=DocumentUse,
+    on=SignedUse,
     clause="RFC 5652, 5.1; measured: every SignerInfo has to verify",
     remedy="Sign with one authority. " + SIGN_AGAIN,
     explains=("documents-signed-by-the-permissions-ca",),
 )
-def several_signers(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+def several_signers(use: SignedUse, _context: Context) -> Iterator[Violation]:
     """The document has several signers.
 
     Every one of them has to be a permissions CA; Fast DDS knows all certificates of the CA file, Cyclone DDS the first
@@ -153,11 +153,11 @@ def several_signers(use: DocumentUse, _context: Context) -> Iterator[Violation]:
     "KA311",
     "opaque-message",
     Severity.MEDIUM,
-    on=DocumentUse,
+    on=SignedUse,
     clause="RFC 8551, 3.5.2 (application/pkcs7-mime); measured",
     remedy="Sign without -nodetach. " + SIGN_AGAIN,
 )
-def opaque_message(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+def opaque_message(use: SignedUse, _context: Context) -> Iterator[Violation]:
     """The document stands inside the signature, so that nobody can review it in an editor.
 
     Implementations take it; debug builds of Cyclone DDS stop at an assertion.
@@ -169,11 +169,11 @@ def opaque_message(use: DocumentUse, _context: Context) -> Iterator[Violation]:
     "KA312",
     "two-contents",
     Severity.HIGH,
-    on=DocumentUse,
+    on=SignedUse,
     clause="RFC 5652, 5.2 (eContent is absent in a detached signature)",
     remedy=SIGN_AGAIN,
 )
-def two_contents(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+def two_contents(use: SignedUse, _context: Context) -> Iterator[Violation]:
     """The message carries one content beside the signature and another inside it.
 
     Which one counts depends on who reads; OpenSSL takes such a message (measured).
@@ -185,11 +185,11 @@ def two_contents(use: DocumentUse, _context: Context) -> Iterator[Violation]:
     "KA313",
     "no-signed-attributes",
     Severity.LOW,
-    on=DocumentUse,
+    on=SignedUse,
     clause="RFC 5652, 5.3 and 11.3; RFC 8551, 2.5",
     remedy="Sign without -noattr. " + SIGN_AGAIN,
 )
-def no_signed_attributes(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+def no_signed_attributes(use: SignedUse, _context: Context) -> Iterator[Violation]:
     """The signature covers the content alone: nothing says when it was made, or for what kind of content.
 
     Valid everywhere (measured).
@@ -201,11 +201,11 @@ def no_signed_attributes(use: DocumentUse, _context: Context) -> Iterator[Violat
     "KA314",
     "unsupported-signature-algorithm",
     Severity.HIGH,
-    on=DocumentUse,
+    on=SignedUse,
     clause="DDS-Security 1.1, 9.4.1.1; keystore-audit, docs/model.md (what is not read counts as able to do anything)",
     remedy="Sign with ECDSA or RSA over SHA-256. " + SIGN_AGAIN,
 )
-def unsupported_signature_algorithm(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+def unsupported_signature_algorithm(use: SignedUse, _context: Context) -> Iterator[Violation]:
     """The signature uses an algorithm that is not verified here.
 
     OpenSSL may verify it, so that its worth is unknown.
@@ -217,12 +217,12 @@ def unsupported_signature_algorithm(use: DocumentUse, _context: Context) -> Iter
     "KA315",
     "no-signer",
     Severity.HIGH,
-    on=DocumentUse,
+    on=SignedUse,
     clause="RFC 5652, 5.1; DDS-Security 1.1, 9.4.1.1",
     remedy=SIGN_AGAIN,
     explains=("documents-signed-by-the-permissions-ca",),
 )
-def no_signer(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+def no_signer(use: SignedUse, _context: Context) -> Iterator[Violation]:
     """The message has the form of a signed one and no signature in it: every implementation refuses it."""
     yield from _has(use, "every implementation refuses it.", Kind.NO_SIGNER)
 

@@ -21,6 +21,7 @@ from keystore_audit.rules.subjects import (
     governance_uses,
     permissions_uses,
     revocation_uses,
+    stray_uses,
 )
 from keystore_audit.text import shorten
 
@@ -79,7 +80,7 @@ def _subjects(context: Context) -> Iterator[tuple[str, object]]:
         yield certificates.certificates.file.place, certificates
     for revocations in revocation_uses(keystore):
         yield revocations.file.place, revocations
-    for document in (*governance_uses(keystore), *permissions_uses(keystore)):
+    for document in (*governance_uses(keystore), *permissions_uses(keystore), *stray_uses(keystore)):
         yield document.signed.file.place, document
     for result in context.results:
         yield result.prop.id, result

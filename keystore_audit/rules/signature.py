@@ -20,7 +20,7 @@ from keystore_audit.model.trust import Verdict, document_verdict, may_sign, sign
 from keystore_audit.rules.acceptance import SPEC, accepting
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
-from keystore_audit.rules.subjects import DocumentUse
+from keystore_audit.rules.subjects import DocumentUse, SignedUse
 from keystore_audit.rules.wording import implementations, of_kinds, paths, places, quoted, sole
 
 SIGN_AGAIN: Final = (
@@ -48,7 +48,7 @@ class _Maker(Enum):
     NOBODY = "no key that it names: content or signature were changed"
 
 
-def _maker(use: DocumentUse, signature: Signature, context: Context) -> tuple[_Maker, Certificate | None]:
+def _maker(use: SignedUse, signature: Signature, context: Context) -> tuple[_Maker, Certificate | None]:
     """Who made the signature, with the certificate that tells so."""
     if signature.digest_matches is False or any(of_kinds(use.signed.defects, Kind.DIGEST_MISMATCH)):
         return _Maker.NOBODY, None
@@ -69,7 +69,7 @@ def _maker(use: DocumentUse, signature: Signature, context: Context) -> tuple[_M
     return _Maker.STRANGER, signer
 
 
-def _unnamed(use: DocumentUse, signature: Signature) -> tuple[_Maker, Certificate | None]:
+def _unnamed(use: SignedUse, signature: Signature) -> tuple[_Maker, Certificate | None]:
     """Who made a signature that verifies under no certificate which it names."""
     keys = {authority.key for authority in use.authorities}
     for certificate in signature.verified_by:
@@ -89,7 +89,7 @@ def _holder(signer: Certificate, context: Context) -> Enclave | None:
     return None
 
 
-def _makers(use: DocumentUse, context: Context, wanted: _Maker) -> Iterator[tuple[Certificate | None, Signature]]:
+def _makers(use: SignedUse, context: Context, wanted: _Maker) -> Iterator[tuple[Certificate | None, Signature]]:
     """The signatures made by these, each maker once."""
     if use.genuine_everywhere:
         return
@@ -102,30 +102,30 @@ def _makers(use: DocumentUse, context: Context, wanted: _Maker) -> Iterator[tupl
             yield certificate, signature
 
 
-def _readable(use: DocumentUse, _context: Context) -> bool:
+def _readable(use: SignedUse, _context: Context) -> bool:
     """Whether there is a signature to judge, of which we know what it covers."""
     refused_form = any(of_kinds(use.signed.defects, Kind.NOT_SMIME, Kind.NO_TEXT_PLAIN))
     return bool(use.signed.signatures) and not refused_form and use.envelope.verdict is not Verdict.UNKNOWN
 
 
-def _comparable(use: DocumentUse, context: Context) -> bool:
+def _comparable(use: SignedUse, context: Context) -> bool:
     """Whether there is an authority to compare its signer with as well."""
     return _readable(use, context) and bool(use.judging)
 
 
-def _refusing(use: DocumentUse) -> tuple[tuple[Enclave, CertificateFile], ...]:
+def _refusing(use: SignedUse) -> tuple[tuple[Enclave, CertificateFile], ...]:
     """The enclaves whose permissions CA did not sign."""
     return tuple(
         (enclave, file) for enclave, file in use.judging if document_verdict(use.signed, file, SPEC) is Verdict.REFUSED
     )
 
 
-def _accepting(use: DocumentUse) -> tuple[Profile, ...]:
+def _accepting(use: SignedUse) -> tuple[Profile, ...]:
     """The known variants that take the document in one of those enclaves all the same."""
     return accepting(use.signed, [file for _enclave, file in _refusing(use)])
 
 
-def _consequence(use: DocumentUse) -> str:
+def _consequence(use: SignedUse) -> str:
     """Who refuses and who accepts a document that not every enclave's permissions CA signed."""
     refusing = _refusing(use)
     whom = "" if len(refusing) == len(use.enclaves) else f" in {paths(enclave for enclave, _file in refusing)}"
@@ -136,7 +136,7 @@ def _consequence(use: DocumentUse) -> str:
     return f"accepted by {implementations(accepted)}; refused{whom} by {implementations(others)}"
 
 
-def _violation(use: DocumentUse, message: str, signer: Certificate | None, key: str, **more: Any) -> Violation:
+def _violation(use: SignedUse, message: str, signer: Certificate | None, key: str, **more: Any) -> Violation:
     """A violation about the document; the signer's certificate is a second place, unless that is in the message."""
     place = Location(path=use.signed.file.place, line=1)
     found = [] if signer is None else [Location(path=signer.path, line=signer.line, message="the signer's certificate")]
@@ -149,7 +149,7 @@ def _violation(use: DocumentUse, message: str, signer: Certificate | None, key: 
     )
 
 
-def _expected(use: DocumentUse) -> str:
+def _expected(use: SignedUse) -> str:
     """The authority that should have signed, with its number: sros2 calls every authority alike."""
     refusing = _refusing(use) or use.judging
     authority = refusing[0][1].certificates[0]
@@ -162,13 +162,13 @@ def _expected(use: DocumentUse) -> str:
     "KA301",
     "signer-not-permissions-ca",
     Severity.CRITICAL,
-    on=DocumentUse,
+    on=SignedUse,
     clause="DDS-Security 1.1, 9.4.1.1 (signed with the private key of the permissions CA)",
     remedy="Find out who signed it and why. " + SIGN_AGAIN,
     explains=_FORGED,
     applies=_comparable,
 )
-def signer_not_permissions_ca(use: DocumentUse, context: Context) -> Iterator[Violation]:
+def signer_not_permissions_ca(use: SignedUse, context: Context) -> Iterator[Violation]:
     """Somebody else than the permissions CA made the signature, and no identity of this keystore either.
 
     Every SignerInfo has to be made by a certificate of the permissions CA file itself. Names prove nothing: every
@@ -194,14 +194,14 @@ def signer_not_permissions_ca(use: DocumentUse, context: Context) -> Iterator[Vi
     "KA302",
     "signed-by-an-identity",
     Severity.CRITICAL,
-    on=DocumentUse,
+    on=SignedUse,
     clause="DDS-Security 1.1, 9.4.1.1; CVE-2023-24010, CVE-2023-24011, CVE-2023-24012",
     remedy="Treat the enclave as taken over: give it a new identity, use separate authorities for identities and "
     "permissions, update implementations that accept such a document. " + SIGN_AGAIN,
     explains=_FORGED,
     applies=_comparable,
 )
-def signed_by_an_identity(use: DocumentUse, context: Context) -> Iterator[Violation]:
+def signed_by_an_identity(use: SignedUse, context: Context) -> Iterator[Violation]:
     """An identity, not the permissions CA, made the signature: an enclave gave rights to itself or to another.
 
     `openssl smime -verify -CAfile` says "Verification successful", and implementations that take any signer the
@@ -226,13 +226,13 @@ def signed_by_an_identity(use: DocumentUse, context: Context) -> Iterator[Violat
     "KA303",
     "signature-invalid",
     Severity.CRITICAL,
-    on=DocumentUse,
+    on=SignedUse,
     clause="RFC 5652, 5.4 and 5.6 (message digest, signature verification); DDS-Security 1.1, 9.4.1.1",
     remedy="Find out who changed the file. " + SIGN_AGAIN,
     explains=(_SIGNED,),
     applies=_readable,
 )
-def signature_invalid(use: DocumentUse, context: Context) -> Iterator[Violation]:
+def signature_invalid(use: SignedUse, context: Context) -> Iterator[Violation]:
     """Content or signature were changed after signing.
 
     Every implementation refuses the document, so that its enclaves cannot start. A changed line end is a change: sros2
@@ -256,13 +256,13 @@ def signature_invalid(use: DocumentUse, context: Context) -> Iterator[Violation]
     "KA316",
     "signed-by-renewed-ca",
     Severity.HIGH,
-    on=DocumentUse,
+    on=SignedUse,
     clause="RFC 5652, 5.3 (issuerAndSerialNumber); measured: signers are looked up by it",
     remedy="Sign every document again after renewing the authority's certificate. " + SIGN_AGAIN,
     explains=(_SIGNED,),
     applies=_comparable,
 )
-def signed_by_renewed_ca(use: DocumentUse, context: Context) -> Iterator[Violation]:
+def signed_by_renewed_ca(use: SignedUse, context: Context) -> Iterator[Violation]:
     """The permissions CA's key made the signature, but the signature names another certificate of that key.
 
     So it is after renewing the authority without signing again, or the other way round. Run times look for issuer and

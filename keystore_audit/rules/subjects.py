@@ -14,6 +14,7 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.smime import SignedDocument
+from keystore_audit.model.inventory import permissions_at_large
 from keystore_audit.model.trust import Envelope, envelope
 from keystore_audit.rules.acceptance import genuine_for, may_be_taken
 from keystore_audit.rules.context import Context
@@ -63,8 +64,8 @@ class RevocationUse:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DocumentUse:
-    """A signed document and the enclaves that carry it (several, where it is linked).
+class SignedUse:
+    """A signed document and the enclaves whose verdict on it counts.
 
     What its signatures are worth is worked out once: `envelope` apart from who signed, `may_be_taken` whether some
     known implementation may take it in some of the enclaves, `genuine_for` how many have a CA that signed it.
@@ -99,6 +100,19 @@ class DocumentUse:
     def authorities(self) -> tuple[Certificate, ...]:
         """The permissions CA certificates of those enclaves, each once."""
         return tuple({c.sha256: c for _enclave, file in self.judging for c in file.certificates}.values())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DocumentUse(SignedUse):
+    """A signed document and the enclaves that carry it (several, where it is linked)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StrayUse(SignedUse):
+    """Permissions that no enclave carries and that a peer may take.
+
+    `enclaves`: of those that may take it, two for each permissions CA file.
+    """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -208,6 +222,26 @@ def governance_uses(keystore: Keystore) -> Iterator[GovernanceUse]:
             genuine_for=genuine_for(document.signed, enclaves),
             document=document,
         )
+
+
+def stray_uses(keystore: Keystore) -> Iterator[StrayUse]:
+    """Permissions outside enclaves that some peer may take."""
+    by_authority: dict[str | None, list[Enclave]] = {}
+    for enclave in keystore.enclaves:
+        file = enclave.permissions_ca.file if enclave.permissions_ca else None
+        by_authority.setdefault(file.sha256 if file else None, []).append(enclave)
+    for stray in permissions_at_large(keystore):
+        if stray.document is not None:
+            signed = stray.document.signed
+            taking = [each for each in by_authority.values() if may_be_taken(signed, each[:1])]
+            enclaves = tuple(enclave for each in taking for enclave in each[:2])
+            yield StrayUse(
+                signed=signed,
+                enclaves=enclaves,
+                envelope=envelope(signed),
+                may_be_taken=bool(enclaves),
+                genuine_for=genuine_for(signed, enclaves),
+            )
 
 
 def permissions_uses(keystore: Keystore) -> Iterator[PermissionsUse]:

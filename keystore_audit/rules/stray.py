@@ -1,0 +1,201 @@
+"""KA6: signed documents that no enclave carries, and that peers take all the same (DDS-Security 1.1, 9.4.1.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, Final
+
+from keystore_audit.findings import Location, Severity
+from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.governance import GovernanceFile
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.stray import Stray
+from keystore_audit.model.inventory import may_be_taken, permissions_at_large, permissions_cas
+from keystore_audit.model.surplus import StrayGrant, stray_grants
+from keystore_audit.model.trust import Verdict, envelope
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.subjects import stray_uses
+from keystore_audit.rules.wording import listed, of_kinds, places, quoted, sentence
+
+_CLAUSE: Final = "DDS-Security 1.1, 9.4.1.3 and 8.4.2.9 (a peer checks the document that it is shown); measured"
+
+_REVOKE: Final = (
+    "Deleting the file does not end what it gives: whoever has a copy may present it until its dates end. Give the "
+    "enclave a certificate with another subject, or make a new permissions CA and sign every document again; then "
+    "delete it."
+)
+
+_CRASHES: Final = (Kind.EMPTY_TOPIC, Kind.RULE_WITHOUT_DOMAINS, Kind.EMPTY_ELEMENT)
+"""What ends the process of an implementation that reads it (KA517, KA518, KA521)."""
+
+
+def _has_strays(keystore: Keystore, _context: Context) -> bool:
+    return bool(keystore.strays)
+
+
+def _granting(keystore: Keystore, context: Context) -> tuple[StrayGrant, ...]:
+    """What genuine strays give to enclaves; KA301 and KA302 speak of those that somebody else signed."""
+    genuine = {use.signed.file.place for use in stray_uses(keystore) if use.genuine}
+    return stray_grants(context.meaning.systems, genuine) if genuine else ()
+
+
+def _documents(number: int) -> str:
+    return "A signed document" if number == 1 else f"{number} signed documents"
+
+
+def _at(strays: Sequence[Stray]) -> tuple[Location, ...]:
+    return places(Location(path=stray.place) for stray in strays)
+
+
+@rule(
+    "KA660",
+    "several-permissions-for-subject",
+    Severity.HIGH,
+    on=Keystore,
+    clause=_CLAUSE,
+    remedy=_REVOKE,
+    applies=_has_strays,
+)
+def several_permissions_for_subject(keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """An old or other permissions document, validly signed and in force, lies outside the enclaves.
+
+    A peer takes whatever valid document is presented to it, so that an enclave has the rights of all of them together,
+    and nothing revokes one: high where it gives what no enclave's own document does, else low, since a right that is
+    taken away later is still in it. Copies with the same bytes give nothing more; those kept elsewhere are not seen.
+    """
+    granting = _granting(keystore, context)
+    wider = [grant for grant in granting if grant.surplus is not None]
+    if wider:
+        first, surplus = wider[0], wider[0].surplus
+        right = f"{surplus.operation.value} {quoted(surplus.topic)} in {surplus.domains}" if surplus else ""
+        more = f", and {len(wider) - 1} more such grants" if len(wider) > 1 else ""
+        profiles = {name for grant in wider for name in grant.profiles}
+        every = len(profiles) == len(context.profiles)
+        yield Violation(
+            message=f"{first.document} is validly signed and in force, and lets {first.enclave} {right}, which its own "
+            f"permissions do not: peers take it{more}.",
+            locations=places(grant.location for grant in wider),
+            enclave=first.enclave if len({grant.enclave for grant in wider}) == 1 else None,
+            profiles=() if every else tuple(p.name for p in context.profiles if p.name in profiles),
+            key="wider",
+        )
+    known = {grant.document for grant in wider}
+    equal = [grant for grant in granting if grant.document not in known]
+    if equal:
+        documents = dict.fromkeys(grant.document for grant in equal)
+        yield Violation(
+            message=f"{_documents(len(documents))} outside the enclaves gives no more than theirs do, for now: "
+            f"{listed(documents)} for {listed(dict.fromkeys(grant.enclave for grant in equal))}. A right that is taken "
+            "away later stays usable.",
+            locations=places(grant.location for grant in equal),
+            severity=Severity.LOW,
+            key="equal",
+        )
+
+
+@rule(
+    "KA661",
+    "signed-governance-at-large",
+    Severity.LOW,
+    on=Keystore,
+    clause="DDS-Security 1.1, 9.4.1.2 (an enclave applies the governance that it is given)",
+    remedy="Delete it, or keep it where documents are signed; a governance that is validly signed takes the place of "
+    "another by copying one file.",
+    applies=_has_strays,
+)
+def signed_governance_at_large(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+    """A governance document that the permissions CA signed lies where no enclave applies it.
+
+    It has no effect. Whoever can write to a robot needs no key to put it in the place of the one in use, and old
+    governances are often weaker. Governance documents have no dates.
+    """
+    files = permissions_cas(keystore)
+    found = [s for s in keystore.strays if isinstance(s.document, GovernanceFile)]
+    found = [s for s in found if s.document is not None and may_be_taken(s.document.signed, files)]
+    if found:
+        yield Violation(
+            message=f"{listed(stray.place for stray in found)}: validly signed governance that no enclave applies; it "
+            "could be swapped in.",
+            locations=_at(found),
+        )
+
+
+@rule(
+    "KA662",
+    "signed-document-without-effect",
+    Severity.INFO,
+    on=Keystore,
+    clause=_CLAUSE,
+    remedy="Delete what is not needed; on a robot nothing but its own enclaves' documents is.",
+    applies=_has_strays,
+)
+def signed_document_without_effect(keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """A signed document outside the enclaves gives nothing to anybody here.
+
+    Either no peer here takes its signature, or none of its grants is in force and names an enclave here. It may count
+    where another authority is trusted, or once a grant's dates begin.
+    """
+    files = permissions_cas(keystore)
+    read = [stray for stray in keystore.strays if stray.document is not None]
+    refused = [stray for stray in read if stray.document and not may_be_taken(stray.document.signed, files)]
+    if refused:
+        yield Violation(
+            message=f"{_documents(len(refused))} outside the enclaves that no peer here takes: "
+            f"{listed(stray.place for stray in refused)}.",
+            locations=_at(refused),
+            key="refused",
+        )
+    systems = context.meaning.systems
+    places_at_large = {stray.place for stray in permissions_at_large(keystore)}
+    doubtful = {doubt.location.path for doubt in context.meaning.doubts}
+    granting = {grant.document for grant in stray_grants(systems, places_at_large)} if systems else places_at_large
+    idle = [s for s in read if s.place in places_at_large - granting - doubtful]
+    if idle:
+        yield Violation(
+            message=f"{_documents(len(idle))} outside the enclaves that peers would take, without a grant in force for "
+            f"an enclave here: {listed(stray.place for stray in idle)}.",
+            locations=_at(idle),
+            key="idle",
+        )
+
+
+@rule(
+    "KA663",
+    "document-at-large-unread",
+    Severity.HIGH,
+    on=Keystore,
+    clause="keystore-audit, docs/model.md (what is not read counts as able to do anything)",
+    remedy="Take the file out of the keystore if it is no document of it. A copy that peers may take goes on counting "
+    "wherever it is: find out what it says.",
+    applies=_has_strays,
+)
+def document_at_large_unread(keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """A file outside the enclaves may be a permissions document that peers take, and what it says is unknown.
+
+    It was not read (too large, not readable, a link out of the keystore, one of too many), or its XML has no single
+    meaning; it then counts as giving everything to everybody. Critical where it is of a form that ends the process of
+    the implementation that reads it, since permissions come from peers too. What is wrong with a signature is in KA3.
+    """
+    strays = {stray.place: stray for stray in permissions_at_large(keystore)}
+    for doubt in context.meaning.doubts:
+        stray = strays.get(doubt.location.path)
+        document = stray.document if stray is not None else None
+        if stray is None or (document is not None and envelope(document.signed).verdict is Verdict.UNKNOWN):
+            continue
+        crashes = document is not None and any(of_kinds(document.defects, *_CRASHES))
+        yield Violation(
+            message=f"{stray.place} may give anything to anybody: {sentence(doubt.reason)}.",
+            locations=(doubt.location,),
+            severity=Severity.CRITICAL if crashes else None,
+            undecided=True,
+            key=stray.place,
+        )
+
+
+STRAY: tuple[Rule[Any], ...] = (
+    several_permissions_for_subject,
+    signed_governance_at_large,
+    signed_document_without_effect,
+    document_at_large_unread,
+)
