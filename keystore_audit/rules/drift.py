@@ -1,0 +1,280 @@
+"""KA6: what an SROS2 policy says (`--policy`) and what the keystore grants (`model.drift`).
+
+One finding for each enclave and direction, not one for each name. Only the grants are compared: that a grant is out of
+date, in no governed domain or refused is said by the rules about permissions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
+
+from keystore_audit.findings import Location, Severity
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.layout import Role
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.names import ros_name
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.wording import listed, places, quoted
+
+if TYPE_CHECKING:  # an audit without a policy needs none of it
+    from keystore_audit.intent.policy import Profiles
+    from keystore_audit.model.drift import Drift, EnclaveDrift
+    from keystore_audit.model.drift_rights import DriftedRight
+
+DESIGN: Final = "ROS 2 design, SROS2 access control policies; ros2/sros2, policy/templates/dds/permissions.xsl"
+SIGN_POLICY: Final = "`ros2 security create_permission KEYSTORE ENCLAVE policy.xml`"
+
+_VERBS: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "subscribe to", Operation.RELAY: "relay"}
+
+
+def _is_given(_keystore: Keystore, context: Context) -> bool:
+    return context.drift is not None
+
+
+def _drift(context: Context) -> Drift | None:
+    """What was compared; nothing is said of permissions that nobody asks."""
+    return None if context.drift is None or context.drift.unenforced else context.drift
+
+
+def _alike(rights: Iterable[DriftedRight]) -> Iterator[list[DriftedRight]]:
+    """The rights that drift under the same profiles together."""
+    by_profiles: dict[tuple[str, ...], list[DriftedRight]] = {}
+    for right in rights:
+        by_profiles.setdefault(right.profiles, []).append(right)
+    yield from by_profiles.values()
+
+
+def _key(rights: Iterable[DriftedRight]) -> str:
+    """What drifts is part of it: another right is not hidden by one that was accepted before."""
+    return "\n".join(sorted(f"{right.operation.value} {right.topic} {right.partition}" for right in rights))
+
+
+def _more(count: int) -> str:
+    return f" ({count} more are not listed)" if count > 0 else ""
+
+
+@rule(
+    "KA640",
+    "policy-right-not-granted",
+    Severity.HIGH,
+    on=Keystore,
+    clause=DESIGN,
+    remedy=f"Sign what the policy says, {SIGN_POLICY}, or take the right out of the policy.",
+    applies=_is_given,
+)
+def policy_right_not_granted(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """The policy gives an enclave a right, and the permissions that it carries do not.
+
+    Under Enforce, a node that needs it fails when it starts, or when it uses the name. Compared by meaning over all
+    names, in the domains that governance and grant have in common (or `--domain`); whether a node ever uses the name
+    cannot be known.
+    """
+    drift = _drift(context)
+    for found in drift.enclaves if drift is not None else ():
+        for rights in _alike(found.lacking.rights):
+            yield Violation(
+                message=_lacking_message(found, rights),
+                locations=places(_both_lines(rights, "the policy allows it")),
+                enclave=found.enclave,
+                profiles=rights[0].profiles,
+                key=_key(rights),
+            )
+
+
+def _lacking_message(found: EnclaveDrift, rights: Sequence[DriftedRight]) -> str:
+    meant = {(right.right.action.value, right.right.name): right for right in rights if right.right is not None}
+    names = listed(_meant(action, name, right) for (action, name), right in meant.items())
+    why = "its permissions do not"
+    if found.granted is None:
+        why = "it has no permissions"
+    elif not found.granted:
+        why = "its permissions hold no grant for it"
+    return f"The policy lets {found.enclave} {names}, and {why}{_more(found.lacking.more)}."
+
+
+def _meant(action: str, name: str, right: DriftedRight) -> str:
+    """The right in the words of the policy, with a name that is concerned where those have wildcards."""
+    preposition = "to " if action == "subscribe" else ""
+    example = f" (for one, {ros_name(right.topic)})" if right.endless else ""
+    return f"{action} {preposition}{quoted(name)}{example}"
+
+
+def _both_lines(rights: Iterable[DriftedRight], says: str) -> Iterator[Location]:
+    """For each right the line of the signed document, and that of the policy."""
+    for right in rights:
+        yield right.keystore
+        if right.right is not None:
+            yield replace(right.right.location, message=says)
+
+
+@rule(
+    "KA641",
+    "right-beyond-policy",
+    Severity.MEDIUM,
+    on=Keystore,
+    clause=DESIGN,
+    remedy=f"Sign what the policy says, {SIGN_POLICY}, or write the right into the policy. What was signed before "
+    "stays valid until its end: peers take whatever document is presented to them.",
+    applies=_is_given,
+)
+def right_beyond_policy(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """Signed permissions give an enclave a right that the policy does not.
+
+    High where an expression gives infinitely many. Looked at are the enclave's own permissions and every other document
+    in the keystore that names it and that a peer may take, since an enclave can present it.
+    """
+    drift = _drift(context)
+    for found in drift.enclaves if drift is not None else ():
+        for rights in _alike(found.exceeding.rights):
+            whose = "its permissions" if found.own else f"{quoted(found.document)}, which it can present,"
+            verb = "let" if found.own else "lets"
+            yield Violation(
+                message=f"The policy does not let {found.enclave} {listed(_exceeding(rights))}, and {whose} {verb} it"
+                f"{_more(found.exceeding.more)}.",
+                locations=places((*_both_lines(rights, "the policy denies it"), _introduced(found))),
+                enclave=found.enclave,
+                severity=Severity.HIGH if any(right.endless for right in rights) else None,
+                profiles=rights[0].profiles,
+                key=_key(rights),
+            )
+
+
+def _introduced(found: EnclaveDrift) -> Location:
+    return replace(found.policy, message="what the policy says of the enclave")
+
+
+def _exceeding(rights: Iterable[DriftedRight]) -> Iterator[str]:
+    for right in rights:
+        what = f"{_VERBS[right.operation]} {'names like ' if right.endless else ''}{ros_name(right.topic)}"
+        yield what + (f" in partition {quoted(right.partition)}" if right.partition else "")
+
+
+@rule(
+    "KA642",
+    "policy-profiles-lost",
+    Severity.HIGH,
+    on=Keystore,
+    clause=f"{DESIGN}; DDS-Security 1.1, 9.4.1.3 (grants)",
+    remedy=f"Put every <profile> of an enclave into one <profiles>, and sign what the policy says then: {SIGN_POLICY}.",
+    applies=_is_given,
+)
+def policy_profiles_lost(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """The policy has several <profiles> for an enclave, of which only the first counts.
+
+    `ros2 security` makes a grant of each, all with one subject, and implementations ask the first that is in force; of
+    several <enclave> elements with one path it translates the first alone. The nodes of the others have no rights.
+    """
+    by_enclave: dict[str, list[Profiles]] = {}
+    for profiles in context.drift.lost if context.drift is not None else ():
+        by_enclave.setdefault(profiles.enclave, []).append(profiles)
+    for enclave, lost in by_enclave.items():
+        nodes = listed(dict.fromkeys(node.name for profiles in lost for node in profiles.nodes))
+        yield Violation(
+            message=f"What the policy says of {enclave} here is lost, and {nodes} with it: {lost[0].lost}.",
+            locations=places(profiles.location for profiles in lost),
+            enclave=enclave,
+            key="\n".join(sorted({node.name for profiles in lost for node in profiles.nodes})),
+        )
+
+
+@rule(
+    "KA643",
+    "policy-enclave-missing",
+    Severity.HIGH,
+    on=Keystore,
+    clause=DESIGN,
+    remedy="Create the enclave, `ros2 security create_enclave KEYSTORE ENCLAVE`, or take it out of the policy.",
+    applies=_is_given,
+)
+def policy_enclave_missing(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """The policy speaks of an enclave that the keystore does not have: its nodes do not start under Enforce.
+
+    A keystore of one robot of many, with the policy of all of them, has this finding rightly.
+    """
+    missing = context.drift.missing if context.drift is not None else ()
+    if missing:
+        yield Violation(
+            message=f"The policy speaks of {listed(each.enclave for each in missing)}, expected in the keystore: "
+            "there is no such enclave.",
+            locations=places(each.location for each in missing),
+            enclave=missing[0].enclave if len(missing) == 1 else None,
+            key="\n".join(sorted(each.enclave for each in missing)),
+        )
+
+
+@rule(
+    "KA644",
+    "enclave-not-in-policy",
+    Severity.LOW,
+    on=Keystore,
+    clause=DESIGN,
+    remedy="Describe the enclave in the policy, or remove it, and revoke its identity.",
+    applies=_is_given,
+)
+def enclave_not_in_policy(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """The keystore has an enclave of which the policy says nothing, so that nobody can tell what it is to do."""
+    unnamed = context.drift.unnamed if context.drift is not None else ()
+    if unnamed:
+        yield Violation(
+            message=f"The policy says nothing of {listed(enclave.path for enclave in unnamed)}.",
+            locations=places(Location(path=enclave.files.files[Role.PERMISSIONS].place) for enclave in unnamed),
+            enclave=unnamed[0].path if len(unnamed) == 1 else None,
+            key="\n".join(sorted(enclave.path for enclave in unnamed)),
+        )
+
+
+@rule(
+    "KA645",
+    "drift-undecided",
+    Severity.MEDIUM,
+    on=Keystore,
+    clause=DESIGN,
+    remedy="Sign permissions that every implementation reads alike; what to change is at the place.",
+    applies=_is_given,
+)
+def drift_undecided(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """What an enclave is granted, or what the policy means, cannot be told: it may be more or less than was meant."""
+    for doubt in context.drift.undecided if context.drift is not None else ():
+        yield Violation(
+            message=f"Whether {doubt.enclave} is granted what the policy says cannot be told: {quoted(doubt.reason)}.",
+            locations=(doubt.location,),
+            enclave=doubt.enclave,
+            undecided=True,
+        )
+
+
+@rule(
+    "KA646",
+    "policy-not-enforced-by-permissions",
+    Severity.INFO,
+    on=Keystore,
+    clause="ROS 2 design, SROS2 access control policies; rmw_zenoh reads its access control from its own configuration",
+    remedy="With a DDS implementation, create permissions, `ros2 security create_permission KEYSTORE ENCLAVE "
+    "policy.xml`. With rmw_zenoh, audit the configuration of its routers and sessions.",
+    applies=_is_given,
+)
+def policy_not_enforced_by_permissions(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """No enclave has a permissions.p7s, as where rmw_zenoh alone runs: this audit cannot say that the policy holds.
+
+    rmw_zenoh takes identities from the enclaves and never reads permissions; what its nodes may do stands in its own
+    configuration, which is not in the keystore.
+    """
+    if context.drift is not None and context.drift.unenforced:
+        yield Violation(
+            message="No enclave has a permissions.p7s, so nothing here enforces the policy, and it was not compared.",
+            locations=(Location(path=context.drift.policy.path, beside=True),),
+        )
+
+
+DRIFT: tuple[Rule[Any], ...] = (
+    policy_right_not_granted,
+    right_beyond_policy,
+    policy_profiles_lost,
+    policy_enclave_missing,
+    enclave_not_in_policy,
+    drift_undecided,
+    policy_not_enforced_by_permissions,
+)
