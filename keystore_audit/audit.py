@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 from zoneinfo import ZoneInfo
 
 from keystore_audit import __version__
@@ -30,6 +30,9 @@ from keystore_audit.report.content import EnclaveEntry, Report, Scope, Verdict
 from keystore_audit.rules import RULES
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import Judgement, judge
+
+if TYPE_CHECKING:
+    from keystore_audit.model.drift import Drift
 
 ASSUMPTIONS = (
     (
@@ -80,6 +83,9 @@ class Options:
     profiles: tuple[str, ...] = ()
     domain: int | None = None
     time_zone: ZoneInfo | None = None
+    policy: Path | None = None
+    policy_include: Path | None = None
+    """The directory below which the policy may include files; None: its own."""
     engine: str = "auto"
     offline: bool = False
     alloy_jar: Path | None = None
@@ -117,6 +123,7 @@ def audit(path: str | os.PathLike[str], options: Options, *, progress: Progress 
     context = Context(
         keystore=keystore,
         meaning=meaning,
+        drift=_drift(keystore, options, profiles, accesses) if options.policy is not None else None,
         results=results,
         engines=runs,
         at=options.at,
@@ -154,6 +161,17 @@ def _report(context: Context, judgement: Judgement, safe: Horizon, options: Opti
         outcomes=judgement.outcomes,
         scope=_scope(context),
     )
+
+
+def _drift(keystore: Keystore, options: Options, profiles: Sequence[Profile], accesses: AccessViews) -> Drift | None:
+    """The keystore compared with the policy. Raises errors.UsageError for a policy that is none."""
+    from keystore_audit.intent.policy import read_policy  # an audit without a policy needs neither
+    from keystore_audit.model.drift import drift
+
+    if options.policy is None:
+        return None
+    policy = read_policy(options.policy, options.policy_include)
+    return drift(keystore, policy, profiles, options.at, accesses, options.domain)
 
 
 def _complete(context: Context, judgement: Judgement) -> bool:

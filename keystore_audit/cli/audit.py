@@ -79,6 +79,18 @@ WORST_FIRST: Final = (EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, 1, 0)
     metavar="DAYS",
     help="Report what expires in the days to come.",
 )
+@click.option(
+    "--policy",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Compare what is granted with this SROS2 policy, both ways.",
+)
+@click.option(
+    "--policy-include",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="The policy may include files from below DIR (default: from beside it).",
+)
 @click.option("--deployed", is_flag=True, help="This tree goes on a robot: CA private keys in it are critical.")
 @click.option(
     "--select", type=opt.rule_code, multiple=True, metavar="CODE", help="Only this rule or family (repeatable)."
@@ -139,6 +151,8 @@ def _options(given: dict[str, Any]) -> Options:
         profiles=given["profiles"],
         domain=given["domain"],
         time_zone=given["time_zone"],
+        policy=given["policy"],
+        policy_include=given["policy_include"],
         engine=given["engine"],
         offline=given["offline"],
         alloy_jar=given["alloy_jar"],

@@ -11,6 +11,7 @@ from keystore_audit.rules.breadth import BREADTH
 from keystore_audit.rules.certificate import CERTIFICATE
 from keystore_audit.rules.divergence import DIVERGENCE
 from keystore_audit.rules.domain import DOMAIN
+from keystore_audit.rules.drift import DRIFT
 from keystore_audit.rules.envelope import ENVELOPE
 from keystore_audit.rules.formal import FORMAL
 from keystore_audit.rules.governance import GOVERNANCE
@@ -51,6 +52,7 @@ RULES: tuple[Rule[Any], ...] = tuple(
             *BREADTH,
             *DIVERGENCE,
             *RULE_ORDER,
+            *DRIFT,
             *PORTABILITY,
             *STRAY,
             *FORMAL,

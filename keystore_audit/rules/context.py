@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from typing import TYPE_CHECKING
 
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.profiles import Profile
 from keystore_audit.properties.result import EngineRun, PropertyResult
+
+if TYPE_CHECKING:  # an audit without a policy needs none of it
+    from keystore_audit.model.drift import Drift
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,3 +32,5 @@ class Context:
     expires_within: timedelta
     deployed: bool
     profiles: tuple[Profile, ...]
+    drift: Drift | None = None
+    """The keystore compared with the policy; None where none was named."""
