@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -18,10 +18,13 @@ from keystore_audit.engine.horizon import Horizon, horizon
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Finding, Result, Severity
+from keystore_audit.intent.intent import Intent
+from keystore_audit.keystore.identity import Identity
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.observed import observe
 from keystore_audit.model.profiles import DEFAULT, Evidence, Profile, resolve
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.properties import Status
@@ -75,7 +78,7 @@ class Progress(Protocol):
 class Options:
     """What an audit is asked (interface contract: docs/reference.md).
 
-    `at` is aware UTC; `fail_on` None: never.
+    `at` is aware UTC; `fail_on` None: never. `launch_arguments`: values of arguments of the launch files.
     """
 
     at: datetime
@@ -95,15 +98,25 @@ class Options:
     deployed: bool = False
     select: tuple[str, ...] = field(default=())
     ignore: tuple[str, ...] = field(default=())
+    graphs: tuple[Path, ...] = ()
+    launches: tuple[Path, ...] = ()
+    launch_arguments: Mapping[str, str] = field(default_factory=dict)
 
 
-def audit(path: str | os.PathLike[str], options: Options, *, progress: Progress | None = None) -> Report:
-    """Audits the keystore at `path`.
+def audit(
+    path: str | os.PathLike[str],
+    options: Options,
+    *,
+    progress: Progress | None = None,
+    elsewhere: Sequence[Identity] = (),
+) -> Report:
+    """Audits the keystore at `path`; `elsewhere`: the identities of other keystores, to be compared with its own.
 
-    Raises errors.NothingToAudit where there is none, errors.UsageError for an unknown profile. Whatever is
-    wrong with the keystore or an engine is in the report.
+    Raises errors.NothingToAudit where there is none, errors.UsageError for an unknown profile, or for a graph or
+    launch file that is none. Whatever is wrong with the keystore or an engine is in the report.
     """
     profiles = resolve(options.profiles)
+    intents = _observed(options)
     keystore = read_keystore(path, progress=progress.enclaves if progress else None)
     if progress:
         progress.stage("working out what the documents mean")
@@ -130,10 +143,26 @@ def audit(path: str | os.PathLike[str], options: Options, *, progress: Progress 
         expires_within=options.expires_within,
         deployed=options.deployed,
         profiles=profiles,
+        elsewhere=tuple(elsewhere),
+        observed=observe(intents, keystore, profiles, options.at, accesses, options.domain) if intents else None,
     )
     judgement = judge(context, RULES, select=options.select, ignore=options.ignore)
     safe = horizon(keystore, native, profiles, options.at, accesses, usabilities, meaning.usability)
     return _report(context, judgement, safe, options)
+
+
+def _observed(options: Options) -> tuple[Intent, ...]:
+    """What graphs and launch files show; raises errors.UsageError for what is none."""
+    intents: list[Intent] = []
+    if options.graphs:  # an audit without them needs no reader of theirs
+        from keystore_audit.intent.graph import read_graph
+
+        intents += map(read_graph, options.graphs)
+    if options.launches:
+        from keystore_audit.intent.launch import read_launch  # type: ignore[import-not-found,unused-ignore]
+
+        intents += (read_launch(path, options.launch_arguments, None) for path in options.launches)
+    return tuple(intents)
 
 
 def _report(context: Context, judgement: Judgement, safe: Horizon, options: Options) -> Report:

@@ -37,7 +37,7 @@ def as_built(expectation: Path, target: Path) -> tuple[Path, dict[str, Any]]:
 def run(keystore: Path, *options: str) -> tuple[int, dict[str, Any]]:
     """The exit code and the JSON report of a whole audit in a process of its own."""
     command = [sys.executable, "-m", "keystore_audit", "audit", "--format", "json", *options, str(keystore)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120, cwd=SAMPLES)
     assert "Traceback" not in done.stderr, done.stderr
     assert done.stdout, done.stderr
     return done.returncode, json.loads(done.stdout)

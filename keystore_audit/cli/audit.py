@@ -72,6 +72,7 @@ WORST_FIRST: Final = (EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, 1, 0)
     help="Hide findings below it in text; the exit code stays.",
 )
 @opt.interpretation_options
+@opt.observation_options
 @click.option(
     "--expires-within",
     type=click.IntRange(0, opt.MAX_DAYS),
@@ -135,6 +136,8 @@ def command(keystores: tuple[str, ...], **given: Any) -> int:
     """  # noqa: D301 - click's mark for lines that stay as they are
     if given["quiet"] and given["verbose"]:
         raise click.UsageError("Choose --quiet or --verbose.")
+    if len(keystores) > 1 and (given["graphs"] or given["launches"]):
+        raise click.UsageError("--graph and --launch show the nodes of one keystore: name one KEYSTORE.")
     output.check(given["targets"], keystores)
     reports, code = _audit_all(keystores, _options(given), quiet=given["quiet"], verbose=given["verbose"])
     _deliver(reports, given, several=len(keystores) > 1)
@@ -162,6 +165,9 @@ def _options(given: dict[str, Any]) -> Options:
         deployed=given["deployed"],
         select=given["select"],
         ignore=given["ignore"],
+        graphs=given["graphs"],
+        launches=given["launches"],
+        launch_arguments=dict(given["launch_arguments"]),
     )
 
 

@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Sequence
 from datetime import datetime, timezone
 from difflib import get_close_matches
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import click
@@ -196,6 +197,47 @@ domain_option = click.option(
 def interpretation_options(command: F) -> F:
     """Add the options that decide what a keystore means."""
     for option in (domain_option, profile_option, time_zone_option, at_option):
+        command = option(command)
+    return command
+
+
+def launch_argument(value: str) -> tuple[str, str]:
+    """Return name and value of `NAME:=VALUE`."""
+    name, separator, content = value.partition(":=")
+    if not name or not separator:
+        raise click.BadParameter(f"{value!r} is not NAME:=VALUE, e.g. robot_name:=anna.")
+    return name, content
+
+
+def observation_options(command: F) -> F:
+    """Add the options that name graphs and launch files."""
+    file = click.Path(path_type=Path)
+    for option in (
+        click.option(
+            "--launch-argument",
+            "launch_arguments",
+            type=launch_argument,
+            multiple=True,
+            metavar="NAME:=VALUE",
+            help="Give an argument of the launch files its value (repeatable).",
+        ),
+        click.option(
+            "--launch",
+            "launches",
+            type=file,
+            multiple=True,
+            metavar="FILE",
+            help="A launch file, read and never run: the nodes that will use the keystore (repeatable).",
+        ),
+        click.option(
+            "--graph",
+            "graphs",
+            type=file,
+            multiple=True,
+            metavar="FILE",
+            help="A ROS graph in JSON: the nodes that use the keystore (repeatable).",
+        ),
+    ):
         command = option(command)
     return command
 

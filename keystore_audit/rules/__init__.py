@@ -17,10 +17,12 @@ from keystore_audit.rules.formal import FORMAL
 from keystore_audit.rules.governance import GOVERNANCE
 from keystore_audit.rules.identity import IDENTITY
 from keystore_audit.rules.layout import LAYOUT
+from keystore_audit.rules.observed import OBSERVED
 from keystore_audit.rules.permissions import PERMISSIONS
 from keystore_audit.rules.portability import PORTABILITY
 from keystore_audit.rules.private_key import PRIVATE_KEY
 from keystore_audit.rules.protection import PROTECTION
+from keystore_audit.rules.provisioning import PROVISIONING
 from keystore_audit.rules.registry import Rule
 from keystore_audit.rules.revocation import REVOCATION
 from keystore_audit.rules.rule_order import RULE_ORDER
@@ -54,7 +56,9 @@ RULES: tuple[Rule[Any], ...] = tuple(
             *RULE_ORDER,
             *DRIFT,
             *PORTABILITY,
+            *OBSERVED,
             *STRAY,
+            *PROVISIONING,
             *FORMAL,
             *AUDIT,
         ),

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import TYPE_CHECKING
 
+from keystore_audit.keystore.identity import Identity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.meaning import Meaning
+from keystore_audit.model.observed import Observation
 from keystore_audit.model.profiles import Profile
 from keystore_audit.properties.result import EngineRun, PropertyResult
 
@@ -21,7 +23,8 @@ class Context:
 
     `at` is the audit instant (aware UTC), `expires_within` the notice for coming expiry, `deployed` whether
     the tree goes on a robot. `profiles` are the chosen ones; findings about signers are judged under every
-    known variant (`model.profiles.VARIANTS`).
+    known variant (`model.profiles.VARIANTS`). `observed`: graphs and launch files compared with the keystore, None
+    where none were named.
     """
 
     keystore: Keystore
@@ -32,5 +35,8 @@ class Context:
     expires_within: timedelta
     deployed: bool
     profiles: tuple[Profile, ...]
+    elsewhere: tuple[Identity, ...] = ()
+    """The identities of the other keystores of this run."""
     drift: Drift | None = None
     """The keystore compared with the policy; None where none was named."""
+    observed: Observation | None = None

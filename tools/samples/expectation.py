@@ -13,6 +13,9 @@ from typing import Any
 from .store import copy_with_modes
 from .story import read_description
 
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
+"""Where an audit runs: files that options name, policies and graphs, are relative to it."""
+
 
 def audit(sample: Path) -> Mapping[str, Any]:
     """Audit a copy of `sample` with the modes that it was built with: `exit_code` and `findings`.
@@ -30,7 +33,7 @@ def audit_directory(directory: Path, *, at: str, options: tuple[str, ...] = ()) 
     """Run the native audit on `directory`; raises ValueError where the tool does not answer with a report."""
     arguments = ["--engine", "native", "--format", "json", "--at", at, *options, str(directory)]
     command = [sys.executable, "-m", "keystore_audit", "audit", *arguments]
-    run = subprocess.run(command, capture_output=True, check=False, text=True, timeout=120)
+    run = subprocess.run(command, capture_output=True, check=False, text=True, timeout=120, cwd=SAMPLES)
     try:
         report = json.loads(run.stdout)
     except ValueError as error:

@@ -1,0 +1,171 @@
+"""What nodes need, as graphs and launch files tell it: DDS operations on DDS topics, for each enclave.
+
+Every ROS 2 node also uses names that no launch file mentions: its log, its parameters, and the topic on which its
+participant tells what it has. They are the usual ones here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+from keystore_audit.findings import Location
+from keystore_audit.intent.intent import Action, IntendedNode, Intent, Origin
+from keystore_audit.intent.ros_names import ROOT, is_ros_name
+from keystore_audit.keystore.layout import LayoutKind
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.names import DISCOVERY_TOPIC, PARAMETER_SERVICES, dds_channels
+
+Channel = tuple[Operation, str]
+"""An operation on a DDS topic."""
+
+LOG: Final = "/rosout"
+EVENTS: Final = "/parameter_events"
+CLOCK: Final = "/clock"
+TYPE_DESCRIPTION: Final = "get_type_description"
+"""The service that every node offers below its name since Iron (REP 2016), and that sros2's policies do not name."""
+
+DISCOVERY: Final[tuple[Channel, ...]] = (
+    (Operation.PUBLISH, DISCOVERY_TOPIC),
+    (Operation.SUBSCRIBE, DISCOVERY_TOPIC),
+)
+"""What every participant of a DDS middleware needs (rmw_dds_common); sros2 grants it without being told."""
+
+_NO_ENCLAVES: Final = frozenset({LayoutKind.FLAT, LayoutKind.ARDENT})
+"""Layouts of distributions in which a node's folder has the node's own name."""
+
+
+class Usual(str, Enum):
+    """How far a name is used by every node.
+
+    ALWAYS: by every one, unless its code says otherwise. OFTEN: by those in C++ (they listen to parameter events) and
+    those since Iron (they describe their types). GRANTED: not needed, but sros2's policies grant it to every node.
+    """
+
+    ALWAYS = "always"
+    OFTEN = "often"
+    GRANTED = "granted"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Need:
+    """What a node does. `action` None: discovery. `usual`: every node does; the file need not say so.
+
+    `node`: its fully qualified name, "" where the file does not say. `location`: where the file says it, or names the
+    node.
+    """
+
+    enclave: str
+    node: str
+    action: Action | None
+    name: str
+    usual: bool
+    location: Location
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """What it takes, all of it."""
+        return DISCOVERY if self.action is None else dds_channels(self.action.value, self.name)
+
+
+def usual_rights(node: str) -> Iterator[tuple[Action, str, Usual]]:
+    """What a node (fully qualified) does beside its own work.
+
+    Sources: rcl's ROSOUT_TOPIC_NAME, rclcpp's TimeSource and NodeParameters, sros2's policies/common.
+    """
+    yield Action.PUBLISH, LOG, Usual.ALWAYS
+    yield Action.PUBLISH, EVENTS, Usual.ALWAYS
+    yield Action.SUBSCRIBE, EVENTS, Usual.OFTEN
+    yield Action.SUBSCRIBE, CLOCK, Usual.GRANTED
+    for service in PARAMETER_SERVICES if is_ros_name(node) else ():
+        yield Action.REPLY, f"{node}/{service}", Usual.ALWAYS
+        yield Action.REQUEST, f"{node}/{service}", Usual.GRANTED
+    if is_ros_name(node):
+        yield Action.REPLY, f"{node}/{TYPE_DESCRIPTION}", Usual.OFTEN
+
+
+def enclave_of(enclave: str, node: str, kind: LayoutKind) -> str:
+    """The path of the enclave that a keystore of this layout has for the node.
+
+    Before Foxy there were no enclaves, and `--enclave` was not known: the folder has the node's name.
+    """
+    return node if kind in _NO_ENCLAVES and enclave == ROOT and node else enclave
+
+
+def needs(intents: Sequence[Intent], kind: LayoutKind) -> tuple[Need, ...]:
+    """What nodes certainly do, each right of an enclave once, where it is said first; usual ones after the others."""
+    found: dict[tuple[str, Action | None, str], Need] = {}
+    for need in (*_told(intents, kind), *_usual(intents, kind)):
+        found.setdefault((need.enclave, need.action, need.name), need)
+    return tuple(found.values())
+
+
+def _told(intents: Iterable[Intent], kind: LayoutKind) -> Iterator[Need]:
+    for intent in intents:
+        for right in intent.rights:
+            if right.allow:
+                enclave = enclave_of(right.enclave, right.node, kind)
+                usual = (right.action, right.name) in {(action, name) for action, name, _ in usual_rights(right.node)}
+                yield Need(
+                    enclave=enclave,
+                    node=right.node,
+                    action=right.action,
+                    name=right.name,
+                    usual=usual,
+                    location=right.location,
+                )
+
+
+def _usual(intents: Iterable[Intent], kind: LayoutKind) -> Iterator[Need]:
+    """Of every node what the file leaves out; the graph of a running node is complete but for discovery."""
+    for intent in intents:
+        listed = _listing_usual(intent)
+        for node in intent.nodes:
+            enclave = enclave_of(node.enclave, node.name, kind)
+            for action, name in _expected(node, listed):
+                yield Need(
+                    enclave=enclave, node=node.name, action=action, name=name, usual=True, location=node.location
+                )
+
+
+def _expected(node: IntendedNode, listed: frozenset[str]) -> Iterator[tuple[Action | None, str]]:
+    if node.name not in listed:
+        for action, name, usual in usual_rights(node.name):
+            if usual is Usual.ALWAYS:
+                yield action, name
+    yield None, DISCOVERY_TOPIC
+
+
+def _listing_usual(intent: Intent) -> frozenset[str]:
+    """The nodes of a graph that are shown with their log or their parameters, and so with all that they have."""
+    if intent.origin is not Origin.GRAPH:
+        return frozenset()
+    return frozenset(
+        right.node
+        for right in intent.rights
+        if any((right.action, right.name) == (action, name) for action, name, _usual in usual_rights(right.node))
+    )
+
+
+def nodes_of(intents: Iterable[Intent], kind: LayoutKind) -> Mapping[str, tuple[IntendedNode, ...]]:
+    """The nodes by the path of their enclave, in the order of the files."""
+    found: dict[str, list[IntendedNode]] = {}
+    for intent in intents:
+        for node in intent.nodes:
+            found.setdefault(enclave_of(node.enclave, node.name, kind), []).append(node)
+    return {path: tuple(nodes) for path, nodes in found.items()}
+
+
+def usages(name: str) -> tuple[tuple[Channel, ...], ...]:
+    """Everything that a node can do with a ROS name, as DDS channels: as a topic, a service or an action."""
+    return tuple(dds_channels(action.value, name) for action in Action)
+
+
+def usual_channels(nodes: Iterable[str]) -> Iterator[Channel]:
+    """What is granted to these nodes without being an excess."""
+    yield from DISCOVERY
+    for node in nodes:
+        for action, name, _usual in usual_rights(node):
+            yield from dds_channels(action.value, name)

@@ -1,0 +1,274 @@
+"""KA6: the system as a graph or launch files show it, and what its enclaves are granted (`model.observed`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from difflib import get_close_matches
+from typing import Any, Final
+
+from keystore_audit.findings import Location, Severity
+from keystore_audit.intent.intent import Action
+from keystore_audit.intent.ros_names import ROOT
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.names import ros_name
+from keystore_audit.model.observed import DeniedName, ExcessGrant, GrantedName, MissingGrant, Observation
+from keystore_audit.model.observed_needs import Need
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.permissions import WRITE_AGAIN
+from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.wording import listed, places, quoted, sentence
+
+SUGGEST: Final = "`keystore-audit suggest` prints the least policy for what was seen."
+LAUNCHED: Final = " A launch file names only what it remaps: look whether a node uses them by their own names."
+
+_DOES: Final = {
+    Action.PUBLISH: "publishes",
+    Action.SUBSCRIBE: "subscribes to",
+    Action.REQUEST: "asks the service",
+    Action.REPLY: "answers the service",
+    Action.CALL: "calls the action",
+    Action.EXECUTE: "executes the action",
+}
+_DONE: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "subscribe to", Operation.RELAY: "relay"}
+
+
+def _seen(context: Context) -> Observation:
+    """What was observed; only rules that apply ask for it."""
+    if context.observed is None:
+        raise ValueError("nothing was observed")
+    return context.observed
+
+
+def _observes(_keystore: Keystore, context: Context) -> bool:
+    return context.observed is not None
+
+
+def _beside(location: Location, message: str = "") -> Location:
+    """A place in a graph or a launch file, which is not the keystore's."""
+    return replace(location, beside=True, message=message or location.message)
+
+
+def _profiles(names: Sequence[str], context: Context) -> tuple[str, ...]:
+    """None where it holds for all that were asked about."""
+    return () if len(names) == len(context.profiles) else tuple(names)
+
+
+@rule(
+    "KA650",
+    "missing-grant",
+    Severity.HIGH,
+    on=Keystore,
+    clause="DDS-Security 1.1, 9.4.1.3 (rules of a grant); ROS 2 design, SROS2 access control policies",
+    remedy=f"Add it to the policy, unless the node ought not to do it: {WRITE_AGAIN} {SUGGEST}",
+    applies=_observes,
+)
+def missing_grant(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """A node does what its enclave's own implementation denies, so that it ends there under Enforce.
+
+    Medium where some of the domains in which the enclave starts allow it. What every node does without being told
+    (log, parameter events and services, ros_discovery_info) is one finding for an enclave; nodes that were started
+    without parameter services or log do not need those. Graphs are of one moment: what a node does later is not seen.
+    """
+    usual: dict[str, list[MissingGrant]] = {}
+    for missing in _seen(context).missing:
+        if missing.need.usual:
+            usual.setdefault(missing.need.enclave, []).append(missing)
+            continue
+        need = missing.need
+        who = need.node or f"A node of {need.enclave}"
+        yield _missing(
+            f"{who} {_right(need)}, and {need.enclave} may not{_in(missing)}: {missing.reason}.", [missing], context
+        )
+    for enclave, group in usual.items():
+        what = listed(dict.fromkeys(_right(missing.need) for missing in group))
+        first = group[0]
+        message = f"Every node {what}, and {enclave} may not{_in(first)}: {first.reason}."
+        yield _missing(message, group, context)
+
+
+def _right(need: Need) -> str:
+    if need.action is None:
+        return f"publishes and subscribes to {need.name}"
+    return f"{_DOES[need.action]} {need.name}"
+
+
+def _in(missing: MissingGrant) -> str:
+    return f" in {missing.domains}" if missing.domains else ""
+
+
+def _missing(message: str, group: Sequence[MissingGrant], context: Context) -> Violation:
+    """One violation for rights of one enclave."""
+    deciding = [replace(each.decides, message="what denies it") for each in group if each.decides is not None]
+    needed = [_beside(each.need.location, "what needs it") for each in group]
+    names = {name for each in group for name in each.profiles}
+    return Violation(
+        message=message,
+        locations=places((*deciding[:1], *needed, *deciding[1:])),
+        enclave=group[0].need.enclave,
+        severity=Severity.MEDIUM if all(each.domains for each in group) else None,
+        profiles=_profiles([profile.name for profile in context.profiles if profile.name in names], context),
+        key="\n".join(sorted(_right(each.need) for each in group)),
+    )
+
+
+@rule(
+    "KA651",
+    "excess-grant",
+    Severity.LOW,
+    on=Keystore,
+    clause="ROS 2 design, SROS2 access control policies; least privilege (Saltzer and Schroeder 1975)",
+    remedy=f"Take out of the policy what no node needs: {WRITE_AGAIN} {SUGGEST}",
+    applies=_observes,
+)
+def excess_grant(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """An enclave is granted names that no node of it was seen to use: whoever takes it over has them all.
+
+    One finding for an enclave, with how many of the names known it uses. What every node uses is not counted, nor what
+    sros2's policies grant to every node. Nothing is concluded where part of the files could not be worked out, or
+    where a launch file names nothing that an enclave's nodes use.
+    """
+    for excess in _seen(context).excess:
+        yield Violation(
+            message=_excess(excess, _seen(context)),
+            locations=places(each.location for each in (*excess.names, *_given(excess.endless))),
+            enclave=excess.enclave,
+            profiles=_profiles(excess.profiles, context),
+            key="\n".join(sorted({_granted(name) for name in (*excess.names, *_given(excess.endless))})),
+        )
+
+
+def _given(name: GrantedName | None) -> tuple[GrantedName, ...]:
+    return () if name is None else (name,)
+
+
+def _excess(excess: ExcessGrant, observation: Observation) -> str:
+    where = listed(dict.fromkeys(observation.paths))
+    said = []
+    if excess.names:
+        names = listed(dict.fromkeys(_granted(name) for name in excess.names))
+        said.append(f"{excess.enclave} may {names}, and no node of it does in {where}: ")
+        said.append(f"of the {excess.allowed} names that it is granted beside the usual ones it uses {excess.used}.")
+        said.append(LAUNCHED if excess.launched else "")
+    if excess.endless is not None:
+        begins = " Beside that it is not bounded" if said else f"What {excess.enclave} may do is not bounded by {where}"
+        said.append(f"{begins}: it may {_granted(excess.endless)}, and infinitely many more.")
+    return "".join(said)
+
+
+def _granted(name: GrantedName) -> str:
+    partition = f" in partition {quoted(name.partition)}" if name.partition else ""
+    return f"{_DONE[name.operation]} {ros_name(name.topic)}{partition}"
+
+
+@rule(
+    "KA652",
+    "node-in-unknown-enclave",
+    Severity.HIGH,
+    on=Keystore,
+    clause="ROS 2 design, ROS 2 security enclaves; ros2/rcl, security.c (the keystore is searched for the exact path)",
+    remedy="Make the enclave, `ros2 security create_enclave`, or start the node in one that there is, "
+    "`--ros-args --enclave`.",
+    applies=_observes,
+)
+def node_in_unknown_enclave(keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """A node is to run in an enclave that the keystore does not have: under Enforce it does not start.
+
+    A process without `--enclave` is in the enclave `/`. Where the keystore could not be read as a whole, the enclave
+    may be there all the same.
+    """
+    known = [enclave.path for enclave in keystore.enclaves]
+    for unknown in _seen(context).unknown:
+        nearest = get_close_matches(unknown.path, known, n=1)
+        named = f"the enclave {quoted(unknown.path)}"
+        named = f"{named}, having named none" if unknown.path == ROOT else named
+        verb = "runs" if len(unknown.nodes) == 1 else "run"
+        meant = f" Did you mean {nearest[0]}?" if nearest else ""
+        yield Violation(
+            message=f"{listed(unknown.nodes)} {verb} in {named}, which is not there.{meant}",
+            locations=places(_beside(location) for location in unknown.locations),
+            key=unknown.path,
+        )
+
+
+@rule(
+    "KA653",
+    "used-name-without-right",
+    Severity.HIGH,
+    on=Keystore,
+    clause="DDS-Security 1.1, 9.4.1.3 (rules of a grant); ROS 2 design, Topic and Service name mapping to DDS",
+    remedy=f"Add what the node does with the name to the policy, or take the remapping out: {WRITE_AGAIN}",
+    applies=_observes,
+)
+def used_name_without_right(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """A launch file gives a node a name with which its enclave may do nothing: no direction, no kind of name.
+
+    Whether the node publishes, subscribes, asks or answers under the name the file does not say; whichever it is, it
+    ends there under Enforce. A remapping of a name that the node does not use does no harm.
+    """
+    found: dict[tuple[str, str], list[DeniedName]] = {}
+    for denied in _seen(context).denied:
+        found.setdefault((denied.enclave, denied.used.name), []).append(denied)
+    for (enclave, name), group in found.items():
+        nodes = listed(dict.fromkeys(denied.used.node or f"a node of {enclave}" for denied in group))
+        yield Violation(
+            message=f"{sentence(nodes)} uses {name}, and {enclave} may neither publish nor subscribe to it, nor ask, "
+            "answer, call or execute it.",
+            locations=places(_beside(denied.used.location) for denied in group),
+            enclave=enclave,
+            profiles=_profiles(group[0].profiles, context),
+            key=name,
+        )
+
+
+@rule(
+    "KA654",
+    "observation-incomplete",
+    Severity.INFO,
+    on=Keystore,
+    clause="ROS 2 design, ROS 2 launch (what only running tells)",
+    remedy="Give arguments with `--launch-argument`, or a graph of the running system with `--graph`.",
+    applies=_observes,
+)
+def observation_incomplete(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """Part of a graph or launch file could not be worked out, or an enclave's rights cannot be told.
+
+    Nodes may need more than was found, so that no grant is called an excess. Launch files are read and never run:
+    what only running them tells is not known. An enclave whose rights cannot be told leaves the audit incomplete.
+    """
+    by_file: dict[str, list[Location]] = {}
+    for unresolved in _seen(context).unresolved:
+        place = _beside(unresolved.location, unresolved.reason)
+        by_file.setdefault(place.path, []).append(place)
+    for path, found in by_file.items():
+        more = f" (and {len(found) - 1} more like it)" if len(found) > 1 else ""
+        yield Violation(
+            message=f"{sentence(found[0].message)}{more}: nodes may need more than {quoted(path)} shows, so that no "
+            "grant is called an excess.",
+            locations=places(found),
+            key=_reasons(place.message for place in found),
+        )
+    for undecided in _seen(context).undecided:
+        yield Violation(
+            message=f"What {undecided.enclave} may do cannot be told, so that it is not compared with what its nodes "
+            f"need: {undecided.reason}.",
+            locations=(),
+            enclave=undecided.enclave,
+            profiles=_profiles(undecided.profiles, context),
+            undecided=True,
+            key=undecided.reason,
+        )
+
+
+def _reasons(messages: Iterable[str]) -> str:
+    return "\n".join(sorted(set(messages)))
+
+
+OBSERVED: tuple[Rule[Any], ...] = (
+    missing_grant,
+    excess_grant,
+    node_in_unknown_enclave,
+    used_name_without_right,
+    observation_incomplete,
+)

@@ -1,0 +1,273 @@
+"""KA65x: a right that nodes need and lack, one that they have and never use, and what cannot be told."""
+
+from __future__ import annotations
+
+import pytest
+
+from keystore_audit.findings import Finding, Result, Severity
+from keystore_audit.intent.intent import Intent
+from keystore_audit.keystore.files import Status
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.layout import LayoutKind, Role
+from keystore_audit.rules import RULES
+from keystore_audit.rules.judge import judge
+from tests.rules.divergent import ruled
+from tests.rules.evidence import (
+    absent,
+    allow,
+    context,
+    domain_rule,
+    enclave,
+    governance,
+    grant,
+    healthy,
+    keystore,
+    laid_out,
+    permissions,
+    topic_rule,
+)
+from tests.rules.observed import (
+    DISCOVERY,
+    FILE,
+    does,
+    granted,
+    graph,
+    judged,
+    launch,
+    log,
+    node,
+    place,
+    spoken,
+    uses,
+    usual_rules,
+)
+
+CHATTER = allow(["rt/chatter"])
+P7S = "enclaves/talker/permissions.p7s"
+TALKS = graph(log("/talker"), does("/talker", "publish", "/chatter"))
+
+CASES: dict[str, tuple[Keystore, Intent, list[str]]] = {
+    "KA650": (granted(CHATTER), graph(*TALKS.rights, does("/talker", "publish", "/map")), ["KA650"]),
+    "KA651": (granted(allow(["rt/chatter", "rt/map"])), TALKS, ["KA651"]),
+    "KA652": (granted(CHATTER), graph(*TALKS.rights, log("/talcer")), ["KA652"]),
+    "KA653": (granted(CHATTER), launch(uses("/talker", "/map"), uses("/talker", "/chatter")), ["KA653"]),
+    "KA654": (granted(CHATTER), launch(uses("/talker", "/chatter"), unresolved=("a loop is not run",)), ["KA654"]),
+}
+"""A keystore, a graph or launch file, and the rules that speak."""
+
+
+def codes(findings: tuple[Finding, ...]) -> list[str]:
+    return [finding.code for finding in findings]
+
+
+@pytest.mark.parametrize("code", CASES)
+def test_one_cause_makes_one_rule_speak(code: str) -> None:
+    store, intent, expected = CASES[code]
+    assert codes(spoken(store, intent)) == expected
+
+
+def test_nothing_is_said_where_nodes_do_what_they_may() -> None:
+    assert spoken(granted(CHATTER), TALKS) == ()
+    assert spoken(granted(CHATTER), launch(uses("/talker", "/chatter"), nodes=(node("/talker"),))) == ()
+
+
+def test_without_a_graph_the_rules_do_not_apply() -> None:
+    outcomes = judge(context(healthy()), RULES).outcomes
+    assert {each.outcome for each in outcomes if each.rule.startswith("KA65")} == {Result.NOT_APPLICABLE}
+
+
+def test_a_missing_grant_names_the_line_that_denies_and_the_one_that_needs() -> None:
+    (finding,) = spoken(*CASES["KA650"][:2])
+    assert finding.severity is Severity.HIGH
+    assert finding.enclave == "/talker"
+    assert finding.message.startswith("/talker publishes /map, and /talker may not: no rule matches publishing, and")
+    assert [(each.path, each.line, each.beside) for each in finding.locations] == [(P7S, 50, False), (FILE, 2, True)]
+    assert finding.profiles == ()
+
+
+def test_what_every_node_does_is_one_finding_for_an_enclave() -> None:
+    store = granted(CHATTER, usual=False)
+    (finding,) = spoken(store, launch(uses("/talker", "/chatter"), nodes=(node("/talker"),)))
+    assert finding.code == "KA650"
+    assert finding.message.startswith("Every node publishes /rosout, publishes /parameter_events, answers the service ")
+    assert spoken(store, graph(does("/talker", "publish", "/chatter")))[0].code == "KA650"
+
+
+def test_the_graph_of_a_node_that_shows_its_log_is_complete() -> None:
+    """It was started without parameter services: nothing says that it needs them."""
+    store = granted(allow(["rt/chatter", "rt/rosout"]), usual=False)
+    assert spoken(store, TALKS) == ()
+
+
+def test_discovery_is_needed_always() -> None:
+    own = permissions(P7S, grant("/talker", CHATTER, *usual_rules("/talker")))
+    (finding,) = spoken(keystore(enclave("/talker", permissions=own)), TALKS)
+    assert (finding.code, finding.severity) == ("KA650", Severity.HIGH)
+    assert "publishes and subscribes to ros_discovery_info" in finding.message
+
+
+@pytest.mark.parametrize("action", ["request", "reply", "call", "execute"])
+def test_half_of_a_service_or_action_is_not_enough(action: str) -> None:
+    asked = allow(["rq/addRequest", "rr/addReply", *(f"rq/add/_action/{each}Request" for each in ("send_goal", "a"))])
+    store = granted(CHATTER, asked)
+    intent = graph(*TALKS.rights, does("/talker", action, "/add"))
+    (missing,) = (finding for finding in spoken(store, intent) if finding.code == "KA650")
+    assert "/add" in missing.message
+
+
+def test_a_deny_rule_before_takes_the_grant_away() -> None:
+    denied = ruled(allows=False, line=30, publish=((("rt/chatter",), None),))
+    (finding,) = spoken(granted(denied, CHATTER), TALKS)
+    assert finding.locations[0].line == 30
+    assert "it denies publishing" in finding.message
+
+
+def test_implementations_that_differ_are_named() -> None:
+    """Cyclone DDS does as a default of ALLOW says, Fast DDS does not."""
+    intent = graph(*TALKS.rights, does("/talker", "publish", "/map"))
+    (missing, _excess) = spoken(granted(CHATTER, default_allow=True), intent, names=("fastdds-3.6", "cyclonedds-11"))
+    assert (missing.code, missing.profiles) == ("KA650", ("fastdds-3.6",))
+    assert "the default is ALLOW, which the implementation never looks at" in missing.message
+
+
+def test_denied_in_one_of_two_domains_is_medium_and_names_it() -> None:
+    two = governance(domain_rule(domains=((0, 0), (5, 5))))
+    both = [(0, 0), (5, 5)]
+    discovery = allow(["ros_discovery_info", "rt/rosout"], ["ros_discovery_info"], domains=both)
+    own = permissions(P7S, grant("/talker", allow(["rt/chatter"]), discovery))
+    store = keystore(enclave("/talker", permissions=own, governance=two))
+    (finding,) = spoken(store, TALKS, names=("spec",))
+    assert (finding.code, finding.severity) == ("KA650", Severity.MEDIUM)
+    assert "may not in domain 5: " in finding.message
+    assert spoken(store, TALKS, names=("spec",), domain=0) == ()
+    assert spoken(store, TALKS, names=("spec",), domain=5)[0].severity is Severity.HIGH
+
+
+def test_an_enclave_that_does_not_start_is_another_rules_matter() -> None:
+    store = granted(allow(["rt/map"]), not_after=place_date())
+    assert spoken(store, TALKS) == ()
+
+
+def place_date() -> object:
+    from tests.rules.evidence import text
+
+    return text("2021-01-01T00:00:00", 41)
+
+
+def test_what_cannot_be_read_leaves_the_audit_incomplete() -> None:
+    files = {Role.PERMISSIONS: absent(P7S, Status.TOO_LARGE, "it is larger than 4 MB")}
+    store = keystore(enclave("/talker", permissions=None, files=files))
+    judgement = judged(store, TALKS)
+    assert codes(judgement.findings) == ["KA654"]
+    assert {each.rule for each in judgement.outcomes if each.outcome is Result.OPEN} == {"KA654"}
+
+
+# Excess
+
+
+def test_excess_is_one_finding_for_an_enclave_with_how_much_it_uses() -> None:
+    store = granted(allow(["rt/chatter", "rt/map"], ["rt/scan", "rq/addRequest"]))
+    (finding,) = spoken(store, TALKS)
+    assert finding.severity is Severity.LOW
+    assert "publish /map (topic), subscribe to /scan (topic), subscribe to /add (service request)" in finding.message
+    assert "of the 4 names that it is granted beside the usual ones it uses 1." in finding.message
+    assert {each.path for each in finding.locations} == {P7S}
+
+
+def test_what_sros2_grants_to_every_node_is_no_excess() -> None:
+    usual = allow(
+        ["rt/parameter_events", "rq/talker/get_parametersRequest", "rr/talker/get_type_descriptionReply"],
+        ["rt/parameter_events", "rt/clock", "rr/talker/get_parametersReply", "rq/talker/get_type_descriptionRequest"],
+    )
+    assert spoken(granted(CHATTER, usual), TALKS) == ()
+    other = allow(["rq/listener/set_parametersRequest"])
+    assert codes(spoken(granted(CHATTER, other), TALKS)) == ["KA651"]
+
+
+def test_what_a_deny_rule_takes_is_no_excess() -> None:
+    denied = ruled(allows=False, publish=((("rt/map",), None),))
+    assert spoken(granted(denied, allow(["rt/chatter", "rt/map"])), TALKS, names=("spec",)) == ()
+
+
+def test_a_grant_in_a_partition_is_an_excess() -> None:
+    """ROS 2 nodes are in the default partition."""
+    lab = ruled(publish=((("rt/chatter",), ("lab",)),))
+    (finding,) = spoken(granted(CHATTER, lab), TALKS, names=("spec",))
+    assert "publish /chatter (topic) in partition 'lab'" in finding.message
+
+
+@pytest.mark.parametrize("rule", [allow(["rt/*"]), allow([], ["rt/arm_?*"])])
+def test_a_wildcard_has_no_end(rule: object) -> None:
+    (finding,) = spoken(granted(CHATTER, rule), TALKS)
+    assert finding.code == "KA651"
+    assert "is not bounded by 'robot.graph.json'" in finding.message or "is not bounded by robot" in finding.message
+    assert "and infinitely many more." in finding.message
+
+
+def test_an_access_control_that_is_off_is_no_grant() -> None:
+    off = governance(domain_rule(topic_rule(enable_read_access_control=False, enable_write_access_control=False)))
+    own = permissions(P7S, grant("/talker", CHATTER, *usual_rules("/talker"), DISCOVERY))
+    assert spoken(keystore(enclave("/talker", permissions=own, governance=off)), TALKS, names=("spec",)) == ()
+
+
+def test_nothing_is_excess_where_a_file_could_not_be_worked_out() -> None:
+    store = granted(allow(["rt/chatter", "rt/map"]))
+    intent = launch(uses("/talker", "/chatter"), nodes=(node("/talker"),), unresolved=("a loop is not run",))
+    (finding,) = spoken(store, intent)
+    assert (finding.code, finding.severity) == ("KA654", Severity.INFO)
+    assert finding.message.startswith("A loop is not run: nodes may need more than 'robot.graph.json' shows")
+
+
+def test_the_parameters_of_an_unknown_node_are_no_excess() -> None:
+    assert spoken(granted(CHATTER), launch(uses("/talker", "/chatter"))) == ()
+
+
+def test_a_launch_file_that_names_nothing_shows_no_excess() -> None:
+    store = granted(allow(["rt/chatter", "rt/map"]))
+    assert spoken(store, launch(nodes=(node("/talker"),))) == ()
+    (finding,) = spoken(store, launch(uses("/talker", "/chatter"), nodes=(node("/talker"),)))
+    assert finding.message.endswith("look whether a node uses them by their own names.")
+
+
+# Enclaves and names
+
+
+def test_an_unknown_enclave_is_named_with_the_nearest() -> None:
+    (finding,) = spoken(*CASES["KA652"][:2])
+    assert finding.severity is Severity.HIGH
+    assert finding.message == "/talcer runs in the enclave '/talcer', which is not there. Did you mean /talker?"
+    assert finding.locations == (place(1),)
+
+
+def test_a_node_without_an_enclave_is_in_the_root_one() -> None:
+    (finding,) = spoken(healthy(), launch(nodes=(node("/", "/robot/camera"), node("/", "/robot/arm"))))
+    assert finding.message.startswith("/robot/camera, /robot/arm run in the enclave '/', having named none, which is")
+
+
+def test_before_foxy_the_enclave_is_the_node() -> None:
+    flat = laid_out(kind=LayoutKind.FLAT)(granted(CHATTER))
+    assert spoken(flat, graph(log("/"), nodes=(node("/", "/talker"),))) != ()
+    assert "KA652" not in codes(spoken(flat, launch(nodes=(node("/", "/talker"),))))
+
+
+def test_the_folder_of_one_enclave_says_nothing_of_others() -> None:
+    one = laid_out(kind=LayoutKind.ENCLAVE)(granted(CHATTER))
+    assert spoken(one, graph(*TALKS.rights, log("/somewhere"))) == ()
+
+
+def test_a_name_that_may_be_used_in_some_way_is_fine() -> None:
+    for rule in (allow([], ["rt/map"]), allow(["rq/mapRequest"], ["rr/mapReply"])):
+        assert spoken(granted(CHATTER, rule), launch(uses("/talker", "/map"), uses("/talker", "/chatter"))) == ()
+
+
+def test_a_name_without_right_is_one_finding_for_a_name() -> None:
+    (finding,) = spoken(granted(CHATTER), launch(uses("/talker", "/map", 3), uses("/talker", "/map", 7)))
+    assert finding.severity is Severity.HIGH
+    assert [each.line for each in finding.locations] == [3, 7]
+
+
+def test_fingerprints_hold_no_lines() -> None:
+    for store, intent, _codes in CASES.values():
+        moved = graph(*(does(r.enclave, r.action.value, r.name, line=r.location.line + 9) for r in intent.rights))
+        if intent.rights:
+            assert [f.fingerprint for f in spoken(store, intent)] == [f.fingerprint for f in spoken(store, moved)]
