@@ -14,13 +14,19 @@ check IdentitiesChainToTheIdentityCa for 0
 check DocumentsSignedByThePermissionsCa for 0
 check NoIdentityServesTwoEnclaves for 0
 check NoEnclaveGrantsItselfRights for 0
+check OneCaForOneRole for 0
+check NoSubjectServesTwoEnclaves for 0
 check OutsidersCannotRead for 0
 check OutsidersCannotLearnNames for 0
 check OutsidersCannotInject for 0
+check OutsidersCannotReplay for 0
+check OutsidersCannotForgeLiveliness for 0
 check GrantsAreEnforced for 0
 check NobodyWritesWithoutAGrant for 0
 check NobodyReadsWithoutAGrant for 0
 check ReadersCannotForge for 0
+check RelaysCannotRead for 0
+check NoEnclaveBridgesDomains for 0
 
 -- for the window, which draws the functions of the main module
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
-from itertools import islice
+from itertools import islice, permutations
 
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.attacker import RealmView
@@ -23,6 +23,7 @@ from keystore_audit.properties import (
     access_control,
     authentication,
     encryption,
+    flow,
 )
 from keystore_audit.properties.property import Property
 
@@ -143,6 +144,29 @@ class _Questions:
                 if atom.permissions in foreign or view.self_granting(enclave):
                     yield {Role.REALM: realm, Role.ENCLAVE: enclave}
 
+    def double_authorities(self) -> Iterator[Witness]:
+        """Pairs of identity CA and permissions CA with one key; a certificate that is both is a pair with itself."""
+        certificates = self._system.certificates
+        for realm, atom in enumerate(self._system.realms):
+            for one in sorted(atom.identity_ca):
+                for other in sorted(atom.permissions_ca):
+                    if certificates[one].key == certificates[other].key:
+                        yield {Role.REALM: realm, Role.CERTIFICATE: one, Role.OTHER_CERTIFICATE: other}
+
+    def shared_subjects(self) -> Iterator[Witness]:
+        """Pairs of enclaves that one grant names; an opaque enclave may have any subject."""
+        holders: dict[int, list[int]] = {}
+        for enclave, atom in enumerate(self._system.enclaves):
+            if atom.opaque:
+                yield {Role.ENCLAVE: enclave, Role.OTHER: enclave}
+            elif atom.identity is not None:
+                holders.setdefault(atom.identity, []).append(enclave)
+        for names in dict.fromkeys(grant.names for grant in self._system.grants):
+            named = [enclave for certificate in sorted(names) for enclave in holders.get(certificate, ())]
+            if len(named) > 1:
+                for one, other in permutations(named, 2):
+                    yield {Role.ENCLAVE: one, Role.OTHER: other}
+
     def readable_outside(self) -> Iterator[Witness]:
         """Channels whose payload is readable without any key."""
         for realm, view in enumerate(self._realms):
@@ -161,12 +185,29 @@ class _Questions:
         """Channels on which a reader takes samples made without any key."""
         for realm, view in enumerate(self._realms):
             p = view.protection
-            in_the_clear = 0  # messages of unauthenticated participants, whatever protects those of the others
-            for domain in members(p.unauthenticated):
-                in_the_clear |= self._permissions.channels_in[domain]
-            messages = p.rtps_authenticates & ~in_the_clear
-            clear = p.governed & ~(messages | p.metadata_authenticates | p.data_authenticates)
+            clear = self._unauthenticated(view) & ~(p.metadata_authenticates | p.data_authenticates)
             yield from _channels(realm, clear and clear & self._read(view))
+
+    def replayable_outside(self) -> Iterator[Witness]:
+        """Channels on which a reader takes old samples again from somebody without any key."""
+        for realm, view in enumerate(self._realms):
+            p = view.protection
+            clear = self._unauthenticated(view) & ~p.metadata_authenticates
+            yield from _channels(realm, clear and clear & self._read(view))
+
+    def liveliness_outside(self) -> Iterator[Witness]:
+        """Channels on which somebody without any key can assert that a writer is alive."""
+        for realm, view in enumerate(self._realms):
+            clear = self._unauthenticated(view) & ~view.protection.liveliness_authenticates
+            yield from _channels(realm, clear and clear & self._read(view))
+
+    def _unauthenticated(self, view: RealmView) -> int:
+        """Governed channels of whose messages as a whole anybody can make some that are taken."""
+        p = view.protection
+        in_the_clear = 0  # messages of unauthenticated participants, whatever protects those of the others
+        for domain in members(p.unauthenticated):
+            in_the_clear |= self._permissions.channels_in[domain]
+        return p.governed & (in_the_clear | ~p.rtps_authenticates)
 
     def _written(self, view: RealmView) -> int:
         """Channels that some enclave may write."""
@@ -227,6 +268,27 @@ class _Questions:
                 forged = view.abilities(enclave).forges & reader & written
                 yield from _channels(realm, forged & ~view.granted(enclave, Operation.PUBLISH), enclave)
 
+    def reading_relays(self) -> Iterator[Witness]:
+        """Enclaves that relay a topic, are not granted to read it, and find its payload in clear."""
+        for realm, view in enumerate(self._realms):
+            for enclave in range(len(self._system.enclaves)):
+                relayed = view.abilities(enclave).may_relay & ~view.protection.data_encrypts
+                yield from _channels(realm, relayed and relayed & ~view.granted(enclave, Operation.SUBSCRIBE), enclave)
+
+    def bridges(self) -> Iterator[Witness]:
+        """Enclaves that read in one class of domains and write in another."""
+        if len(self._system.domains) < 2:
+            return
+        for realm, view in enumerate(self._realms):
+            for enclave in range(len(self._system.enclaves)):
+                able = view.abilities(enclave)
+                written = able.may_write | able.forges
+                for channel in members(able.may_read | able.overhears if written else 0):
+                    elsewhere = written & ~self._permissions.channels_in[self._system.channels[channel].domain]
+                    for other in members(elsewhere):
+                        witness = {Role.REALM: realm, Role.ENCLAVE: enclave, Role.CHANNEL: channel}
+                        yield {**witness, Role.OTHER_CHANNEL: other}
+
 
 def _granted(permissions: Permissions, grants: Iterable[int]) -> tuple[int, ...]:
     """What the grants give together: channels for each operation, and domains."""
@@ -251,13 +313,19 @@ _QUESTIONS: Mapping[str, Callable[[_Questions], Iterator[Witness]]] = {
     authentication.DOCUMENTS_SIGNED.id: _Questions.unsigned_documents,
     authentication.NO_SHARED_IDENTITY.id: _Questions.shared_identities,
     authentication.NO_SELF_GRANTED_RIGHTS.id: _Questions.self_granted_rights,
+    authentication.ONE_CA_FOR_ONE_ROLE.id: _Questions.double_authorities,
+    authentication.NO_SHARED_SUBJECT.id: _Questions.shared_subjects,
     encryption.OUTSIDERS_CANNOT_READ.id: _Questions.readable_outside,
     encryption.OUTSIDERS_CANNOT_LEARN_NAMES.id: _Questions.names_outside,
     encryption.OUTSIDERS_CANNOT_INJECT.id: _Questions.injectable_outside,
+    encryption.OUTSIDERS_CANNOT_REPLAY.id: _Questions.replayable_outside,
+    encryption.OUTSIDERS_CANNOT_FORGE_LIVELINESS.id: _Questions.liveliness_outside,
     access_control.GRANTS_ARE_ENFORCED.id: _Questions.unenforced_grants,
     access_control.NOBODY_WRITES_WITHOUT_A_GRANT.id: _Questions.ungranted_writes,
     access_control.NOBODY_READS_WITHOUT_A_GRANT.id: _Questions.ungranted_reads,
     access_control.READERS_CANNOT_FORGE.id: _Questions.forging_readers,
+    access_control.RELAYS_CANNOT_READ.id: _Questions.reading_relays,
+    flow.NO_BRIDGES.id: _Questions.bridges,
 }
 
 

@@ -24,6 +24,7 @@ class Protection:
     read_controlled: int = 0
     write_controlled: int = 0
     discovery_hidden: int = 0
+    liveliness_authenticates: int = 0
     rtps_encrypts: int = 0
     rtps_authenticates: int = 0
     rtps_authenticates_origin: int = 0
@@ -84,6 +85,8 @@ def _apply_topic(result: Protection, hit: int, rule: DomainRuleAtom, topic: Topi
         result.write_controlled |= hit
     if topic.enable_discovery_protection and rule.discovery_protection_kind.encrypts:
         result.discovery_hidden |= hit
+    if topic.enable_liveliness_protection and rule.liveliness_protection_kind.authenticates:
+        result.liveliness_authenticates |= hit
     rtps, metadata, data = (
         rule.rtps_protection_kind,
         topic.metadata_protection_kind,

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from keystore_audit.properties import access_control, authentication, encryption
+from keystore_audit.properties import access_control, authentication, encryption, flow
 from keystore_audit.properties.property import Answer, Property, Role, Status, Witness
 
-PROPERTIES: tuple[Property, ...] = authentication.PROPERTIES + encryption.PROPERTIES + access_control.PROPERTIES
+PROPERTIES: tuple[Property, ...] = (
+    authentication.PROPERTIES + encryption.PROPERTIES + access_control.PROPERTIES + flow.PROPERTIES
+)
 """In report order."""
 
 BY_ID = {prop.id: prop for prop in PROPERTIES}

@@ -43,9 +43,19 @@ READERS_CANNOT_FORGE = Property(
     roles=(Role.REALM, Role.ENCLAVE, Role.CHANNEL),
 )
 
+RELAYS_CANNOT_READ = Property(
+    id="relays-cannot-read",
+    statement="No enclave that may only relay a topic can read its payload.",
+    attacker="insider relay",
+    clause="DDS-Security 1.1, 9.5.2.1.2 and 9.4.1.2.6 (data protection kind)",
+    assertion="RelaysCannotRead",
+    roles=(Role.REALM, Role.ENCLAVE, Role.CHANNEL),
+)
+
 PROPERTIES = (
     GRANTS_ARE_ENFORCED,
     NOBODY_WRITES_WITHOUT_A_GRANT,
     NOBODY_READS_WITHOUT_A_GRANT,
     READERS_CANNOT_FORGE,
+    RELAYS_CANNOT_READ,
 )

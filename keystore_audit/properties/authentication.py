@@ -49,10 +49,30 @@ NO_SELF_GRANTED_RIGHTS = Property(
     roles=(Role.REALM, Role.ENCLAVE),
 )
 
+ONE_CA_FOR_ONE_ROLE = Property(
+    id="one-ca-for-one-role",
+    statement="No key serves as identity CA and as permissions CA.",
+    attacker="compromised enclave",
+    clause="DDS-Security 1.1, 9.3.1 and 9.4.1.1; CVE-2023-24010",
+    assertion="OneCaForOneRole",
+    roles=(Role.REALM, Role.CERTIFICATE, Role.OTHER_CERTIFICATE),
+)
+
+NO_SHARED_SUBJECT = Property(
+    id="no-subject-serves-two-enclaves",
+    statement="No grant names the identities of two enclaves.",
+    attacker="compromised enclave",
+    clause="DDS-Security 1.1, 9.4.1.3.2.1 (subject_name)",
+    assertion="NoSubjectServesTwoEnclaves",
+    roles=(Role.ENCLAVE, Role.OTHER),
+)
+
 PROPERTIES = (
     ONLY_AUTHENTICATED_JOIN,
     IDENTITIES_CHAIN,
     DOCUMENTS_SIGNED,
     NO_SHARED_IDENTITY,
     NO_SELF_GRANTED_RIGHTS,
+    ONE_CA_FOR_ONE_ROLE,
+    NO_SHARED_SUBJECT,
 )

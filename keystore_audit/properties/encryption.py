@@ -31,4 +31,28 @@ OUTSIDERS_CANNOT_INJECT = Property(
     roles=(Role.REALM, Role.CHANNEL),
 )
 
-PROPERTIES = (OUTSIDERS_CANNOT_READ, OUTSIDERS_CANNOT_LEARN_NAMES, OUTSIDERS_CANNOT_INJECT)
+OUTSIDERS_CANNOT_REPLAY = Property(
+    id="outsiders-cannot-replay",
+    statement="No reader takes a recorded sample for a new one, nor a HEARTBEAT or GAP made without a key.",
+    attacker="active outsider",
+    clause="DDS-Security 1.1, 9.5.3.3 and 9.4.1.2.6 (rtps and metadata protection kinds)",
+    assertion="OutsidersCannotReplay",
+    roles=(Role.REALM, Role.CHANNEL),
+)
+
+OUTSIDERS_CANNOT_FORGE_LIVELINESS = Property(
+    id="outsiders-cannot-forge-liveliness",
+    statement="Nobody without a key of this keystore can assert that a writer is alive.",
+    attacker="active outsider",
+    clause="DDS-Security 1.1, 9.4.1.2.5.4 and 9.4.1.2.6.3 (liveliness protection)",
+    assertion="OutsidersCannotForgeLiveliness",
+    roles=(Role.REALM, Role.CHANNEL),
+)
+
+PROPERTIES = (
+    OUTSIDERS_CANNOT_READ,
+    OUTSIDERS_CANNOT_LEARN_NAMES,
+    OUTSIDERS_CANNOT_INJECT,
+    OUTSIDERS_CANNOT_REPLAY,
+    OUTSIDERS_CANNOT_FORGE_LIVELINESS,
+)

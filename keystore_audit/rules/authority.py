@@ -56,6 +56,7 @@ def authority_not_a_ca(use: CertificateUse, _context: Context) -> Iterator[Viola
     "sign governance and permissions with it; `ros2 security create_keystore` keeps authorities that are there "
     "already.",
     explains=(
+        "one-ca-for-one-role",
         "no-enclave-grants-itself-rights",
         "nobody-writes-without-a-grant",
         "nobody-reads-without-a-grant",

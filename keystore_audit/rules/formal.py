@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from keystore_audit.findings import Location, Severity
-from keystore_audit.properties import access_control, authentication, encryption
+from keystore_audit.properties import access_control, authentication, encryption, flow
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import PropertyResult
@@ -144,6 +144,41 @@ def no_enclave_grants_itself_rights(result: PropertyResult, _context: Context) -
 
 
 @rule(
+    "KA706",
+    "one-ca-for-one-role",
+    Severity.MEDIUM,
+    on=PropertyResult,
+    clause=authentication.ONE_CA_FOR_ONE_ROLE.clause,
+    remedy="Make a second authority for permissions and sign governance and permissions again with it.",
+)
+def one_ca_for_one_role(result: PropertyResult, _context: Context) -> Iterator[Violation]:
+    """No key serves as identity CA and as permissions CA.
+
+    Else the line between who somebody is and what it may do is one flag of an implementation, whether it pins the
+    signer. sros2 makes keystores so, which is why this is medium; where it is more, no-enclave-grants-itself-rights
+    says so.
+    """
+    return _violated(result)
+
+
+@rule(
+    "KA707",
+    "no-subject-serves-two-enclaves",
+    Severity.HIGH,
+    on=PropertyResult,
+    clause=authentication.NO_SHARED_SUBJECT.clause,
+    remedy="Give each enclave a subject of its own, and each grant a subject_name that names one enclave.",
+)
+def no_subject_serves_two_enclaves(result: PropertyResult, _context: Context) -> Iterator[Violation]:
+    """No grant names the identities of two enclaves.
+
+    Peers take whatever validly signed document an enclave presents, so that each has the rights of both, whatever its
+    own document says. Subjects are compared as each implementation does.
+    """
+    return _violated(result)
+
+
+@rule(
     "KA711",
     "outsiders-cannot-read",
     Severity.HIGH,
@@ -189,6 +224,40 @@ def outsiders_cannot_inject(result: PropertyResult, _context: Context) -> Iterat
 
     Else whoever reaches the network commands the robot. Replay of recorded messages and loss of messages are not among
     what is decided.
+    """
+    return _violated(result)
+
+
+@rule(
+    "KA714",
+    "outsiders-cannot-replay",
+    Severity.HIGH,
+    on=PropertyResult,
+    clause=encryption.OUTSIDERS_CANNOT_REPLAY.clause,
+    remedy=f"Set rtps_protection_kind or metadata_protection_kind to SIGN or ENCRYPT. {_SIGN_AGAIN}",
+)
+def outsiders_cannot_replay(result: PropertyResult, _context: Context) -> Iterator[Violation]:
+    """No reader takes a recorded sample for a new one.
+
+    A payload that is protected for itself sits in a submessage whose sequence number anybody can write where neither
+    submessage nor message is authenticated: an old command is taken again. The same lets an outsider forge HEARTBEAT,
+    GAP and ACKNACK, which stops readers. Derived from what each kind covers; not attacked on the wire here.
+    """
+    return _violated(result)
+
+
+@rule(
+    "KA715",
+    "outsiders-cannot-forge-liveliness",
+    Severity.MEDIUM,
+    on=PropertyResult,
+    clause=encryption.OUTSIDERS_CANNOT_FORGE_LIVELINESS.clause,
+    remedy=f"Set rtps_protection_kind to SIGN, or protect liveliness. {_SIGN_AGAIN}",
+)
+def outsiders_cannot_forge_liveliness(result: PropertyResult, _context: Context) -> Iterator[Violation]:
+    """Nobody without a key of this keystore can assert that a writer is alive.
+
+    Whoever relies on liveliness to stop a robot then never learns that a controller has died.
     """
     return _violated(result)
 
@@ -264,17 +333,57 @@ def readers_cannot_forge(result: PropertyResult, _context: Context) -> Iterator[
     return _violated(result)
 
 
+@rule(
+    "KA725",
+    "relays-cannot-read",
+    Severity.MEDIUM,
+    on=PropertyResult,
+    clause=access_control.RELAYS_CANNOT_READ.clause,
+    remedy=f"Set data_protection_kind to ENCRYPT for the topic. {_SIGN_AGAIN}",
+)
+def relays_cannot_read(result: PropertyResult, _context: Context) -> Iterator[Violation]:
+    """No enclave that may only relay a topic can read its payload.
+
+    A relay gets the keys of submessages, to pass them on, and no key of payloads: what is not encrypted for itself is
+    in clear to it. Fast DDS takes a relay grant for a right to read, and that is told by nobody-reads-without-a-grant.
+    """
+    return _violated(result)
+
+
+@rule(
+    "KA731",
+    "no-enclave-bridges-domains",
+    Severity.MEDIUM,
+    on=PropertyResult,
+    clause=flow.NO_BRIDGES.clause,
+    remedy="Let each enclave's rules cover one domain, and make an enclave of its own for a bridge that is meant.",
+)
+def no_enclave_bridges_domains(result: PropertyResult, _context: Context) -> Iterator[Violation]:
+    """No enclave can read in one domain and write in another.
+
+    Domains keep apart only what nobody carries over. Domains that no document tells apart count as one here: a rule for
+    all of them is rule-domain-range-open.
+    """
+    return _violated(result)
+
+
 FORMAL: tuple[Rule[Any], ...] = (
     only_authenticated_participants_join,
     identities_chain_to_the_identity_ca,
     documents_signed_by_the_permissions_ca,
     no_identity_serves_two_enclaves,
     no_enclave_grants_itself_rights,
+    one_ca_for_one_role,
+    no_subject_serves_two_enclaves,
     outsiders_cannot_read,
     outsiders_cannot_learn_names,
     outsiders_cannot_inject,
+    outsiders_cannot_replay,
+    outsiders_cannot_forge_liveliness,
     grants_are_enforced,
     nobody_writes_without_a_grant,
     nobody_reads_without_a_grant,
     readers_cannot_forge,
+    relays_cannot_read,
+    no_enclave_bridges_domains,
 )

@@ -128,7 +128,11 @@ def governance_ambiguous(use: GovernanceUse, _context: Context) -> Iterator[Viol
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 (allow_unauthenticated_participants)",
     remedy="Set <allow_unauthenticated_participants> to false " + CORRECT,
-    explains=("only-authenticated-participants-join",),
+    explains=(
+        "only-authenticated-participants-join",
+        "outsiders-cannot-replay",
+        "outsiders-cannot-forge-liveliness",
+    ),
     applies=speaks,
 )
 def unauthenticated_participants_allowed(use: GovernanceUse, _context: Context) -> Iterator[Violation]:

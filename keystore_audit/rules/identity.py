@@ -230,7 +230,7 @@ def subject_differs_from_enclave(use: CertificateUse, context: Context) -> Itera
     on=Keystore,
     clause="DDS-Security 1.1, 9.3.1 (a participant's identity is its key)",
     remedy="Give each enclave a key and certificate of its own. " + ISSUE_AGAIN,
-    explains=("no-identity-serves-two-enclaves",),
+    explains=("no-identity-serves-two-enclaves", "no-subject-serves-two-enclaves"),
 )
 def identity_shared_by_enclaves(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     """Enclaves have one identity key between them: whoever takes one of them is all of them.
@@ -261,6 +261,7 @@ def identity_shared_by_enclaves(keystore: Keystore, _context: Context) -> Iterat
     on=Keystore,
     clause="DDS-Security 1.1, 9.4.1.3 (a grant is bound to a subject_name, not to a key)",
     remedy="Give each identity a subject of its own. " + ISSUE_AGAIN,
+    explains=("no-subject-serves-two-enclaves",),
 )
 def subject_shared_by_certificates(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     """Identities with different keys have one subject, which a grant names: each may use the grants of the other.

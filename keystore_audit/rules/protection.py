@@ -42,7 +42,7 @@ def _said(domain_rule: DomainRule, topic_rule: TopicRule) -> str:
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 (rtps_protection_kind)",
     remedy="Set <rtps_protection_kind> to SIGN, as sros2 does, " + CORRECT,
-    explains=("outsiders-cannot-inject",),
+    explains=("outsiders-cannot-inject", "outsiders-cannot-replay", "outsiders-cannot-forge-liveliness"),
     applies=speaks,
 )
 def rtps_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
@@ -122,6 +122,7 @@ def discovery_unprotected(use: GovernanceUse, _context: Context) -> Iterator[Vio
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 (liveliness_protection_kind) and 9.4.1.2.6 (enable_liveliness_protection)",
     remedy="Set <enable_liveliness_protection> to true and <liveliness_protection_kind> to SIGN or more " + CORRECT,
+    explains=("outsiders-cannot-forge-liveliness",),
     applies=speaks,
 )
 def liveliness_unprotected(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
@@ -150,7 +151,7 @@ def liveliness_unprotected(use: GovernanceUse, _context: Context) -> Iterator[Vi
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.6 (metadata_protection_kind)",
     remedy="Set <metadata_protection_kind> to SIGN or ENCRYPT " + CORRECT,
-    explains=("nobody-writes-without-a-grant", "nobody-reads-without-a-grant"),
+    explains=("nobody-writes-without-a-grant", "nobody-reads-without-a-grant", "outsiders-cannot-replay"),
     applies=speaks,
 )
 def metadata_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
@@ -181,7 +182,7 @@ def metadata_protection_none(use: GovernanceUse, _context: Context) -> Iterator[
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.6 (metadata_protection_kind, data_protection_kind)",
     remedy="Set <data_protection_kind> or <metadata_protection_kind> to ENCRYPT " + CORRECT,
-    explains=("outsiders-cannot-read", "nobody-reads-without-a-grant"),
+    explains=("outsiders-cannot-read", "nobody-reads-without-a-grant", "relays-cannot-read"),
     applies=speaks,
 )
 def payload_in_clear(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
@@ -206,7 +207,7 @@ def payload_in_clear(use: GovernanceUse, _context: Context) -> Iterator[Violatio
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.5.3.3 (keys of rtps protection) and 9.4.1.2.6",
     remedy="Set <metadata_protection_kind> or <data_protection_kind> to ENCRYPT " + CORRECT,
-    explains=("nobody-reads-without-a-grant", "nobody-writes-without-a-grant"),
+    explains=("nobody-reads-without-a-grant", "nobody-writes-without-a-grant", "relays-cannot-read"),
     applies=speaks,
 )
 def payload_open_to_insiders(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
@@ -237,7 +238,7 @@ def payload_open_to_insiders(use: GovernanceUse, _context: Context) -> Iterator[
     clause="DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.2.6 (protection kinds)",
     remedy="Set <metadata_protection_kind> and <data_protection_kind> to ENCRYPT and <rtps_protection_kind> to SIGN "
     + CORRECT,
-    explains=("outsiders-cannot-inject", "nobody-writes-without-a-grant"),
+    explains=("outsiders-cannot-inject", "outsiders-cannot-replay", "nobody-writes-without-a-grant"),
     applies=speaks,
 )
 def samples_unauthenticated(use: GovernanceUse, _context: Context) -> Iterator[Violation]:

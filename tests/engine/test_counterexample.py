@@ -117,6 +117,9 @@ def test_any_witness_can_be_told(seed: int) -> None:
         Role.OTHER: len(system.enclaves),
         Role.DOCUMENT: len(system.documents),
         Role.CHANNEL: len(system.channels),
+        Role.CERTIFICATE: len(system.certificates),
+        Role.OTHER_CERTIFICATE: len(system.certificates),
+        Role.OTHER_CHANNEL: len(system.channels),
     }
     for prop in PROPERTIES:
         for turn in range(6):

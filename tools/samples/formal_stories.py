@@ -31,8 +31,10 @@ CHATTER = TopicRule(expression="rt/chatter")
 def stories() -> Iterator[Story]:
     """All pairs of KA7."""
     yield from _participants()
+    yield from _authorities()
     yield from _documents()
     yield from _outsiders()
+    yield from _replays()
     yield from _grants()
     yield from _insiders()
 
@@ -68,6 +70,32 @@ def _participants() -> Iterator[Story]:
             with_listener(certificate=replace(LISTENER_CERTIFICATE, key=TALKER_CERTIFICATE.key)),
         ),
         good=Case("Each enclave has a key of its own.", TWO),
+    )
+
+
+def _authorities() -> Iterator[Story]:
+    yield from pair(
+        "KA706",
+        "one-ca-for-one-role",
+        bad=Case(
+            "Identities and rights are signed by one authority, as sros2 makes it: only implementations that pin the "
+            "signer tell who somebody is from what it may do.",
+            replace(TWO, permissions_ca=IDENTITY_CA),
+        ),
+        good=Case("Each role has an authority of its own.", TWO),
+        options=("--profile", "jazzy"),
+    )
+    namesake = replace(LISTENER_CERTIFICATE, subject=TALKER_CERTIFICATE.subject)
+    grant = replace(LISTENER_GRANT, subject="CN=/talker")
+    yield from pair(
+        "KA707",
+        "no-subject-serves-two-enclaves",
+        bad=Case(
+            "The listener's certificate bears the talker's subject, copied with the command that made it: each may "
+            "present the permissions of the other.",
+            with_listener(certificate=namesake, permissions=Permissions(grants=(grant,))),
+        ),
+        good=Case("Each certificate bears the subject of its enclave.", TWO),
     )
 
 
@@ -148,6 +176,31 @@ def _outsiders() -> Iterator[Story]:
     )
 
 
+def _replays() -> Iterator[Story]:
+    recorded = replace(CHATTER, metadata="NONE")
+    yield from pair(
+        "KA714",
+        "outsiders-cannot-replay",
+        bad=Case(
+            "The payload of /chatter is encrypted, its submessages and the messages are not even signed: yesterday's "
+            "message is taken again today.",
+            governed(TWO, domain(recorded, rtps="NONE")),
+        ),
+        good=Case("Whole messages are signed.", governed(TWO, domain(recorded, rtps="SIGN"))),
+    )
+    unsaid = replace(CHATTER, liveliness_protection=False)
+    yield from pair(
+        "KA715",
+        "outsiders-cannot-forge-liveliness",
+        bad=Case(
+            "Messages are not signed as a whole, and of /chatter liveliness is not protected: anybody keeps a dead "
+            "talker alive.",
+            governed(TWO, domain(unsaid, rtps="NONE")),
+        ),
+        good=Case("Its liveliness is protected.", governed(TWO, domain(CHATTER, rtps="NONE"))),
+    )
+
+
 def _grants() -> Iterator[Story]:
     yield from pair(
         "KA721",
@@ -199,5 +252,39 @@ def _insiders() -> Iterator[Story]:
         good=Case(
             "Every message carries proof of which participant sent it.",
             governed(TWO, DomainRule(rtps="SIGN_WITH_ORIGIN_AUTHENTICATION")),
+        ),
+    )
+    relaying = replace(LISTENER_GRANT, rules=(Rule(relay=("rt/chatter",)), DISCOVERY))
+    store = with_listener(permissions=Permissions(grants=(relaying,)))
+    passed_on = replace(CHATTER, data="NONE")
+    yield from pair(
+        "KA725",
+        "relays-cannot-read",
+        bad=Case(
+            "The listener may only pass /chatter on, and only submessages are encrypted, whose keys a relay holds: it "
+            "reads what it passes on.",
+            governed(store, replace(QUIET, topics=(passed_on, TopicRule()))),
+        ),
+        good=Case(
+            "The payload is encrypted with a key that a relay does not get.",
+            governed(store, replace(QUIET, topics=(CHATTER, TopicRule()))),
+        ),
+        options=("--profile", "spec"),
+    )
+    inside = replace(LISTENER_GRANT, rules=(Rule(subscribe=("rt/chatter",)), DISCOVERY))
+    outside = Rule(publish=("rt/status",), domains=(7,))
+    both = replace(inside, rules=(*inside.rules, outside))
+    domains = (QUIET, replace(QUIET, domains=(7,)))
+    yield from pair(
+        "KA731",
+        "no-enclave-bridges-domains",
+        bad=Case(
+            "Domain 0 is the robot's, domain 7 the operator's. The listener reads /chatter in one and writes /status "
+            "in the other.",
+            governed(with_listener(permissions=Permissions(grants=(both,))), *domains),
+        ),
+        good=Case(
+            "The listener stays in domain 0.",
+            governed(with_listener(permissions=Permissions(grants=(inside,))), *domains),
         ),
     )

@@ -1,0 +1,125 @@
+"""A witness with the atoms that it names, in the user's names: what every counterexample is told from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from keystore_audit.engine import causes
+from keystore_audit.engine.causes import Operation
+from keystore_audit.findings import Location
+from keystore_audit.model.names import ros_name
+from keystore_audit.model.system import (
+    ChannelAtom,
+    DocumentAtom,
+    DomainRuleAtom,
+    EnclaveAtom,
+    System,
+    TopicRuleAtom,
+)
+from keystore_audit.properties.counterexample import Step
+from keystore_audit.properties.property import Role, Witness
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Case:
+    """A witness, with the atoms that it names."""
+
+    system: System
+    witness: Witness
+
+    @property
+    def realm(self) -> int:
+        """The realm that the witness names, else that of its enclave."""
+        named = self.witness.get(Role.REALM)
+        return self.enclave.realm if named is None else named
+
+    @property
+    def enclave(self) -> EnclaveAtom:
+        """The enclave that the witness names."""
+        return self.system.enclaves[self.witness[Role.ENCLAVE]]
+
+    @property
+    def channel(self) -> ChannelAtom:
+        """The channel that the witness names."""
+        return self.system.channels[self.witness[Role.CHANNEL]]
+
+    @property
+    def governance(self) -> DocumentAtom | None:
+        """The governance document of the realm."""
+        return causes.governance(self.system, self.realm)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether that document could not be read."""
+        return causes.is_open(self.system, self.realm)
+
+    @property
+    def topic_rule(self) -> TopicRuleAtom | None:
+        """The topic rule that decides about the channel."""
+        return causes.topic_rule(self.system, self.realm, self.witness[Role.CHANNEL])
+
+    @property
+    def domain_rule(self) -> DomainRuleAtom | None:
+        """The domain rule that decides about the channel's domain."""
+        return causes.domain_rule(self.system, self.realm, self.channel.domain)
+
+    @property
+    def topic(self) -> str:
+        """The channel for people: the ROS name (one of many, where it has infinitely many), domain and partition."""
+        name = ros_name(self.channel.topic)
+        several = f"topics such as {name}" if self.channel.infinite else name
+        return f"{several} in {self._domain}{self._partition}"
+
+    @property
+    def _partition(self) -> str:
+        return f', partition "{self.channel.partition}"' if self.channel.partition else ""
+
+    @property
+    def _domain(self) -> str:
+        return self.system.domains[self.channel.domain].label
+
+    def step(self, location: Location | None, enclave: str | None = None) -> Step:
+        """Return a step about the channel."""
+        channel = f"{self._domain}, topic {self.channel.topic}{self._partition}"
+        return step_at(location, channel=channel, witness=self.channel.topic, enclave=enclave)
+
+    def governance_steps(self) -> tuple[Step, ...]:
+        """Return the rules that protect the channel, or the governance document where it could not be read."""
+        if self.is_open and self.governance is not None:
+            return (self.step(self.governance.location),)
+        return tuple(self.step(rule.location) for rule in (self.topic_rule, self.domain_rule) if rule is not None)
+
+    def right_steps(self, enclave: int, operation: Operation) -> tuple[Step, ...]:
+        """Return the line that gives an enclave a right, where there is one."""
+        found = causes.rights(self.system, enclave, operation, self.witness[Role.CHANNEL])
+        label = self.system.enclaves[enclave].label
+        return tuple(self.step(right.location, label) for right in found[:1])
+
+    def user_steps(self, *operations: Operation) -> tuple[Step, ...]:
+        """Return the line that gives some enclave one of these rights: why there is anything to protect."""
+        for operation in operations:
+            for enclave in range(len(self.system.enclaves)):
+                if steps := self.right_steps(enclave, operation):
+                    return steps
+        return ()
+
+    def kinds(self) -> str:
+        """Return the protection kinds that apply to the channel, in words."""
+        if self.is_open or self.topic_rule is None or self.domain_rule is None:
+            return "the governance document could not be read, so it may protect nothing"
+        return (
+            f"rtps_protection_kind is {self.domain_rule.rtps_protection_kind.value}, "
+            f"metadata_protection_kind {self.topic_rule.metadata_protection_kind.value}, "
+            f"data_protection_kind {self.topic_rule.data_protection_kind.value}"
+        )
+
+
+def step_at(location: Location | None, *, channel: str | None, witness: str, enclave: str | None) -> Step:
+    """A step whose line is there, if there is one."""
+    return Step(
+        enclave=enclave,
+        channel=channel,
+        witness=witness,
+        path=None if location is None else location.path,
+        line=None if location is None else location.line,
+    )

@@ -1,0 +1,152 @@
+"""Says what a witness about identities, documents and authorities means."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from keystore_audit.engine import causes
+from keystore_audit.engine.counterexample_case import Case, step_at
+from keystore_audit.model.system import EnclaveAtom, System
+from keystore_audit.properties import authentication
+from keystore_audit.properties.counterexample import Counterexample, Step
+from keystore_audit.properties.property import Role
+
+
+def _anybody_joins(case: Case) -> Counterexample:
+    domain = case.system.domains[case.witness[Role.DOMAIN]].label
+    rule = causes.domain_rule(case.system, case.realm, case.witness[Role.DOMAIN])
+    if case.is_open or rule is None:
+        location = None if case.governance is None else case.governance.location
+        why = "the governance document could not be read, so it may allow that"
+    else:
+        location, why = rule.location, "allow_unauthenticated_participants is true there"
+    step = step_at(location, channel=domain, witness="allow_unauthenticated_participants", enclave=None)
+    return Counterexample(text=f"A participant without any identity may join {domain}: {why}.", steps=(step,))
+
+
+def _identity(case: Case) -> Counterexample:
+    enclave = case.enclave
+    if enclave.opaque or enclave.identity is None:
+        step = step_at(enclave.location, channel=None, witness=enclave.label, enclave=enclave.label)
+        return Counterexample(
+            text=f"The identity of {enclave.label} could not be read: it may be anybody.", steps=(step,)
+        )
+    identity = case.system.certificates[enclave.identity]
+    step = step_at(identity.location, channel=None, witness=identity.label, enclave=enclave.label)
+    return Counterexample(
+        text=f"The identity of {enclave.label} ({identity.label}) is not one that its peers may trust: "
+        f"{_distrust(case.system, enclave.realm, enclave.identity)}.",
+        steps=(step,),
+    )
+
+
+def _distrust(system: System, realm_index: int, identity_index: int) -> str:
+    """Say why an identity is not vouched for, in force and unrevoked."""
+    realm = system.realms[realm_index]
+    identity = system.certificates[identity_index]
+    issuers = [system.certificates[number] for number in identity.issuers & realm.identity_ca]
+    if not issuers:
+        return "no certificate of its identity CA has issued it"
+    if identity_index in realm.revoked:
+        return "its identity CA has revoked it"
+    if not causes.in_force(system, identity):
+        return "it is not in force"
+    if not any(issuer.authority for issuer in issuers):
+        return "its issuer may not issue certificates"
+    return "its issuer is not in force"
+
+
+def _document(case: Case) -> Counterexample:
+    document = case.system.documents[case.witness[Role.DOCUMENT]]
+    signers = [case.system.certificates[number] for number in sorted(document.signers)]
+    enclave = case.enclave
+    if document.opaque:
+        why = "could not be read, so nobody knows who signed it"
+    elif not document.intact or not signers:
+        why = "bears no signature that verifies"
+    elif not causes.signed_by_ca(case.system, enclave.realm, document):
+        why = f"is signed by {signers[0].label}, not by the permissions CA alone"
+    else:
+        why = f"is signed by {signers[0].label}, which is not in force"
+    step = step_at(document.location, channel=None, witness=document.label, enclave=enclave.label)
+    return Counterexample(text=f"{document.label}, which {enclave.label} uses, {why}.", steps=(step,))
+
+
+def _shared_key(case: Case) -> Counterexample:
+    one, other = case.enclave, case.system.enclaves[case.witness[Role.OTHER]]
+    if one.opaque:
+        text = f"The identity of {one.label} could not be read: it may be that of another enclave."
+        concerned = [one]
+    else:
+        text = f"{one.label} and {other.label} have the same identity key, so each can pass for the other."
+        concerned = [one, other]
+    return Counterexample(text=text, steps=tuple(identity_step(case.system, enclave) for enclave in concerned))
+
+
+def identity_step(system: System, enclave: EnclaveAtom) -> Step:
+    """The step that shows who an enclave is."""
+    if enclave.identity is None:
+        return step_at(enclave.location, channel=None, witness=enclave.label, enclave=enclave.label)
+    identity = system.certificates[enclave.identity]
+    return step_at(identity.location, channel=None, witness=identity.label, enclave=enclave.label)
+
+
+def _grants_itself(case: Case) -> Counterexample:
+    enclave = case.enclave
+    step = identity_step(case.system, enclave)
+    if enclave.opaque:
+        text = f"The identity of {enclave.label} could not be read: it may be one that signs permissions."
+    elif identity := causes.signs_for_itself(case.system, case.realm, enclave):
+        text = (
+            f"{enclave.label} can sign itself permissions: the permissions CA also issued its identity "
+            f"({identity.label}), and these implementations accept any signer that the CA issued."
+        )
+    else:
+        document = None if enclave.permissions is None else case.system.documents[enclave.permissions]
+        name = enclave.label if document is None else document.label
+        text = f"{enclave.label} has permissions that the permissions CA did not sign and peers accept: {name}."
+        if document is not None:
+            step = step_at(document.location, channel=None, witness=document.label, enclave=enclave.label)
+    return Counterexample(text=text, steps=(step,))
+
+
+def _one_authority(case: Case) -> Counterexample:
+    certificates = case.system.certificates
+    roles = (Role.CERTIFICATE, Role.OTHER_CERTIFICATE)
+    one, other = (certificates[case.witness[role]] for role in roles)
+    alike = f"{one.label} is" if one is other else f"{one.label} and {other.label} have one key: it is"
+    steps = (step_at(each.location, channel=None, witness=each.label, enclave=None) for each in (one, other))
+    return Counterexample(
+        text=f"{alike} identity CA and permissions CA, so whoever has an identity of it passes for a signer of "
+        "permissions wherever the signer is not pinned.",
+        steps=tuple(dict.fromkeys(steps)),
+    )
+
+
+def _shared_subject(case: Case) -> Counterexample:
+    one, other = case.enclave, case.system.enclaves[case.witness[Role.OTHER]]
+    if one.opaque:
+        step = step_at(one.location, channel=None, witness=one.label, enclave=one.label)
+        return Counterexample(
+            text=f"The identity of {one.label} could not be read: grants for others may name it too.", steps=(step,)
+        )
+    wanted = {one.identity, other.identity}
+    grants = [grant.location for grant in case.system.grants if wanted <= grant.names]
+    named = tuple(step_at(place, channel=None, witness=one.label, enclave=None) for place in grants[:1])
+    return Counterexample(
+        text=f"A grant names {one.label} and {other.label} alike: each has the rights of both.",
+        steps=(*named, *(identity_step(case.system, enclave) for enclave in (one, other))),
+    )
+
+
+TELLERS: Final[Mapping[str, Callable[[Case], Counterexample]]] = {
+    authentication.ONLY_AUTHENTICATED_JOIN.id: _anybody_joins,
+    authentication.IDENTITIES_CHAIN.id: _identity,
+    authentication.DOCUMENTS_SIGNED.id: _document,
+    authentication.NO_SHARED_IDENTITY.id: _shared_key,
+    authentication.NO_SELF_GRANTED_RIGHTS.id: _grants_itself,
+    authentication.ONE_CA_FOR_ONE_ROLE.id: _one_authority,
+    authentication.NO_SHARED_SUBJECT.id: _shared_subject,
+}
+"""By property."""
