@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from datetime import datetime, timedelta
 from difflib import get_close_matches
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from keystore_audit.cli import formats, output
 from keystore_audit.cli import options as opt
-from keystore_audit.cli import output
 from keystore_audit.cli.progress import Watch
 from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, AuditError, NothingToAudit, UsageError
 from keystore_audit.findings import Severity
@@ -20,6 +22,7 @@ from keystore_audit.text import terminal
 
 if TYPE_CHECKING:
     from keystore_audit.audit import Options
+    from keystore_audit.keystore.identity import Identity
     from keystore_audit.report.content import Report
 
 ENGINES: Final = ("auto", "both", "alloy", "native")
@@ -43,9 +46,9 @@ WORST_FIRST: Final = (EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, 1, 0)
     "-f",
     "--format",
     "kind",
-    type=opt.one_of(*output.FORMATS),
+    type=opt.one_of(*formats.FORMATS),
     default="text",
-    metavar="[text|json]",
+    metavar="[" + "|".join(formats.FORMATS) + "]",
     help="The report on standard output.",
 )
 @click.option(
@@ -181,19 +184,44 @@ def _audit_all(keystores: Sequence[str], options: Options, *, quiet: bool, verbo
         watch = Watch(visible=not quiet and sys.stderr.isatty())
         try:
             with watch:
-                report = audit(keystore, options, progress=watch)
+                report = audit(keystore, options, progress=watch, elsewhere=_elsewhere(keystore, keystores))
         except UsageError:
             raise
         except AuditError as error:
             hint = _command_meant(keystore) if isinstance(error, NothingToAudit) else ""
             click.echo(f"keystore-audit: {terminal(error.message)}{hint}", err=True)
             codes.append(error.exit_code)
+        except Exception as error:
+            if len(keystores) == 1:
+                raise
+            from keystore_audit.cli.program import fault
+
+            click.echo(f"keystore-audit: {terminal(keystore)}: {fault(error, verbose=verbose)}", err=True)
+            codes.append(EXIT_INCOMPLETE)
         else:
             reports.append(report)
             codes.append(report.exit_code)
         for stage, seconds in watch.durations if verbose else ():
             click.echo(f"{seconds:8.3f} s  {terminal(stage)}", err=True)
     return reports, min(codes, key=WORST_FIRST.index)
+
+
+def _elsewhere(keystore: str, keystores: Sequence[str]) -> tuple[Identity, ...]:
+    """Return the identities of the other keystores, those that can be read: what cannot is said when it is its turn."""
+    found: list[Identity] = []
+    here = Path(keystore).resolve()
+    for other in dict.fromkeys(keystores) if len(keystores) > 1 else ():
+        if Path(other).resolve() != here:
+            with suppress(NothingToAudit):
+                found += _identities(other)
+    return tuple(found)
+
+
+@cache
+def _identities(keystore: str) -> tuple[Identity, ...]:
+    from keystore_audit.keystore.identity import read_identities
+
+    return read_identities(keystore)
 
 
 def _command_meant(keystore: str) -> str:
@@ -216,20 +244,16 @@ def _deliver(reports: Sequence[Report], given: dict[str, Any], *, several: bool)
 
 
 def _render(kind: str, reports: Sequence[Report], given: dict[str, Any], *, several: bool, stdout: bool) -> str:
-    if kind == "json":
-        from keystore_audit.report import json
+    from keystore_audit.report.text import View
 
-        return json.render_several(reports) if several else json.render(reports[0])
-    from keystore_audit.report import text
-
-    view = text.View(
+    view = View(
         width=_width() if stdout else WIDTH,
         color=stdout and opt.use_color(given["color"], terminal=_is_terminal()),
         quiet=given["quiet"],
         verbose=given["verbose"],
         min_severity=Severity(given["min_severity"]),
     )
-    return text.render_several(reports, view) if several else text.render(reports[0], view)
+    return formats.render(kind, reports, view, several=several)
 
 
 def _is_terminal() -> bool:

@@ -51,7 +51,7 @@ EXPECTED: Final = ("allow", "deny")
     "-f",
     "--format",
     "kind_of_report",
-    type=opt.one_of(*output.FORMATS),
+    type=opt.one_of("text", "json"),
     default="text",
     show_default=True,
     metavar="[text|json]",

@@ -13,7 +13,7 @@ from typing import Final
 
 import click
 
-FORMATS: Final = ("text", "json")
+from keystore_audit.cli.formats import FORMATS
 
 
 class Unwritable(click.ClickException):

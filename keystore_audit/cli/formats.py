@@ -1,0 +1,58 @@
+"""The formats of an audit's report; each writer is imported when it is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from keystore_audit.report.content import Report, RuleEntry
+    from keystore_audit.report.text import View
+
+FORMATS: Final = ("text", "json", "sarif", "junit", "markdown", "statement", "svr")
+"""`statement` and `svr`: unsigned in-toto statements with the predicate test-result/v0.1, or svr/v0.2."""
+
+
+def render(kind: str, reports: Sequence[Report], view: View, *, several: bool) -> str:
+    """Return the reports in a format; `several`: more than one keystore was given, whatever came of them."""
+    if kind == "json":
+        from keystore_audit.report import json
+
+        return json.render_several(reports) if several else json.render(reports[0])
+    if kind == "sarif":
+        from keystore_audit.report import sarif
+
+        return sarif.render(reports, rule_entries())
+    if kind == "junit":
+        from keystore_audit.report import junit
+
+        return junit.render(reports)
+    if kind == "markdown":
+        from keystore_audit.report import markdown
+
+        return markdown.render(reports, view.min_severity)
+    if kind in ("statement", "svr"):
+        from keystore_audit.report import statement
+
+        return statement.render_svr(reports) if kind == "svr" else statement.render_test_result(reports)
+    from keystore_audit.report import text
+
+    return text.render_several(reports, view) if several else text.render(reports[0], view)
+
+
+def rule_entries() -> tuple[RuleEntry, ...]:
+    """Return every registered rule as reports describe it, in the order of the registry."""
+    from keystore_audit.report.content import RuleEntry
+    from keystore_audit.rules import RULES
+
+    return tuple(
+        RuleEntry(
+            code=rule.code,
+            name=rule.name,
+            severity=rule.severity,
+            clause=rule.clause,
+            remedy=rule.remedy,
+            description=rule.description,
+        )
+        for rule in RULES
+    )

@@ -1,0 +1,151 @@
+"""The report as JUnit XML: a suite for each family of rules, a case for each rule and subject.
+
+A case fails where a finding of it decides the verdict: at or above `--fail-on`, and not accepted. Findings below are
+told in the case's output. What could not be decided is an error, since a pipeline must not go on over it.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final
+
+from lxml import etree
+
+from keystore_audit.findings import Finding, Outcome, Result
+from keystore_audit.report.content import Report, Verdict
+from keystore_audit.report.encoded import instant
+from keystore_audit.text import terminal
+
+FAMILIES: Final[Mapping[str, str]] = {
+    "KA1": "layout and files",
+    "KA2": "certificates and keys",
+    "KA3": "signatures",
+    "KA4": "governance",
+    "KA5": "permissions",
+    "KA6": "access across documents",
+    "KA7": "formal properties and information flow",
+    "KA9": "the audit itself",
+}
+
+MAX_CASES: Final = 200_000
+"""Cases of one report; beyond it (3,000 enclaves) those that passed are left out, and the suite says how many."""
+
+
+def render(reports: Sequence[Report]) -> str:
+    """Return the document of all reports, ending in a newline."""
+    root = etree.Element("testsuites", name="keystore-audit")
+    for report in reports:
+        _keystore(root, report)
+    for count in ("tests", "failures", "errors", "skipped"):
+        root.set(count, str(sum(int(suite.get(count, "0")) for suite in root)))
+    etree.indent(root)
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + etree.tostring(root, encoding="unicode") + "\n"
+
+
+def _keystore(root: etree._Element, report: Report) -> None:
+    by_family: dict[str, list[Outcome]] = defaultdict(list)
+    few = len(report.outcomes) <= MAX_CASES
+    left_out = 0
+    for outcome in report.outcomes:
+        if few or outcome.outcome in (Result.FAIL, Result.OPEN):
+            by_family[outcome.rule[:3]].append(outcome)
+        else:
+            left_out += 1
+    found = _Findings(report.findings)
+    for family, outcomes in sorted(by_family.items()):
+        suite = _suite(root, report, f"{family} {FAMILIES[family]}")
+        for outcome in outcomes:
+            _case(suite, report, outcome, found.of(outcome))
+        _count(suite)
+    suite = _suite(root, report, "verdict")
+    _verdict(suite, report, left_out)
+    _count(suite)
+
+
+def _suite(root: etree._Element, report: Report, name: str) -> etree._Element:
+    at = instant(report.at).removesuffix("Z")
+    return etree.SubElement(root, "testsuite", name=f"{terminal(report.keystore)}: {name}", timestamp=at)
+
+
+def _count(suite: etree._Element) -> None:
+    cases = suite.findall("testcase")
+    suite.set("tests", str(len(cases)))
+    for count, tag in (("failures", "failure"), ("errors", "error"), ("skipped", "skipped")):
+        suite.set(count, str(sum(case.find(tag) is not None for case in cases)))
+
+
+class _Findings:
+    """Findings by their rule and what they are about."""
+
+    def __init__(self, findings: Iterable[Finding]) -> None:
+        self._by_rule: dict[str, list[Finding]] = defaultdict(list)
+        self._by_subject: dict[tuple[str, str], list[Finding]] = defaultdict(list)
+        for finding in findings:
+            self._by_rule[finding.code].append(finding)
+            places = {location.path for location in finding.locations[:1]}
+            for subject in {finding.enclave or "", finding.name, *places}:
+                self._by_subject[finding.code, subject].append(finding)
+
+    def of(self, outcome: Outcome) -> Sequence[Finding]:
+        """Those of the outcome's subject; where none names it (a rule about the whole keystore) all of the rule."""
+        if outcome.outcome in (Result.PASS, Result.NOT_APPLICABLE):
+            return ()
+        return self._by_subject.get((outcome.rule, outcome.subject), self._by_rule.get(outcome.rule, []))
+
+
+def _case(suite: etree._Element, report: Report, outcome: Outcome, findings: Sequence[Finding]) -> None:
+    case = etree.SubElement(suite, "testcase", classname=outcome.rule, name=terminal(outcome.subject), time="0")
+    if outcome.outcome is Result.NOT_APPLICABLE:
+        etree.SubElement(case, "skipped", message="there is nothing here that the rule is about")
+        return
+    deciding = [finding for finding in findings if _decides(finding, report)]
+    if outcome.outcome is Result.OPEN:
+        _tell(case, "error", findings, "undecided")
+    elif deciding:
+        _tell(case, "failure", deciding, deciding[0].severity.value)
+    elif findings and all(finding.suppressed is not None for finding in findings):
+        accepted = findings[0].suppressed
+        message = f"accepted until {accepted.until}: {accepted.reason}" if accepted else "accepted"
+        etree.SubElement(case, "skipped", message=terminal(message))
+    rest = [finding for finding in findings if not _decides(finding, report)]
+    if rest and outcome.outcome is not Result.OPEN:
+        etree.SubElement(case, "system-out").text = "\n\n".join(map(_said, rest))
+
+
+def _decides(finding: Finding, report: Report) -> bool:
+    return finding.suppressed is None and report.fail_on is not None and finding.severity.at_least(report.fail_on)
+
+
+def _tell(case: etree._Element, tag: str, findings: Sequence[Finding], kind: str) -> None:
+    """One failure or error, since readers take one for each case."""
+    message = findings[0].message if findings else "This could not be decided."
+    more = f" (and {len(findings) - 1} more)" if len(findings) > 1 else ""
+    element = etree.SubElement(case, tag, message=terminal(message) + more, type=kind)
+    element.text = "\n\n".join(map(_said, findings))
+
+
+def _said(finding: Finding) -> str:
+    places = [f"  {place.path}{'' if place.line is None else f':{place.line}'}" for place in finding.locations[:20]]
+    lines = [
+        f"{finding.severity.value} {finding.code} {finding.name}: {finding.message}",
+        *places,
+        f"  what to do: {finding.remedy}",
+        f"  clause: {finding.clause}",
+    ]
+    return "\n".join(map(terminal, lines))
+
+
+def _verdict(suite: etree._Element, report: Report, left_out: int) -> None:
+    """The last suite: whether the audit is complete, so that an incomplete one is red even without any case."""
+    properties = etree.SubElement(suite, "properties")
+    for name, value in (
+        ("verdict", report.verdict.value),
+        ("digest", report.digest),
+        ("weakened", ", ".join(report.weakened)),
+        ("cases that passed and are left out", str(left_out)),
+    ):
+        etree.SubElement(properties, "property", name=name, value=terminal(value))
+    case = etree.SubElement(suite, "testcase", classname="keystore-audit", name="the audit is complete", time="0")
+    if report.verdict is Verdict.INCOMPLETE:
+        etree.SubElement(case, "error", message="Something could not be decided.", type="incomplete")

@@ -1,0 +1,235 @@
+"""The report as SARIF 2.1.0 (OASIS, errata 01), as code scanning services take it.
+
+One run for each keystore. Pure ASCII, and the same bytes for the same value. What the services limit (results, places,
+lengths) is cut from the end, since findings come worst first, and the cut is said in the run's notifications.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final
+from urllib.parse import quote
+
+from keystore_audit.findings import Finding, Location, Severity
+from keystore_audit.properties.counterexample import Counterexample
+from keystore_audit.properties.result import EngineStatus, PropertyResult
+from keystore_audit.report.content import Report, RuleEntry, Verdict
+from keystore_audit.report.encoded import encoded
+from keystore_audit.text import markdown, shorten
+
+SCHEMA: Final = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json"
+KEYSTORE_BASE: Final = "KEYSTORE"
+"""What places are relative to where the keystore was given by an absolute path."""
+
+MAX_RESULTS: Final = 25_000
+MAX_LOCATIONS: Final = 1_000
+MAX_MESSAGE: Final = 1_000
+"""Limits of GitHub code scanning ("SARIF support for code scanning", validating your SARIF file)."""
+
+_LEVELS: Final = {
+    Severity.CRITICAL: "error",
+    Severity.HIGH: "error",
+    Severity.MEDIUM: "warning",
+    Severity.LOW: "note",
+    Severity.INFO: "note",
+}
+_SECURITY_SEVERITY: Final = {
+    Severity.CRITICAL: "9.5",
+    Severity.HIGH: "8.0",
+    Severity.MEDIUM: "5.5",
+    Severity.LOW: "2.0",
+    Severity.INFO: "0.0",
+}
+"""Numbers that services sort by, in the ranges of CVSS: over 9.0 critical, 7.0 high, 4.0 medium, 0.1 low."""
+
+
+def render(reports: Sequence[Report], rules: Sequence[RuleEntry]) -> str:
+    """Return the log of all reports; `rules`: every registered rule, so that each result finds its own."""
+    runs = ",\n    ".join(_run(report, rules) for report in reports)
+    return f'{{\n  "$schema": {encoded(SCHEMA)},\n  "version": "2.1.0",\n  "runs": [\n    {runs}\n  ]\n}}\n'
+
+
+def _run(report: Report, rules: Sequence[RuleEntry]) -> str:
+    """One run, a line for each rule and result."""
+    index = {rule.code: number for number, rule in enumerate(rules)}
+    paths = {result.prop.id: _violated(result) for result in report.properties}
+    shown = report.findings[:MAX_RESULTS]
+    base = _Base(report.keystore)
+    driver = {
+        "name": "keystore-audit",
+        "semanticVersion": report.version,
+        "version": report.version,
+        "informationUri": "https://design.ros2.org/articles/ros2_dds_security.html",
+    }
+    head = {
+        "automationDetails": {"id": f"keystore-audit/{_uri(report.keystore)}/"},
+        "columnKind": "utf16CodeUnits",
+        "invocations": [_invocation(report, cut=len(report.findings) - len(shown))],
+        **base.declared(),
+        "properties": {
+            "verdict": report.verdict.value,
+            "digest": report.digest,
+            "weakened": list(report.weakened),
+            "assumptions": list(report.assumptions),
+            "notChecked": list(report.scope.not_checked),
+        },
+    }
+    described = ",\n      ".join(encoded(_rule(rule)) for rule in rules)
+    results = ",\n      ".join(
+        encoded(_result(finding, index[finding.code], base, paths.get(finding.name, ()))) for finding in shown
+    )
+    tool = encoded(driver)[:-1] + f', "rules": [\n      {described}\n    ]}}'
+    return f'{{"tool": {{"driver": {tool}}}, {encoded(head)[1:-1]}, "results": [\n      {results}\n    ]}}'
+
+
+class _Base:
+    """How the places of one keystore are written: relative to the working directory, or to the keystore."""
+
+    def __init__(self, keystore: str) -> None:
+        self._keystore = keystore
+        self._absolute = keystore.startswith("/")
+
+    def declared(self) -> dict[str, Any]:
+        if not self._absolute:
+            return {}
+        return {"originalUriBaseIds": {KEYSTORE_BASE: {"uri": f"file://{_uri(self._keystore).rstrip('/')}/"}}}
+
+    def artifact(self, location: Location) -> dict[str, str]:
+        if location.beside:
+            return {"uri": _uri(location.path)}
+        path = quote(location.path, safe="/%+,:=@~") or "."
+        if self._absolute:
+            return {"uri": path, "uriBaseId": KEYSTORE_BASE}
+        root = _uri(self._keystore).rstrip("/").removeprefix("./")
+        return {"uri": path if root in ("", ".") else f"{root}/{path}"}
+
+
+def _uri(path: str) -> str:
+    """A path as a relative reference (RFC 3986, 4.2): a colon in its first segment would make it a scheme."""
+    return quote(path.encode("utf-8", "surrogateescape"), safe="/+,=@~")
+
+
+def _invocation(report: Report, *, cut: int) -> dict[str, Any]:
+    """How the audit went. An incomplete one was not successful, whatever it found."""
+    notes = [
+        _notification(
+            "error" if run.required else "note", f"Engine {run.name}: {run.status.value}. {run.reason}".rstrip()
+        )
+        for run in report.engines
+        if run.status not in (EngineStatus.OK, EngineStatus.NOT_RUN)
+    ]
+    if report.verdict is Verdict.INCOMPLETE:
+        notes.append(_notification("error", "The audit is incomplete: something could not be decided."))
+    if report.weakened:
+        notes.append(_notification("warning", f"This gate was weakened: {', '.join(report.weakened)}."))
+    if cut:
+        notes.append(_notification("warning", f"{cut} more findings are left out; the text and JSON reports have all."))
+    return {
+        "executionSuccessful": report.verdict is not Verdict.INCOMPLETE,
+        "exitCode": report.exit_code,
+        "toolExecutionNotifications": notes,
+    }
+
+
+def _notification(level: str, text: str) -> dict[str, Any]:
+    return {"level": level, "message": {"text": text}}
+
+
+def _rule(rule: RuleEntry) -> dict[str, Any]:
+    first, _, _ = rule.description.partition("\n\n")
+    help_text = f"{rule.description}\n\nWhat to do: {rule.remedy}\n\nClause: {rule.clause}"
+    return {
+        "id": rule.code,
+        "name": "".join(word.capitalize() for word in rule.name.split("-")),
+        "shortDescription": {"text": rule.name.replace("-", " ")},
+        "fullDescription": {"text": shorten(" ".join(first.split()), MAX_MESSAGE)},
+        "help": {
+            "text": help_text,
+            "markdown": f"{markdown(rule.description)}\n\n**What to do:** {markdown(rule.remedy)}\n\n"
+            f"**Clause:** {markdown(rule.clause)}",
+        },
+        "defaultConfiguration": {"level": _LEVELS[rule.severity]},
+        "properties": {
+            "tags": ["security", "ros2", "dds-security", rule.code[:3]],
+            "security-severity": _SECURITY_SEVERITY[rule.severity],
+            "precision": "very-high",
+            "problem.severity": "error" if rule.severity.at_least(Severity.HIGH) else "warning",
+        },
+    }
+
+
+def _result(finding: Finding, rule: int, base: _Base, paths: Sequence[Counterexample]) -> dict[str, Any]:
+    """One finding. Services need a place and a line: a finding without any is at the keystore, at line 1."""
+    places = finding.locations[:MAX_LOCATIONS] or (Location(path=""),)
+    result: dict[str, Any] = {
+        "ruleId": finding.code,
+        "ruleIndex": rule,
+        "level": _LEVELS[finding.severity],
+        "message": {"text": shorten(_said(finding), MAX_MESSAGE)},
+        "locations": [_location(places[0], base)],
+        "partialFingerprints": {"keystoreAudit/v1": finding.fingerprint},
+        "properties": {
+            "severity": finding.severity.value,
+            "security-severity": _SECURITY_SEVERITY[finding.severity],
+            "enclave": finding.enclave,
+            "profiles": list(finding.profiles),
+            "clause": finding.clause,
+            "remedy": finding.remedy,
+            "explainedBy": list(finding.explained_by),
+        },
+    }
+    if len(places) > 1:
+        result["relatedLocations"] = [{"id": n, **_location(place, base)} for n, place in enumerate(places[1:], 1)]
+    if flows := [_code_flow(path, base) for path in paths if any(step.path for step in path.steps)]:
+        result["codeFlows"] = flows
+    if finding.suppressed is not None:
+        accepted = finding.suppressed
+        result["suppressions"] = [
+            {
+                "kind": "external",
+                "status": "accepted",
+                "justification": f"{accepted.reason} (until {accepted.until}, {accepted.owner}, {accepted.source})",
+            }
+        ]
+    return result
+
+
+def _said(finding: Finding) -> str:
+    about = f"{finding.enclave}: " if finding.enclave is not None and finding.enclave not in finding.message else ""
+    return f"{about}{finding.message} What to do: {finding.remedy}"
+
+
+def _location(location: Location, base: _Base) -> dict[str, Any]:
+    place: dict[str, Any] = {
+        "physicalLocation": {
+            "artifactLocation": base.artifact(location),
+            "region": {"startLine": location.line or 1},
+        }
+    }
+    if location.message:
+        place["message"] = {"text": location.message}
+    return place
+
+
+def _violated(result: PropertyResult) -> tuple[Counterexample, ...]:
+    """The counterexamples of a property, each once."""
+    found = {answer.counterexample: None for answer in result.profiles.values() if answer.counterexample is not None}
+    return tuple(found)
+
+
+def _code_flow(counterexample: Counterexample, base: _Base) -> Mapping[str, Any]:
+    """The steps of a counterexample that are somewhere, in order."""
+    locations: Iterable[dict[str, Any]] = (
+        {
+            "location": {
+                **_location(Location(path=step.path, line=step.line), base),
+                "message": {"text": f"{step.enclave or 'anybody'}: {step.channel or step.witness}"},
+            }
+        }
+        for step in counterexample.steps
+        if step.path is not None
+    )
+    return {
+        "message": {"text": shorten(counterexample.text, MAX_MESSAGE)},
+        "threadFlows": [{"locations": list(locations)}],
+    }

@@ -1,0 +1,117 @@
+"""The report as an unsigned in-toto Statement v1, for a signer (docs/ci.md) to make an attestation of.
+
+Subjects are the audited files with the SHA-256 of the bytes that were read. Two predicates (in-toto attestation
+framework, spec/predicates): `test-result/v0.1`, which can tell of a failure, and `svr/v0.2`, whose properties are those
+that hold. An incomplete audit never passes in either, and one whose gate was weakened is WARNED at best.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, Final
+
+from keystore_audit.findings import Result
+from keystore_audit.properties.property import Status
+from keystore_audit.properties.result import EngineStatus
+from keystore_audit.report.content import Report, Verdict
+from keystore_audit.report.encoded import encoded, instant
+
+STATEMENT: Final = "https://in-toto.io/Statement/v1"
+TEST_RESULT: Final = "https://in-toto.io/attestation/test-result/v0.1"
+SVR: Final = "https://in-toto.io/attestation/svr/v0.2"
+VERIFIER: Final = "pkg:pypi/keystore-audit"
+"""A package URL, without its version."""
+PREFIX: Final = "KEYSTORE_AUDIT_"
+
+
+def render_test_result(reports: Sequence[Report]) -> str:
+    """Return one statement for each report, a line each: JSON Lines, and with one keystore a JSON document."""
+    return "".join(encoded(_statement(report, TEST_RESULT, _test_result(report))) + "\n" for report in reports)
+
+
+def render_svr(reports: Sequence[Report]) -> str:
+    """Return one statement for each report, a line each; its properties are empty unless the audit passed."""
+    return "".join(encoded(_statement(report, SVR, _svr(report))) + "\n" for report in reports)
+
+
+def _statement(report: Report, kind: str, predicate: dict[str, Any]) -> dict[str, Any]:
+    subjects = [{"name": path, "digest": {"sha256": digest}} for path, digest in report.files]
+    return {"_type": STATEMENT, "subject": subjects, "predicateType": kind, "predicate": predicate}
+
+
+def _test_result(report: Report) -> dict[str, Any]:
+    by_rule: dict[str, set[Result]] = {}
+    for outcome in report.outcomes:
+        by_rule.setdefault(outcome.rule, set()).add(outcome.outcome)
+    deciding = _deciding(report)
+    failed = [rule for rule, results in by_rule.items() if Result.OPEN in results or rule in deciding]
+    warned = [rule for rule, results in by_rule.items() if rule not in failed and Result.FAIL in results]
+    passed = [rule for rule in by_rule if rule not in {*failed, *warned}]
+    return {
+        "result": _result(report, warned=bool(warned)),
+        "configuration": _configuration(report),
+        "passedTests": passed,
+        "warnedTests": warned,
+        "failedTests": failed,
+        "keystoreAudit": _details(report),
+    }
+
+
+def _result(report: Report, *, warned: bool) -> str:
+    """PASSED only for a whole audit at full strength without any finding; incomplete counts as failed."""
+    if report.verdict is not Verdict.PASS:
+        return "FAILED"
+    return "WARNED" if report.weakened or warned else "PASSED"
+
+
+def _deciding(report: Report) -> set[str]:
+    """Rules with a finding that makes the verdict fail."""
+    return {
+        finding.code
+        for finding in report.findings
+        if finding.suppressed is None and report.fail_on is not None and finding.severity.at_least(report.fail_on)
+    }
+
+
+def _svr(report: Report) -> dict[str, Any]:
+    sound = report.verdict is Verdict.PASS and not report.weakened
+    return {
+        "verifier": {
+            "id": f"{VERIFIER}@{report.version}",
+            "policies": _configuration(report),
+            "keystoreAudit": _details(report),
+        },
+        "timeCreated": instant(report.at),
+        "properties": [*_properties(report)] if sound else [],
+    }
+
+
+def _properties(report: Report) -> Iterable[str]:
+    """What holds under every profile that was asked about, by the engines that answered."""
+    yield f"{PREFIX}PASS"
+    for result in report.properties:
+        if result.status is Status.HOLDS:
+            yield PREFIX + result.prop.id.upper().replace("-", "_")
+
+
+def _configuration(report: Report) -> list[dict[str, Any]]:
+    """What the gate was set by, as resource descriptors."""
+    if report.settings is None:
+        return []
+    return [{"name": report.settings.path, "digest": {"sha256": report.settings.sha256}}]
+
+
+def _details(report: Report) -> dict[str, Any]:
+    """What the verdict holds for: extension fields (in-toto attestation framework, parsing rules)."""
+    names = sorted({name for entry in report.enclaves for name in entry.profiles})
+    return {
+        "version": report.version,
+        "at": instant(report.at),
+        "verdict": report.verdict.value,
+        "safeUntil": None if report.safe_until is None else instant(report.safe_until),
+        "keystoreDigest": report.digest,
+        "profiles": names,
+        "engines": {run.name: run.version or "" for run in report.engines if run.status is EngineStatus.OK},
+        "weakened": list(report.weakened),
+        "assumptions": list(report.assumptions),
+    }
