@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime, timedelta
 from difflib import get_close_matches
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -180,11 +179,12 @@ def _audit_all(keystores: Sequence[str], options: Options, *, quiet: bool, verbo
 
     reports: list[Report] = []
     codes: list[int] = []
+    identities = _identities(keystores)
     for keystore in keystores:
         watch = Watch(visible=not quiet and sys.stderr.isatty())
         try:
             with watch:
-                report = audit(keystore, options, progress=watch, elsewhere=_elsewhere(keystore, keystores))
+                report = audit(keystore, options, progress=watch, elsewhere=_elsewhere(keystore, identities))
         except UsageError:
             raise
         except AuditError as error:
@@ -206,22 +206,21 @@ def _audit_all(keystores: Sequence[str], options: Options, *, quiet: bool, verbo
     return reports, min(codes, key=WORST_FIRST.index)
 
 
-def _elsewhere(keystore: str, keystores: Sequence[str]) -> tuple[Identity, ...]:
-    """Return the identities of the other keystores, those that can be read: what cannot is said when it is its turn."""
-    found: list[Identity] = []
+def _elsewhere(keystore: str, identities: Mapping[str, tuple[Identity, ...]]) -> tuple[Identity, ...]:
+    """Return the identities of the other keystores; one directory named twice is no other."""
     here = Path(keystore).resolve()
-    for other in dict.fromkeys(keystores) if len(keystores) > 1 else ():
-        if Path(other).resolve() != here:
-            with suppress(NothingToAudit):
-                found += _identities(other)
-    return tuple(found)
+    return tuple(each for other, found in identities.items() if Path(other).resolve() != here for each in found)
 
 
-@cache
-def _identities(keystore: str) -> tuple[Identity, ...]:
+def _identities(keystores: Sequence[str]) -> dict[str, tuple[Identity, ...]]:
+    """Return the identities of several keystores; of one that cannot be read none: that is said when it is its turn."""
     from keystore_audit.keystore.identity import read_identities
 
-    return read_identities(keystore)
+    found: dict[str, tuple[Identity, ...]] = {}
+    for keystore in keystores if len(keystores) > 1 else ():
+        with suppress(Exception):  # its audit takes the same steps and meets the same fault
+            found[keystore] = read_identities(keystore)
+    return found
 
 
 def _command_meant(keystore: str) -> str:

@@ -75,7 +75,7 @@ def run(args: Sequence[str]) -> int:
     except AuditError as error:
         return _end(error.exit_code, error.message)
     except Exception as error:  # noqa: BLE001 - the one place that keeps a traceback from the user
-        return _end(EXIT_INCOMPLETE, _fault(error, verbose=session.verbose))
+        return _end(EXIT_INCOMPLETE, fault(error, verbose=session.verbose))
     return code if isinstance(code, int) else 0
 
 
@@ -84,7 +84,7 @@ def _end(code: int, sentence: str) -> int:
     return code
 
 
-def _fault(error: Exception, *, verbose: bool) -> str:
+def fault(error: Exception, *, verbose: bool) -> str:
     """Say that this program is at fault; the error's text stays out, since it may quote what it was reading."""
     sentence = "A fault in keystore-audit itself stopped it, so nothing is decided. Please report it."
     if not verbose:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
@@ -65,6 +66,7 @@ class Layout:
     `unreadable_directories`: those that could not be listed. Where the limit of entries was reached, the last one is
     the directory that went beyond it, and nothing after it in order of path was looked at.
     `expected`: what a complete keystore of this kind would hold and this one lacks, in words.
+    `provisioning`: paths of files that only making a keystore needs, by their names.
     """
 
     kind: LayoutKind
@@ -76,6 +78,7 @@ class Layout:
     directory_links: tuple[File, ...]
     unreadable_directories: tuple[File, ...]
     expected: tuple[str, ...]
+    provisioning: tuple[str, ...] = ()
 
 
 _IN_PEM_OR_P11: Final = (Role.IDENTITY_CA, Role.CERTIFICATE, Role.KEY, Role.PERMISSIONS_CA)
@@ -99,6 +102,12 @@ _FLAT_ROOT: Final = frozenset({_ONE_AUTHORITY, b"ca.key.pem", b"governance.p7s",
 """What sros2 put into the root from Ardent to Eloquent."""
 
 _FILE_NAMES: Final = frozenset((*_RUN_TIME, _NAMES[Role.CRL], *_UNSIGNED_NAMES.values(), *_FLAT_ROOT))
+
+_PROVISIONING: Final = re.compile(
+    # Unsigned documents, policies, and what `openssl ca` and `openssl req` leave behind, as sros2 calls them.
+    rb"(governance|permissions|policy|policies)\.xml|[^/]*\.(csr|req|srl|cnf|conf)|(index\.txt|serial)(\.attr|\.old)*"
+    rb"|ecdsaparam|[0-9A-F]{4,40}\.pem"
+)
 
 _ENCLAVE_WANTED: Final = (
     "expected a folder with cert.pem, key.pem, identity_ca.cert.pem, permissions_ca.cert.pem, governance.p7s "
@@ -131,6 +140,7 @@ def discover(root: Root) -> Layout:
         directory_links=tuple(_directory_links(tree, kind)),
         unreadable_directories=tree.unreadable,
         expected=tuple(_expected(tree, kind)),
+        provisioning=tuple(_provisioning(tree)),
     )
 
 
@@ -290,6 +300,13 @@ def _directory_links(tree: _Tree, kind: LayoutKind) -> Iterator[File]:
             unseen = file.status in (Status.OUTSIDE, Status.UNREADABLE) and entry.name not in _FILE_NAMES
             if file.status is Status.DIRECTORY or (unseen and may_hold_enclaves):
                 yield file
+
+
+def _provisioning(tree: _Tree) -> Iterator[str]:
+    for place in tree.listings:
+        for name in sorted(tree.names(place)):
+            if _PROVISIONING.fullmatch(name):
+                yield display(_below(place, name))
 
 
 def _expected(tree: _Tree, kind: LayoutKind) -> Iterator[str]:

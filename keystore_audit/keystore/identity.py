@@ -1,0 +1,55 @@
+"""The identities of a keystore alone, to be compared with those of others that are audited beside it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from keystore_audit.keystore.certificate import Certificate, CertificateFile, read_certificates
+from keystore_audit.keystore.files import File, Status
+from keystore_audit.keystore.layout import Role, discover
+from keystore_audit.keystore.root import Root
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Identity:
+    """An enclave's identity in the keystore `root` (the path as the user gave it).
+
+    `enclave`: its ROS name, untrusted text. `authorities`: the keys of the certificates in its identity CA file.
+    """
+
+    root: str
+    enclave: str
+    certificate: Certificate
+    authorities: frozenset[str]
+
+
+def read_identities(path: str | os.PathLike[str]) -> tuple[Identity, ...]:
+    """The identities of the enclaves in the directory `path` whose certificates can be read.
+
+    Raises NothingToAudit if there is no directory or no enclave in it.
+    """
+    with Root.open(path) as root:
+        read = _reader()
+        found = []
+        for files in discover(root).enclaves:
+            own, authority = (read(files.files[role]) for role in (Role.CERTIFICATE, Role.IDENTITY_CA))
+            if own is not None and own.first is not None:
+                keys = frozenset(certificate.key for certificate in (authority.certificates if authority else ()))
+                found.append(Identity(root=root.path, enclave=files.path, certificate=own.first, authorities=keys))
+        return tuple(found)
+
+
+def _reader() -> Callable[[File], CertificateFile | None]:
+    """Reads each distinct file once: the enclaves of one keystore share their authorities by links."""
+    done: dict[str, CertificateFile] = {}
+
+    def read(file: File) -> CertificateFile | None:
+        if file.status is not Status.PRESENT:
+            return None
+        if file.place not in done:
+            done[file.place] = read_certificates(file)
+        return done[file.place]
+
+    return read

@@ -1,0 +1,203 @@
+"""KA6: what a robot is given beside its keystore, what robots share, and how long it lasts."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from datetime import datetime, timedelta
+from typing import Any, Final
+
+from keystore_audit.findings import Location, Severity
+from keystore_audit.keystore.certificate import Certificate
+from keystore_audit.keystore.identity import Identity
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.rules.certificate import ISSUE_AGAIN
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.permissions import instant_of, own_grants
+from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.subjects import permissions_uses
+from keystore_audit.rules.wording import instant, listed, places, quoted
+
+LONGEST: Final = timedelta(days=2 * 366)
+"""How long an identity or a grant may last: NIST SP 800-57 part 1 has one to two years for authentication keys."""
+
+_LATER: Final = timedelta(days=1)
+"""How much later than its certificate an enclave's permissions are signed where both were made in one go."""
+
+_Shared = tuple[Enclave, Certificate, Identity]
+
+
+def _deployed(_keystore: Keystore, context: Context) -> bool:
+    return context.deployed
+
+
+@rule(
+    "KA664",
+    "provisioning-leftover",
+    Severity.INFO,
+    on=Keystore,
+    clause="ROS 2 design, ROS 2 security enclaves (the files that a run time reads); CWE-538",
+    remedy="Copy only what a run time reads: of each enclave the six files, crl.pem, and what their links lead to.",
+    applies=lambda keystore, _context: bool(keystore.layout.provisioning),
+)
+def provisioning_leftover(keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """Files that only making the keystore needs: unsigned XML, policies, requests, serial numbers, configuration.
+
+    No run time reads them. They tell whoever has the robot how the fleet is set up, and an unsigned document is taken
+    for the signed one in reviews. They are told by their names. A note where keystores are made, low in a tree that
+    goes on a robot (--deployed).
+    """
+    found = keystore.layout.provisioning
+    where = "no robot needs them" if context.deployed else "they need not go on robots"
+    files = "1 file" if len(found) == 1 else f"{len(found)} files"
+    yield Violation(
+        message=f"{files} that no run time reads: {listed(found)}; {where}.",
+        locations=places(Location(path=path) for path in found),
+        severity=Severity.LOW if context.deployed else None,
+    )
+
+
+@rule(
+    "KA665",
+    "long-validity",
+    Severity.LOW,
+    on=Keystore,
+    clause="NIST SP 800-57 part 1 revision 5, 5.3.6 (one to two years for authentication keys)",
+    remedy="Issue identities for a year or two, `openssl x509 -req -days 365` in place of sros2's ten years, change "
+    "<not_after> in permissions.xml before it is signed, and renew both in time.",
+    applies=_deployed,
+)
+def long_validity(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+    """Identities or grants are valid for more than two years.
+
+    A robot that is lost, sold or broken into keeps its identity and rights until they end; without revocation lists
+    that is the only end there is, and no run time asks for one. Looked at where the tree goes on a robot (--deployed).
+    Authorities, which have to outlast what they issue, are left aside, and so are grants for others than those who
+    carry them.
+    """
+    certificates = [each for each in _identities(keystore) if each[1].not_after - each[1].not_before > LONGEST]
+    lasting = [(c.not_after, e.path, Location(path=c.path, line=c.line)) for e, c in certificates]
+    grants = list(_long_grants(keystore))
+    if lasting or grants:
+        end, whose, _place = max([*lasting, *grants], key=lambda found: found[0])
+        yield Violation(
+            message=f"Valid for more than two years: {len(lasting)} identities and {len(grants)} grants, the longest "
+            f"until {instant(end)} ({whose}).",
+            locations=places(place for _end, _whose, place in (*lasting, *grants)),
+        )
+
+
+def _identities(keystore: Keystore) -> Iterator[tuple[Enclave, Certificate]]:
+    for enclave in keystore.enclaves:
+        if enclave.certificate is not None and enclave.certificate.first is not None:
+            yield enclave, enclave.certificate.first
+
+
+def _long_grants(keystore: Keystore) -> Iterator[tuple[datetime, str, Location]]:
+    """Grants of enclaves that last too long: their end, the enclave's path and their line."""
+    for use in permissions_uses(keystore):
+        for grant in own_grants(use) if use.speaks else ():
+            start, end = instant_of(grant.not_before), instant_of(grant.not_after)
+            if start is not None and end is not None and end - start > LONGEST:
+                place = Location(path=use.signed.file.place, line=grant.not_after.line)
+                yield end, use.enclaves[0].path, place
+
+
+@rule(
+    "KA666",
+    "identity-shared-by-robots",
+    Severity.HIGH,
+    on=Keystore,
+    clause="DDS-Security 1.1, 9.3.1 (the identity of a participant); CWE-321",
+    remedy="Give every robot keys and subjects of its own, for example /robot1/talker and /robot2/talker. "
+    + ISSUE_AGAIN,
+    applies=lambda _keystore, context: bool(context.elsewhere),
+)
+def identity_shared_by_robots(keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """An enclave here and one in another keystore of this run have one identity key, or one subject under one CA.
+
+    With one key, whoever takes one robot passes for the other, and revoking one certificate stops both. With one
+    subject (medium), a grant for either is one for both: peers find grants by subject. Only keystores that are audited
+    together are compared.
+    """
+    by_key, by_subject = defaultdict(list), defaultdict(list)
+    for other in context.elsewhere:
+        by_key[other.certificate.key].append(other)
+        by_subject[other.certificate.subject_der].append(other)
+    same_key: list[_Shared] = []
+    same_subject: list[_Shared] = []
+    for enclave, certificate in _identities(keystore):
+        keys = {authority.key for authority in (enclave.identity_ca.certificates if enclave.identity_ca else ())}
+        same_key += [(enclave, certificate, other) for other in by_key[certificate.key]]
+        same_subject += [
+            (enclave, certificate, other)
+            for other in by_subject[certificate.subject_der]
+            if other.certificate.key != certificate.key and keys & other.authorities
+        ]
+    says = "have one identity key: each passes for the other, and revoking one stops both"
+    yield from _shared(same_key, says, "the same key")
+    says = "have one subject under one identity CA: a grant for either is one for both"
+    yield from _shared(same_subject, says, "the same subject", severity=Severity.MEDIUM)
+
+
+def _shared(found: Sequence[_Shared], says: str, why: str, severity: Severity | None = None) -> Iterator[Violation]:
+    """One violation for all enclaves that share something with others."""
+    if not found:
+        return
+    enclave, _certificate, other = found[0]
+    more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+    locations = []
+    for _enclave, certificate, twin in found:
+        locations.append(Location(path=certificate.path, line=certificate.line))
+        beside = f"{twin.root.rstrip('/')}/{twin.certificate.path}"
+        locations.append(Location(path=beside, line=twin.certificate.line, message=why, beside=True))
+    yield Violation(
+        message=f"{enclave.path} and {other.enclave} in {quoted(other.root)} {says}{more}.",
+        locations=places(locations),
+        enclave=enclave.path if len({shared[0].path for shared in found}) == 1 else None,
+        severity=severity,
+        key=why,
+    )
+
+
+@rule(
+    "KA667",
+    "certificate-older-than-permissions",
+    Severity.INFO,
+    on=Keystore,
+    clause="RFC 5652, 11.3 (signingTime); DDS-Security 1.1, 9.4.1.3 (grants name a subject, and have dates)",
+    remedy="Where rights were taken away, issue the identity again under another subject, or wait until the dates of "
+    "the older documents are past.",
+    applies=_deployed,
+)
+def certificate_older_than_permissions(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+    """Permissions were signed more than a day after the certificate that they are for was issued.
+
+    So it is where rights were changed and the identity was kept. If there were other permissions before, they go on
+    counting until their dates end; whether there were cannot be known from these files. The time is the signer's own
+    word, looked at where the permissions CA signed and the tree goes on a robot (--deployed).
+    """
+    later: dict[str, tuple[datetime, datetime, Location]] = {}
+    for use in permissions_uses(keystore):
+        times = [signature.signing_time for signature in use.signed.signatures if signature.signing_time is not None]
+        for enclave in use.enclaves if times and use.genuine_everywhere else ():
+            first = enclave.certificate.first if enclave.certificate else None
+            if first is not None and min(times) - first.not_before > _LATER:
+                later[enclave.path] = (first.not_before, min(times), Location(path=use.signed.file.place))
+    if later:
+        path, (issued, signed, _place) = next(iter(later.items()))
+        more = f" (and {len(later) - 1} more)" if len(later) > 1 else ""
+        yield Violation(
+            message=f"{path} has a certificate of {instant(issued)} and permissions that were signed at "
+            f"{instant(signed)}{more}: if there were others before, they still count.",
+            locations=places(place for _issued, _signed, place in later.values()),
+            enclave=path if len(later) == 1 else None,
+        )
+
+
+PROVISIONING: tuple[Rule[Any], ...] = (
+    provisioning_leftover,
+    long_validity,
+    identity_shared_by_robots,
+    certificate_older_than_permissions,
+)
