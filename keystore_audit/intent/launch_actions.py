@@ -5,7 +5,7 @@ The three readers (`launch_entities` for XML and YAML, `launch_python`) make the
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 
 
@@ -95,11 +95,19 @@ class PushNamespace(Action):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SetRemap(Action):
-    """Nodes behind it, to the end of the group, use another name if they use `source`."""
+class Remap:
+    """A node that would use `source` uses `target`."""
 
+    line: int
     source: Text
     target: Text
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetRemap(Action):
+    """The remapping holds for all nodes behind it, to the end of the group."""
+
+    remap: Remap
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,17 +131,22 @@ class Include(Action):
     arguments: tuple[tuple[Text, Text], ...]
 
 
+class NodeKind(str, Enum):
+    """What is known of a node by how it is started."""
+
+    PLAIN = "plain"
+    LIFECYCLE = "lifecycle"
+    CONTAINER = "container"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeNames:
-    """Names of a node, in a process of its own or in another's.
-
-    `name` None: the program chooses. `remaps`: from, to.
-    """
+    """Names of a node, in a process of its own or in another's. `name` None: the program chooses."""
 
     line: int
     name: Text | None
     namespace: Text | None
-    remaps: tuple[tuple[Text, Text], ...]
+    remaps: tuple[Remap, ...]
     conditions: tuple[Condition | Comparison, ...] = ()
 
 
@@ -141,16 +154,15 @@ class NodeNames:
 class StartNode(Action):
     """A process with a node; `components` are loaded into it.
 
-    `arguments`: the command line, each entry split at blanks; `ros_arguments`: those behind `--ros-args`.
+    `arguments`: the words of its command line; `ros_arguments`: those that come behind `--ros-args`.
     """
 
+    kind: NodeKind
     names: NodeNames
     arguments: tuple[Text, ...] = ()
     ros_arguments: tuple[Text, ...] = ()
     environment: tuple[tuple[Text, Text], ...] = ()
     components: tuple[NodeNames, ...] = ()
-    split: bool = field(default=True)
-    """Whether an argument is split at blanks, as XML and YAML do with one text, or is one word, as in Python."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -163,13 +175,6 @@ class LoadComponents(Action):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unread(Action):
-    """Something that may start nodes or change what others are; `reason` says what and why, a sentence's beginning."""
+    """Something that may start nodes or change what others are; `reason` says what it is, words."""
 
     reason: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Description:
-    """All actions of one file."""
-
-    actions: tuple[Action, ...] = field(default=())

@@ -13,6 +13,9 @@ from keystore_audit.intent.launch_actions import Part, Reference, Text, Unknown,
 MAX_DEPTH: Final = 16
 """Substitutions within each other."""
 
+MAX_SUBSTITUTIONS: Final = 256
+"""Substitutions of one text: each is worked out again wherever a file is included."""
+
 _RUN: Final = {
     "find-pkg-share": "where a package is installed",
     "find-pkg-prefix": "where a package is installed",
@@ -44,6 +47,7 @@ def literal(text: Text) -> str | None:
 class _Reader:
     def __init__(self, text: str) -> None:
         self._text = text
+        self._found = 0
 
     def text(self, at: int, ends: str, depth: int) -> tuple[Text, int]:
         """Read until one of the signs `ends`, or to the end of all; the offset returned is that of the sign."""
@@ -67,8 +71,10 @@ class _Reader:
         return tuple(parts), at
 
     def _substitution(self, begin: int, depth: int) -> tuple[Part, int]:
-        if depth > MAX_DEPTH:
-            raise SubstitutionError(f"substitutions more than {MAX_DEPTH} deep, which are not read")
+        self._found += 1
+        if depth > MAX_DEPTH or self._found > MAX_SUBSTITUTIONS:
+            limits = f"more than {MAX_SUBSTITUTIONS} substitutions, or {MAX_DEPTH} within each other"
+            raise SubstitutionError(f"{limits}, which are not read")
         arguments: list[Text] = []
         at = self._after_blanks(begin + 2)
         while self._text[at : at + 1] != ")":

@@ -1,0 +1,252 @@
+"""From the elements of XML and YAML launch files to actions: both forms have the same elements and attributes.
+
+Sources: launch's and launch_ros's `expose_action` names and their `parse` methods (Humble to Rolling).
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from keystore_audit.intent.launch_actions import (
+    Action,
+    Assign,
+    AssignEnvironment,
+    Condition,
+    Declare,
+    Group,
+    Include,
+    LoadComponents,
+    NodeKind,
+    NodeNames,
+    Part,
+    PushNamespace,
+    Remap,
+    SetRemap,
+    StartNode,
+    Text,
+    Unknown,
+    Unread,
+)
+from keystore_audit.intent.source import Source, shown
+from keystore_audit.intent.substitution import SubstitutionError, parse
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Entity:
+    """An element with its attributes, as written, and the elements in it. `kind`: its name, `-` written as `_`."""
+
+    kind: str
+    line: int
+    attributes: Mapping[str, str]
+    children: tuple[Entity, ...]
+
+    def called(self, *kinds: str) -> tuple[Entity, ...]:
+        """The elements in it of these kinds."""
+        return tuple(child for child in self.children if child.kind in kinds)
+
+
+INERT: Final = frozenset(
+    {"log", "log_debug", "log_info", "log_warning", "log_error", "set_parameter", "set_parameters_from_file"}
+    | {"set_use_sim_time", "set_ros_log_dir", "shutdown", "lifecycle_transition", "emit_event"}
+)
+"""Elements that neither start a node nor change the names of one."""
+
+_YES: Final = frozenset({"true", "1", "yes", "on"})
+_NO: Final = frozenset({"false", "0", "no", "off"})
+
+
+def actions(root: Entity, source: Source) -> tuple[Action, ...]:
+    """Read the elements of a whole launch file. Raises UsageError, naming file and line."""
+    return _Entities(source).all(root.children)
+
+
+class _Entities:
+    def __init__(self, source: Source) -> None:
+        self._source = source
+
+    def all(self, entities: Iterable[Entity]) -> tuple[Action, ...]:
+        return tuple(action for entity in entities if (action := self._action(entity)) is not None)
+
+    def _action(self, entity: Entity) -> Action | None:
+        if entity.kind in INERT:
+            return None
+        read = _READERS.get(entity.kind)
+        if read is None:
+            said = f"the element {shown(entity.kind)} is not read; it may start nodes or change their names"
+            return Unread(line=entity.line, conditions=self._conditions(entity), reason=said)
+        return read(self, entity)
+
+    def declare(self, entity: Entity) -> Action:
+        """An `<arg>` of the file."""
+        default = self._optional(entity, "default")
+        name = self._text(entity, "name")
+        return Declare(line=entity.line, conditions=self._conditions(entity), name=name, default=default)
+
+    def let(self, entity: Entity) -> Action:
+        """A `<let>`."""
+        name, value = self._text(entity, "name"), self._text(entity, "value")
+        return Assign(line=entity.line, conditions=self._conditions(entity), name=name, value=value)
+
+    def set_env(self, entity: Entity) -> Action:
+        """A `<set_env>`, or an `<append_env>`, which adds to what nobody knows."""
+        value: Text | None = self._text(entity, "value") if entity.kind != "unset_env" else None
+        if entity.kind == "append_env":
+            value = (Unknown(reason="an environment variable that is added to"),)
+        name = self._text(entity, "name")
+        return AssignEnvironment(line=entity.line, conditions=self._conditions(entity), name=name, value=value)
+
+    def push_namespace(self, entity: Entity) -> Action:
+        """A `<push_ros_namespace>`."""
+        namespace = self._text(entity, "namespace")
+        return PushNamespace(line=entity.line, conditions=self._conditions(entity), namespace=namespace)
+
+    def set_remap(self, entity: Entity) -> Action:
+        """A `<set_remap>`."""
+        return SetRemap(line=entity.line, conditions=self._conditions(entity), remap=self._remap(entity))
+
+    def group(self, entity: Entity) -> Action:
+        """A `<group>`."""
+        inner = tuple(child for child in entity.children if child.kind != "keep")
+        return Group(
+            line=entity.line,
+            conditions=self._conditions(entity),
+            actions=self.all(inner),
+            scoped=self._switch(entity, "scoped"),
+            forwarding=self._switch(entity, "forwarding"),
+            given=self._values(entity.called("keep")),
+        )
+
+    def timer(self, entity: Entity) -> Action:
+        """A `<timer>`: what happens later changes nothing for what stands behind it."""
+        return Group(line=entity.line, conditions=self._conditions(entity), actions=self.all(entity.children))
+
+    def include(self, entity: Entity) -> Action:
+        """An `<include>`, with `<arg>` or `<let>` for its arguments."""
+        return Include(
+            line=entity.line,
+            conditions=self._conditions(entity),
+            path=self._text(entity, "file"),
+            arguments=self._values(entity.called("arg", "let")),
+        )
+
+    def node(self, entity: Entity) -> Action:
+        """A `<node>`, `<lifecycle_node>` or `<node_container>`."""
+        self._text(entity, "exec")
+        kind = {"lifecycle_node": NodeKind.LIFECYCLE, "node_container": NodeKind.CONTAINER}.get(entity.kind)
+        return StartNode(
+            line=entity.line,
+            conditions=self._conditions(entity),
+            kind=kind or NodeKind.PLAIN,
+            names=self._names(entity),
+            arguments=self._words(entity, "args"),
+            ros_arguments=self._words(entity, "ros_args"),
+            environment=self._values(entity.called("env")),
+            components=self._components(entity),
+        )
+
+    def load(self, entity: Entity) -> Action:
+        """A `<load_composable_node>`."""
+        target = self._text(entity, "target")
+        components = self._components(entity)
+        return LoadComponents(
+            line=entity.line, conditions=self._conditions(entity), target=target, components=components
+        )
+
+    def process(self, entity: Entity) -> Action:
+        """An `<executable>`."""
+        said = "a process is started here; whether it is a node, and which, is not known"
+        return Unread(line=entity.line, conditions=self._conditions(entity), reason=said)
+
+    def _components(self, entity: Entity) -> tuple[NodeNames, ...]:
+        found = []
+        for component in entity.called("composable_node"):
+            self._text(component, "plugin")
+            found.append(self._names(component))
+        return tuple(found)
+
+    def _names(self, entity: Entity) -> NodeNames:
+        return NodeNames(
+            line=entity.line,
+            name=self._optional(entity, "name"),
+            namespace=self._optional(entity, "namespace"),
+            remaps=tuple(self._remap(remap) for remap in entity.called("remap")),
+            conditions=self._conditions(entity) if entity.kind == "composable_node" else (),
+        )
+
+    def _remap(self, entity: Entity) -> Remap:
+        return Remap(line=entity.line, source=self._text(entity, "from"), target=self._text(entity, "to"))
+
+    def _values(self, entities: Iterable[Entity]) -> tuple[tuple[Text, Text], ...]:
+        return tuple((self._text(entity, "name"), self._text(entity, "value")) for entity in entities)
+
+    def _conditions(self, entity: Entity) -> tuple[Condition, ...]:
+        found = ((self._optional(entity, key), key == "unless") for key in ("if", "unless"))
+        return tuple(Condition(text=text, negated=negated) for text, negated in found if text is not None)
+
+    def _switch(self, entity: Entity, attribute: str) -> bool:
+        """An attribute that is true unless it says otherwise."""
+        written = entity.attributes.get(attribute, "true")
+        if written.strip().lower() not in _YES | _NO:
+            found = f"expected {attribute!r} to be true or false, found {shown(written)}"
+            raise self._source.malformed(entity.line, found)
+        return written.strip().lower() in _YES
+
+    def _text(self, entity: Entity, attribute: str) -> Text:
+        text = self._optional(entity, attribute)
+        if text is None:
+            raise self._source.malformed(entity.line, f"expected {entity.kind!r} to have {attribute!r}, found none")
+        return text
+
+    def _optional(self, entity: Entity, attribute: str) -> Text | None:
+        written = entity.attributes.get(attribute)
+        if written is None:
+            return None
+        try:
+            return parse(written)
+        except SubstitutionError as error:
+            raise self._source.malformed(entity.line, f"in {attribute!r} {error}") from None
+
+    def _words(self, entity: Entity, attribute: str) -> tuple[Text, ...]:
+        """A command line: split at blanks as a shell does, but for what substitutions give."""
+        words: list[list[Part]] = [[]]
+        for part in self._optional(entity, attribute) or ():
+            if not isinstance(part, str):
+                words[-1].append(part)
+                continue
+            try:
+                tokens = shlex.split(part)
+            except ValueError:
+                raise self._source.malformed(entity.line, f"a quote in {attribute!r} opened and never closed") from None
+            if part[0].isspace() or not tokens:
+                words.append([])
+            for number, token in enumerate(tokens):
+                if number:
+                    words.append([])
+                words[-1].append(token)
+            if part[-1].isspace():
+                words.append([])
+        return tuple(tuple(word) for word in words if word)
+
+
+_READERS: Final[Mapping[str, Callable[[_Entities, Entity], Action]]] = {
+    "arg": _Entities.declare,
+    "let": _Entities.let,
+    "set_env": _Entities.set_env,
+    "unset_env": _Entities.set_env,
+    "append_env": _Entities.set_env,
+    "push_ros_namespace": _Entities.push_namespace,
+    "push_namespace": _Entities.push_namespace,
+    "set_remap": _Entities.set_remap,
+    "group": _Entities.group,
+    "timer": _Entities.timer,
+    "ros_timer": _Entities.timer,
+    "include": _Entities.include,
+    "node": _Entities.node,
+    "lifecycle_node": _Entities.node,
+    "node_container": _Entities.node,
+    "load_composable_node": _Entities.load,
+    "executable": _Entities.process,
+}

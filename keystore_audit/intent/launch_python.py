@@ -1,0 +1,206 @@
+"""Launch files in Python, read as text: parsed, never imported, compiled or run.
+
+The statements of the file and of its `generate_launch_description` are followed in order as long as they go straight
+on: imports, names that are set, lists that grow. Whatever else there is, is noted with its line, and what it may have
+changed is not known from there on.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterable, Iterator
+from typing import Final
+
+from keystore_audit.intent.launch_actions import Action, Unread
+from keystore_audit.intent.python_actions import actions_of
+from keystore_audit.intent.python_expressions import Expressions
+from keystore_audit.intent.python_values import Growing, Imported, Items, Opaque, Pairs, Value, frozen
+from keystore_audit.intent.source import Source, shown
+
+MAX_CHARACTERS: Final = 1 << 17
+"""Length of a launch file in Python, the largest are a fifth: CPython's parser before 3.11 does not bound the depth."""
+
+ENTRY: Final = "generate_launch_description"
+"""The function that launch calls."""
+
+_ADD_ONE: Final = frozenset({"add_action", "add_entity", "append"})
+
+
+def read(source: Source) -> tuple[Action, ...]:
+    """Read a launch file. Raises UsageError, naming file and line, for what is no Python."""
+    if len(source.text) > MAX_CHARACTERS:
+        raise source.malformed(None, f"more than {MAX_CHARACTERS} characters of Python, which are not read")
+    try:
+        module = ast.parse(source.text)
+    except SyntaxError as error:
+        raise source.malformed(error.lineno, f"the text is no Python: {error.msg}") from None
+    except (ValueError, RecursionError, MemoryError):  # a NUL character, expressions too deep for the parser
+        raise source.malformed(None, "the text is no Python, or too deep to be parsed") from None
+    names: dict[str, Value] = {}
+    outer = _Statements(source, names)
+    outer.follow(module.body)
+    if outer.entry is None:
+        return (*outer.unread, Unread(line=1, reason=f"no function {ENTRY} is defined here, which may start nodes"))
+    inner = _Statements(source, dict(names))
+    inner.follow(outer.entry.body)
+    return (*outer.unread, *inner.unread, *inner.returned(outer.entry))
+
+
+class _Statements:
+    """Statements in order; `unread` collects those that are not followed."""
+
+    def __init__(self, source: Source, names: dict[str, Value]) -> None:
+        self.unread: list[Action] = []
+        self.entry: ast.FunctionDef | None = None
+        self._names = names
+        self._expressions = Expressions(source, names)
+        self._functions: set[str] = set()
+        self._returned: Value | None = None
+        self._ended = False
+
+    def returned(self, function: ast.FunctionDef) -> Iterator[Action]:
+        """The actions of the launch description that is returned."""
+        value = self._returned
+        if isinstance(value, Growing):
+            value = frozen(value, function.lineno)
+        if isinstance(value, (Items, Opaque)):
+            yield from actions_of(value, function.lineno)
+        else:
+            yield Unread(line=function.lineno, reason=f"what {ENTRY} returns is not read; it may start nodes")
+
+    def follow(self, statements: Iterable[ast.stmt]) -> None:
+        """Follow statements until one returns."""
+        for statement in statements:
+            if self._ended:
+                return
+            self._statement(statement)
+
+    def _statement(self, statement: ast.stmt) -> None:
+        if isinstance(statement, (ast.Import, ast.ImportFrom)):
+            self._import(statement)
+        elif isinstance(statement, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
+            self._define(statement)
+        elif any(isinstance(node, ast.NamedExpr) for node in ast.walk(statement)):
+            self._not_followed(statement)
+        elif isinstance(statement, ast.Return):
+            self._returned = None if statement.value is None else self._value(statement.value, statement)
+            self._ended = True
+        elif isinstance(statement, ast.Assign) and len(statement.targets) == 1:
+            self._assign(statement, statement.targets[0], statement.value)
+        elif isinstance(statement, ast.AnnAssign) and statement.value is not None:
+            self._assign(statement, statement.target, statement.value)
+        elif isinstance(statement, ast.AugAssign):
+            self._grow(statement)
+        elif isinstance(statement, ast.Expr):
+            self._expression(statement)
+        elif not (isinstance(statement, (ast.Pass, ast.AnnAssign)) or _is_main(statement)):
+            self._not_followed(statement)
+
+    def _import(self, statement: ast.Import | ast.ImportFrom) -> None:
+        for alias in statement.names:
+            if alias.name == "*":
+                self._not_followed(statement)
+            elif isinstance(statement, ast.Import):
+                bound = alias.asname or alias.name.split(".", 1)[0]
+                self._names[bound] = Imported(path=alias.name if alias.asname else bound)
+            else:
+                module = statement.module or ""
+                self._names[alias.asname or alias.name] = Imported(path=f"{'.' * statement.level}{module}.{alias.name}")
+
+    def _define(self, statement: ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) -> None:
+        if statement.name == ENTRY:
+            plain = isinstance(statement, ast.FunctionDef) and not statement.decorator_list
+            self.entry = statement if plain and isinstance(statement, ast.FunctionDef) else None
+        self._functions.add(statement.name)
+        self._names[statement.name] = Opaque(line=statement.lineno, reason=f"the function {shown(statement.name)}")
+
+    def _assign(self, statement: ast.stmt, target: ast.expr, value: ast.expr) -> None:
+        if isinstance(target, ast.Name):
+            self._names[target.id] = self._value(value, statement)
+        else:
+            self._not_followed(statement)
+
+    def _value(self, node: ast.expr, statement: ast.stmt) -> Value:
+        """The value of an expression; a call that is not followed may add to lists that it gets or knows."""
+        value = self._expressions.value(node)
+        if isinstance(value, Opaque):
+            names = [found.id for found in ast.walk(node) if isinstance(found, ast.Name)]
+            if any(name in self._functions or isinstance(self._names.get(name), Growing) for name in names):
+                self._not_followed(statement)
+        return value
+
+    def _grow(self, statement: ast.AugAssign) -> None:
+        target = statement.target
+        held = self._names.get(target.id) if isinstance(target, ast.Name) else None
+        added = frozen(self._expressions.value(statement.value), statement.lineno)
+        if isinstance(held, Growing) and isinstance(statement.op, ast.Add) and isinstance(added, Items):
+            self._add(held, added.items, statement)
+        else:
+            self._not_followed(statement)
+
+    def _add(self, held: Growing, items: Iterable[Value], statement: ast.stmt) -> None:
+        if held.used:
+            self._not_followed(statement)  # what it is part of grows with it, or does not: that depends on launch
+        held.items += items
+
+    def _expression(self, statement: ast.Expr) -> None:
+        """A statement that is an expression: a docstring, or a list that grows."""
+        node = statement.value
+        if isinstance(node, ast.Constant):
+            return
+        called = node.func if isinstance(node, ast.Call) else None
+        held = self._expressions.value(called.value) if isinstance(called, ast.Attribute) else None
+        if (
+            not isinstance(held, Growing)
+            or not isinstance(node, ast.Call)
+            or not isinstance(called, ast.Attribute)
+            or len(node.args) != 1
+            or node.keywords
+        ):
+            self._not_followed(statement)
+            return
+        added = frozen(self._expressions.value(node.args[0]), statement.lineno)
+        if called.attr in _ADD_ONE:
+            self._add(held, (added,), statement)
+        elif called.attr == "extend" and isinstance(added, Items):
+            self._add(held, added.items, statement)
+        else:
+            self._not_followed(statement)
+
+    def _not_followed(self, statement: ast.stmt) -> None:
+        """Note a statement; nothing that it may set or change is known from here on."""
+        said = "a statement that is not followed; it may start nodes or change their names"
+        self.unread.append(Unread(line=statement.lineno, reason=said))
+        lost = Opaque(line=statement.lineno, reason=f"what the statement in line {statement.lineno} sets")
+        if isinstance(statement, ast.ImportFrom):  # a star: every name may be another now
+            for name in self._names:
+                self._names[name] = lost
+        for node in ast.walk(statement):
+            if isinstance(node, ast.Name):
+                held = self._names.get(node.id)
+                changed = isinstance(held, Growing) and not held.description
+                if not isinstance(node.ctx, ast.Load) or changed or isinstance(held, Pairs):
+                    self._names[node.id] = lost
+            elif isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
+                self._names[node.name] = lost
+                self.entry = None if node.name == ENTRY else self.entry
+            elif isinstance(node, ast.alias):
+                self._names[(node.asname or node.name).split(".", 1)[0]] = lost
+            elif isinstance(node, (ast.ExceptHandler, ast.MatchAs, ast.MatchStar)) and node.name is not None:
+                self._names[node.name] = lost
+            elif isinstance(node, ast.MatchMapping) and node.rest is not None:
+                self._names[node.rest] = lost
+
+
+def _is_main(statement: ast.stmt) -> bool:
+    """Whether it is `if __name__ == "__main__":`, which is never so when launch loads the file."""
+    test = statement.test if isinstance(statement, ast.If) and not statement.orelse else None
+    return (
+        isinstance(test, ast.Compare)
+        and isinstance(test.left, ast.Name)
+        and test.left.id == "__name__"
+        and len(test.ops) == 1
+        and isinstance(test.ops[0], ast.Eq)
+        and isinstance(test.comparators[0], ast.Constant)
+        and test.comparators[0].value == "__main__"
+    )

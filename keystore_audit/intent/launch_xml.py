@@ -1,0 +1,30 @@
+"""Launch files in XML: their elements, with attributes and lines."""
+
+from __future__ import annotations
+
+from lxml import etree
+
+from keystore_audit.intent.launch_entities import Entity
+from keystore_audit.intent.source import Source, shown
+from keystore_audit.keystore.xml import Malformed, parse_unsigned, source_line
+
+
+def read(source: Source) -> Entity:
+    """Read the elements of a launch file. Raises UsageError, naming file and line."""
+    try:
+        root = parse_unsigned(source.text.encode())
+    except Malformed as error:
+        raise source.malformed(error.line, error.detail) from None
+    if root.tag != "launch":
+        raise source.malformed(source_line(root), f"expected <launch>, found <{shown(str(root.tag))[1:-1]}>")
+    return _entity(root)
+
+
+def _entity(element: etree._Element) -> Entity:
+    """The element; the parser lets none lie deeper than 256."""
+    return Entity(
+        kind=str(element.tag).replace("-", "_"),
+        line=source_line(element) or 1,
+        attributes={str(name): str(value) for name, value in element.items()},
+        children=tuple(_entity(child) for child in element.iterchildren(etree.Element)),
+    )

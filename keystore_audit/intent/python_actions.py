@@ -1,0 +1,381 @@
+"""What calling a class of launch or launch_ros makes: actions, substitutions, conditions (Humble to Rolling)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from keystore_audit.intent.launch_actions import (
+    Action,
+    Assign,
+    AssignEnvironment,
+    Comparison,
+    Condition,
+    Declare,
+    Group,
+    Include,
+    LoadComponents,
+    NodeKind,
+    NodeNames,
+    PushNamespace,
+    Reference,
+    Remap,
+    SetRemap,
+    StartNode,
+    Text,
+    Unknown,
+    Unread,
+    Variable,
+)
+from keystore_audit.intent.python_values import (
+    NONE,
+    ActionValue,
+    ComponentValue,
+    ConditionValue,
+    Growing,
+    HandlerValue,
+    Items,
+    Opaque,
+    Pairs,
+    Plain,
+    TextValue,
+    Value,
+    bounded,
+    text_of,
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Call:
+    """A call with its arguments, all worked out as far as they can be. `name`: of the class, without its module."""
+
+    line: int
+    name: str
+    positional: Sequence[Value]
+    keywords: Mapping[str, Value]
+
+    def get(self, keyword: str, position: int | None = None, other: str = "") -> Value:
+        """The argument of that keyword, or its `other` name, or at that position; None where it is not given."""
+        for key in (keyword, other):
+            if key in self.keywords:
+                return self.keywords[key]
+        if position is not None and position < len(self.positional):
+            return self.positional[position]
+        return NONE
+
+    def text(self, keyword: str, position: int | None = None, other: str = "") -> Text:
+        """An argument that has to be there."""
+        value = self.get(keyword, position, other)
+        return text_of(value) if value != NONE else (Unknown(reason=f"{keyword!r}, which is not given"),)
+
+    def optional(self, keyword: str, position: int | None = None, other: str = "") -> Text | None:
+        """An argument that may be missing or None."""
+        value = self.get(keyword, position, other)
+        return text_of(value) if value != NONE else None
+
+    def listed(self, keyword: str, position: int | None = None, other: str = "") -> Iterator[Value]:
+        """The values of a list; one Opaque where it is none."""
+        value = self.get(keyword, position, other)
+        if isinstance(value, Items):
+            yield from value.items
+        elif value != NONE:
+            yield value if isinstance(value, Opaque) else Opaque(line=self.line, reason="a value that is no list")
+
+    @property
+    def conditions(self) -> tuple[Condition | Comparison, ...]:
+        """The condition of an action."""
+        value = self.get("condition")
+        if value == NONE:
+            return ()
+        if isinstance(value, ConditionValue):
+            return (value.condition,)
+        return (Condition(text=text_of(value)),)
+
+    def switch(self, keyword: str) -> bool:
+        """An argument that is True unless it says False."""
+        return self.get(keyword) != Plain(value=False)
+
+
+def actions_of(value: Value, line: int) -> Iterator[Action]:
+    """The actions that a value is: an action, or a list of them."""
+    if isinstance(value, ActionValue):
+        yield value.action
+    elif isinstance(value, Items):
+        for item in value.items:
+            yield from actions_of(item, line)
+    elif isinstance(value, Opaque):
+        said = f"{value.reason} may start nodes or change their names"
+        yield Unread(line=value.line, reason=said)
+    elif value != NONE:
+        yield Unread(line=line, reason="a value that is no action may start nodes or change their names")
+
+
+def _substitution(call: Call) -> Value:
+    """A substitution whose value may be worked out."""
+    if call.name == "TextSubstitution":
+        return TextValue(text=call.text("text"), plain=False)
+    if call.name in ("ThisLaunchFileDir", "ThisLaunchFile"):
+        if call.name == "ThisLaunchFile":
+            return TextValue(text=(Unknown(reason="the path of the launch file"),), plain=False)
+        return TextValue(text=(Reference(variable=Variable.DIRECTORY),), plain=False)
+    if call.name == "PathJoinSubstitution":
+        joined: list[Text] = [text_of(value) for value in call.listed("substitutions", 0)]
+        parts = [part for number, text in enumerate(joined) for part in ((*(("/",) if number else ()), *text))]
+        return TextValue(text=bounded(parts), plain=False)
+    variable = Variable.ARGUMENT if call.name == "LaunchConfiguration" else Variable.ENVIRONMENT
+    keyword = "variable_name" if call.name == "LaunchConfiguration" else "name"
+    default = call.optional("default", 1 if variable is Variable.ARGUMENT else None, "default_value")
+    reference = Reference(variable=variable, name=call.text(keyword, 0), default=default)
+    return TextValue(text=(reference,), plain=False)
+
+
+def _comparison(call: Call) -> Value:
+    negated = "Not" in call.name
+    if call.name.startswith("LaunchConfiguration"):
+        left: Text = (Reference(variable=Variable.ARGUMENT, name=call.text("launch_configuration_name", 0)),)
+        right = call.text("expected_value", 1)
+    else:
+        left, right = call.text("left", 0), call.text("right", 1)
+    return ConditionValue(condition=Comparison(left=left, right=right, negated=negated))
+
+
+def _condition(call: Call) -> Value:
+    value = call.get("predicate_expression", 0)
+    negated = call.name == "UnlessCondition"
+    if isinstance(value, ConditionValue) and isinstance(value.condition, Comparison):
+        inner = value.condition
+        flipped = Comparison(left=inner.left, right=inner.right, negated=inner.negated is not negated)
+        return ConditionValue(condition=flipped)
+    return ConditionValue(condition=Condition(text=text_of(value), negated=negated))
+
+
+def _pairs(values: Iterator[Value]) -> Iterator[tuple[int | None, Text, Text]]:
+    """From and to of each pair in a list, or name and value; Unknown twice for what is no pair."""
+    for value in values:
+        if isinstance(value, Items) and len(value.items) == 2:
+            yield value.line, text_of(value.items[0]), text_of(value.items[1])
+        else:
+            unknown = (Unknown(reason=value.reason if isinstance(value, Opaque) else "a value that is no pair"),)
+            yield (value.line if isinstance(value, Opaque) else None), unknown, unknown
+
+
+def _mapping(value: Value) -> tuple[tuple[Text, Text], ...]:
+    """Names and values, of a dictionary or a list of pairs."""
+    if isinstance(value, Pairs):
+        return tuple((text_of(key), text_of(entry)) for key, entry in value.pairs)
+    if isinstance(value, Items):
+        return tuple((name, entry) for _line, name, entry in _pairs(iter(value.items)))
+    return () if value == NONE else ((text_of(value), text_of(value)),)
+
+
+def _names(call: Call, conditions: tuple[Condition | Comparison, ...] = ()) -> NodeNames:
+    remaps = _pairs(call.listed("remappings"))
+    return NodeNames(
+        line=call.line,
+        name=call.optional("name", other="node_name"),
+        namespace=call.optional("namespace", other="node_namespace"),
+        remaps=tuple(Remap(line=line or call.line, source=source, target=target) for line, source, target in remaps),
+        conditions=conditions,
+    )
+
+
+def _components(values: Iterator[Value], line: int) -> tuple[tuple[NodeNames, ...], tuple[Unread, ...]]:
+    """The components in a list, and what may be one."""
+    found: list[NodeNames] = []
+    unread: list[Unread] = []
+    for value in values:
+        if isinstance(value, ComponentValue):
+            found.append(value.names)
+        else:
+            reason = value.reason if isinstance(value, Opaque) else "a value that is no ComposableNode"
+            unread.append(Unread(line=line, reason=f"{reason} may be nodes to be loaded"))
+    return tuple(found), tuple(unread)
+
+
+def _words(call: Call, keyword: str) -> tuple[tuple[Text, ...], tuple[Text, ...]]:
+    """The words of a command line, and Unknown ones that may be any number of words."""
+    value = call.get(keyword)
+    if isinstance(value, Items):
+        return tuple(text_of(item) for item in value.items), ()
+    return ((), ()) if value == NONE else ((), (text_of(value),))
+
+
+def _node(call: Call) -> Value:
+    kind = {"LifecycleNode": NodeKind.LIFECYCLE, "ComposableNodeContainer": NodeKind.CONTAINER}.get(call.name)
+    components, unread = _components(call.listed("composable_node_descriptions"), call.line)
+    arguments, unknown = _words(call, "arguments")
+    ros_arguments, unknown_ros = _words(call, "ros_arguments")
+    names = _names(call)
+    start = StartNode(
+        line=call.line,
+        conditions=call.conditions,
+        kind=kind or NodeKind.PLAIN,
+        names=names,
+        arguments=arguments,
+        ros_arguments=(*unknown, *ros_arguments, *unknown_ros),
+        environment=(*_mapping(call.get("additional_env")), *_mapping(call.get("env"))),
+        components=components,
+    )
+    return ActionValue(action=_with(start, unread), name=names.name)
+
+
+def _with(action: Action, unread: tuple[Unread, ...]) -> Action:
+    return Group(line=action.line, actions=(action, *unread), scoped=False) if unread else action
+
+
+def _load(call: Call) -> Value:
+    target = call.get("target_container")
+    name = target.name if isinstance(target, ActionValue) else text_of(target)
+    components, unread = _components(call.listed("composable_node_descriptions"), call.line)
+    load = LoadComponents(
+        line=call.line,
+        conditions=call.conditions,
+        target=name or (Unknown(reason="a container without a name"),),
+        components=components,
+    )
+    return ActionValue(action=_with(load, unread))
+
+
+def _group(call: Call) -> Value:
+    given = _mapping(call.get("launch_configurations"))
+    actions = tuple(actions_of(call.get("actions", 0), call.line))
+    group = Group(
+        line=call.line,
+        conditions=call.conditions,
+        actions=actions,
+        scoped=call.switch("scoped"),
+        forwarding=call.switch("forwarding"),
+        given=given,
+    )
+    return ActionValue(action=group)
+
+
+def _later(call: Call) -> Value:
+    """A timer: its actions come later, and change nothing for what stands behind it."""
+    actions = tuple(actions_of(call.get("actions", 1 if call.name == "TimerAction" else None), call.line))
+    return ActionValue(action=Group(line=call.line, conditions=call.conditions, actions=actions))
+
+
+def _handler(call: Call) -> Value:
+    """An event handler; its actions are in arguments called `on_…`, `entities` or `entity`."""
+    given = [value for key, value in call.keywords.items() if key.startswith(("on_", "entit"))]
+    listed = (value for value in (*given, *call.positional) if value != NONE)
+    return HandlerValue(actions=tuple(action for value in listed for action in actions_of(value, call.line)))
+
+
+def _register(call: Call) -> Value:
+    handler = call.get("event_handler", 0)
+    if isinstance(handler, HandlerValue):
+        actions = handler.actions
+    else:
+        actions = (Unread(line=call.line, reason="an event handler that is not read may start nodes"),)
+    return ActionValue(action=Group(line=call.line, conditions=call.conditions, actions=actions))
+
+
+def _include(call: Call) -> Value:
+    source = call.get("launch_description_source", 0)
+    include = Include(
+        line=call.line,
+        conditions=call.conditions,
+        path=text_of(source),
+        arguments=_mapping(call.get("launch_arguments")),
+    )
+    return ActionValue(action=include)
+
+
+def _source(call: Call) -> Value:
+    return TextValue(text=call.text("launch_file_path", 0), plain=False)
+
+
+def _description(call: Call) -> Value:
+    initial = call.get("initial_entities", 0)
+    items: tuple[Value, ...] = initial.items if isinstance(initial, Items) else () if initial == NONE else (initial,)
+    return Growing(items=list(items), description=True)
+
+
+def _set(call: Call) -> Value:
+    line, conditions = call.line, call.conditions
+    action: Action
+    if call.name == "DeclareLaunchArgument":
+        default = call.optional("default_value", 1)
+        action = Declare(line=line, conditions=conditions, name=call.text("name", 0), default=default)
+    elif call.name == "SetLaunchConfiguration":
+        action = Assign(line=line, conditions=conditions, name=call.text("name", 0), value=call.text("value", 1))
+    elif call.name == "UnsetLaunchConfiguration":
+        action = Assign(line=line, conditions=conditions, name=call.text("name", 0), value=None)
+    elif call.name == "SetEnvironmentVariable":
+        name, value = call.text("name", 0), call.text("value", 1)
+        action = AssignEnvironment(line=line, conditions=conditions, name=name, value=value)
+    elif call.name == "UnsetEnvironmentVariable":
+        action = AssignEnvironment(line=line, conditions=conditions, name=call.text("name", 0), value=None)
+    elif call.name == "AppendEnvironmentVariable":
+        added: Text = (Unknown(reason="an environment variable that is added to"),)
+        action = AssignEnvironment(line=line, conditions=conditions, name=call.text("name", 0), value=added)
+    elif call.name == "SetRemap":
+        remap = Remap(line=line, source=call.text("src", 0), target=call.text("dst", 1))
+        action = SetRemap(line=line, conditions=conditions, remap=remap)
+    else:
+        action = PushNamespace(line=line, conditions=conditions, namespace=call.text("namespace", 0))
+    return ActionValue(action=action)
+
+
+def _inert(call: Call) -> Value:
+    return ActionValue(action=Group(line=call.line, actions=()))
+
+
+def _process(call: Call) -> Value:
+    said = "a process is started here; whether it is a node, and which, is not known"
+    return ActionValue(action=Unread(line=call.line, conditions=call.conditions, reason=said))
+
+
+def _function(call: Call) -> Value:
+    said = "a function runs here, which is not called; it may start nodes or change their names"
+    return ActionValue(action=Unread(line=call.line, conditions=call.conditions, reason=said))
+
+
+def _component(call: Call) -> Value:
+    return ComponentValue(names=_names(call, call.conditions))
+
+
+def _table() -> Mapping[str, Callable[[Call], Value]]:
+    by_reader: dict[Callable[[Call], Value], str] = {
+        _substitution: "LaunchConfiguration EnvironmentVariable TextSubstitution ThisLaunchFileDir ThisLaunchFile "
+        "PathJoinSubstitution",
+        _comparison: "EqualsSubstitution NotEqualsSubstitution LaunchConfigurationEquals LaunchConfigurationNotEquals",
+        _condition: "IfCondition UnlessCondition",
+        _node: "Node LifecycleNode ComposableNodeContainer",
+        _component: "ComposableNode ComposableLifecycleNode",
+        _load: "LoadComposableNodes",
+        _group: "GroupAction",
+        _later: "TimerAction ROSTimer RosTimer",
+        _handler: "OnProcessExit OnProcessStart OnProcessIO OnExecutionComplete OnShutdown OnActionEventBase "
+        "OnStateTransition OnIncludeLaunchDescription",
+        _register: "RegisterEventHandler",
+        _include: "IncludeLaunchDescription",
+        _source: "PythonLaunchDescriptionSource XMLLaunchDescriptionSource YAMLLaunchDescriptionSource "
+        "AnyLaunchDescriptionSource FrontendLaunchDescriptionSource",
+        _description: "LaunchDescription",
+        _set: "DeclareLaunchArgument SetLaunchConfiguration UnsetLaunchConfiguration SetEnvironmentVariable "
+        "UnsetEnvironmentVariable AppendEnvironmentVariable SetRemap PushRosNamespace PushROSNamespace",
+        _inert: "LogInfo LogDebug LogWarning LogError SetParameter SetParametersFromFile SetUseSimTime SetROSLogDir "
+        "Shutdown EmitEvent LifecycleTransition",
+        _process: "ExecuteProcess ExecuteLocal",
+        _function: "OpaqueFunction OpaqueCoroutine",
+    }
+    return {name: read for read, names in by_reader.items() for name in names.split()}
+
+
+CLASSES: Final = _table()
+"""By the name of the class, what calling it makes."""
+
+RUN: Final = {
+    "FindPackageShare": "where a package is installed",
+    "FindPackagePrefix": "where a package is installed",
+    "FindExecutable": "where a program is installed",
+    "ExecutableInPackage": "where a program is installed",
+    "Command": "the output of a command, which is not run",
+    "PythonExpression": "the result of an expression, which is not evaluated",
+    "AnonName": "a name with a part that is new each time",
+}
+"""Substitutions that only a running launch works out."""
