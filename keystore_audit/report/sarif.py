@@ -15,7 +15,7 @@ from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.result import EngineStatus, PropertyResult
 from keystore_audit.report.content import Report, RuleEntry, Verdict
 from keystore_audit.report.encoded import encoded
-from keystore_audit.text import markdown, shorten
+from keystore_audit.text import markdown, percent_path, shorten
 
 SCHEMA: Final = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json"
 KEYSTORE_BASE: Final = "KEYSTORE"
@@ -97,7 +97,7 @@ class _Base:
     def artifact(self, location: Location) -> dict[str, str]:
         if location.beside:
             return {"uri": _uri(location.path)}
-        path = quote(location.path, safe="/%+,:=@~") or "."
+        path = _quoted(location.path) or "."
         if self._absolute:
             return {"uri": path, "uriBaseId": KEYSTORE_BASE}
         root = _uri(self._keystore).rstrip("/").removeprefix("./")
@@ -106,7 +106,12 @@ class _Base:
 
 def _uri(path: str) -> str:
     """A path as a relative reference (RFC 3986, 4.2): a colon in its first segment would make it a scheme."""
-    return quote(path.encode("utf-8", "surrogateescape"), safe="/+,=@~")
+    return _quoted(percent_path(path))
+
+
+def _quoted(path: str) -> str:
+    """What is percent-encoded already stays."""
+    return quote(path.encode("utf-8", "backslashreplace"), safe="/%+,=@~")
 
 
 def _invocation(report: Report, *, cut: int) -> dict[str, Any]:
