@@ -9,6 +9,7 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.anomalies import anomalies
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.divergence import divergences
 from keystore_audit.model.doubt import keystore_doubts
@@ -49,6 +50,7 @@ def interpret(
         over_budget=over_budget,
         idle=_idle(systems),
         divergences=divergences(keystore, _beside_spec(profiles), at, accesses, domain) if systems else (),
+        anomalies=anomalies(keystore, profiles, accesses) if systems else {},
     )
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
 
 if TYPE_CHECKING:  # `can` has no part in either
+    from keystore_audit.model.anomaly import Anomaly
     from keystore_audit.model.substitution import Cause
     from keystore_audit.model.system import System
 
@@ -96,7 +97,7 @@ class Meaning:
     there is no doubt, since MUST is then equal). `usability`: by (enclave directory, canonical profile name).
     `over_budget`: why topic classes could not be computed; there are no systems then. `idle`: sentences that say
     which properties hold for want of anything to protect. `divergences`: what the profiles decide differently; empty
-    where there are no systems.
+    where there are no systems. `anomalies`: what is odd about rules, by the place of the document; likewise.
     """
 
     systems: tuple[System, ...]
@@ -106,3 +107,4 @@ class Meaning:
     over_budget: str | None
     idle: tuple[str, ...] = ()
     divergences: tuple[Divergence, ...] = ()
+    anomalies: Mapping[str, tuple[Anomaly, ...]] = field(default_factory=dict)

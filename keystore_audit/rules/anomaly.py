@@ -1,0 +1,293 @@
+"""KA6: rules of a grant that decide nothing, change nothing, or whose order decides (`model.anomalies`).
+
+One finding for each document and severity. What implementations order or read differently is not said again: where a
+rule is odd under some of them alone, and a finding of KA601 to KA616 is about its line, that one stands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, Final
+
+from keystore_audit.findings import Location, Severity
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.anomaly import Anomaly, AnomalyKind, Point
+from keystore_audit.model.names import ros_name
+from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.permissions import WRITE_AGAIN
+from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.subjects import DocumentUse, PermissionsUse, speaks
+from keystore_audit.rules.wording import listed, places, quoted, sole
+
+_VERBS: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "subscribe to", Operation.RELAY: "relay"}
+_IN_ORDER: Final = "DDS-Security 1.1, 9.4.1.3 (of the rules of a grant the first that matches decides)"
+
+
+def odd(use: DocumentUse, context: Context, kind: AnomalyKind) -> list[Anomaly]:
+    """The anomalies of a kind in the document, but for those that a divergence speaks for."""
+    every = context.meaning.anomalies.get(use.signed.file.place, ())
+    found = [anomaly for anomaly in every if anomaly.kind is kind]
+    if not any(anomaly.profiles for anomaly in found):
+        return found
+    spoken = {
+        location.line
+        for divergence in context.meaning.divergences
+        for location in (divergence.location, divergence.other)
+        if location is not None and location.path == use.signed.file.place
+    }
+    return [
+        anomaly
+        for anomaly in found
+        if not anomaly.profiles or "spec" in anomaly.profiles or spoken.isdisjoint((anomaly.line, anomaly.other))
+    ]
+
+
+def folded(
+    use: DocumentUse,
+    found: Iterable[Anomaly],
+    severity: Callable[[Anomaly], Severity | None],
+    says: Callable[[Sequence[Anomaly]], str],
+    other: str = "",
+) -> Iterator[Violation]:
+    """One violation for all anomalies of one severity (None: the rule's), each a location; `other` names the second."""
+    by_severity: dict[Severity | None, list[Anomaly]] = {}
+    for anomaly in found:
+        by_severity.setdefault(severity(anomaly), []).append(anomaly)
+    for each, alike in by_severity.items():
+        named = {name for anomaly in alike for name in anomaly.profiles}
+        everywhere = any(not anomaly.profiles for anomaly in alike)
+        yield Violation(
+            message=says(alike),
+            locations=places(_locations(use, alike, other)),
+            enclave=sole(use.enclaves),
+            severity=each,
+            profiles=() if everywhere else tuple(name for name in VARIANTS if name in named),
+            # What is odd is part of it: another rule is not hidden by one that was accepted before.
+            key="\n".join(sorted({f"{anomaly.subject} {anomaly.key}" for anomaly in alike})),
+        )
+
+
+def _locations(use: DocumentUse, found: Sequence[Anomaly], other: str) -> Iterator[Location]:
+    place = use.signed.file.place
+    for anomaly in found:
+        yield Location(path=place, line=anomaly.line)
+        if anomaly.other is not None and anomaly.other != anomaly.line:
+            yield Location(path=place, line=anomaly.other, message=other)
+
+
+def named(anomaly: Anomaly) -> str:
+    """`The deny rule for 'rt/a' and 'rt/b'`, as far as people read."""
+    verb = "allow" if anomaly.allow else "deny"
+    return f"The {verb} rule for {listed(quoted(text) for text in anomaly.texts)}"
+
+
+def more_like(found: Sequence[Anomaly]) -> str:
+    """` (and 2 more like it)`."""
+    return f" (and {len(found) - 1} more like it)" if len(found) > 1 else ""
+
+
+def right(point: Point) -> str:
+    """`publish /chatter in domain 0`."""
+    where = f", partition {quoted(point.partition)}" if point.partition else ""
+    return f"{_VERBS[point.operation]} {ros_name(point.topic)} in domain {point.domain}{where}"
+
+
+def _decided(anomaly: Anomaly, *, allowed: bool) -> str:
+    may = "may" if allowed else "may not"
+    return f"{quoted(anomaly.subject)} {may} {right(anomaly.point)}" if anomaly.point is not None else ""
+
+
+def _void_is_high(anomaly: Anomaly) -> Severity | None:
+    return Severity.HIGH if anomaly.serious else None
+
+
+@rule(
+    "KA617",
+    "rule-unreachable",
+    Severity.MEDIUM,
+    on=PermissionsUse,
+    clause=_IN_ORDER,
+    remedy=f"Put the rule before the one that decides in its place, or take it out: {WRITE_AGAIN}",
+    applies=speaks,
+)
+def rule_unreachable(use: PermissionsUse, context: Context) -> Iterator[Violation]:
+    """Earlier rules match all that a rule is about, and decide the opposite of it somewhere: it is not in force.
+
+    High for a deny rule: what it denies is allowed. Decided over all names, domains and partitions in which anything is
+    allowed; with what order the rules were meant, nobody can know. `ros2 security` writes deny rules first.
+    """
+    yield from folded(
+        use,
+        odd(use, context, AnomalyKind.UNREACHABLE),
+        _void_is_high,
+        lambda found: (
+            f"{named(found[0])}{more_like(found)} never decides, since earlier rules match all of it: "
+            f"{_decided(found[0], allowed=not found[0].allow)}."
+        ),
+        "the rule that decides instead",
+    )
+
+
+@rule(
+    "KA618",
+    "expression-unreachable",
+    Severity.MEDIUM,
+    on=PermissionsUse,
+    clause=_IN_ORDER,
+    remedy=f"Put the rule before the one that decides in its place, or take the expression out: {WRITE_AGAIN}",
+    applies=speaks,
+)
+def expression_unreachable(use: PermissionsUse, context: Context) -> Iterator[Violation]:
+    """An expression of a rule names only what earlier rules match, and one of them decides the opposite.
+
+    High in a deny rule: what it names is allowed. Other expressions of the rule do decide; where none does, that is
+    rule-unreachable. Expressions that repeat what others of the same rule or of like rules say are no finding.
+    """
+    yield from folded(
+        use,
+        odd(use, context, AnomalyKind.EXPRESSION_UNREACHABLE),
+        _void_is_high,
+        lambda found: (
+            f"{quoted(found[0].texts[0])}{more_like(found)} in {_a_rule(found[0])} never decides, since earlier rules "
+            f"match all of it: {_decided(found[0], allowed=not found[0].allow)}."
+        ),
+        "the rule that decides instead",
+    )
+
+
+def _a_rule(anomaly: Anomaly) -> str:
+    return "an allow rule" if anomaly.allow else "a deny rule"
+
+
+@rule(
+    "KA619",
+    "rule-redundant",
+    Severity.LOW,
+    on=PermissionsUse,
+    clause=_IN_ORDER,
+    remedy=f"Take the rule out, so that whoever changes the other one knows what it does: {WRITE_AGAIN}",
+    applies=speaks,
+)
+def rule_redundant(use: PermissionsUse, context: Context) -> Iterator[Violation]:
+    """Nothing changes without the rule: other rules decide the same about all that it decides.
+
+    Whoever takes a right out of one of them believes it gone. Judged one after the other from the last on, rules that
+    never decide left out: all that are named can go together. The rule that `ros2 security` adds for ros_discovery_info
+    is no finding.
+    """
+    yield from folded(
+        use,
+        odd(use, context, AnomalyKind.REDUNDANT),
+        lambda _: None,
+        lambda found: (
+            f"{named(found[0])}{more_like(found)} changes nothing, since another rule decides the same: "
+            f"{_decided(found[0], allowed=found[0].allow)} with or without it."
+        ),
+        "the rule that decides the same",
+    )
+
+
+@rule(
+    "KA620",
+    "rules-correlated",
+    Severity.MEDIUM,
+    on=PermissionsUse,
+    clause=_IN_ORDER,
+    remedy=f"Name in each rule what the other one does not, so that their order does not matter: {WRITE_AGAIN}",
+    applies=speaks,
+)
+def rules_correlated(use: PermissionsUse, context: Context) -> Iterator[Violation]:
+    """An allow and a deny expression share names, neither holds all of the other's, and the order of the rules decides.
+
+    Neither is the exception of the other, so that a reader cannot tell what was meant for the names in between. Domains
+    and partitions count: a topic that is allowed in two domains and denied in two others shares one of them.
+    """
+    yield from folded(
+        use,
+        odd(use, context, AnomalyKind.CORRELATED),
+        lambda _: None,
+        lambda found: (
+            f"{_opposed(found[0])}{more_like(found)} share names, and the earlier decides: "
+            f"{_decided(found[0], allowed=found[0].allow)}."
+        ),
+        "the rule that comes too late",
+    )
+
+
+def _opposed(anomaly: Anomaly) -> str:
+    first, second = ("allowed", "denied") if anomaly.allow else ("denied", "allowed")
+    return f"{quoted(anomaly.texts[0])}, {first}, and {quoted(anomaly.other_text)}, {second},"
+
+
+@rule(
+    "KA621",
+    "rule-generalised",
+    Severity.INFO,
+    on=PermissionsUse,
+    clause=_IN_ORDER,
+    remedy="Nothing is wrong where the exception is meant; keep the order of the rules.",
+    applies=speaks,
+)
+def rule_generalised(use: PermissionsUse, context: Context) -> Iterator[Violation]:
+    """A rule is an exception to a later, more general one: the usual way to write exceptions.
+
+    Said since it hangs on the order: the other way round, the exception would be void.
+    """
+    yield from folded(
+        use,
+        odd(use, context, AnomalyKind.GENERALISED),
+        lambda _: None,
+        lambda found: (
+            f"{quoted(found[0].texts[0])}{more_like(found)} is {'allowed' if found[0].allow else 'denied'} as an "
+            f"exception to {quoted(found[0].other_text)}: {_decided(found[0], allowed=found[0].allow)}."
+        ),
+        "the general rule",
+    )
+
+
+@rule(
+    "KA622",
+    "rule-same-as-default",
+    Severity.LOW,
+    on=PermissionsUse,
+    clause="DDS-Security 1.1, 9.4.1.3 (default: what no rule matches)",
+    remedy=f"Take the rule out: what no rule allows is denied. {WRITE_AGAIN[0].upper()}{WRITE_AGAIN[1:]}",
+    applies=speaks,
+)
+def rule_same_as_default(use: PermissionsUse, context: Context) -> Iterator[Violation]:
+    """Nothing changes without the rule, since no other one is about what it decides, and the default decides the same.
+
+    Denying what nothing allows is harmless on most implementations; on Cyclone DDS 0.10 a deny rule may take the whole
+    topic away (deny-rule-blocks-topic). Rules for domains that no governance covers are rule-in-no-governed-domain.
+    """
+    outside = {(anomaly.subject, anomaly.key) for anomaly in odd(use, context, AnomalyKind.UNGOVERNED_DOMAIN)}
+    yield from folded(
+        use,
+        (
+            anomaly
+            for anomaly in odd(use, context, AnomalyKind.SAME_AS_DEFAULT)
+            if (anomaly.subject, anomaly.key) not in outside
+        ),
+        lambda _: None,
+        lambda found: (
+            f"{named(found[0])}{more_like(found)} changes nothing: the default is "
+            f"{'ALLOW' if found[0].allow else 'DENY'}, and no other rule is about it{_as_in(found[0])}."
+        ),
+    )
+
+
+def _as_in(anomaly: Anomaly) -> str:
+    if anomaly.point is None:
+        return ""
+    return f" ({quoted(anomaly.subject)} {'may' if anomaly.allow else 'may not'} {right(anomaly.point)})"
+
+
+ANOMALY: tuple[Rule[Any], ...] = (
+    rule_unreachable,
+    expression_unreachable,
+    rule_redundant,
+    rules_correlated,
+    rule_generalised,
+    rule_same_as_default,
+)

@@ -1,0 +1,250 @@
+"""KA4 and KA6: rules and expressions about nothing, or with nobody at the other end (`model.anomalies`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, Final
+
+from keystore_audit.findings import Location, Severity
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.anomaly import Anomaly, AnomalyKind
+from keystore_audit.model.names import ros_name
+from keystore_audit.model.substitution import Cause
+from keystore_audit.rules.anomaly import folded, more_like, named, odd
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.governance import CORRECT
+from keystore_audit.rules.permissions import WRITE_AGAIN
+from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks
+from keystore_audit.rules.wording import listed, quoted, sole
+
+_EXPRESSIONS: Final = "DDS-Security 1.1, 9.4.1.2.6 and 9.4.1.3.2.3 (expressions as of POSIX fnmatch)"
+
+
+def _said_of(use: DocumentUse, context: Context, cause: Cause) -> frozenset[int | None]:
+    """The lines of the document of which a divergence of the cause speaks."""
+    return frozenset(
+        divergence.location.line
+        for divergence in context.meaning.divergences
+        if divergence.cause is cause and divergence.location.path == use.signed.file.place
+    )
+
+
+@rule(
+    "KA623",
+    "rule-in-no-governed-domain",
+    Severity.MEDIUM,
+    on=PermissionsUse,
+    clause="DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.3 (domains)",
+    remedy=f"Let the rule name the domains of the governance, or take it out: {WRITE_AGAIN}",
+    applies=speaks,
+)
+def rule_in_no_governed_domain(use: PermissionsUse, context: Context) -> Iterator[Violation]:
+    """No governance of the keystore covers a domain of the rule, while other rules of the grant are for such domains.
+
+    Of a grant none of whose allow rules is for a governed domain, grant-outside-governance-domains speaks; where Fast
+    DDS applies the rule to a governed domain all the same and that changes something, rule-of-another-domain does.
+    """
+    spoken = _said_of(use, context, Cause.RULE_DOMAINS)
+    yield from folded(
+        use,
+        (each for each in odd(use, context, AnomalyKind.UNGOVERNED_DOMAIN) if each.line not in spoken),
+        lambda _: None,
+        lambda found: (
+            f"{named(found[0])}{more_like(found)} is for domain {found[0].other_text}, which no governance of the "
+            "keystore covers: nobody can take part in it."
+        ),
+    )
+
+
+@rule(
+    "KA624",
+    "expression-matches-nothing",
+    Severity.MEDIUM,
+    on=PermissionsUse,
+    clause=f"{_EXPRESSIONS}; POSIX 1003.1, 2.13.1 (bracket expressions)",
+    remedy=f"Write the expression as it was meant, or name each topic: {WRITE_AGAIN}",
+    applies=speaks,
+)
+def expression_matches_nothing(use: PermissionsUse, context: Context) -> Iterator[Violation]:
+    """An expression matches no name, or is malformed and matches none of ROS 2, under all chosen implementations.
+
+    High in a deny rule, which denies nothing then. Found by its meaning; how implementations come to it is said by
+    expression-malformed, and of expressions that some of them do take for names, that rule alone speaks.
+    """
+    yield from folded(
+        use,
+        odd(use, context, AnomalyKind.MATCHES_NOTHING),
+        lambda anomaly: Severity.HIGH if anomaly.serious else None,
+        lambda found: (
+            f"The expression {quoted(found[0].texts[0])}{more_like(found)} matches no topic of ROS 2, as every "
+            f"implementation reads it: nothing is {'allowed' if found[0].allow else 'denied'} by it."
+        ),
+    )
+
+
+@rule(
+    "KA625",
+    "expression-matches-no-ros-name",
+    Severity.MEDIUM,
+    on=PermissionsUse,
+    clause="ROS 2 design, topic and service names to DDS (rt/, rq/…Request, rr/…Reply)",
+    remedy=f"Write the name as DDS has it, rt/chatter for /chatter: {WRITE_AGAIN}",
+    applies=speaks,
+)
+def expression_matches_no_ros_name(use: PermissionsUse, context: Context) -> Iterator[Violation]:
+    """No name that ROS 2 can produce matches the expression: a prefix is missing, or a / too many is there.
+
+    High where a deny rule has it and the topic that was most likely meant is allowed. A grant without any expression of
+    ROS 2 but ros_discovery_info is one of a plain DDS application, and no finding; where one enclave speaks both, the
+    tool cannot know which names are meant for DDS.
+    """
+    yield from folded(
+        use,
+        odd(use, context, AnomalyKind.NOT_ROS),
+        lambda anomaly: Severity.HIGH if anomaly.serious else None,
+        _not_ros,
+    )
+
+
+def _not_ros(found: Sequence[Anomaly]) -> str:
+    first = found[0]
+    rest = f", which {quoted(first.subject)} may use" if first.serious else ""
+    return (
+        f"The expression {quoted(first.texts[0])}{more_like(found)} matches no name of ROS 2, so that it "
+        f"{'allows' if first.allow else 'denies'} nothing to a ROS 2 node; perhaps {quoted(first.other_text)} was "
+        f"meant{rest}."
+    )
+
+
+@rule(
+    "KA626",
+    "grant-without-counterpart",
+    Severity.LOW,
+    on=PermissionsUse,
+    clause="DDS-Security 1.1, 9.4.1.3 (least privilege: a right that nothing can use)",
+    remedy=f"Take the right out, or give the enclave at the other end its own: {WRITE_AGAIN}",
+    applies=speaks,
+)
+def grant_without_counterpart(use: PermissionsUse, context: Context) -> Iterator[Violation]:
+    """A topic that the grant names may be written, and no grant of the keystore lets anybody read it; or the reverse.
+
+    Most often a misspelt name or a right left over. Looked at are names without wildcards; partitions are not. Topics
+    and services that every node has are left out (/rosout, /parameter_events, /clock, parameter services), and topics
+    that a governance does not control. Participants outside of the keystore, tools among them, cannot be known.
+    """
+    yield from folded(use, odd(use, context, AnomalyKind.NO_COUNTERPART), lambda _: None, _without_counterpart)
+
+
+def _without_counterpart(found: Sequence[Anomaly]) -> str:
+    by_operation = {
+        operation: [ros_name(anomaly.texts[0]) for anomaly in found if anomaly.other_text == operation.value]
+        for operation in (Operation.PUBLISH, Operation.SUBSCRIBE)
+    }
+    said = []
+    if names := by_operation[Operation.PUBLISH]:
+        said.append(f"may publish {listed(names)}, which nobody may subscribe to")
+    if names := by_operation[Operation.SUBSCRIBE]:
+        said.append(f"may subscribe to {listed(names)}, which nobody may publish")
+    return f"{quoted(found[0].subject)} {'; it '.join(said)} in this keystore."
+
+
+@rule(
+    "KA627",
+    "rules-not-compared",
+    Severity.INFO,
+    on=DocumentUse,
+    clause="docs/model.md, anomalies of rules",
+    remedy="Write fewer expressions with several wildcards and fewer rules; look at each of the rules until then.",
+    applies=lambda use, _context: use.may_be_taken,
+)
+def rules_not_compared(use: DocumentUse, context: Context) -> Iterator[Violation]:
+    """There is too much in the document to find all rules that never decide, overlap or change nothing.
+
+    What the rules allow is decided exactly all the same; whether that is what their author meant is not looked at to
+    the end. The audit is incomplete for it where a finding of high severity could be missing: where the document
+    denies anything, or is a governance.
+    """
+    for anomaly in odd(use, context, AnomalyKind.NOT_WORKED_OUT):
+        yield Violation(
+            message=f"Not all rules could be compared with each other: {anomaly.other_text}.",
+            locations=(Location(path=use.signed.file.place),),
+            enclave=sole(use.enclaves),
+            profiles=anomaly.profiles,
+            undecided=_denies(use),
+        )
+
+
+def _denies(use: DocumentUse) -> bool:
+    permissions = use.document.permissions if isinstance(use, PermissionsUse) else None
+    return permissions is None or any(not each.allow for grant in permissions.grants for each in grant.rules)
+
+
+@rule(
+    "KA422",
+    "topic-rule-shadowed",
+    Severity.LOW,
+    on=GovernanceUse,
+    clause="DDS-Security 1.1, 9.4.1.2.5 (the first topic_rule that matches)",
+    remedy="Put the rule before the one that applies in its place, or take it out " + CORRECT,
+    applies=speaks,
+)
+def topic_rule_shadowed(use: GovernanceUse, context: Context) -> Iterator[Violation]:
+    """Earlier rules match every topic that a topic_rule names: it protects nothing.
+
+    High where it asks for a protection that the rule before it does not give: that protection is not there.
+    """
+    yield from folded(
+        use,
+        odd(use, context, AnomalyKind.TOPIC_RULE_SHADOWED),
+        lambda anomaly: Severity.HIGH if anomaly.serious else None,
+        _topics_shadowed,
+        "the rule that applies instead",
+    )
+
+
+def _topics_shadowed(found: Sequence[Anomaly]) -> str:
+    first = found[0]
+    topic = f", as to {ros_name(first.point.topic)}" if first.point is not None else ""
+    weaker = ", which protects less" if first.serious else ""
+    return (
+        f"The rule for topics {quoted(first.texts[0])}{more_like(found)} never applies: the one for "
+        f"{quoted(first.other_text)} comes first{topic}{weaker}."
+    )
+
+
+@rule(
+    "KA423",
+    "domain-rule-shadowed",
+    Severity.LOW,
+    on=GovernanceUse,
+    clause="DDS-Security 1.1, 9.4.1.2.4 (the first domain_rule that covers the domain)",
+    remedy="Let each domain be covered by one rule " + CORRECT,
+    applies=speaks,
+)
+def domain_rule_shadowed(use: GovernanceUse, context: Context) -> Iterator[Violation]:
+    """Earlier rules cover every domain of a domain_rule: it protects nothing.
+
+    High where it, or one of its topic rules, asks for a protection that the rule before it does not give.
+    """
+    yield from folded(
+        use,
+        odd(use, context, AnomalyKind.DOMAIN_RULE_SHADOWED),
+        lambda anomaly: Severity.HIGH if anomaly.serious else None,
+        lambda found: (
+            f"The rule for domain {found[0].other_text}{more_like(found)} never applies: an earlier one covers it"
+            f"{', which protects less' if found[0].serious else ''}."
+        ),
+        "the rule that applies instead",
+    )
+
+
+ANOMALY_NAMES: tuple[Rule[Any], ...] = (
+    topic_rule_shadowed,
+    domain_rule_shadowed,
+    rule_in_no_governed_domain,
+    expression_matches_nothing,
+    expression_matches_no_ros_name,
+    grant_without_counterpart,
+    rules_not_compared,
+)
