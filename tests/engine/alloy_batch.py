@@ -57,9 +57,7 @@ def outcomes(directory: Path, modules: dict[str, str], main: str = "audit.als") 
 
 
 def _decide(directory: Path, modules: dict[str, str], system: System) -> dict[str, bool]:
-    found = outcomes(
-        directory, modules | {"keystore.als": facts(system), "audit.als": commands(PROPERTIES, system)}
-    )
+    found = outcomes(directory, modules | {"keystore.als": facts(system), "audit.als": commands(PROPERTIES, system)})
     assert found[CONSISTENCY]
     answers = {identifier: not found[assertion] for assertion, identifier in _BY_ASSERTION.items()}
     for number, claim in enumerate(system.claims):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.attacker import RealmView
@@ -40,9 +40,14 @@ class ByHand:
         self.permissions = Permissions(system, moment)
         self.views = [RealmView(system, realm, self.permissions) for realm in range(len(system.realms))]
         self.enclaves = range(len(system.enclaves))
+        self._powers: dict[tuple[int, int], Powers] = {}
 
-    @lru_cache(maxsize=None)  # noqa: B019: an object lives as long as one comparison
     def powers(self, enclave: int, realm: int) -> Powers:
+        if (enclave, realm) not in self._powers:
+            self._powers[enclave, realm] = self._work_out(enclave, realm)
+        return self._powers[enclave, realm]
+
+    def _work_out(self, enclave: int, realm: int) -> Powers:
         view = self.views[realm]
         able = view.abilities(enclave)
         joined = view.joined(enclave) & view.protection.ruled if not view.open else view.joined(enclave)
@@ -162,29 +167,36 @@ class Flow:
         return {(e, c, f) for e, c, f in self._hops() if e != f and c not in self.claim.left_out}
 
     def _hops(self) -> Iterator[tuple[int, int, int]]:
-        hand = self.hand
-        for f in hand.enclaves:
-            home = self.member(f)
-            for e in hand.enclaves:
-                for c in self.writes(e, home) & self.reads(f, home) & self.reads(f, self.member(e)):
-                    yield e, c, f
-            as_whom = hand.acts_as(f) if self.relays else {f}
+        for f in self.hand.enclaves:
+            yield from self._by_right(f)
+            yield from self._imposed(f)
+        if self.relays:
+            for e in self.hand.enclaves:
+                yield from self._intercepted(e)
+
+    def _by_right(self, f: int) -> Iterator[tuple[int, int, int]]:
+        home = self.member(f)
+        for e in self.hand.enclaves:
+            for c in self.writes(e, home) & self.reads(f, home) & self.reads(f, self.member(e)):
+                yield e, c, f
+
+    def _imposed(self, f: int) -> Iterator[tuple[int, int, int]]:
+        for guise in self.hand.acts_as(f) if self.relays else {f}:
+            realm = self.member(guise)
             for holder in self.forgers:
-                for guise in as_whom:
-                    realm = self.member(guise)
-                    for c in self.imposes(holder, realm) & self.reads(guise, realm):
-                        yield holder, c, f
-        if not self.relays:
-            return
-        for e in hand.enclaves:
-            for mask in hand.acts_as(e):
-                realm = self.member(mask)
-                for c in self.writes(mask, realm):
-                    if c in hand.in_clear(realm):
-                        yield e, c, OUTSIDER
-                    for f in hand.enclaves:
-                        if any(c in hand.powers(guise, realm).overhears for guise in hand.acts_as(f)):
-                            yield e, c, f
+                for c in self.imposes(holder, realm) & self.reads(guise, realm):
+                    yield holder, c, f
+
+    def _intercepted(self, e: int) -> Iterator[tuple[int, int, int]]:
+        hand = self.hand
+        for mask in hand.acts_as(e):
+            realm = self.member(mask)
+            for c in self.writes(mask, realm):
+                if c in hand.in_clear(realm):
+                    yield e, c, OUTSIDER
+                for f in hand.enclaves:
+                    if any(c in hand.powers(guise, realm).overhears for guise in hand.acts_as(f)):
+                        yield e, c, f
 
     def gets(self) -> set[int]:
         """Who gets a sample of a channel of the source."""
@@ -215,7 +227,7 @@ class Flow:
         """The number of hops of a shortest flow, getting and putting included; None where there is none."""
         getters = self.gets()
         found = [1] if getters & self.target else []
-        ways = {e: 0 for e in self.source}
+        ways = dict.fromkeys(self.source, 0)
         for f in getters - set(self.claim.through):
             ways.setdefault(f, 1)
         length = 0

@@ -6,7 +6,7 @@ that look for a compartment (alloy/information_flow.als), so that "no flow" is s
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -93,14 +93,19 @@ def write_claims(system: System) -> str:
     """Return the part of a main file that asks about the claims of `system`: places, then commands."""
     if not system.claims:
         return ""
+    numbers = range(len(system.claims))
+    lines = [write_places(system, numbers), f"run {FLOW_EXERCISED} for 0", _inhabited(system.claims), ""]
+    return "\n".join(["-- claims", "", *lines, *(_command(system.claims[number], number) for number in numbers)]) + "\n"
+
+
+def write_places(system: System, numbers: Iterable[int]) -> str:
+    """Return the functions for the places of the claims of these indices."""
     writer = _Writer(system)
-    places = [line for number, claim in enumerate(system.claims) for line in writer.places(claim, number)]
-    commands = [command(claim, number) for number, claim in enumerate(system.claims)]
-    lines = [*writer.relations.take_private(), *places, f"run {FLOW_EXERCISED} for 0", _inhabited(system.claims)]
-    return "\n".join(["-- claims", "", *lines, "", *commands]) + "\n"
+    places = [line for number in numbers for line in writer.places(system.claims[number], number)]
+    return "\n".join([*writer.relations.take_private(), *places])
 
 
-def command(claim: ClaimAtom, number: int) -> str:
+def _command(claim: ClaimAtom, number: int) -> str:
     """Return the text of the command that decides the claim of this index."""
     return f"{command_of(claim, number).kind} Claim{number} {{\n\t{_condition(claim, Places.of(number))}\n}} for 0"
 
@@ -165,7 +170,9 @@ class _Writer:
 
     def _participants(self, place: Place) -> str:
         enclaves = self._members(self._atoms.enclaves, place.enclaves)
-        return " + ".join(filter(None, [enclaves, "Outsider" if place.outsider else ""]))
+        if not place.outsider:
+            return enclaves
+        return f"{enclaves} + Outsider" if place.enclaves else "Outsider"
 
     def _members(self, sort: Sort, members: frozenset[int]) -> str:
         return self.relations.atoms(sort, [index in members for index in range(len(sort.atoms))])

@@ -14,11 +14,12 @@ from pathlib import Path
 from typing import Final
 
 from keystore_audit import resources, text
-from keystore_audit.engine.alloy import claims
+from keystore_audit.engine.alloy import claims, paths
 from keystore_audit.engine.alloy.atoms import Sort, name_atoms
 from keystore_audit.engine.alloy.readme import describe_folders, describe_system, folder_names
 from keystore_audit.engine.alloy.relations import Relations, Row, function
 from keystore_audit.errors import UsageError
+from keystore_audit.model.claim import ClaimKind
 from keystore_audit.model.system import DomainRuleAtom, Reading, System, TopicRuleAtom
 from keystore_audit.properties import PROPERTIES
 from keystore_audit.properties.property import Property
@@ -153,10 +154,12 @@ def write_model(systems: Sequence[System], directory: Path) -> None:
         for system, name in zip(systems, names, strict=True):
             folder = directory / name if len(systems) > 1 else directory
             folder.mkdir(exist_ok=True)
-            for module in (*MODULES, *claims.MODULES, THEME):
+            for module in (*MODULES, *claims.MODULES, *paths.MODULES, THEME):
                 shutil.copyfile(resources.alloy() / module, folder / module)
             (folder / KEYSTORE).write_text(facts(system), encoding="ascii")
             (folder / MAIN).write_text(commands(PROPERTIES, system, window=True), encoding="ascii")
+            if flows := [number for number, claim in enumerate(system.claims) if claim.kind is ClaimKind.NO_FLOW]:
+                (folder / paths.MAIN).write_text(paths.write_paths(system, flows), encoding="ascii")
             (folder / README).write_text(describe_system(system), encoding="utf-8")
         if len(systems) > 1:
             (directory / README).write_text(describe_folders(systems, names), encoding="utf-8")

@@ -21,7 +21,10 @@ are the witness. Without a window: `java -jar alloy.jar exec -f -t xml -d 0 -s s
 
 _FILES: Final = """\
 `keystore.als` holds the facts and nothing else, `audit.als` the commands; all other modules are the same for every
-keystore. Each opens the one before, from `dds_security.als` to `vacuity.als`.
+keystore. Each opens the one before, from `dds_security.als` to `propagation.als`. Claims of
+`keystore-audit.toml` stand at the end of `audit.als`, `Claim0` and so on: of a claim about flows an instance is a
+compartment that nothing leaves, so that the claim holds where there is one (of "able": is violated). `paths.als`, where
+it is there, looks for a shortest path of each.
 """
 
 _READINGS: Final = """\

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Collection, Mapping, Sequence
-from contextlib import ExitStack
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
 from keystore_audit import resources
-from keystore_audit.engine.alloy import claims
+from keystore_audit.engine.alloy import claims, moments, paths
 from keystore_audit.engine.alloy.facts import CONSISTENCY, EXERCISED, KEYSTORE, MAIN, MODULES, commands, facts
-from keystore_audit.engine.alloy.process import OUTPUT_DIRECTORY, AnalyzerProcess, Limits, Output
-from keystore_audit.engine.alloy.solution import Command, failure, verdicts, witness
+from keystore_audit.engine.alloy.jobs import Analyzer, Job, run
+from keystore_audit.engine.alloy.solution import Command, witness
 from keystore_audit.errors import EngineFailed, EngineOutOfScale
 from keystore_audit.model.system import System
 from keystore_audit.properties import PROPERTIES
@@ -25,17 +23,8 @@ MEMORY_MB: Final = 2048
 MAX_ATOMS: Final = 6_000
 """Atoms of all sorts together up to which Alloy is known to decide: 5,107 (500 enclaves, 1,000 channels) took 78 s."""
 
-PARALLEL: Final = 2
-"""Analyzers side by side: one uses little more than one core."""
-
-_COMMANDS: Final = (
-    *(Command(kind="run", name=name) for name in (CONSISTENCY, *EXERCISED.values())),
-    *(Command(kind="check", name=prop.assertion) for prop in PROPERTIES),
-)
-"""The commands of the main file, in its order (`facts.commands`), before those of claims."""
-
-_POLL: Final = 0.01
-"""Seconds between looks at a process."""
+_VACUITY: Final = tuple(Command(kind="run", name=name) for name in (CONSISTENCY, *EXERCISED.values()))
+"""The first commands of the main file (`facts.commands`); checks of properties and the commands of claims follow."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,32 +57,139 @@ def decide_many(
 def examine(
     systems: Sequence[System], *, java: Path, jar: Path, timeout: float, memory_mb: int = MEMORY_MB
 ) -> tuple[Decision, ...]:
-    """Ask the Analyzer about each system, in a process each, `PARALLEL` at a time.
+    """Ask the Analyzer about each system, in a process each, `jobs.PARALLEL` at a time.
 
-    `timeout`: seconds for each process; `memory_mb`: MiB of Java heap of each. All or nothing: raises
-    EngineOutOfScale before anything is started if a system is too large, EngineTimeout, EngineMissing (no Java at
-    `java`) or EngineFailed if one of them was not answered completely. Nothing is left running, or on disk.
+    More processes answer claims at later moments, and find the path where a flow violates a claim (in systems of up
+    to `paths.MAX_ATOMS`). `timeout`: seconds for each process; `memory_mb`: MiB of Java heap of each. All or nothing:
+    raises EngineOutOfScale before anything is started if a system is too large, EngineTimeout, EngineMissing (no Java
+    at `java`) or EngineFailed if one of them was not answered completely. Nothing is left running, or on disk.
     """
+    analyzer = Analyzer(java=java, jar=jar, timeout=timeout, memory_mb=memory_mb)
     for system in systems:
         _check_scale(system)
-    modules = _modules(MODULES)
-    flows = _modules(claims.MODULES) if any(system.claims for system in systems) else {}
-    decisions: dict[int, Decision] = {}
-    waiting = deque(enumerate(systems))
-    running: dict[int, AnalyzerProcess] = {}
-    with ExitStack() as cleanup:
-        while waiting or running:
-            while waiting and len(running) < PARALLEL:
-                number, system = waiting.popleft()
-                limits = Limits(timeout=timeout, memory_mb=memory_mb, atoms=count_atoms(system))
-                files = {**modules, **flows, KEYSTORE: facts(system), MAIN: commands(PROPERTIES, system)}
-                running[number] = cleanup.enter_context(AnalyzerProcess(files, MAIN, java=java, jar=jar, limits=limits))
-            for number, process in tuple(running.items()):
-                output = process.poll(_POLL)
-                if output is not None:
-                    decisions[number] = _read(systems[number], process.directory, output, java, memory_mb)
-                    running.pop(number).close()
-    return tuple(decisions[number] for number in range(len(systems)))
+    cases = [_Case(number=number, system=system, instant=None) for number, system in enumerate(systems)]
+    cases += [case for number, system in enumerate(systems) for case in _later(number, system)]
+    decisions = run([_audit(case) for case in cases], analyzer, lambda job, *answer: _read(cases[job], *answer))
+    decisions = _with_paths(cases, decisions, analyzer)
+    return tuple(_over_time(number, cases, decisions) for number in range(len(systems)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Case:
+    """One state of the system of this number.
+
+    `instant`: None at the audit instant; else the index of a later one, or of the one before the moment between two,
+    and `system` is what it is then, with the claims that must hold until then.
+    """
+
+    number: int
+    system: System
+    instant: int | None
+
+
+def _later(number: int, system: System) -> Iterator[_Case]:
+    """The later states of a system that its claims make worth looking at."""
+    until = max((claim.until for claim in system.claims if claim.until is not None), default=system.now)
+    for count, moment in enumerate(moments.later(system, until)):
+        if count == moments.MAX_MOMENTS:
+            raise EngineOutOfScale(
+                f"Until the date of a claim, grants begin or end more than {moments.MAX_MOMENTS} times."
+            )
+        lasting = tuple(c for c in system.claims if c.until is not None and moment <= 2 * c.until)
+        then = moments.at(replace(system, claims=lasting), moment)
+        yield _Case(number=number, system=then, instant=moment // 2)
+
+
+def _over_time(number: int, cases: Sequence[_Case], decisions: Sequence[Decision]) -> Decision:
+    """The decision on a system: of each claim the first violation, at whatever moment it is."""
+    answers = dict(decisions[number].answers)
+    for case, decision in zip(cases, decisions, strict=True):
+        if case.number == number and case.instant is not None:
+            for claim in case.system.claims:
+                if answers[claim.id].status is Status.HOLDS:
+                    answers[claim.id] = decision.answers[claim.id]
+    return replace(decisions[number], answers=answers)
+
+
+def _audit(case: _Case) -> Job:
+    system = case.system
+    properties = PROPERTIES if case.instant is None else ()
+    asked = [Command(kind="check", name=prop.assertion) for prop in properties]
+    files = {**_modules(MODULES), KEYSTORE: facts(system), MAIN: commands(properties, system)}
+    return Job(
+        files={**files, **_modules(claims.MODULES)} if system.claims else files,
+        main=MAIN,
+        commands=(*_VACUITY, *asked, *claims.commands_of(system.claims)),
+        atoms=count_atoms(system),
+    )
+
+
+def _read(case: _Case, found: Mapping[str, bool], solutions: Path) -> Decision:
+    if not found[CONSISTENCY]:
+        raise EngineFailed("The model contradicts itself, so that every property would hold of it.")
+    system, sizes = case.system, _sizes(case.system)
+    answers: dict[str, Answer] = {}
+    for prop in PROPERTIES if case.instant is None else ():
+        violated = found[prop.assertion]
+        answers[prop.id] = Answer(
+            property_id=prop.id,
+            status=Status.VIOLATED if violated else Status.HOLDS,
+            witnesses=(witness(solutions, prop.assertion, prop.roles, sizes),) if violated else (),
+        )
+    for number, claim in enumerate(system.claims):
+        name = claims.command_of(claim, number).name
+        status, roles = claims.status(claim, found[name]), claims.roles_of(claim)
+        told = (witness(solutions, name, roles, sizes),) if roles and status is Status.VIOLATED else ()
+        answers[claim.id] = Answer(property_id=claim.id, status=status, witnesses=told)
+    exercised = {**EXERCISED, **(claims.EXERCISED if system.claims else {})}
+    return Decision(answers=answers, idle=frozenset(family for family, run in exercised.items() if not found[run]))
+
+
+def _with_paths(cases: Sequence[_Case], decisions: Sequence[Decision], analyzer: Analyzer) -> list[Decision]:
+    """The same decisions, with the path of each flow that violates a claim, where it first does."""
+    told = list(decisions)
+    jobs: list[Job] = []
+    asked: list[tuple[int, tuple[int, ...]]] = []
+    known: set[tuple[int, str]] = set()
+    for place, (case, decision) in enumerate(zip(cases, decisions, strict=True)):
+        violated = paths.wanted(case.system, decision.answers)
+        numbers = tuple(n for n in violated if (case.number, case.system.claims[n].id) not in known)
+        known |= {(case.number, case.system.claims[n].id) for n in numbers}
+        if numbers and count_atoms(case.system) <= paths.MAX_ATOMS:
+            asked.append((place, numbers))
+            jobs.append(_search(case.system, numbers))
+
+    def read(job: int, found: Mapping[str, bool], solutions: Path) -> None:
+        place, numbers = asked[job]
+        case, answers = cases[place], dict(told[place].answers)
+        for number in numbers:
+            if not found[f"Path{number}"]:
+                raise EngineFailed("The Alloy Analyzer finds no path for a flow that there must be.")
+            claim = case.system.claims[number]
+            path = paths.read_path(solutions, number, case.system, case.instant)
+            answers[claim.id] = replace(answers[claim.id], witnesses=paths.ends(path), path=path)
+        told[place] = replace(told[place], answers=answers)
+
+    run(jobs, analyzer, read)
+    return told
+
+
+def _search(system: System, numbers: Sequence[int]) -> Job:
+    modules = _modules((*MODULES, *claims.MODULES, *paths.MODULES))
+    return Job(
+        files={**modules, KEYSTORE: facts(system), paths.MAIN: paths.write_paths(system, numbers)},
+        main=paths.MAIN,
+        commands=paths.commands_of(numbers),
+        atoms=count_atoms(system),
+    )
+
+
+def _check_scale(system: System) -> None:
+    atoms = count_atoms(system)
+    if atoms > MAX_ATOMS:
+        raise EngineOutOfScale(
+            f"The model of this keystore has {atoms} atoms; the Alloy Analyzer is known to decide up to {MAX_ATOMS}."
+        )
 
 
 def count_atoms(system: System) -> int:
@@ -115,14 +211,6 @@ def count_atoms(system: System) -> int:
     return sum(map(len, sorts))
 
 
-def _check_scale(system: System) -> None:
-    atoms = count_atoms(system)
-    if atoms > MAX_ATOMS:
-        raise EngineOutOfScale(
-            f"The model of this keystore has {atoms} atoms; the Alloy Analyzer is known to decide up to {MAX_ATOMS}."
-        )
-
-
 def _modules(names: Sequence[str]) -> dict[str, str]:
     """Return the text of hand-written modules."""
     folder = resources.alloy()
@@ -130,30 +218,6 @@ def _modules(names: Sequence[str]) -> dict[str, str]:
         return {name: (folder / name).read_text(encoding="ascii") for name in names}
     except (OSError, UnicodeDecodeError) as error:
         raise EngineFailed(f"This installation is incomplete: an Alloy module cannot be read ({error}).") from error
-
-
-def _read(system: System, directory: Path, output: Output, java: Path, memory_mb: int) -> Decision:
-    if output.status != 0:
-        raise failure(output.status, output.diagnostics + output.messages, java=java, memory_mb=memory_mb)
-    found = verdicts(output.diagnostics, (*_COMMANDS, *claims.commands_of(system.claims)))
-    if not found[CONSISTENCY]:
-        raise EngineFailed("The model contradicts itself, so that every property would hold of it.")
-    solutions, sizes = directory / OUTPUT_DIRECTORY, _sizes(system)
-    answers = {
-        prop.id: Answer(
-            property_id=prop.id,
-            status=Status.VIOLATED if found[prop.assertion] else Status.HOLDS,
-            witnesses=(witness(solutions, prop.assertion, prop.roles, sizes),) if found[prop.assertion] else (),
-        )
-        for prop in PROPERTIES
-    }
-    for number, claim in enumerate(system.claims):
-        name = claims.command_of(claim, number).name
-        status, roles = claims.status(claim, found[name]), claims.roles_of(claim)
-        told = (witness(solutions, name, roles, sizes),) if roles and status is Status.VIOLATED else ()
-        answers[claim.id] = Answer(property_id=claim.id, status=status, witnesses=told)
-    exercised = {**EXERCISED, **(claims.EXERCISED if system.claims else {})}
-    return Decision(answers=answers, idle=frozenset(family for family, run in exercised.items() if not found[run]))
 
 
 def _sizes(system: System) -> Mapping[Role, int]:

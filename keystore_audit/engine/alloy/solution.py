@@ -80,6 +80,14 @@ def _skolems(path: Path, assertion: str) -> dict[str, str]:
     return found
 
 
+def read_instances(path: Path, command: str) -> list[etree._Element]:
+    """Return the states of the trace that `command` found, in order. Raises EngineFailed if it cannot be read."""
+    instances = _read(path, command).findall("./instance")
+    if not instances:
+        raise EngineFailed(f"The Alloy Analyzer's instance of {command} is not there.")
+    return instances
+
+
 def _read(path: Path, assertion: str) -> etree._Element:
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
     try:

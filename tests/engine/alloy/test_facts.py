@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from keystore_audit import resources
+from keystore_audit.engine.alloy import claims, paths
 from keystore_audit.engine.alloy.atoms import ROLE_LETTERS, index_of, name_atoms
 from keystore_audit.engine.alloy.facts import MODULES, commands, facts, write_model
 from keystore_audit.engine.alloy.relations import union
@@ -20,7 +21,10 @@ from keystore_audit.findings import Location
 from keystore_audit.model.system import Reading, System
 from keystore_audit.properties import PROPERTIES
 from keystore_audit.properties.property import Role
-from tests.engine.systems import healthy, random_system, stock
+from tests.engine.systems import healthy, random_system, stock, with_claims
+
+ALL_MODULES = (*MODULES, *claims.MODULES, *paths.MODULES)
+"""All that are written by hand."""
 
 HOSTILE = st.text(max_size=60) | st.sampled_from(
     [
@@ -92,6 +96,22 @@ def test_what_is_no_atom_of_ours_plays_no_role(answer: str) -> None:
     assert index_of(answer, Role.ENCLAVE) is None
 
 
+def claiming(name: str = "keystore-audit.toml") -> System:
+    """A system with claims of all kinds; `name`: what their author calls his files."""
+    system = with_claims(random_system(5), 5, 12)
+    where = Location(path=name, line=1)
+    return replace(system, claims=tuple(replace(claim, location=where) for claim in system.claims))
+
+
+@given(HOSTILE)
+def test_names_of_a_user_never_change_the_commands(name: str) -> None:
+    plain, hostile = commands(PROPERTIES, claiming("")), commands(PROPERTIES, claiming(name))
+    assert bare(hostile) == bare(plain)
+    assert hostile.isascii()
+    for line in hostile.split("\n"):
+        assert line.lstrip("\t").isprintable()
+
+
 def test_equal_systems_give_equal_text() -> None:
     assert facts(random_system(7)) == facts(random_system(7))
     assert facts(random_system(7)) != facts(random_system(8))
@@ -117,15 +137,16 @@ def test_the_example_in_the_source_tree_is_what_would_be_written_today() -> None
 
 def test_each_module_opens_one_other() -> None:
     """The Analyzer parses a module once for each path to it: diamonds double the time at every level."""
-    chain = ["dds_security", "keystore", *(name.removesuffix(".als") for name in MODULES[1:])]
+    chain = ["dds_security", "keystore", *(name.removesuffix(".als") for name in ALL_MODULES[1:])]
     for before, module in pairwise(chain):
         text = (resources.alloy() / f"{module}.als").read_text()
         assert re.findall(r"^open (\w+)$", text, re.MULTILINE) == [before]
-    assert re.findall(r"^open (\w+)$", commands(PROPERTIES), re.MULTILINE) == [chain[-1]]
+    for system, last in ((None, "vacuity"), (claiming(), "claims")):
+        assert re.findall(r"^open (\w+)$", commands(PROPERTIES, system), re.MULTILINE) == [last]
 
 
 def test_everything_that_is_declared_has_a_comment() -> None:
-    for module in MODULES:
+    for module in ALL_MODULES:
         lines = (resources.alloy() / module).read_text().split("\n")
         for before, line in pairwise(lines):
             if re.match(r"(abstract sig|one sig|sig|fun|pred|assert|fact)\b", line):

@@ -1,0 +1,78 @@
+"""Several runs of the Analyzer, side by side; each must answer every command that it was given."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, TypeVar
+
+from keystore_audit.engine.alloy.process import OUTPUT_DIRECTORY, AnalyzerProcess, Limits, Output
+from keystore_audit.engine.alloy.solution import Command, failure, verdicts
+
+PARALLEL: Final = 2
+"""Analyzers side by side: one uses little more than one core."""
+
+_POLL: Final = 0.01
+"""Seconds between looks at a process."""
+
+Result = TypeVar("Result")
+
+Read = Callable[[int, Mapping[str, bool], Path], Result]
+"""Makes a result of a job: its number, which of its commands have an instance, and where the instances are."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Analyzer:
+    """`timeout`: seconds for each process; `memory_mb`: MiB of Java heap of each."""
+
+    java: Path
+    jar: Path
+    timeout: float
+    memory_mb: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Job:
+    """One process. `files`: name to text; `main`: the one with `commands`; `atoms`: size of the model."""
+
+    files: Mapping[str, str]
+    main: str
+    commands: Sequence[Command]
+    atoms: int
+
+
+def run(jobs: Sequence[Job], analyzer: Analyzer, read: Read[Result]) -> list[Result]:
+    """Return what `read` makes of each job, in their order.
+
+    Raises an EngineError if one of them was not answered completely; then the others are ended.
+    """
+    results: dict[int, Result] = {}
+    waiting = deque(enumerate(jobs))
+    running: dict[int, AnalyzerProcess] = {}
+    with ExitStack() as cleanup:
+        while waiting or running:
+            while waiting and len(running) < PARALLEL:
+                number, job = waiting.popleft()
+                running[number] = cleanup.enter_context(_process(job, analyzer))
+            for number, process in tuple(running.items()):
+                output = process.poll(_POLL)
+                if output is not None:
+                    found = _verdicts(jobs[number], output, analyzer)
+                    results[number] = read(number, found, process.directory / OUTPUT_DIRECTORY)
+                    running.pop(number).close()
+    return [results[number] for number in range(len(jobs))]
+
+
+def _process(job: Job, analyzer: Analyzer) -> AnalyzerProcess:
+    limits = Limits(timeout=analyzer.timeout, memory_mb=analyzer.memory_mb, atoms=job.atoms)
+    return AnalyzerProcess(job.files, job.main, java=analyzer.java, jar=analyzer.jar, limits=limits)
+
+
+def _verdicts(job: Job, output: Output, analyzer: Analyzer) -> Mapping[str, bool]:
+    if output.status != 0:
+        said = output.diagnostics + output.messages
+        raise failure(output.status, said, java=analyzer.java, memory_mb=analyzer.memory_mb)
+    return verdicts(output.diagnostics, job.commands)

@@ -1,0 +1,61 @@
+"""The facts of a system at a later moment, for claims that must hold until a date.
+
+Of what a claim speaks of, dates change nothing but which grants are in force. So each choice of grants in force is
+asked about once, with static facts: a start of the Analyzer for each, but each as exact and as fast as the audit
+itself. (A moving clock in one temporal model costs a translation for each state of each trace that is tried.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import timedelta
+from typing import Final
+
+from keystore_audit.model.system import System
+
+MAX_MOMENTS: Final = 16
+"""Moments asked about for one system."""
+
+_TICK: Final = timedelta(microseconds=1)
+
+
+def later(system: System, until: int) -> Iterator[int]:
+    """Yield the moments after the audit instant, up to the instant `until`, at which other grants are in force.
+
+    A moment is twice the index of an instant, plus one for the time between it and the next (as in
+    `model.permission.Permissions`). Of several moments at which the same grants are in force the first counts.
+    """
+    known = {_in_force(system, 2 * system.now)}
+    for moment in range(2 * system.now + 1, 2 * until + 1):
+        grants = _in_force(system, moment)
+        if grants not in known:
+            known.add(grants)
+            yield moment
+
+
+def at(system: System, moment: int) -> System:
+    """Return the same system as it is at `moment`: with an instant of its own if that lies between two."""
+    index, between = divmod(moment, 2)
+    if not between:
+        return replace(system, now=index)
+
+    def shift(instant: int) -> int:
+        return instant + 1 if instant > index else instant
+
+    instants = system.instants
+    return replace(
+        system,
+        instants=(*instants[: index + 1], instants[index] + _TICK, *instants[index + 1 :]),
+        now=index + 1,
+        certificates=tuple(
+            replace(c, not_before=shift(c.not_before), not_after=shift(c.not_after)) for c in system.certificates
+        ),
+        grants=tuple(replace(g, not_before=shift(g.not_before), not_after=shift(g.not_after)) for g in system.grants),
+    )
+
+
+def _in_force(system: System, moment: int) -> frozenset[int]:
+    return frozenset(
+        number for number, grant in enumerate(system.grants) if 2 * grant.not_before <= moment <= 2 * grant.not_after
+    )
