@@ -189,6 +189,7 @@ def _report(context: Context, judgement: Judgement, safe: Horizon, options: Opti
         findings=judgement.findings,
         outcomes=judgement.outcomes,
         scope=_scope(context),
+        files=context.keystore.contents,
     )
 
 

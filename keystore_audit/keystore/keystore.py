@@ -21,6 +21,7 @@ from keystore_audit.keystore.private_key import PrivateKey, read_private_key
 from keystore_audit.keystore.root import Root
 from keystore_audit.keystore.smime import Candidates
 from keystore_audit.keystore.stray import Stray, is_message_by_name, read_strays
+from keystore_audit.text import percent_path
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -59,6 +60,8 @@ class Keystore:
     private_keys: tuple[File, ...]
     """Every file below the root in which a private key is, whatever its name; without content."""
     digest: str
+    contents: tuple[tuple[str, str], ...] = ()
+    """Path and SHA-256, in hexadecimal, of every file that was read, by path: of the bytes that were parsed."""
     strays: tuple[Stray, ...] = ()
     """Signed messages that no enclave carries, by place, each content once: see `stray`."""
     unread: int = 0
@@ -83,7 +86,7 @@ def read_keystore(path: str | os.PathLike[str], *, progress: Callable[[int, int]
             enclaves.append(reader.enclave(files, read, candidates))
             if progress is not None:
                 progress(len(enclaves), len(layout.enclaves))
-        digest = _digest(root)  # it has read every file
+        records = sorted(_records(root))  # with them, every file has been read
         strays = _strays(root, layout, enclaves, candidates)
         return Keystore(
             root=root.path,
@@ -92,7 +95,8 @@ def read_keystore(path: str | os.PathLike[str], *, progress: Callable[[int, int]
             authorities=authorities,
             authority_keys=_distinct(reader.private_key(file) for file in layout.authority_keys),
             private_keys=root.holding_private_keys(),
-            digest=digest,
+            digest=_digest(records),
+            contents=tuple(_contents(records)),
             strays=strays,
             unread=len(_unread(root, layout)) - sum(stray.document is None for stray in strays),
         )
@@ -247,7 +251,7 @@ def _common_name(file: CertificateFile | None) -> str | None:
     return None
 
 
-def _digest(root: Root) -> str:
+def _digest(records: Iterable[_Record]) -> str:
     """Hash the tree: for each entry, in order of path, path, type and value, each ended by NUL.
 
     The value is the SHA-256 of a file's content in hexadecimal (its status where it was not read), a link's
@@ -255,13 +259,24 @@ def _digest(root: Root) -> str:
     the same digest.
     """
     digest = hashlib.sha256()
-    for record in sorted(_records(root)):
+    for record in records:
         for part in record:
             digest.update(part + b"\0")
     return digest.hexdigest()
 
 
-def _records(root: Root) -> Iterator[tuple[bytes, bytes, bytes]]:
+_Record = tuple[bytes, bytes, bytes]
+"""Path, type and value of an entry."""
+
+
+def _contents(records: Iterable[_Record]) -> Iterator[tuple[str, str]]:
+    """Files with the hash of what was read; where a file was not, its value is a status, which is shorter."""
+    for path, kind, value in records:
+        if kind == EntryKind.FILE.value.encode() and len(value) == hashlib.sha256().digest_size * 2:
+            yield percent_path(path), value.decode()
+
+
+def _records(root: Root) -> Iterator[_Record]:
     stack = [b""]
     while stack:
         place = stack.pop()

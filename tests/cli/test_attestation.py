@@ -1,0 +1,101 @@
+"""What an attestation says of files is what was audited: a file swapped or added afterwards is noticed."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from keystore_audit.cli.program import run
+
+SAMPLE = Path(__file__).parents[2] / "sample_keystores" / "healthy" / "turtlesim"
+
+
+@pytest.fixture
+def keystore(tmp_path: Path) -> Path:
+    copy = tmp_path / "keys"
+    shutil.copytree(SAMPLE, copy, symlinks=True)
+    for key in copy.rglob("key.pem"):
+        key.chmod(0o600)
+    return copy
+
+
+def statement(keystore: Path, *options: str, kind: str = "svr") -> dict[str, Any]:
+    target = keystore.parent / "statement.json"
+    run(["audit", str(keystore), "--engine", "native", "-q", "-o", f"{kind}={target}", *options])
+    loaded: dict[str, Any] = json.loads(target.read_text())
+    return loaded
+
+
+def broken(keystore: Path, said: dict[str, Any]) -> list[str]:
+    """Subjects whose file is another one now."""
+    return [
+        subject["name"]
+        for subject in said["subject"]
+        if hashlib.sha256((keystore / subject["name"]).read_bytes()).hexdigest() != subject["digest"]["sha256"]
+    ]
+
+
+@pytest.fixture(autouse=True)
+def _no_output(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(io.BytesIO(), "utf-8"))
+
+
+def test_every_file_is_a_subject_with_its_hash(keystore: Path) -> None:
+    said = statement(keystore)
+    files = {path.relative_to(keystore).as_posix() for path in keystore.rglob("*") if path.is_file()}
+    assert {subject["name"] for subject in said["subject"]} == {
+        name for name in files if not (keystore / name).is_symlink()
+    }
+    assert broken(keystore, said) == []
+    assert "KEYSTORE_AUDIT_PASS" in said["predicate"]["properties"]
+
+
+def test_a_swapped_file_breaks_it(keystore: Path) -> None:
+    said = statement(keystore)
+    swapped = keystore / "enclaves" / "random" / "permissions.p7s"
+    shutil.copyfile(keystore / "enclaves" / "keyboard" / "permissions.p7s", swapped)
+    assert broken(keystore, said) == ["enclaves/random/permissions.p7s"]
+
+
+def test_an_added_file_changes_the_digest_of_the_tree(keystore: Path) -> None:
+    said = statement(keystore)
+    (keystore / "enclaves" / "random" / "note.txt").write_text("added")
+    assert broken(keystore, said) == []
+    again = statement(keystore)
+    digests = [each["predicate"]["verifier"]["keystoreAudit"]["keystoreDigest"] for each in (said, again)]
+    assert digests[0] != digests[1]
+
+
+@pytest.mark.parametrize(
+    "weakening",
+    [
+        ["--at", "2026-11-21"],
+        ["--ignore", "KA203"],
+        ["--select", "KA2"],
+        ["--fail-on", "critical"],
+        ["--fail-on", "never"],
+        ["--profile", "spec"],
+        ["--expires-within", "5"],
+    ],
+    ids=" ".join,
+)
+def test_a_weakened_gate_passes_in_no_statement(keystore: Path, weakening: list[str]) -> None:
+    assert statement(keystore, kind="statement")["predicate"]["result"] != "FAILED"
+    assert statement(keystore, *weakening, kind="statement")["predicate"]["result"] == "WARNED"
+    assert statement(keystore, *weakening)["predicate"]["properties"] == []
+
+
+def test_an_incomplete_audit_fails(keystore: Path) -> None:
+    (keystore / "enclaves" / "random" / "permissions.p7s").write_bytes(b"MIME-Version: 1.0\n")
+    permissions = keystore / "enclaves" / "random" / "permissions.p7s"
+    permissions.unlink()
+    permissions.mkdir()
+    assert statement(keystore, kind="statement")["predicate"]["result"] == "FAILED"
+    assert statement(keystore)["predicate"]["properties"] == []
