@@ -1,0 +1,364 @@
+"""Drift: every difference in meaning is found, in the right direction, and no other; compared name by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from keystore_audit.findings import Location
+from keystore_audit.intent.intent import Action, IntendedRight
+from keystore_audit.intent.policy import Policy, Profiles, read_policy
+from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.files import Status
+from keystore_audit.keystore.layout import LayoutKind, Role
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.drift_rights import MAX_RIGHTS
+from tests.model.drifting import Listed, allowed, compared, listed_in, matches, only, policy_of, sole, store
+from tests.rules.divergent import ruled
+from tests.rules.evidence import (
+    absent,
+    allow,
+    defect,
+    domain_rule,
+    enclave,
+    governance,
+    grant,
+    keystore,
+    laid_out,
+    permissions,
+    text,
+)
+
+ROOT = Path(__file__).resolve().parents[2]
+OWN = ROOT / "sample_keystores/policies"
+SHARED = ROOT.parent / "shared/reference/policies"
+MADE_BY_SROS2 = {
+    **{
+        name: (
+            SHARED / f"sros2-rolling/{name}.policy.xml",
+            SHARED / f"sros2-rolling/permissions/{name}/permissions.xml",
+        )
+        for name in ("sample", "single_context", "minimal_action", "talker_listener", "add_two_ints")
+    },
+    "dashing": (SHARED / "sros2-dashing/sample_policy.xml", SHARED / "sros2-dashing/permissions.xml"),
+}
+DISCOVERY = Listed(True, ("ros_discovery_info",), ("ros_discovery_info",))
+
+
+def pairs() -> Iterator[object]:
+    """Policies and what sros2 makes of them: its own examples, where they are, and ours."""
+    for name, (policy, document) in MADE_BY_SROS2.items():
+        there = pytest.mark.skipif(not document.exists(), reason="the reference policies are not there")
+        yield pytest.param(policy, [document], id=name, marks=there)
+    for name in ("talker_listener", "turtlesim", "vehicle"):
+        documents = sorted((ROOT / "sample_keystores/healthy" / name / "enclaves").rglob("permissions.xml"))
+        assert documents
+        yield pytest.param(OWN / f"{name}.policy.xml", documents, id=f"our {name}")
+
+
+PAIRS = list(pairs())
+
+
+def rules_of(documents: Sequence[Path]) -> dict[str, list[Listed]]:
+    return {path: rules for document in documents for path, rules in listed_in(document).items()}
+
+
+@pytest.mark.parametrize(("file", "documents"), PAIRS)
+def test_what_sros2_makes_of_a_policy_has_no_drift(file: Path, documents: list[Path]) -> None:
+    found = compared(read_policy(file), store(dict(rules_of(documents))), "spec", "fastdds-3.6", "cyclonedds-0.10")
+    assert (found.enclaves, found.undecided, found.missing, found.unnamed, found.lost) == ((), (), (), (), ())
+
+
+@pytest.mark.parametrize(("file", "documents"), PAIRS)
+def test_each_topic_more_or_less_is_found(file: Path, documents: list[Path]) -> None:
+    policy, rules = read_policy(file), rules_of(documents)
+    for path, (first, *others) in rules.items():
+        for operation in ("publish", "subscribe"):
+            topics = first.topics(operation)
+            for topic in dict.fromkeys(topics):
+                fewer = first._replace(**{operation: tuple(each for each in topics if each != topic)})
+                assert differs(policy, rules, path, [fewer, *others]) == ({(operation, topic)}, set())
+            more = first._replace(**{operation: (*topics, "rt/added/by_hand")})
+            assert differs(policy, rules, path, [more, *others]) == (set(), {(operation, "rt/added/by_hand")})
+        lost = {("publish", topic) for topic in first.publish} | {("subscribe", topic) for topic in first.subscribe}
+        assert differs(policy, rules, path, others or [DISCOVERY]) == (lost, set())
+
+
+def differs(
+    policy: Policy, rules: dict[str, list[Listed]], path: str, changed: Sequence[Listed]
+) -> tuple[set[tuple[str, str]], set[tuple[str, str]]]:
+    """What drifts where one enclave is granted other rules; it alone does."""
+    found = compared(policy, store({**rules, path: changed}), "spec")
+    assert {each.enclave for each in found.enclaves} <= {path}
+    return sole(found)
+
+
+@pytest.mark.parametrize(("file", "documents"), PAIRS)
+def test_what_means_the_same_is_no_drift(file: Path, documents: list[Path]) -> None:
+    policy, rules = read_policy(file), rules_of(documents)
+    for path, (first, *others) in rules.items():
+        half = len(first.publish) // 2
+        backwards = first._replace(publish=first.publish[::-1], subscribe=first.subscribe[::-1])
+        twice = first._replace(publish=first.publish * 2)
+        split = [
+            first._replace(publish=first.publish[:half]),
+            first._replace(publish=first.publish[half:], subscribe=()),
+        ]
+        late = Listed(False, first.publish, first.subscribe)
+        nobody = Listed(False, ("rt/nobody/does",), ())
+        for same in (
+            [backwards],
+            [twice],
+            split,
+            [DISCOVERY, first],
+            [first, DISCOVERY],
+            [first, late],
+            [nobody, first],
+        ):
+            assert differs(policy, rules, path, [*same, *others]) == (set(), set())
+
+
+@pytest.mark.parametrize(("file", "documents"), PAIRS)
+def test_another_order_is_found_where_it_means_something_else(file: Path, documents: list[Path]) -> None:
+    policy, rules = read_policy(file), rules_of(documents)
+    for path, (first, *others) in rules.items():
+        topic = first.publish[0]
+        denying = Listed(False, (topic,), ())
+        assert differs(policy, rules, path, [denying, first, *others]) == ({("publish", topic)}, set())
+        assert differs(policy, rules, path, [first, denying, *others]) == (set(), set())
+
+
+# Against every name
+
+EXPRESSIONS = ("rt/a", "rt/b", "rt/aa", "rt/a*", "rt/*", "rt/?", "*a", "rq/sRequest", "rr/sReply", "rq/*", "a")
+NAMES = (
+    *("rt/a", "rt/b", "rt/c", "rt/aa", "rt/ab", "rt/ba", "rt/bb", "rt/aaa", "rt/baa", "rt/", "a", "ba", "b"),
+    *("rq/sRequest", "rq/tRequest", "rq/a", "rr/sReply", "rr/tReply"),
+)
+ROS_NAMES = ("/a", "/b", "/aa", "/a*", "/*", "/?", "a", "~a")
+MEANT = {"publish": ("rt{}",), "request": ("rq{}Request", "rr{}Reply")}
+
+texts = st.lists(st.sampled_from(EXPRESSIONS), max_size=3).map(tuple)
+some_rules = st.lists(st.builds(Listed, st.booleans(), texts, texts), max_size=4)
+some_rights = st.lists(
+    st.tuples(
+        st.sampled_from(("publish", "subscribe", "request", "reply")), st.sampled_from(EXPRESSIONS[:6]), st.booleans()
+    ),
+    max_size=5,
+)
+
+
+def as_sros2(rights: Sequence[tuple[str, str, bool]]) -> list[Listed]:
+    """The rules of a policy with these rights, on names as in EXPRESSIONS but without `rt`."""
+    found = []
+    for allows in (False, True):
+        publish: list[str] = []
+        subscribe: list[str] = []
+        for action, expression, qualifier in rights:
+            name = expression[2:]
+            if qualifier is not allows:
+                continue
+            if action in ("publish", "subscribe"):
+                (publish if action == "publish" else subscribe).append(f"rt{name}")
+            else:
+                asks, answers = (publish, subscribe) if action == "request" else (subscribe, publish)
+                asks.append(f"rq{name}Request")
+                answers.append(f"rr{name}Reply")
+        found.append(Listed(allows, tuple(publish), tuple(subscribe)))
+    return found
+
+
+def as_policy(rights: Sequence[tuple[str, str, bool]]) -> Policy:
+    where = Location(path="a.policy.xml", line=3, beside=True)
+    meant = tuple(
+        IntendedRight(
+            enclave="/talker", node="/talker", action=Action(action), name=name[2:], allow=allows, location=where
+        )
+        for action, name, allows in rights
+    )
+    profiles = Profiles(enclave="/talker", location=where, nodes=(), rights=meant, lost="")
+    return Policy(path="a.policy.xml", version="0.2.0", profiles=(profiles,))
+
+
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(rights=some_rights, rules=some_rules)
+def test_all_and_only_what_differs_by_name_is_found(rights: list[tuple[str, str, bool]], rules: list[Listed]) -> None:
+    meant = as_sros2(rights)
+    held = [rule for rule in rules if rule.publish or rule.subscribe]
+    found = compared(as_policy(rights), store({"/talker": held}), "spec")
+    every = [text for rule in (*meant, *held) for text in (*rule.publish, *rule.subscribe)]
+    lacking, exceeding = sole(found)
+    names = {*NAMES, *(topic for _operation, topic in lacking | exceeding)}
+    ours, theirs = allowed(meant, names), allowed(held, names)
+
+    def alike(right: tuple[str, str]) -> tuple[object, ...]:
+        return right[0], tuple(matches(text, right[1]) for text in every)
+
+    assert lacking <= ours - theirs
+    assert exceeding <= theirs - ours
+    assert {alike(right) for right in ours - theirs} == {alike(right) for right in lacking}
+    assert {alike(right) for right in theirs - ours} == {alike(right) for right in exceeding}
+
+
+# What makes a difference beside names
+
+
+CHATTER = (
+    '<profiles><profile ns="/" node="talker"><topics publish="ALLOW">'
+    "<topic>chatter</topic></topics></profile></profiles>"
+)
+
+
+def test_lines_of_both_sides(tmp_path: Path) -> None:
+    policy = policy_of(tmp_path, CHATTER.replace("<topics", "\n<topics").replace("<topic>", "\n\n<topic>"))
+    each = only(compared(policy, store({"/talker": [Listed(True, ("rt/map",), ())]})))
+    (lacking,), (exceeding,) = each.lacking.rights, each.exceeding.rights
+    assert lacking.right is not None
+    assert (lacking.right.name, lacking.right.location.line, lacking.right.location.beside) == ("/chatter", 4, True)
+    assert (lacking.keystore.path, lacking.keystore.line) == ("enclaves/talker/permissions.p7s", 50)
+    assert (exceeding.right, exceeding.keystore.line) == (None, 45)
+    assert (lacking.endless, exceeding.endless) == (False, False)
+    assert each.policy.line == 1
+
+
+def test_infinitely_many_names_are_told_from_one(tmp_path: Path) -> None:
+    wide = only(compared(policy_of(tmp_path, CHATTER), store({"/talker": [Listed(True, ("rt/c*",), ())]})))
+    assert [(right.topic, right.endless) for right in wide.exceeding.rights] == [("rt/c", True)]
+    narrow = policy_of(tmp_path, CHATTER.replace(">chatter<", ">chatter*<"))
+    lacking = only(compared(narrow, store({"/talker": [Listed(True, ("rt/chatter",), ())]}))).lacking.rights
+    assert [right.endless for right in lacking] == [True]
+    denied = only(
+        compared(policy_of(tmp_path, CHATTER), store({"/talker": [Listed(False, ("rt/x",), ())]}, default_allow=True))
+    )
+    assert any(right.endless for right in denied.exceeding.rights)
+    assert {right.keystore.line for right in denied.exceeding.rights} == {50}
+
+
+def test_a_right_in_another_partition_is_none_in_the_default_one(tmp_path: Path) -> None:
+    own = permissions("enclaves/talker/permissions.p7s", grant("/talker", ruled(publish=[(["rt/chatter"], ["lab"])])))
+    each = only(compared(policy_of(tmp_path, CHATTER), keystore(enclave("/talker", permissions=own))))
+    assert [(right.topic, right.partition) for right in each.lacking.rights] == [("rt/chatter", "")]
+    assert [(right.topic, right.partition) for right in each.exceeding.rights] == [("rt/chatter", "lab")]
+
+
+def test_domains_that_governance_and_grant_have_in_common(tmp_path: Path) -> None:
+    rules = [allow(["rt/chatter"], domains=[(0, 0), (7, 7)]), allow(["rt/map"], domains=[(7, 7)])]
+    own = permissions("enclaves/talker/permissions.p7s", grant("/talker", *rules))
+    policy = policy_of(tmp_path, CHATTER)
+    assert compared(policy, keystore(enclave("/talker", permissions=own))).enclaves == ()
+    both = governance(domain_rule(domains=[(0, 9)]))
+    each = only(compared(policy, keystore(enclave("/talker", permissions=own, governance=both))))
+    assert [(right.topic, right.domain) for right in each.exceeding.rights] == [("rt/map", 7)]
+    lacks = only(compared(policy, keystore(enclave("/talker", permissions=own)), domain=3))
+    assert [(right.topic, right.domain) for right in lacks.lacking.rights] == [("rt/chatter", 3)]
+    assert compared(policy, keystore(enclave("/talker", permissions=own)), domain=0).enclaves == ()
+
+
+def test_implementations_that_read_an_expression_otherwise_are_named(tmp_path: Path) -> None:
+    policy = policy_of(tmp_path, CHATTER.replace(">chatter<", ">arm_[!s]<"))
+    held = store({"/talker": [Listed(True, ("rt/arm_[^s]",), ())]})
+    names = ("spec", "fastdds-3.6", "cyclonedds-0.10")
+    each = only(compared(policy, held, *names))
+    spoken = {name for right in (*each.lacking.rights, *each.exceeding.rights) for name in right.profiles or names}
+    for name in names:
+        assert (compared(policy, held, name).enclaves != ()) == (name in spoken)
+    assert any(right.profiles for right in (*each.lacking.rights, *each.exceeding.rights))
+
+
+def test_what_another_document_concedes(tmp_path: Path) -> None:
+    """A peer takes the listener's permissions from the talker, if they hold a grant for it."""
+    shared = permissions(
+        "enclaves/listener/permissions.p7s", grant("/listener"), grant("/talker", allow(["rt/map", "rt/chatter"]))
+    )
+    own = permissions("enclaves/talker/permissions.p7s", grant("/talker", allow(["rt/chatter"])))
+    held = keystore(enclave("/talker", permissions=own), enclave("/listener", permissions=shared))
+    each = only(compared(policy_of(tmp_path, CHATTER), held))
+    assert (each.enclave, each.document, each.own) == ("/talker", "enclaves/listener/permissions.p7s", False)
+    assert ([right.topic for right in each.exceeding.rights], each.lacking.rights) == (["rt/map"], ())
+    over = grant("/talker", allow(["rt/map"]), not_after=text("2021-01-01T00:00:00", 41))
+    late = permissions("enclaves/listener/permissions.p7s", grant("/listener"), over)
+    held = keystore(enclave("/talker", permissions=own), enclave("/listener", permissions=late))
+    assert compared(policy_of(tmp_path, CHATTER), held).enclaves == ()
+
+
+def test_which_grant_is_compared(tmp_path: Path) -> None:
+    """The one that counts; one out of date where there is no other; none where none names the enclave."""
+    policy = policy_of(tmp_path, CHATTER)
+    past = {"not_after": text("2021-01-01T00:00:00", 41)}
+    assert compared(policy, store({"/talker": [Listed(True, ("rt/chatter",), ())]}, **past)).enclaves == ()
+    old = grant("/talker", allow(["rt/map"]), **past)
+    own = permissions("enclaves/talker/permissions.p7s", old, grant("/talker", allow(["rt/chatter"])))
+    assert compared(policy, keystore(enclave("/talker", permissions=own)), "fastdds-3.6").enclaves == ()
+    assert compared(policy, keystore(enclave("/talker", permissions=own)), "cyclonedds-11").enclaves != ()
+    others = permissions("enclaves/talker/permissions.p7s", grant("/listener", allow(["rt/chatter"])))
+    each = only(compared(policy, keystore(enclave("/talker", permissions=others))))
+    assert (each.granted, [right.topic for right in each.lacking.rights]) == (False, ["rt/chatter"])
+    bare = only(compared(policy, keystore(enclave("/talker", permissions=None), enclave("/other"))))
+    assert (bare.granted, [right.topic for right in bare.lacking.rights]) == (None, ["rt/chatter"])
+
+
+def test_what_cannot_be_read_is_undecided(tmp_path: Path) -> None:
+    place = "enclaves/talker/permissions.p7s"
+    ambiguous = permissions(place, permissions=None, defects=(defect(Kind.XML_AMBIGUOUS, place),))
+    unread = {Role.PERMISSIONS: absent(place, Status.OUTSIDE, "leads out of the keystore")}
+    for held in (enclave("/talker", permissions=ambiguous), enclave("/talker", permissions=None, files=unread)):
+        found = compared(policy_of(tmp_path, CHATTER), keystore(held, enclave("/listener")))
+        assert (found.enclaves, [doubt.enclave for doubt in found.undecided]) == ((), ["/talker"])
+
+
+def test_an_expression_that_means_nothing_is_undecided(tmp_path: Path) -> None:
+    policy = policy_of(tmp_path, CHATTER.replace(">chatter<", ">arm_[!<"))
+    held = store({"/talker": [Listed(True, ("rt/chatter",), ())]})
+    assert compared(policy, held, "spec").undecided == ()
+    (doubt,) = compared(policy, held, "spec", "opendds").undecided
+    assert doubt.location.path.endswith("a.policy.xml")
+
+
+def test_enclaves_on_one_side_alone(tmp_path: Path) -> None:
+    policy = policy_of(tmp_path, CHATTER)
+    elsewhere = keystore(enclave("/listener"))
+    found = compared(policy, elsewhere)
+    assert [each.enclave for each in found.missing] == ["/talker"]
+    assert [each.path for each in found.unnamed] == ["/listener"]
+    assert compared(policy, laid_out(kind=LayoutKind.ENCLAVE)(elsewhere)).missing == ()
+
+
+def test_without_permissions_nothing_is_compared(tmp_path: Path) -> None:
+    found = compared(policy_of(tmp_path, CHATTER), keystore(enclave("/talker", permissions=None)))
+    assert found.unenforced
+    assert found.enclaves == ()
+
+
+def test_only_the_first_profiles_count(tmp_path: Path) -> None:
+    policy = policy_of(tmp_path, CHATTER + CHATTER.replace("chatter", "map").replace("talker", "mapper"))
+    found = compared(policy, store({"/talker": [Listed(True, ("rt/chatter",), ())]}))
+    assert found.enclaves == ()
+    assert [[node.name for node in each.nodes] for each in found.lost] == [["/mapper"]]
+
+
+def test_relaying_is_beyond_any_policy(tmp_path: Path) -> None:
+    rules = (allow(["rt/chatter"]), ruled(relay=[(["rt/chatter"], None)]))
+    own = permissions("enclaves/talker/permissions.p7s", grant("/talker", *rules))
+    each = only(compared(policy_of(tmp_path, CHATTER), keystore(enclave("/talker", permissions=own)), "spec"))
+    assert [(right.operation, right.topic) for right in each.exceeding.rights] == [(Operation.RELAY, "rt/chatter")]
+
+
+def test_many_rights_are_counted_and_not_all_told(tmp_path: Path) -> None:
+    held = store(
+        {"/talker": [Listed(True, ("rt/chatter", *(f"rt/n{number}" for number in range(MAX_RIGHTS + 7))), ())]}
+    )
+    each = only(compared(policy_of(tmp_path, CHATTER), held))
+    assert (len(each.exceeding.rights), each.exceeding.more) == (MAX_RIGHTS, 7)
+
+
+def test_a_copy_of_the_enclaves_own_document_is_not_told_twice(tmp_path: Path) -> None:
+    own = permissions("enclaves/talker/permissions.p7s", grant("/talker", allow(["rt/chatter", "rt/map"])))
+    copy = permissions("enclaves/listener/permissions.p7s", grant("/talker", allow(["rt/chatter", "rt/map"])))
+    copy = replace(copy, signed=replace(copy.signed, file=replace(copy.signed.file, sha256=own.signed.file.sha256)))
+    held = keystore(enclave("/talker", permissions=own), enclave("/listener", permissions=copy))
+    assert only(compared(policy_of(tmp_path, CHATTER), held)).own
