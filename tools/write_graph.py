@@ -39,12 +39,13 @@ def endpoints(found: NamesAndTypes, kind: str) -> list[dict[str, str]]:
 def actions(observer: Any, role: str, node: tuple[str, str]) -> NamesAndTypes:
     """Actions of a node, with their types. Rolling moves these functions from a module to the node's class."""
     name = f"get_action_{role}_names_and_types_by_node"
+    found: NamesAndTypes
     if hasattr(observer, name):
-        found: NamesAndTypes = getattr(observer, name)(*node)
-        return found
-    from rclpy.action import graph as by_node  # type: ignore[import-not-found]
+        found = getattr(observer, name)(*node)
+    else:
+        from rclpy.action import graph as by_node  # type: ignore[import-not-found]
 
-    found = getattr(by_node, name)(observer, *node)
+        found = getattr(by_node, name)(observer, *node)
     return found
 
 
