@@ -20,7 +20,6 @@ from keystore_audit.findings import Location
 from keystore_audit.intent.intent import Action, IntendedNode, IntendedRight, Intent, Origin
 from keystore_audit.intent.xinclude import Expanded, expand, malformed
 from keystore_audit.keystore.document import elements, joined
-from keystore_audit.keystore.xml import source_line
 from keystore_audit.resources import schemas
 from keystore_audit.text import shorten
 
@@ -203,14 +202,12 @@ def _validate(expanded: Expanded) -> None:
         return
     log: Any = schema.error_log  # the stubs do not know what is in it
     for entry in log:
-        place = expanded.root.getroottree().xpath(entry.path) if entry.path else []
-        element = place[0] if isinstance(place, list) and place else expanded.root
-        location = expanded.location(element) if etree.iselement(element) else None
-        location = location or Location(path=expanded.location(expanded.root).path, line=entry.line)
-        raise malformed(location, f"this is no SROS2 policy: {shorten(str(entry.message).rstrip('.'), 4 * _QUOTED)}")
-    raise malformed(
-        Location(path=expanded.location(expanded.root).path, line=source_line(expanded.root)), "this is no SROS2 policy"
-    )
+        # libxml2 tells the way to the element; to evaluate it would need the prefixes in it.
+        way = expanded.root.getroottree().getpath
+        element = next((each for each in expanded.root.iter(etree.Element) if way(each) == entry.path), expanded.root)
+        detail = shorten(str(entry.message).rstrip("."), 4 * _QUOTED)
+        raise malformed(expanded.location(element), f"this is no SROS2 policy: {detail}")
+    raise malformed(expanded.location(expanded.root), "this is no SROS2 policy")
 
 
 @lru_cache(maxsize=1)
