@@ -14,6 +14,7 @@ from . import (
     identity_stories,
     layout_stories,
     permissions_stories,
+    provisioning_stories,
     signature_stories,
     stock,
     unknown_stories,
@@ -31,6 +32,7 @@ FAMILIES = (
     governance_stories,
     permissions_stories,
     divergence_stories,
+    provisioning_stories,
     formal_stories,
 )
 

@@ -37,6 +37,9 @@ class SignedData:
     content: bytes | None = None
     """The content inside the message; None for a detached signature."""
 
+    signed_at: datetime = SIGNED_AT
+    """The signingTime attribute."""
+
     trailing: bytes = b""
     """What follows the structure, which then is no longer strict DER."""
 
@@ -80,7 +83,7 @@ class SignedData:
     def _attributes(self, signed: bytes) -> cms.CMSAttributes:
         values: dict[str, object] = {
             "content_type": "data",
-            "signing_time": cms.Time({"utc_time": SIGNED_AT}),
+            "signing_time": cms.Time({"utc_time": self.signed_at}),
             "message_digest": hashlib.new(self.digest, signed).digest(),
         }
         return cms.CMSAttributes([cms.CMSAttribute({"type": kind, "values": [v]}) for kind, v in values.items()])

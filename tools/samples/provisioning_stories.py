@@ -1,0 +1,131 @@
+"""Pairs for KA660 to KA667: signed documents left lying about, what robots are given, and how long it lasts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import datetime, timezone
+
+from .base import ONE, PERMISSIONS_CA, QUIET, TALKER_CERTIFICATE, TALKER_GRANT, talker, with_talker
+from .cms import SignedData, Signer
+from .documents import DISCOVERY, Governance, Grant, Permissions, Rule, edited
+from .keys import Key
+from .smime import Message, signed_by
+from .store import Seal, Store
+from .story import Case, Story, pair
+
+_WIDE = replace(TALKER_GRANT, rules=(Rule(publish=("rt/*",)), DISCOVERY))
+_DEPLOYED = ("--deployed",)
+
+
+def stories() -> Iterator[Story]:
+    """All pairs; KA666, about two keystores, has none."""
+    yield from _at_large()
+    yield from _given()
+
+
+def _with(path: str, content: bytes) -> Store:
+    """ONE with another file."""
+    return replace(ONE, changes={path: content})
+
+
+def _kept(grant: Grant, path: str = "old/permissions-2023.p7s") -> Store:
+    """ONE with permissions that the permissions CA signed and no enclave carries."""
+    return _with(path, signed_by(PERMISSIONS_CA).smime(Permissions(grants=(grant,)).xml().encode()))
+
+
+def _at_large() -> Iterator[Story]:
+    yield from pair(
+        "KA660",
+        "several-permissions-for-subject",
+        bad=Case(
+            "The talker's rights were narrowed to /chatter, and the permissions of before, for every topic, were kept "
+            "in old/. They are validly signed and in force: a talker that is taken over presents them, and its peers "
+            "take them.",
+            _kept(_WIDE),
+        ),
+        good=Case(
+            "The same old permissions, whose dates are past: nobody takes them.",
+            _kept(replace(_WIDE, not_after="2024-01-01T00:00:00")),
+        ),
+    )
+    weaker = Governance(rules=(replace(QUIET, rtps="NONE"),)).xml().encode()
+    yield from pair(
+        "KA661",
+        "signed-governance-at-large",
+        bad=Case(
+            "A governance without message protection, signed for tests, lies beside the one in use. Whoever can write "
+            "to a robot needs no key to put it in its place.",
+            _with("enclaves/governance.p7s.test", signed_by(PERMISSIONS_CA).smime(weaker)),
+        ),
+        good=Case("The only governance is the one in use.", ONE),
+    )
+    stranger = replace(PERMISSIONS_CA, key=Key(label="rules, another fleet"))
+    yield from pair(
+        "KA662",
+        "signed-document-without-effect",
+        bad=Case(
+            "Permissions that the authority of another fleet signed lie in the tree. No peer here takes them.",
+            _with("notes/other-fleet", signed_by(stranger).smime(Permissions(grants=(_WIDE,)).xml().encode())),
+        ),
+        good=Case("No signed document but those of the enclave.", ONE),
+    )
+    plain = Permissions(grants=(TALKER_GRANT,)).xml()
+    commented = edited(plain, "rt/chatter", "rt/<!-- all -->chatter")
+    yield from pair(
+        "KA663",
+        "document-at-large-unread",
+        bad=Case(
+            "Archived permissions have a comment inside a topic's name. They are validly signed, and XML parsers "
+            "differ in what they read: what a peer makes of them is unknown.",
+            _with("archive/2023/permissions.p7s", signed_by(PERMISSIONS_CA).smime(commented.encode())),
+        ),
+        good=Case(
+            "The same archived permissions without the comment say what the talker's own say.",
+            _with("archive/2023/permissions.p7s", signed_by(PERMISSIONS_CA).smime(plain.encode() + b"\n")),
+        ),
+    )
+
+
+def _given() -> Iterator[Story]:
+    yield from pair(
+        "KA664",
+        "provisioning-leftover",
+        bad=Case(
+            "The tree that goes on the robot still has the unsigned documents, which no run time reads.",
+            replace(ONE, unsigned=True),
+        ),
+        good=Case("The same keystore with nothing but what a run time reads.", ONE),
+        options=_DEPLOYED,
+    )
+    certificate = replace(TALKER_CERTIFICATE, not_before=_day(2026, 6, 1), not_after=_day(2027, 6, 1))
+    grant = replace(TALKER_GRANT, not_before="2026-06-01T00:00:00", not_after="2027-06-01T00:00:00")
+    year = replace(talker(certificate=certificate, permissions=Permissions(grants=(grant,))), seal=_sealed(2026, 6))
+    yield from pair(
+        "KA665",
+        "long-validity",
+        bad=Case("The talker's identity and grant last for eighty years, whatever becomes of the robot.", ONE),
+        good=Case("Both last for a year and are renewed.", replace(ONE, enclaves=(year,))),
+        options=_DEPLOYED,
+    )
+    yield from pair(
+        "KA667",
+        "certificate-older-than-permissions",
+        bad=Case(
+            "The talker's permissions were signed anew four years after its certificate was issued. If there were "
+            "others before, the certificate serves for them too.",
+            with_talker(seal=_sealed(2024, 3)),
+        ),
+        good=Case("Certificate and permissions were made in one go.", ONE),
+        options=_DEPLOYED,
+    )
+
+
+def _day(year: int, month: int, day: int) -> datetime:
+    return datetime(year, month, day, tzinfo=timezone.utc)
+
+
+def _sealed(year: int, month: int) -> Seal:
+    """Signed by the permissions CA on the first of that month."""
+    signer = Signer(certificate=PERMISSIONS_CA)
+    return Message(signature=SignedData(signers=(signer,), signed_at=_day(year, month, 1))).smime
