@@ -1,0 +1,328 @@
+"""Single changes to a healthy system, and the properties that each of them breaks: exactly these."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from keystore_audit.keystore.governance import ProtectionKind
+from keystore_audit.model.system import Reading, System
+from keystore_audit.properties import PROPERTIES
+from tests.engine.systems import (
+    CHATTER,
+    GOVERNANCE,
+    IDENTITY_CA,
+    LISTENER_IDENTITY,
+    OTHER_TOPIC,
+    PERMISSIONS_CA,
+    TALKER,
+    TALKER_IDENTITY,
+    TALKER_PERMISSIONS,
+    Builder,
+    healthy_builder,
+)
+
+NONE, SIGN, ENCRYPT = ProtectionKind.NONE, ProtectionKind.SIGN, ProtectionKind.ENCRYPT
+
+Change = Callable[[Builder], object]
+
+
+def on(atoms: str, index: int, **changed: Any) -> Change:
+    """The change of fields of one atom."""
+
+    def change(b: Builder) -> None:
+        of = getattr(b, atoms)
+        of[index] = replace(of[index], **changed)
+
+    return change
+
+
+def both(*changes: Change) -> Change:
+    def change(b: Builder) -> None:
+        for one in changes:
+            one(b)
+
+    return change
+
+
+def unpinned(b: Builder) -> None:
+    b.pins_signer = False
+
+
+def may(b: Builder) -> None:
+    b.reading = Reading.MAY
+
+
+def stray_reader(b: Builder) -> None:
+    """An enclave with an identity and no grant at all."""
+    identity = b.certificate([IDENTITY_CA])
+    b.enclave(0, identity, b.document([PERMISSIONS_CA]))
+
+
+def earlier_deny(b: Builder) -> None:
+    """A deny before the talker's allow."""
+    b.rules.insert(0, replace(b.rules[0], allow=False))
+
+
+def expired_first_grant(b: Builder) -> None:
+    """An expired grant of nothing before the talker's: it must not be chosen."""
+    b.grants.insert(0, replace(b.grants[0], not_after=1))
+    b.rules[:] = [replace(rule, grant=rule.grant + 1) for rule in b.rules]
+
+
+def weak_rule_first(b: Builder) -> None:
+    """A topic rule without protection before the strong one."""
+    weak = replace(
+        b.topic_rules[0], metadata_protection_kind=NONE, data_protection_kind=NONE, enable_read_access_control=False
+    )
+    b.topic_rules.insert(0, weak)
+
+
+def weak_rule_last(b: Builder) -> None:
+    weak_rule_first(b)
+    b.topic_rules.reverse()
+
+
+def shared_keys(b: Builder) -> None:
+    """Everything encrypted, and no origin authenticated."""
+    b.domain_rules[0] = replace(b.domain_rules[0], rtps_protection_kind=ENCRYPT)
+    b.topic_rules[0] = replace(b.topic_rules[0], metadata_protection_kind=ENCRYPT)
+
+
+def second_domain(b: Builder) -> None:
+    """A domain and a channel of its own, governed alike, that nobody uses."""
+    b.channel(b.domain(1, 1), "rt/elsewhere")
+    b.domain_rules[0] = replace(b.domain_rules[0], domains=frozenset({0, 1}))
+    b.topic_rules[0] = replace(b.topic_rules[0], channels=frozenset({CHATTER, OTHER_TOPIC, ELSEWHERE}))
+
+
+def listener_publishes(channel: int, domain: int) -> Change:
+    def change(b: Builder) -> None:
+        b.rule(1, [domain], publish=[channel])
+
+    return change
+
+
+def relay(b: Builder) -> None:
+    """The talker relays what it may not subscribe to."""
+    b.rule(0, [0], relay=[OTHER_TOPIC])
+
+
+ELSEWHERE = 2
+
+ALL_NONE = both(
+    on("domain_rules", 0, rtps_protection_kind=NONE),
+    on("topic_rules", 0, metadata_protection_kind=NONE, data_protection_kind=NONE),
+)
+
+AUTHENTICATION = {"identities-chain-to-the-identity-ca"}
+ENCRYPTION = {"outsiders-cannot-read", "outsiders-cannot-inject"}
+REPLAY, LIVELINESS = "outsiders-cannot-replay", "outsiders-cannot-forge-liveliness"
+INSIDERS = {"nobody-writes-without-a-grant", "nobody-reads-without-a-grant"}
+
+MUTATIONS: dict[str, tuple[Change, set[str]]] = {
+    "nothing": (lambda _b: None, set()),
+    # authentication
+    "unauthenticated participants": (
+        on("domain_rules", 0, allow_unauthenticated_participants=True),
+        {"only-authenticated-participants-join"},
+    ),
+    "other issuer": (on("certificates", TALKER_IDENTITY, issuers=frozenset({PERMISSIONS_CA})), AUTHENTICATION),
+    "issuer is no authority": (on("certificates", IDENTITY_CA, authority=False), AUTHENTICATION),
+    "identity expired": (on("certificates", TALKER_IDENTITY, not_after=1), AUTHENTICATION),
+    "identity not yet valid": (on("certificates", TALKER_IDENTITY, not_before=3), AUTHENTICATION),
+    "identity ends at the audit instant": (on("certificates", TALKER_IDENTITY, not_before=2, not_after=2), set()),
+    "identity CA expired": (on("certificates", IDENTITY_CA, not_after=1), AUTHENTICATION),
+    "identity revoked": (on("realms", 0, revoked=frozenset({TALKER_IDENTITY})), AUTHENTICATION),
+    "permissions CA expired": (
+        on("certificates", PERMISSIONS_CA, not_after=1),
+        {"documents-signed-by-the-permissions-ca"},
+    ),
+    "governance not intact": (on("documents", GOVERNANCE, intact=False), {"documents-signed-by-the-permissions-ca"}),
+    "signed by the identity CA": (
+        on("documents", TALKER_PERMISSIONS, signers=frozenset({IDENTITY_CA})),
+        {"documents-signed-by-the-permissions-ca"},
+    ),
+    "signed by nobody": (
+        on("documents", TALKER_PERMISSIONS, signers=frozenset()),
+        {"documents-signed-by-the-permissions-ca"},
+    ),
+    "signed by two, one a stranger": (
+        on("documents", TALKER_PERMISSIONS, signers=frozenset({PERMISSIONS_CA, TALKER_IDENTITY})),
+        {"documents-signed-by-the-permissions-ca"},
+    ),
+    "one CA that another certificate of the same key stands for": (
+        on("certificates", PERMISSIONS_CA, key=100),
+        {"one-ca-for-one-role"},
+    ),
+    "one grant for both": (
+        on("grants", 0, names=frozenset({TALKER_IDENTITY, LISTENER_IDENTITY})),
+        {"no-subject-serves-two-enclaves"},
+    ),
+    "one key": (on("certificates", LISTENER_IDENTITY, key=102), {"no-identity-serves-two-enclaves"}),
+    "one CA, pinned": (
+        on("realms", 0, permissions_ca=frozenset({IDENTITY_CA, PERMISSIONS_CA})),
+        {"one-ca-for-one-role"},
+    ),
+    "one CA, not pinned": (
+        both(unpinned, on("realms", 0, permissions_ca=frozenset({IDENTITY_CA, PERMISSIONS_CA}))),
+        {"no-enclave-grants-itself-rights", "one-ca-for-one-role"} | INSIDERS,
+    ),
+    "one CA, not pinned, identities unfit to sign": (
+        both(
+            unpinned,
+            on("realms", 0, permissions_ca=frozenset({IDENTITY_CA, PERMISSIONS_CA})),
+            on("certificates", TALKER_IDENTITY, fit_to_sign=False),
+            on("certificates", LISTENER_IDENTITY, fit_to_sign=False),
+        ),
+        {"one-ca-for-one-role"},
+    ),
+    # encryption
+    "all kinds NONE": (ALL_NONE, ENCRYPTION | INSIDERS | {"readers-cannot-forge", REPLAY}),
+    "messages open, liveliness not asserted in secret": (
+        both(
+            on("domain_rules", 0, rtps_protection_kind=NONE), on("topic_rules", 0, enable_liveliness_protection=False)
+        ),
+        {LIVELINESS},
+    ),
+    "messages open, liveliness protected by nothing": (
+        on("domain_rules", 0, rtps_protection_kind=NONE, liveliness_protection_kind=NONE),
+        {LIVELINESS},
+    ),
+    "messages open, liveliness signed": (
+        on("domain_rules", 0, rtps_protection_kind=NONE, liveliness_protection_kind=SIGN),
+        set(),
+    ),
+    "messages signed, liveliness not protected": (
+        both(
+            on("domain_rules", 0, rtps_protection_kind=SIGN), on("topic_rules", 0, enable_liveliness_protection=False)
+        ),
+        set(),
+    ),
+    "unauthenticated participants, liveliness not protected": (
+        both(
+            on("domain_rules", 0, allow_unauthenticated_participants=True),
+            on("topic_rules", 0, enable_liveliness_protection=False),
+        ),
+        {"only-authenticated-participants-join", LIVELINESS},
+    ),
+    "unauthenticated participants, payloads alone protected": (
+        both(
+            on("domain_rules", 0, allow_unauthenticated_participants=True),
+            on("topic_rules", 0, metadata_protection_kind=NONE),
+        ),
+        {"only-authenticated-participants-join", REPLAY},
+    ),
+    "a relay": (relay, set()),
+    "a relay of what is in the clear": (
+        both(relay, on("topic_rules", 0, data_protection_kind=NONE)),
+        {"relays-cannot-read", "nobody-reads-without-a-grant"},
+    ),
+    "a relay that may subscribe": (
+        both(
+            relay,
+            on("topic_rules", 0, data_protection_kind=NONE),
+            lambda b: b.rule(0, [0], subscribe=[OTHER_TOPIC]),
+        ),
+        set(),
+    ),
+    "a second domain": (second_domain, set()),
+    "a bridge": (both(second_domain, listener_publishes(ELSEWHERE, 1)), {"no-enclave-bridges-domains"}),
+    "a reader that writes elsewhere in its domain": (
+        both(second_domain, listener_publishes(OTHER_TOPIC, 0)),
+        set(),
+    ),
+    "discovery clear, messages encrypted": (on("topic_rules", 0, enable_discovery_protection=False), set()),
+    "discovery clear, messages signed": (
+        both(
+            on("topic_rules", 0, enable_discovery_protection=False),
+            on("domain_rules", 0, rtps_protection_kind=ProtectionKind.SIGN_WITH_ORIGIN_AUTHENTICATION),
+        ),
+        {"outsiders-cannot-learn-names"},
+    ),
+    "discovery signed, messages signed": (
+        on("domain_rules", 0, discovery_protection_kind=SIGN, rtps_protection_kind=SIGN),
+        {"outsiders-cannot-learn-names"},
+    ),
+    "payload in clear, messages encrypted": (
+        on("topic_rules", 0, metadata_protection_kind=SIGN, data_protection_kind=NONE),
+        {"nobody-reads-without-a-grant"},
+    ),
+    # access control
+    "read access control off": (
+        on("topic_rules", 0, enable_read_access_control=False),
+        {"grants-are-enforced", "nobody-reads-without-a-grant"},
+    ),
+    "write access control off": (
+        on("topic_rules", 0, enable_write_access_control=False),
+        {"grants-are-enforced", "nobody-writes-without-a-grant"},
+    ),
+    "join access control off": (on("domain_rules", 0, enable_join_access_control=False), {"grants-are-enforced"}),
+    "no origin authentication": (shared_keys, {"readers-cannot-forge"}),
+    "payloads encrypted, nothing else": (
+        both(
+            on("domain_rules", 0, rtps_protection_kind=NONE),
+            on("topic_rules", 0, metadata_protection_kind=NONE, data_protection_kind=ENCRYPT),
+        ),
+        {"readers-cannot-forge", REPLAY},
+    ),
+    "submessages encrypted, nothing else": (
+        both(
+            on("domain_rules", 0, rtps_protection_kind=NONE),
+            on("topic_rules", 0, metadata_protection_kind=ENCRYPT, data_protection_kind=NONE),
+        ),
+        {"readers-cannot-forge"},
+    ),
+    "default allow": (both(on("grants", 0, default_allow=True), shared_keys), {"readers-cannot-forge"}),
+    "default allow, but the only writer is denied: nobody to pass for": (
+        both(on("grants", 0, default_allow=True), on("rules", 0, allow=False), shared_keys),
+        set(),
+    ),
+    "messages encrypted for all, nothing else": (
+        both(
+            on("domain_rules", 0, rtps_protection_kind=ENCRYPT),
+            on("topic_rules", 0, metadata_protection_kind=NONE, data_protection_kind=NONE),
+        ),
+        {"readers-cannot-forge"} | INSIDERS,
+    ),
+    "ungoverned": (on("topic_rules", 0, channels=frozenset()), set()),
+    # first match and dates
+    "weak topic rule first": (weak_rule_first, {"grants-are-enforced", "nobody-reads-without-a-grant"}),
+    "weak topic rule last": (weak_rule_last, set()),
+    "all kinds NONE, and the talker denied before it is allowed: nothing to read": (
+        both(earlier_deny, ALL_NONE),
+        {"outsiders-cannot-inject", REPLAY} | INSIDERS,
+    ),
+    "expired grant first": (
+        both(expired_first_grant, on("topic_rules", 0, enable_write_access_control=False)),
+        {"grants-are-enforced", "nobody-writes-without-a-grant"},
+    ),
+    # what could not be read
+    "opaque governance": (
+        both(may, on("documents", GOVERNANCE, intact=False, opaque=True)),
+        {prop.id for prop in PROPERTIES}
+        - {"identities-chain-to-the-identity-ca", "no-identity-serves-two-enclaves", "no-enclave-grants-itself-rights"}
+        - {"one-ca-for-one-role", "no-subject-serves-two-enclaves", "no-enclave-bridges-domains"},
+    ),
+    "opaque permissions": (
+        both(may, on("documents", TALKER_PERMISSIONS, intact=False, opaque=True)),
+        {"documents-signed-by-the-permissions-ca", "no-enclave-grants-itself-rights"} | INSIDERS,
+    ),
+    "opaque enclave": (
+        both(may, on("enclaves", TALKER, identity=None, opaque=True)),
+        {
+            "identities-chain-to-the-identity-ca",
+            "no-identity-serves-two-enclaves",
+            "no-subject-serves-two-enclaves",
+            "no-enclave-grants-itself-rights",
+        }
+        | INSIDERS,
+    ),
+}
+
+
+def mutated(change: Change) -> System:
+    builder = healthy_builder()
+    change(builder)
+    return builder.system()
