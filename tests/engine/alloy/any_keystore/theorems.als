@@ -120,6 +120,28 @@ check InjectableIsReadable {
 	injectable_outside & written in readable_outside + unauthenticated_allowed.~in_domain
 } for 3 but 6 Entry, 2 Instant expect 0
 
+/** Whatever can be injected can be replayed too; what can be replayed only has a protected payload. */
+check InjectableIsReplayable {
+	injectable_outside in replayable_outside
+	replayable_outside - injectable_outside in payload_protection[ProtectionKind - NONE]
+} for 3 but 6 Entry, 2 Instant expect 0
+
+/** A relay that reads has no grant to read: relays are among those who read without a grant. */
+check RelaysThatReadAreReadersWithoutAGrant {
+	all realm: Realm | read_by_relays[realm] in reads_without_a_grant[realm]
+} for 3 but 6 Entry, 2 Instant expect 0
+
+/** Nothing is carried across domains in a keystore that has one. */
+check OneDomainHasNoBridge {
+	one Domain implies all realm: Realm | no carried_across[realm]
+} for 3 but 6 Entry, 2 Instant expect 0
+
+/** What an enclave can carry across, it can put somewhere: the two ends of a bridge exist together. */
+check BridgesHaveTwoEnds {
+	all realm: Realm, enclave: Enclave, channel: enclave.(carried_across[realm]) |
+		some other_channel: enclave.(feeds[realm]) | channel.in_domain != other_channel.in_domain
+} for 3 but 6 Entry, 2 Instant expect 0
+
 -- every property can fail, and not only for what could not be read
 
 check OnlyAuthenticatedParticipantsJoin for 2 expect 1
@@ -134,6 +156,12 @@ check GrantsAreEnforced for 2 expect 1
 check NobodyWritesWithoutAGrant for 2 expect 1
 check NobodyReadsWithoutAGrant for 2 expect 1
 check ReadersCannotForge for 3 but 6 Entry expect 1
+check OneCaForOneRole for 2 expect 1
+check NoSubjectServesTwoEnclaves for 2 expect 1
+check OutsidersCannotReplay for 2 expect 1
+check OutsidersCannotForgeLiveliness for 2 expect 1
+check RelaysCannotRead for 3 but 6 Entry expect 1
+check NoEnclaveBridgesDomains for 3 but 6 Entry expect 1
 
 /** The same failures where everything was read. */
 run EachFailsInTheOpen {
@@ -144,7 +172,17 @@ run EachFailsInTheOpen {
 	some injectable_outside & readable_outside & announced_outside
 	some unenforced
 	some realm: Realm | some writes_without_a_grant[realm] and some reads_without_a_grant[realm]
+	some replayable_outside - injectable_outside
+	some liveliness_forgeable_outside
 } for 3 but 6 Entry expect 1
+
+/** The others of them, where everything was read. */
+run TheOthersFailInTheOpen {
+	no opaque
+	some one_subject
+	some identity_ca.public_key & permissions_ca.public_key
+	some realm: Realm | some read_by_relays[realm] and some carried_across[realm]
+} for 3 but 7 Entry expect 1
 
 /** A reader can forge, in a keystore whose only fault that is. */
 run OnlyReadersForge {
