@@ -20,7 +20,7 @@ from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.keystore.permissions import Grant, PermissionsFile
-from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.access_view import AccessViews, ReadDocument
 from keystore_audit.model.doubt import identity_doubt
 from keystore_audit.model.drift_rights import Comparison, DriftedRights, Taken
 from keystore_audit.model.inventory import documents_of, may_be_taken, permissions_cas
@@ -184,8 +184,7 @@ class _Search:
         for row in {self._accesses.row(profile.access) for profile in self._profiles}:
             read = self._accesses.read(enclave.permissions, row)
             if not read.is_readable and read.refusal is None:
-                reason, line = read.doubt or ("the document has no meaning that every parser agrees on", None)
-                return Doubt(enclave=enclave.path, location=Location(path=file.place, line=line), reason=reason)
+                return _unreadable(enclave.path, enclave.permissions, read)
         return None
 
     def _taken(self, file: PermissionsFile, certificate: Certificate, *, own: bool) -> Iterator[Taken]:
@@ -208,6 +207,15 @@ class _Search:
         if own:
             return deciding or next(iter(named), None)
         return deciding if deciding in in_force else None
+
+
+def _unreadable(path: str, file: PermissionsFile, read: ReadDocument) -> Doubt:
+    """What keeps the document from having one meaning."""
+    defect = next((each for each in (*file.signed.defects, *file.defects) if each.kind.opaque), None)
+    if defect is not None:
+        return Doubt(enclave=path, location=Location(path=defect.path, line=defect.line), reason=defect.detail)
+    reason, line = read.doubt or ("the document has no meaning that every parser agrees on", None)
+    return Doubt(enclave=path, location=Location(path=file.signed.file.place, line=line), reason=reason)
 
 
 class _Naming:

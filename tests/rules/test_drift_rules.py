@@ -1,0 +1,174 @@
+"""KA64x: what a policy says and the keystore does not grant, and the reverse."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from keystore_audit.findings import Finding, Result, Severity
+from keystore_audit.intent.policy import Policy, read_policy
+from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.rules.drift import DRIFT
+from keystore_audit.rules.judge import Judgement, judge
+from tests.model.drifting import compared
+from tests.rules.divergent import chosen, ruled
+from tests.rules.evidence import allow, context, defect, enclave, grant, healthy, keystore, permissions, text
+
+POLICIES = Path(__file__).resolve().parents[2] / "sample_keystores/policies"
+P7S = "enclaves/talker/permissions.p7s"
+TALKER = "talker"
+BOTH = "talker_and_listener"
+
+
+def granted(*rules: Any, **more: Any) -> Keystore:
+    """The talker alone, granted these rules."""
+    return keystore(enclave("/talker", permissions=permissions(P7S, grant("/talker", *rules, **more))))
+
+
+CHATTER = allow(["rt/chatter"])
+UNCLEAR = permissions(P7S, permissions=None, defects=(defect(Kind.XML_AMBIGUOUS, P7S),))
+LISTENER = enclave(
+    "/listener",
+    permissions=permissions("enclaves/listener/permissions.p7s", grant("/listener", allow([], ["rt/chatter"]))),
+)
+
+CASES: dict[str, tuple[Keystore, str, list[str]]] = {
+    "KA640": (granted(allow(["ros_discovery_info"])), TALKER, ["KA640"]),
+    "KA641": (granted(allow(["rt/chatter", "rt/map"])), TALKER, ["KA641"]),
+    "KA642": (granted(CHATTER), "two_profiles", ["KA642"]),
+    "KA643": (granted(CHATTER), BOTH, ["KA643"]),
+    "KA644": (
+        keystore(enclave("/talker", permissions=permissions(P7S, grant("/talker", CHATTER))), LISTENER),
+        TALKER,
+        ["KA644"],
+    ),
+    "KA645": (keystore(enclave("/talker", permissions=UNCLEAR)), TALKER, ["KA645"]),
+    "KA646": (keystore(enclave("/talker", permissions=None)), TALKER, ["KA646"]),
+}
+"""A keystore and a policy about which the rule speaks, and no other of drift."""
+
+
+def policy(name: str) -> Policy:
+    return read_policy(POLICIES / f"{name}.policy.xml")
+
+
+def judged(store: Keystore, meant: Policy | str, *profiles: str, domain: int | None = None) -> Judgement:
+    said = policy(meant) if isinstance(meant, str) else meant
+    about = context(store, profiles=chosen(*profiles), drift=compared(said, store, *profiles, domain=domain))
+    return judge(about, DRIFT)
+
+
+def spoken(store: Keystore, meant: Policy | str, *profiles: str) -> tuple[Finding, ...]:
+    return judged(store, meant, *profiles).findings
+
+
+@pytest.mark.parametrize("code", CASES)
+def test_one_difference_makes_one_rule_speak(code: str) -> None:
+    store, meant, expected = CASES[code]
+    assert [finding.code for finding in spoken(store, meant)] == expected
+
+
+def test_without_drift_or_policy_nothing_is_said() -> None:
+    assert spoken(granted(CHATTER), TALKER) == ()
+    outcomes = judge(context(healthy()), DRIFT).outcomes
+    assert {outcome.outcome for outcome in outcomes} == {Result.NOT_APPLICABLE}
+
+
+def test_a_lacking_right_is_told_in_the_words_of_the_policy() -> None:
+    (finding,) = spoken(*CASES["KA640"][:2])
+    assert finding.severity is Severity.HIGH
+    assert finding.message == "The policy lets /talker publish '/chatter', and its permissions do not."
+    assert [(place.path.rpartition("/")[2], place.line, place.beside) for place in finding.locations] == [
+        ("permissions.p7s", 50, False),
+        ("talker.policy.xml", 8, True),
+    ]
+    assert finding.enclave == "/talker"
+
+
+def test_all_that_one_enclave_lacks_is_one_finding(tmp_path: Path) -> None:
+    file = tmp_path / "p.xml"
+    file.write_text(
+        '<policy version="0.2.0"><enclaves><enclave path="/talker"><profiles><profile ns="/" node="talker">'
+        '<actions call="ALLOW"><action>fly</action></actions><topics subscribe="ALLOW"><topic>s/*</topic></topics>'
+        "</profile></profiles></enclave></enclaves></policy>",
+        "utf-8",
+    )
+    (finding,) = spoken(granted(allow(["ros_discovery_info"])), read_policy(file))
+    assert "call '/fly', subscribe to '/s/*' (for one, /s/" in finding.message
+    assert finding.message.count("call") == 1, "one right, eight topics"
+
+
+@pytest.mark.parametrize(
+    ("rules", "severity", "words"),
+    [
+        ([allow(["rt/chatter", "rt/map"])], Severity.MEDIUM, "publish /map (topic), and its permissions let it."),
+        ([allow(["rt/chatter"], ["rt/chatter"])], Severity.MEDIUM, "subscribe to /chatter (topic)"),
+        ([allow(["rt/chatter", "rt/m*"])], Severity.HIGH, "publish names like /m (topic)"),
+        ([allow(["rt/chatter", "map"])], Severity.MEDIUM, 'publish "map"'),
+        ([ruled(publish=[(["rt/chatter"], ["", "lab"])])], Severity.MEDIUM, "in partition 'lab'"),
+    ],
+)
+def test_what_goes_beyond_the_policy(rules: list[Any], severity: Severity, words: str) -> None:
+    (finding,) = spoken(granted(*rules), TALKER)
+    assert (finding.code, finding.severity) == ("KA641", severity)
+    assert words in finding.message
+    assert finding.locations[-1].path.endswith("talker.policy.xml")
+
+
+def test_a_default_that_allows_goes_beyond_any_policy() -> None:
+    (finding,) = spoken(granted(CHATTER, default_allow=True), TALKER, "spec")
+    assert (finding.code, finding.severity, finding.locations[0].line) == ("KA641", Severity.HIGH, 50)
+
+
+def test_another_document_is_named() -> None:
+    shared = permissions(
+        "enclaves/listener/permissions.p7s",
+        grant("/listener", allow([], ["rt/chatter"])),
+        grant("/talker", allow(["rt/map"])),
+    )
+    own = permissions(P7S, grant("/talker", CHATTER))
+    store = keystore(enclave("/talker", permissions=own), enclave("/listener", permissions=shared))
+    (finding,) = spoken(store, BOTH)
+    assert (finding.code, finding.locations[0].path) == ("KA641", "enclaves/listener/permissions.p7s")
+    assert "'enclaves/listener/permissions.p7s', which it can present, lets it." in finding.message
+
+
+def test_no_grant_and_no_permissions_are_told_apart() -> None:
+    other = permissions(P7S, grant("/somebody", CHATTER))
+    (finding,) = spoken(keystore(enclave("/talker", permissions=other)), TALKER)
+    assert finding.message.endswith("its permissions hold no grant for it.")
+    found = spoken(keystore(enclave("/talker", permissions=None), LISTENER), BOTH)
+    assert [each.message.rpartition(", and ")[2] for each in found] == ["it has no permissions."]
+
+
+def test_implementations_that_differ_are_told_apart() -> None:
+    """An old grant before the one in force: Cyclone DDS 11 stops at the first, out of date or not."""
+    old = grant("/talker", allow(["rt/map"]), not_after=text("2021-01-01T00:00:00", 41))
+    store = keystore(enclave("/talker", permissions=permissions(P7S, old, grant("/talker", CHATTER))))
+    found = spoken(store, TALKER, "fastdds-3.6", "cyclonedds-11")
+    assert [(finding.code, finding.profiles) for finding in found] == [
+        ("KA640", ("cyclonedds-11",)),
+        ("KA641", ("cyclonedds-11",)),
+    ]
+
+
+def test_undecided_is_open_and_has_its_line() -> None:
+    verdict = judged(*CASES["KA645"][:2])
+    assert [finding.locations[0].line for finding in verdict.findings] == [12]
+    assert [outcome.rule for outcome in verdict.outcomes if outcome.outcome is Result.OPEN] == ["KA645"]
+
+
+def test_another_right_is_another_finding() -> None:
+    """One that was accepted does not hide it; where the lines stand does not matter."""
+    first, again, wider = (
+        spoken(granted(rule), TALKER)[0].fingerprint
+        for rule in (
+            allow(["rt/chatter", "rt/map"]),
+            ruled(line=99, publish=[(["rt/map", "rt/chatter"], None)]),
+            allow(["rt/chatter", "rt/map", "rt/scan"]),
+        )
+    )
+    assert first == again != wider

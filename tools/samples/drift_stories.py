@@ -1,0 +1,108 @@
+"""Pairs for KA64x: a keystore and the policy that it is to be the work of (`sample_keystores/policies/`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from .base import LISTENER, ONE, TALKER, TALKER_GRANT, TALKING, TWO, with_grant, with_talker
+from .documents import DISCOVERY, Permissions, edited
+from .story import Case, Story, pair
+
+TALKER_ALONE = ("--policy", "policies/talker.policy.xml")
+BOTH = ("--policy", "policies/talker_and_listener.policy.xml")
+
+
+def stories() -> Iterator[Story]:
+    """All pairs of KA64x."""
+    yield from _rights()
+    yield from _enclaves()
+    yield from _undecided()
+
+
+def _rights() -> Iterator[Story]:
+    yield from pair(
+        "KA640",
+        "policy-right-not-granted",
+        options=TALKER_ALONE,
+        bad=Case(
+            "The policy lets the talker publish /chatter; its permissions were signed before that was written. Under "
+            "Enforce the node fails when it makes its publisher.",
+            with_grant(rules=(DISCOVERY,)),
+        ),
+        good=Case("The permissions let the talker publish /chatter.", ONE),
+    )
+    yield from pair(
+        "KA641",
+        "right-beyond-policy",
+        options=TALKER_ALONE,
+        bad=Case(
+            "The permissions let the talker publish /cmd_vel, which was written into permissions.xml by hand for an "
+            "afternoon's test; no policy says so.",
+            with_grant(rules=(replace(TALKING, publish=("rt/chatter", "rt/cmd_vel")), DISCOVERY)),
+        ),
+        good=Case("The permissions let the talker publish /chatter and nothing else.", ONE),
+    )
+
+
+def _enclaves() -> Iterator[Story]:
+    for side, policy, text in (
+        (
+            "bad",
+            "two_profiles",
+            (
+                "The policy has a second <profiles> for the talker, with the node that logs. `ros2 security` makes a "
+                "grant of it that no implementation asks, so that the logger may do nothing."
+            ),
+        ),
+        ("good", "one_profiles", "The policy has both nodes in one <profiles>, and the keystore what it says."),
+    ):
+        both = replace(TALKING, publish=("rt/chatter", "rt/log"))
+        yield Story(
+            directory=f"rules/KA642-policy-profiles-lost/{side}",
+            rule="KA642",
+            text=text,
+            tree=(ONE if side == "bad" else with_grant(rules=(both, DISCOVERY))).tree(),
+            options=("--policy", f"policies/{policy}.policy.xml"),
+        )
+    yield from pair(
+        "KA643",
+        "policy-enclave-missing",
+        options=BOTH,
+        bad=Case("The policy speaks of a listener, for which nobody created an enclave.", ONE),
+        good=Case("The keystore has both enclaves of the policy.", TWO),
+    )
+    yield from pair(
+        "KA644",
+        "enclave-not-in-policy",
+        options=TALKER_ALONE,
+        bad=Case("The keystore has a listener of which the policy says nothing: it was removed there alone.", TWO),
+        good=Case("The policy speaks of the one enclave that there is.", ONE),
+    )
+
+
+def _undecided() -> Iterator[Story]:
+    xml = Permissions(grants=(TALKER_GRANT,)).xml()
+    yield from pair(
+        "KA645",
+        "drift-undecided",
+        options=TALKER_ALONE,
+        bad=Case(
+            "A comment inside a topic's name: Fast DDS reads /chat, others /chatter. Whether that is what the policy "
+            "says cannot be told.",
+            with_talker(permissions=edited(xml, "rt/chatter", "rt/chat<!-- -->ter")),
+        ),
+        good=Case("The same without the comment.", with_talker(permissions=xml)),
+    )
+    unsigned = {"permissions.p7s": None}
+    yield from pair(
+        "KA646",
+        "policy-not-enforced-by-permissions",
+        options=BOTH,
+        bad=Case(
+            "Identities, and no permissions: made for rmw_zenoh, which has its access control elsewhere. That the "
+            "policy holds cannot be seen here.",
+            replace(TWO, enclaves=(replace(TALKER, changes=unsigned), replace(LISTENER, changes=unsigned))),
+        ),
+        good=Case("Both enclaves have permissions.", TWO),
+    )
