@@ -17,6 +17,7 @@ from keystore_audit.rules.registry import Rule, Violation, rule
 from tests.rules import (
     test_certificate_rules,
     test_divergence_rules,
+    test_drift_rules,
     test_formal_and_audit_rules,
     test_governance_rules,
     test_layout_rules,
@@ -31,7 +32,7 @@ CATALOGUE = {
     "KA3": range(301, 318),
     "KA4": range(401, 422),
     "KA5": range(501, 522),
-    "KA6": (*range(601, 617), *range(650, 655)),
+    "KA6": (*range(601, 617), *range(640, 647), *range(650, 655)),
     "KA7": (*range(701, 708), *range(711, 716), *range(721, 726), 731),
     "KA9": range(901, 909),
 }
@@ -76,6 +77,7 @@ def test_every_rule_has_a_test_that_makes_it_speak() -> None:
         test_governance_rules.CASES,
         test_permissions_rules.CASES,
         test_divergence_rules.CASES,
+        test_drift_rules.CASES,
         test_observed_rules.CASES,
         test_formal_and_audit_rules.CASES,
     )

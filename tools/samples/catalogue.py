@@ -8,6 +8,7 @@ from fnmatch import fnmatchcase
 from . import (
     certificate_stories,
     divergence_stories,
+    drift_stories,
     formal_stories,
     governance_stories,
     healthy,
@@ -32,6 +33,7 @@ FAMILIES = (
     governance_stories,
     permissions_stories,
     divergence_stories,
+    drift_stories,
     provisioning_stories,
     formal_stories,
 )
