@@ -1,0 +1,67 @@
+"""What launch tests look at: the names in an intent without their places, and files to launch."""
+
+from __future__ import annotations
+
+import textwrap
+from pathlib import Path
+
+from keystore_audit.intent.intent import Intent
+from keystore_audit.intent.launch import read_launch
+
+
+def launch(folder: Path, text: str, form: str = "xml", include: Path | None = None, **arguments: str) -> Intent:
+    """Read `text` as a launch file; XML gets its root element, Python its function."""
+    if form == "xml":
+        text = f"<launch>{text}</launch>"
+    path = folder / f"some.launch.{form}"
+    path.write_text(textwrap.dedent(text), "utf-8")
+    return read_launch(path, arguments, include)
+
+
+def described(text: str) -> str:
+    """A Python launch file that returns a description of `text`, which may use all classes by their names."""
+    return f"""{IMPORTS}
+
+def generate_launch_description():
+    return LaunchDescription([{textwrap.dedent(text)}])
+"""
+
+
+IMPORTS = """
+import os
+import pathlib
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, GroupAction, IncludeLaunchDescription, OpaqueFunction
+from launch.actions import RegisterEventHandler, SetEnvironmentVariable, SetLaunchConfiguration, TimerAction
+from launch.conditions import IfCondition, LaunchConfigurationEquals, UnlessCondition
+from launch.event_handlers import OnProcessExit
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch.substitutions import Command, EnvironmentVariable, EqualsSubstitution, LaunchConfiguration
+from launch.substitutions import PathJoinSubstitution, PythonExpression, ThisLaunchFileDir
+from launch_ros.actions import ComposableNodeContainer, LifecycleNode, LoadComposableNodes, Node, PushRosNamespace
+from launch_ros.actions import SetRemap
+from launch_ros.descriptions import ComposableNode
+from launch_ros.substitutions import FindPackageShare
+"""
+
+
+def nodes(intent: Intent) -> set[tuple[str, str]]:
+    """(enclave, full name) of each node."""
+    return {(node.enclave, node.name) for node in intent.nodes}
+
+
+def names(intent: Intent) -> set[tuple[str, str, str]]:
+    """(enclave, node, name) of each used name."""
+    return {(used.enclave, used.node, used.name) for used in intent.names}
+
+
+def unresolved(intent: Intent) -> list[tuple[int | None, str]]:
+    """Line and reason of all that was not worked out."""
+    return [(place.location.line, place.reason) for place in intent.unresolved]
+
+
+def all_of(intent: Intent) -> tuple[object, ...]:
+    """Everything but places: what files of every form have in common."""
+    rights = {(right.enclave, right.node, right.action, right.name) for right in intent.rights}
+    enclaves = {enclave for enclave, _place in intent.enclaves}
+    return nodes(intent), names(intent), rights, enclaves

@@ -1,0 +1,383 @@
+"""Launch files: which nodes, in which enclaves, with which names; nothing guessed, nothing outside read."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from keystore_audit.errors import UsageError
+from keystore_audit.intent.intent import Action, Intent
+from keystore_audit.intent.launch import MAX_ACTIONS, read_launch
+from keystore_audit.intent.launch_nodes import MAX_NODES
+from tests.intent.launched import all_of, launch, names, nodes, unresolved
+from tools.samples.healthy import TURTLESIM, VEHICLE
+from tools.samples.policy import Node
+
+LAUNCH = Path(__file__).parent.parent.parent / "sample_keystores" / "launch"
+TALKER = '<node pkg="demo" exec="talker" name="talker" ros_args="--enclave /talker">{}</node>'
+
+
+def granted(wiring: dict[str, Node]) -> set[tuple[str, str, str]]:
+    """(enclave, node, topic) of what the healthy keystore is for."""
+    return {
+        (enclave, f"/{node.name}", f"/{topic}")
+        for enclave, node in wiring.items()
+        for topic in (*node.publish, *node.subscribe)
+    }
+
+
+@pytest.mark.parametrize(("name", "wiring"), [("turtlesim", TURTLESIM), ("vehicle", VEHICLE)])
+@pytest.mark.parametrize("form", ["xml", "yaml", "py"])
+def test_a_sample_is_what_its_keystore_is_for(name: str, form: str, wiring: dict[str, Node]) -> None:
+    intent = read_launch(LAUNCH / f"{name}.launch.{form}", {})
+    assert nodes(intent) == {(enclave, f"/{node.name}") for enclave, node in wiring.items()}
+    assert names(intent) == granted(wiring)
+    assert intent.unresolved == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "wiring", "missing", "excess"),
+    [
+        ("turtlesim", TURTLESIM, {("/keyboard", "/keyboard", "/rotation")}, {("/multiplexer", "/low_priority")}),
+        (
+            "vehicle",
+            VEHICLE,
+            {("/gateway", "/gateway", "/media_state")},
+            {("/brake", "/motor_state"), ("/brake", "/motor_limit")},
+        ),
+    ],
+)
+def test_variants_differ_from_the_keystore_in_what_their_names_say(
+    name: str, wiring: dict[str, Node], missing: set[tuple[str, str, str]], excess: set[tuple[str, str]]
+) -> None:
+    more = names(read_launch(LAUNCH / f"{name}-missing-grant.launch.xml", {}))
+    less = names(read_launch(LAUNCH / f"{name}-excess-grant.launch.xml", {}))
+    assert (more - granted(wiring), granted(wiring) - more) == (missing, set())
+    assert (less - granted(wiring), {(enclave, topic) for enclave, _, topic in granted(wiring) - less}) == (
+        set(),
+        excess,
+    )
+
+
+def test_places_are_those_of_the_elements(tmp_path: Path) -> None:
+    intent = launch(tmp_path, f"\n\n{TALKER.format(chr(10) + '<remap from=' + repr('a') + ' to=' + repr('/b') + '/>')}")
+    path = str(tmp_path / "some.launch.xml")
+    assert [(node.location.path, node.location.line) for node in intent.nodes] == [(path, 3)]
+    assert [(used.location.path, used.location.line) for used in intent.names] == [(path, 4)]
+    assert [(enclave, place.line) for enclave, place in intent.enclaves] == [("/talker", 3)]
+
+
+@pytest.mark.parametrize(
+    ("target", "used"),
+    [
+        ("/x", "/x"),
+        ("x", "/ns/x"),
+        ("x/y", "/ns/x/y"),
+        ("~/x", "/ns/talker/x"),
+        ("~", "/ns/talker"),
+        ("{node}/x", "/ns/talker/x"),
+        ("{ns}/x", "/ns/x"),
+    ],
+)
+def test_remapped_names_are_expanded_as_rcl_does(target: str, used: str, tmp_path: Path) -> None:
+    node = f'<node pkg="p" exec="e" name="talker" namespace="ns"><remap from="a" to="{target}"/></node>'
+    assert names(launch(tmp_path, node)) == {("/", "/ns/talker", used)}
+
+
+@pytest.mark.parametrize("target", ["", "/", "a b", "/a//b", "/a/", "~x", "{other}", "1x", "a:b", "x.y"])
+def test_names_that_no_node_can_use_are_said(target: str, tmp_path: Path) -> None:
+    intent = launch(tmp_path, TALKER.format(f'<remap from="a" to="{target}"/>'))
+    assert names(intent) == set()
+    assert [line for line, _reason in unresolved(intent)] == [1]
+
+
+@pytest.mark.parametrize(
+    ("attributes", "enclave"),
+    [
+        ("", "/"),
+        ('args="--enclave /x"', "/"),
+        ('args="--ros-args --enclave /x"', "/x"),
+        ('args="one --ros-args -e /x -- --enclave /y"', "/x"),
+        ('args="--ros-args -p a:=b -e /x --params-file f"', "/x"),
+        ('args="--ros-args -e /x" ros_args="-e /y"', "/y"),
+        ('ros_args="-r __ns:=/a --enclave /x/y --log-level debug"', "/x/y"),
+        ("ros_args=\"--enclave '/x'\"", "/x"),
+    ],
+)
+def test_the_enclave_is_what_the_command_line_says(attributes: str, enclave: str, tmp_path: Path) -> None:
+    intent = launch(tmp_path, f'<node pkg="p" exec="e" name="n" {attributes}/>')
+    assert {found for found, _name in nodes(intent)} == {enclave}
+
+
+@pytest.mark.parametrize("enclave", ["x", "/x/", "//x", "/x y", "../x"])
+def test_what_is_no_enclave_is_said_and_nothing_concluded(enclave: str, tmp_path: Path) -> None:
+    intent = launch(tmp_path, f'<node pkg="p" exec="e" name="n" ros_args="--enclave \'{enclave}\'"/>')
+    assert (nodes(intent), intent.enclaves) == (set(), ())
+    assert "which is no path of an enclave" in unresolved(intent)[0][1]
+
+
+def test_the_override_variable_goes_before_the_command_line(tmp_path: Path) -> None:
+    node = '<node pkg="p" exec="e" name="{}" ros_args="--enclave /x">{}</node>'
+    text = (
+        '<group><set_env name="ROS_SECURITY_ENCLAVE_OVERRIDE" value="/o"/>'
+        + node.format("a", "")
+        + '<unset_env name="ROS_SECURITY_ENCLAVE_OVERRIDE"/>'
+        + node.format("b", "")
+        + "</group>"
+        + node.format("c", "")
+        + node.format("d", '<env name="ROS_SECURITY_ENCLAVE_OVERRIDE" value="/e"/>')
+        + '<append_env name="ROS_SECURITY_ENCLAVE_OVERRIDE" value="/f"/>'
+        + node.format("f", "")
+    )
+    intent = launch(tmp_path, text)
+    assert nodes(intent) == {("/o", "/a"), ("/x", "/b"), ("/x", "/c"), ("/e", "/d")}
+    assert len(unresolved(intent)) == 1
+
+
+def test_namespaces_add_up_within_their_group(tmp_path: Path) -> None:
+    node = '<node pkg="p" exec="e" name="n" namespace="{}"/>'
+    text = f"""<group><push_ros_namespace namespace="a"/>
+        <group><push-ros-namespace namespace="b"/>{node.format("c")}{node.format("/d")}</group>
+        <group scoped="false"><push_ros_namespace namespace="e"/></group>{node.format("")}
+        <group><push_ros_namespace namespace="/f/"/>{node.format("g")}</group>
+        <group forwarding="false">{node.format("h")}</group></group>{node.format("i")}"""
+    found = {name for _enclave, name in nodes(launch(tmp_path, text))}
+    assert found == {"/a/b/c/n", "/d/n", "/a/e/n", "/f/g/n", "/h/n", "/i/n"}
+
+
+def test_names_given_as_remappings_count(tmp_path: Path) -> None:
+    text = '<node pkg="p" exec="e" name="n" args="--ros-args -r __node:=m -r __ns:=/k -r a:=b -r m:c:=d -r z:c:=e"/>'
+    intent = launch(tmp_path, text)
+    assert nodes(intent) == {("/", "/k/m")}
+    assert names(intent) >= {("/", "/k/m", "/k/b")}
+
+
+def test_a_node_without_name_is_said_and_its_absolute_names_count(tmp_path: Path) -> None:
+    remaps = '<remap from="a" to="/x"/><remap from="b" to="y"/><remap from="c" to="~/z"/>'
+    intent = launch(tmp_path, f'<node pkg="p" exec="e" ros_args="-e /x">{remaps}</node>')
+    assert (nodes(intent), [enclave for enclave, _ in intent.enclaves]) == (set(), ["/x"])
+    assert names(intent) == {("/x", "", "/x"), ("/x", "", "/y")}
+    assert len(unresolved(intent)) == 2
+
+
+def test_arguments_are_given_or_default_or_said(tmp_path: Path) -> None:
+    text = '<arg name="who" default="a"/><node pkg="p" exec="e" name="$(var who)_x" ros_args="-e /$(var who)"/>'
+    assert nodes(launch(tmp_path, text)) == {("/a", "/a_x")}
+    assert nodes(launch(tmp_path, text, who="b")) == {("/b", "/b_x")}
+    without = launch(tmp_path, text.replace(' default="a"', ""))
+    assert nodes(without) == set()
+    assert "no value was given with --launch-argument" in unresolved(without)[0][1]
+    nested = '<let name="k" value="who"/><arg name="who" default="c"/><node pkg="p" exec="e" name="$(var $(var k))"/>'
+    assert nodes(launch(tmp_path, nested)) == {("/", "/c")}
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("$(env HOME)", "the environment variable 'HOME'"),
+        ("$(env HOME /x)", "the environment variable 'HOME'"),
+        ("$(find-pkg-share demo)", "where a package is installed"),
+        ("$(command 'echo /x')", "the output of a command"),
+        ("$(eval '1 + 1')", "the result of an expression"),
+        ("$(anon x)", "new each time"),
+        ("$(brand-new x)", "a substitution of the sort 'brand-new'"),
+        ("$(var unset)", "the argument 'unset', which nothing sets"),
+        ("$(var self)", "more than 4096 characters"),
+    ],
+)
+def test_what_only_a_run_tells_is_said(text: str, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", "/x")  # this machine says nothing about the robot
+    doubling = '<let name="self" value="xx"/>' + '<let name="self" value="$(var self)$(var self)"/>' * 20
+    intent = launch(tmp_path, f'{doubling}<node pkg="p" exec="e" name="n" ros_args="--enclave {text}"/>')
+    assert (nodes(intent), intent.enclaves) == (set(), ())
+    assert [reason in said for _line, said in unresolved(intent)] == [True]
+
+
+@pytest.mark.parametrize(
+    ("condition", "counted", "said"),
+    [
+        ('if="true"', True, False),
+        ('if=" 1 "', True, False),
+        ('if="false"', False, False),
+        ('unless="0"', True, False),
+        ('unless="True"', False, False),
+        ('if="$(env X)"', True, True),
+        ('if="maybe"', True, True),
+        ('if="$(env X)" unless="true"', False, False),
+    ],
+)
+def test_conditions_are_decided_or_counted_and_said(condition: str, counted: bool, said: bool, tmp_path: Path) -> None:
+    intent = launch(tmp_path, f'<node pkg="p" exec="e" name="n" {condition}/>')
+    assert (len(nodes(intent)) == 1, len(unresolved(intent)) == 1) == (counted, said)
+
+
+def test_what_is_set_under_an_open_condition_is_not_known(tmp_path: Path) -> None:
+    node = '<node pkg="p" exec="e" name="$(var a)"/>'
+    text = f'<let name="a" value="x"/>{node}<let name="a" value="y" if="$(env X)"/>{node}'
+    intent = launch(tmp_path, text)
+    assert nodes(intent) == {("/", "/x")}
+    assert [said for _line, said in unresolved(intent)] == [
+        "Whether this happens depends on the environment variable 'X'; it is taken as if it does.",
+        "The name of a node depends on the environment variable 'X'.",
+    ]
+    pushed = launch(tmp_path, '<push_ros_namespace namespace="k" if="$(env X)"/><node pkg="p" exec="e" name="n"/>')
+    assert nodes(pushed) == set()
+
+
+def test_components_are_in_the_enclave_of_their_container(tmp_path: Path) -> None:
+    container = """<node_container pkg="p" exec="c" name="box" namespace="ns" ros_args="-e /box">
+        <composable_node pkg="p" plugin="P" name="one" namespace="in"><remap from="a" to="b"/></composable_node>
+        <composable_node pkg="p" plugin="P" name="two" if="false"/></node_container>"""
+    load = '<load_composable_node target="{}"><composable_node pkg="p" plugin="P" name="{}"/></load_composable_node>'
+    text = load.format("/ns/box", "three") + container + load.format("box", "four") + load.format("none", "five")
+    intent = launch(tmp_path, text)
+    assert nodes(intent) == {("/box", "/ns/box"), ("/box", "/in/one"), ("/box", "/three"), ("/box", "/four")}
+    assert names(intent) == {("/box", "/in/one", "/in/b")}
+    assert ["'none', which is not started here" in said for _line, said in unresolved(intent)] == [True]
+    assert {(right.action, right.name) for right in intent.rights} == {
+        (Action.REPLY, f"/ns/box/_container/{service}") for service in ("list_nodes", "load_node", "unload_node")
+    }
+
+
+def test_a_lifecycle_node_offers_its_services(tmp_path: Path) -> None:
+    intent = launch(tmp_path, '<lifecycle_node pkg="p" exec="e" name="n" namespace="" ros_args="-e /x"/>')
+    assert ("/x", "/n", Action.REPLY, "/n/change_state") in {
+        (right.enclave, right.node, right.action, right.name) for right in intent.rights
+    }
+
+
+def test_a_remapping_for_a_group_is_of_its_one_node_or_said(tmp_path: Path) -> None:
+    remap, node = '<set_remap from="/tf" to="tf"/>', '<node pkg="p" exec="e" name="{}" namespace="a"/>'
+    one = launch(tmp_path, f"<group>{remap}{node.format('n')}</group>{node.format('m')}")
+    assert names(one) == {("/", "/a/n", "/a/tf")}
+    two = launch(tmp_path, f"{remap}{node.format('n')}{node.format('m')}")
+    assert names(two) == set()
+    assert unresolved(two) == [(1, "The name 'tf' is set for 2 nodes; which of them use it is not said.")]
+    own = '<node pkg="p" exec="e" name="n"><remap from="/tf" to="/other"/></node>'
+    assert names(launch(tmp_path, f"{remap}{own}")) == {("/", "/n", "/tf")}
+
+
+def test_what_is_not_read_is_said(tmp_path: Path) -> None:
+    intent = launch(tmp_path, '<log message="x"/>\n<executable cmd="ros2 run a b"/>\n<brand_new/>')
+    assert [line for line, _reason in unresolved(intent)] == [2, 3]
+    timer = launch(tmp_path, '<timer period="3"><node pkg="p" exec="e" name="n"/></timer>')
+    assert nodes(timer) == {("/", "/n")}
+
+
+def include(tmp_path: Path, file: str, inside: str, **arguments: str) -> Intent:
+    (tmp_path / "sub").mkdir(exist_ok=True)
+    (tmp_path / "sub" / "other.launch.xml").write_text(f"<launch>{inside}</launch>", "utf-8")
+    values = "".join(f'<arg name="{name}" value="{value}"/>' for name, value in arguments.items())
+    return launch(tmp_path, f'<include file="{file}">{values}</include><node pkg="p" exec="e" name="after"/>')
+
+
+@pytest.mark.parametrize(
+    "file", ["$(dirname)/sub/other.launch.xml", "sub/other.launch.xml", "./sub/./other.launch.xml"]
+)
+def test_files_below_the_directory_are_included(file: str, tmp_path: Path) -> None:
+    inside = '<arg name="who"/><node pkg="p" exec="e" name="$(var who)"/>'
+    intent = include(tmp_path, file, inside, who="x")
+    assert nodes(intent) == {("/", "/x"), ("/", "/after")}
+    assert intent.nodes[0].location.path == str(tmp_path / "sub" / "other.launch.xml")
+
+
+@pytest.mark.parametrize(
+    ("file", "said"),
+    [
+        ("$(find-pkg-share demo)/x.launch.xml", "its place depends on where a package is installed"),
+        ("/etc/passwd", "is not below"),
+        ("../{}/sub/other.launch.xml", ""),
+        ("../other.launch.xml", "is not below"),
+        ("$(dirname)/../x.launch.xml", "is not below"),
+        ("none.launch.xml", "there is no such file"),
+        ("sub", "a directory"),
+        ("out.launch.xml", "out"),
+        ("pipe.launch.xml", "a named pipe"),
+        ("other.txt", "neither .xml"),
+    ],
+)
+def test_no_file_outside_is_ever_read(file: str, said: str, tmp_path: Path) -> None:
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    (tmp_path / "other.launch.xml").write_text("<launch>", "utf-8")  # reading it would be an error
+    (inner / "out.launch.xml").symlink_to(tmp_path / "other.launch.xml")
+    (inner / "other.txt").write_text("x", "utf-8")
+    os.mkfifo(inner / "pipe.launch.xml")
+    intent = include(inner, file.format("inner"), '<node pkg="p" exec="e" name="x"/>')
+    assert ("/", "/after") in nodes(intent)
+    if said:
+        assert [said in reason for _line, reason in unresolved(intent)] == [True]
+    else:
+        assert nodes(intent) == {("/", "/x"), ("/", "/after")}
+
+
+def test_the_include_directory_can_be_another(tmp_path: Path) -> None:
+    main, shared = tmp_path / "main", tmp_path / "shared"
+    main.mkdir()
+    shared.mkdir()
+    (shared / "x.launch.xml").write_text('<launch><node pkg="p" exec="e" name="x"/></launch>', "utf-8")
+    text = '<include file="x.launch.xml"/>'
+    assert nodes(launch(main, text, include=shared)) == {("/", "/x")}
+    assert nodes(launch(main, text)) == set()
+    with pytest.raises(UsageError, match="expected a directory"):
+        launch(main, text, include=tmp_path / "none")
+
+
+def test_an_argument_of_an_include_is_set_only_before_its_default(tmp_path: Path) -> None:
+    inside = '<arg name="who" default="x"/><node pkg="p" exec="e" name="$(var who)"/>'
+    assert nodes(include(tmp_path, "sub/other.launch.xml", inside)) == {("/", "/x"), ("/", "/after")}
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("<launch>", ":1: "),
+        ("<lunch/>", ":1: expected <launch>, found <lunch>"),
+        ("<launch>\n<node exec='e'/>\n<node/></launch>", ":3: expected 'node' to have 'exec'"),
+        ("<launch>\n<node exec='e' name='$(var'/></launch>", ":2: in 'name' a substitution '$(' without"),
+        ("<launch>\n<node exec='e' name='$()'/></launch>", ":2: in 'name'"),
+        ("<launch>\n<node exec='e' args='\"'/></launch>", ":2: a quote in 'args'"),
+        ("<launch>\n<group scoped='perhaps'/></launch>", ":2: expected 'scoped' to be true or false"),
+        ("<launch><arg name='a' default='" + "$(var " * 50 + "'/></launch>", "within each other"),
+        ("<!DOCTYPE launch [<!ENTITY a 'b'>]><launch>&a;</launch>", ":1: a document type"),
+        ("<launch><include file='some.launch.xml'/></launch>", "more than 16 deep"),
+        ("<launch>" + "<node exec='e' name='n'/>" * (MAX_NODES + 1) + "</launch>", f"more than {MAX_NODES} nodes"),
+        ("<launch>" + "<group/>" * (MAX_ACTIONS + 1) + "</launch>", f"more than {MAX_ACTIONS} actions"),
+        ("<launch>" + "<group>" * 80 + "</group>" * 80 + "</launch>", "groups more than 64 deep"),
+        (
+            "<launch>" + "".join(f"<let name='a{i}' value=''/>" for i in range(501)) + "</launch>",
+            "more than 500 values",
+        ),
+    ],
+)
+def test_what_is_no_launch_file_or_too_large_is_refused(text: str, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "some.launch.xml"
+    path.write_text(text, "utf-8")
+    with pytest.raises(UsageError) as refused:
+        read_launch(path, {})
+    assert refused.value.message.startswith(f"{path}:")
+    assert said in refused.value.message
+
+
+def test_two_files_that_include_each_other_twice_end(tmp_path: Path) -> None:
+    for one, other in (("a", "b"), ("b", "a")):
+        text = f'<launch><include file="{other}.launch.xml"/><include file="{other}.launch.xml"/></launch>'
+        (tmp_path / f"{one}.launch.xml").write_text(text, "utf-8")
+    with pytest.raises(UsageError, match="deep"):
+        read_launch(tmp_path / "a.launch.xml", {})
+
+
+def test_other_files_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "launch.txt").write_text("", "utf-8")
+    with pytest.raises(UsageError, match="expected a launch file that ends in"):
+        read_launch(tmp_path / "launch.txt", {})
+    with pytest.raises(UsageError, match="there is no such file"):
+        read_launch(tmp_path / "none.launch.xml", {})
+
+
+def test_the_same_file_gives_the_same_intent() -> None:
+    first, second = (read_launch(LAUNCH / "vehicle.launch.py", {}) for _ in range(2))
+    assert first == second
+    assert all_of(first) == all_of(read_launch(LAUNCH / "vehicle.launch.yaml", {}))
