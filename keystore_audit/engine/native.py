@@ -35,7 +35,7 @@ A report shows one and says how many more; a thousand are more than anybody read
 
 
 class NativeEngine:
-    """Answers every property about each of the systems of one keystore.
+    """Answers every property and claim about each of the systems of one keystore.
 
     A moment is what `permission.Permissions` takes for one. What the systems have in common is worked out once.
     """
@@ -83,14 +83,28 @@ class _Questions:
 
     def __init__(self, system: System, moment: int | None, decisions: Decisions) -> None:
         self._system = system
+        self._moment = 2 * system.now if moment is None else moment
+        self._decisions = decisions
         self._permissions = Permissions(system, moment, decisions)
         self._realms = [RealmView(system, realm, self._permissions) for realm in range(len(system.realms))]
 
     def answers(self) -> dict[str, Answer]:
-        return {prop.id: self._answer(prop) for prop in PROPERTIES}
+        return {prop.id: self._answer(prop) for prop in PROPERTIES} | self._claims()
 
     def statuses(self) -> dict[str, Status]:
-        return {prop.id: _status(next(_QUESTIONS[prop.id](self), None)) for prop in PROPERTIES}
+        found = {prop.id: _status(next(_QUESTIONS[prop.id](self), None)) for prop in PROPERTIES}
+        return found | {claim: answer.status for claim, answer in self._claims().items()}
+
+    def _claims(self) -> dict[str, Answer]:
+        """The answers about users' claims from the moment on."""
+        if not self._system.claims:
+            return {}
+        from keystore_audit.engine.native_claims import Claims, answer  # most audits have none
+
+        now = Claims(self._system, self._realms)
+        return {
+            claim.id: answer(self._system, claim, now, self._moment, self._decisions) for claim in self._system.claims
+        }
 
     def _answer(self, prop: Property) -> Answer:
         witnesses = tuple(islice(_QUESTIONS[prop.id](self), MAX_WITNESSES))
@@ -170,9 +184,7 @@ class _Questions:
     def readable_outside(self) -> Iterator[Witness]:
         """Channels whose payload is readable without any key."""
         for realm, view in enumerate(self._realms):
-            p = view.protection
-            clear = p.governed & ~(p.rtps_encrypts | p.metadata_encrypts | p.data_encrypts)
-            yield from _channels(realm, clear and clear & self._written(view))
+            yield from _channels(realm, view.readable and view.readable & self._written(view))
 
     def names_outside(self) -> Iterator[Witness]:
         """Channels whose topic name is readable in discovery without any key."""
@@ -184,30 +196,20 @@ class _Questions:
     def injectable_outside(self) -> Iterator[Witness]:
         """Channels on which a reader takes samples made without any key."""
         for realm, view in enumerate(self._realms):
-            p = view.protection
-            clear = self._unauthenticated(view) & ~(p.metadata_authenticates | p.data_authenticates)
-            yield from _channels(realm, clear and clear & self._read(view))
+            yield from _channels(realm, view.injectable and view.injectable & self._read(view))
 
     def replayable_outside(self) -> Iterator[Witness]:
         """Channels on which a reader takes old samples again from somebody without any key."""
         for realm, view in enumerate(self._realms):
             p = view.protection
-            clear = self._unauthenticated(view) & ~p.metadata_authenticates
+            clear = view.unauthenticated & ~p.metadata_authenticates
             yield from _channels(realm, clear and clear & self._read(view))
 
     def liveliness_outside(self) -> Iterator[Witness]:
         """Channels on which somebody without any key can assert that a writer is alive."""
         for realm, view in enumerate(self._realms):
-            clear = self._unauthenticated(view) & ~view.protection.liveliness_authenticates
+            clear = view.unauthenticated & ~view.protection.liveliness_authenticates
             yield from _channels(realm, clear and clear & self._read(view))
-
-    def _unauthenticated(self, view: RealmView) -> int:
-        """Governed channels of whose messages as a whole anybody can make some that are taken."""
-        p = view.protection
-        in_the_clear = 0  # messages of unauthenticated participants, whatever protects those of the others
-        for domain in members(p.unauthenticated):
-            in_the_clear |= self._permissions.channels_in[domain]
-        return p.governed & (in_the_clear | ~p.rtps_authenticates)
 
     def _written(self, view: RealmView) -> int:
         """Channels that some enclave may write."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.permission import Permissions
+from keystore_audit.model.permission import Permissions, members
 from keystore_audit.model.protection import Protection, open_protection, protection
 from keystore_audit.model.system import System
 
@@ -147,6 +147,27 @@ class RealmView:
         applies = governance is not None and governance in self.accepted
         return protection(self._system, governance if applies else None, self._permissions)
 
+    @cached_property
+    def unauthenticated(self) -> int:
+        """Governed channels of whose messages as a whole anybody can make some that are taken."""
+        p = self.protection
+        in_the_clear = 0  # messages of unauthenticated participants, whatever protects those of the others
+        for domain in members(p.unauthenticated):
+            in_the_clear |= self._permissions.channels_in[domain]
+        return p.governed & (in_the_clear | ~p.rtps_authenticates)
+
+    @cached_property
+    def injectable(self) -> int:
+        """Channels on which readers take samples made without any key."""
+        p = self.protection
+        return self.unauthenticated & ~(p.metadata_authenticates | p.data_authenticates)
+
+    @cached_property
+    def readable(self) -> int:
+        """Channels whose payload is readable without any key."""
+        p = self.protection
+        return p.governed & ~(p.rtps_encrypts | p.metadata_encrypts | p.data_encrypts)
+
     def granted(self, enclave: int, operation: Operation) -> int:
         """Channels for which the permissions CA gave the enclave the right."""
         return self._right(enclave, operation, genuine=True)
@@ -177,7 +198,10 @@ class RealmView:
         atom = self._system.enclaves[enclave]
         if self._any_opaque or atom.opaque or self.self_granting(enclave):
             return self.protection.ruled
-        grants = self._permissions.chosen(atom.identity, self.accepted)
+        return self._joined_with(self._permissions.chosen(atom.identity, self.accepted))
+
+    def _joined_with(self, grants: list[int]) -> int:
+        """Domains that who presents these grants can join."""
         joined = ~self.protection.join_controlled if grants or not self._system.requires_grant else 0
         for grant in grants:
             joined |= self._permissions.joins(grant)
@@ -191,11 +215,7 @@ class RealmView:
 
     def _able(self, enclave: int) -> Abilities:
         p = self.protection
-        joined, within = self.joined(enclave), 0
-        for domain, channels in enumerate(self._permissions.channels_in):
-            if joined >> domain & 1:
-                within |= channels
-        reach = within & p.governed
+        reach = self._reach(self.joined(enclave))
         writes = reach & (~p.write_controlled | self.presentable(enclave, Operation.PUBLISH))
         reads = reach & (~p.read_controlled | self.presentable(enclave, Operation.SUBSCRIBE))
         relays = reach & self.presentable(enclave, Operation.RELAY)
@@ -207,3 +227,28 @@ class RealmView:
             overhears=reach & ~p.data_encrypts & (~p.metadata_encrypts | relays),
             forges=reach & ~origin & (~p.metadata_authenticates | reads | relays) & (~p.data_authenticates | reads),
         )
+
+    def _reach(self, joined: int) -> int:
+        """The governed channels of these domains."""
+        within = 0
+        for domain, channels in enumerate(self._permissions.channels_in):
+            if joined >> domain & 1:
+                within |= channels
+        return within & self.protection.governed
+
+    def rights_with(self, enclave: int, documents: frozenset[int], *, anything: bool) -> tuple[int, int]:
+        """What the enclave may write and read with the grants of these documents alone, or with any (`anything`)."""
+        p = self.protection
+        grants = self._permissions.chosen(self._system.enclaves[enclave].identity, documents)
+        published, subscribed = (self._permissions.all_channels,) * 2 if anything else (0, 0)
+        for grant in grants:
+            published |= self._permissions.allowed(grant, Operation.PUBLISH)
+            subscribed |= self._permissions.allowed(grant, Operation.SUBSCRIBE)
+        if self.open:
+            joined = self._permissions.all_domains
+        elif not self.authenticated(enclave):
+            joined = 0
+        else:
+            joined = p.ruled if anything else self._joined_with(grants)
+        reach = self._reach(joined)
+        return reach & (~p.write_controlled | published), reach & (~p.read_controlled | subscribed)

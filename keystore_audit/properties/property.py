@@ -70,10 +70,12 @@ class Answer:
 
     An engine may give one witness or several, the most telling first; never UNKNOWN: within one reading
     everything is decided. Of a claim (`model.claim`): `path` is a shortest flow that violates it, where its kind has
-    flows.
+    flows, and `moment`, where the engine says so, the first at which it is violated: twice the index of an instant,
+    plus one for the time between it and the next.
     """
 
     property_id: str
     status: Status
     witnesses: tuple[Witness, ...] = ()
     path: tuple[Hop, ...] = ()
+    moment: int | None = None

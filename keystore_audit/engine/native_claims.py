@@ -1,0 +1,122 @@
+"""Users' claims, decided natively over `keystore_audit.model` (docs/model.md, Claims)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind
+from keystore_audit.model.flow import Flows, Leg, Search
+from keystore_audit.model.permission import Decisions, Permissions, bits, members
+from keystore_audit.model.system import System
+from keystore_audit.properties.property import Answer, Hop, Role, Status, Witness
+
+Found = tuple[Witness, tuple[Leg, ...]]
+"""What violates a claim: who plays which role, and the flow, where its kind has flows."""
+
+
+class Claims:
+    """The claims of one system at one moment. `realms`: how the peers of each realm see every enclave, then."""
+
+    def __init__(self, system: System, realms: Sequence[RealmView]) -> None:
+        self._system = system
+        self._realms = realms
+        self._flows = Flows(system, realms)
+
+    def violation(self, claim: ClaimAtom) -> Found | None:
+        """What violates the claim, None where it holds."""
+        return next(_KINDS[claim.kind](self, claim), None)
+
+    def flows(self, claim: ClaimAtom) -> Iterator[Found]:
+        """A shortest flow from source to target."""
+        found = self._flows.shortest(
+            Search(
+                attacker=claim.attacker,
+                source=claim.source,
+                target=claim.target,
+                through=claim.through,
+                left_out=claim.left_out,
+            )
+        )
+        if found is not None:
+            yield _ends(found), found
+
+    def foreign_publishers(self, claim: ClaimAtom) -> Iterator[Found]:
+        """Enclaves other than those of the source that may write a channel of the target."""
+        asked = bits(claim.target.channels)
+        for realm, view in enumerate(self._realms):
+            for enclave in range(len(self._system.enclaves)):
+                if enclave not in claim.source.enclaves:
+                    for channel in members(view.abilities(enclave).may_write & asked):
+                        yield {Role.REALM: realm, Role.ENCLAVE: enclave, Role.CHANNEL: channel}, ()
+
+    def readings(self, claim: ClaimAtom) -> Iterator[Found]:
+        """Channels of the target whose payload somebody reads who may not."""
+        asked = bits(claim.target.channels)
+        for realm, view in enumerate(self._realms):
+            for enclave in range(len(self._system.enclaves)):
+                able = view.abilities(enclave)
+                if claim.attacker is Attacker.INSIDER:
+                    for channel in members(able.overhears & ~able.may_read & asked):
+                        yield {Role.REALM: realm, Role.ENCLAVE: enclave, Role.CHANNEL: channel}, ()
+                else:
+                    for channel in members(able.may_write & view.readable & asked):
+                        yield {Role.REALM: realm, Role.CHANNEL: channel}, ()
+
+    def shared_domains(self, claim: ClaimAtom) -> Iterator[Found]:
+        """Domains that an enclave of the source and one of the target can join."""
+        for realm, view in enumerate(self._realms):
+            for one in sorted(claim.source.enclaves):
+                for other in sorted(claim.target.enclaves):
+                    for domain in members(view.joined(one) & view.joined(other)):
+                        roles = {Role.REALM: realm, Role.ENCLAVE: one, Role.OTHER: other, Role.DOMAIN: domain}
+                        yield roles, ()
+
+    def inabilities(self, claim: ClaimAtom) -> Iterator[Found]:
+        """That nothing gets from source to target while nobody attacks."""
+        search = Search(
+            attacker=Attacker.HONEST,
+            source=claim.source,
+            target=claim.target,
+            through=claim.through,
+            left_out=claim.left_out,
+            own=True,
+        )
+        if self._flows.shortest(search) is None:
+            yield {}, ()
+
+
+def _ends(path: Sequence[Leg]) -> Witness:
+    """The enclaves at the ends of a flow."""
+    ends = {Role.ENCLAVE: path[0].sender, Role.OTHER: path[-1].receiver}
+    return {role: enclave for role, enclave in ends.items() if enclave is not None}
+
+
+_KINDS: Mapping[ClaimKind, Callable[[Claims, ClaimAtom], Iterator[Found]]] = {
+    ClaimKind.NO_FLOW: Claims.flows,
+    ClaimKind.ONLY_PUBLISH: Claims.foreign_publishers,
+    ClaimKind.ENCRYPTED: Claims.readings,
+    ClaimKind.SEPARATE_DOMAINS: Claims.shared_domains,
+    ClaimKind.ABLE: Claims.inabilities,
+}
+
+
+def claims_at(system: System, moment: int, decisions: Decisions) -> Claims:
+    """The claims of the system at `moment`, as `permission.Permissions` takes one."""
+    permissions = Permissions(system, moment, decisions)
+    realms = [RealmView(system, realm, permissions) for realm in range(len(system.realms))]
+    return Claims(system, realms)
+
+
+def answer(system: System, claim: ClaimAtom, now: Claims, moment: int, decisions: Decisions) -> Answer:
+    """The answer about the claim from `moment` on, at which `now` stands: violated if it is at any moment until its
+    end.
+    """
+    last = moment if claim.until is None else 2 * claim.until
+    for each in range(moment, max(moment, last) + 1):
+        found = (now if each == moment else claims_at(system, each, decisions)).violation(claim)
+        if found is not None:
+            witness, legs = found
+            path = tuple(Hop(sender=s, channel=c, receiver=r, instant=each // 2) for s, c, r in legs)
+            return Answer(property_id=claim.id, status=Status.VIOLATED, witnesses=(witness,), path=path, moment=each)
+    return Answer(property_id=claim.id, status=Status.HOLDS)

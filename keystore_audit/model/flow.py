@@ -1,0 +1,334 @@
+"""Information flow: whether, and how, what starts at one place may arrive at another (docs/model.md).
+
+Breadth-first search from participants over sets of channels and back, never over pairs of enclaves. A *lane* is one
+way in which hops are possible: participant e hands a sample of channel c to another, f, where c is in what e puts into
+the lane and in what f gets out of it. Sets of channels are bit sets; the outsider is the participant after the last
+enclave.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.claim import Attacker, Place
+from keystore_audit.model.own_rights import OwnRights
+from keystore_audit.model.permission import bits, members
+from keystore_audit.model.system import System
+
+
+class Leg(NamedTuple):
+    """One hop of a flow. None: the outsider, or, at the ends, that the flow begins or ends at the channel itself."""
+
+    sender: int | None
+    channel: int
+    receiver: int | None
+
+
+class _Lane:
+    """What each participant puts in and gets out. `puts` may name few of them."""
+
+    def __init__(self, puts: Sequence[int], gets: Sequence[int]) -> None:
+        self.puts = puts
+        self.gets = gets
+
+    @cached_property
+    def _levels(self) -> list[Sequence[int]]:
+        """The union of what participants get, of pairs of them, of fours …, so that few are looked at."""
+        levels = [self.gets]
+        while len(levels[-1]) > 1:
+            below = levels[-1]
+            above = [one | other for one, other in zip(below[::2], below[1::2], strict=False)]
+            levels.append(above if len(below) % 2 == 0 else [*above, below[-1]])
+        return levels
+
+    def getting(self, channels: int) -> list[int]:
+        """The participants that get one of the channels."""
+        if not channels:
+            return []
+        places = [0]
+        for level in range(len(self._levels) - 1, -1, -1):
+            sets = self._levels[level]
+            places = [place for place in places if place < len(sets) and sets[place] & channels]
+            if level:
+                places = [below for place in places for below in (2 * place, 2 * place + 1)]
+        return places
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Search:
+    """What a flow is asked for. `through`: enclaves that it may not pass. `left_out`: channels that no hop takes.
+
+    `own`: every enclave uses its own permissions document alone (attacker HONEST only).
+    """
+
+    attacker: Attacker
+    source: Place
+    target: Place
+    through: frozenset[int] = frozenset()
+    left_out: frozenset[int] = frozenset()
+    own: bool = False
+
+
+class Flows:
+    """Flows of one system at one moment. `realms`: how the peers of each realm see every enclave, then."""
+
+    def __init__(self, system: System, realms: Sequence[RealmView]) -> None:
+        self._system = system
+        self._realms = realms
+        self._member = [enclave.realm for enclave in system.enclaves]
+        self.outsider = len(system.enclaves)
+        self._lanes: dict[tuple[Attacker, bool], list[_Lane]] = {}
+
+    def shortest(self, search: Search) -> tuple[Leg, ...] | None:
+        """A shortest flow, None where there is none."""
+        return _Walk(self, self._system, search).shortest()
+
+    def lanes(self, search: Search) -> list[_Lane]:
+        """The ways in which hops are possible under the attacker."""
+        key = (Attacker.HONEST if search.attacker is Attacker.SOURCE else search.attacker, search.own)
+        if key not in self._lanes:
+            relays = search.attacker is Attacker.RELAYS
+            self._lanes[key] = self._attacked() if relays else self._honest(own=search.own)
+        lanes = self._lanes[key]
+        return [*lanes, *self._of_sources(search.source)] if search.attacker is Attacker.SOURCE else lanes
+
+    def _honest(self, *, own: bool) -> list[_Lane]:
+        """By realm of sender and receiver: what may be written and read by right, on both sides."""
+        rights: Sequence[RealmView | OwnRights]
+        rights = [OwnRights(self._system, view) for view in self._realms] if own else self._realms
+        everybody = range(len(self._system.enclaves))
+        used = sorted(set(self._member))
+        lanes = []
+        for there in used:
+            written = [rights[there].abilities(enclave).may_write for enclave in everybody]
+            read = [rights[there].abilities(e).may_read if self._member[e] == there else 0 for e in everybody]
+            for here in used:
+                shared = read
+                if here != there:
+                    shared = [one and one & rights[here].abilities(e).may_read for e, one in enumerate(read)]
+                puts = written
+                if len(used) > 1:
+                    puts = [one if self._member[e] == here else 0 for e, one in enumerate(written)]
+                lanes.append(_Lane([*puts, 0], [*shared, 0]))
+        return lanes
+
+    def _attacked(self) -> list[_Lane]:
+        """Everybody sends and takes as anybody whose key it has, with all that keys allow, and so does the outsider."""
+        lanes = []
+        for realm in sorted(set(self._member)):
+            view = self._realms[realm]
+            forged = [self._forged(view, enclave) for enclave in range(self.outsider)]
+            taken = [view.abilities(e).may_read if m == realm else 0 for e, m in enumerate(self._member)]
+            lanes.append(_Lane([*self._as_any(forged), view.injectable], [*self._as_any(taken), 0]))
+            written = [view.abilities(e).may_write if m == realm else 0 for e, m in enumerate(self._member)]
+            heard = [view.abilities(enclave).overhears for enclave in range(self.outsider)]
+            lanes.append(_Lane([*self._as_any(written), 0], [*self._as_any(heard), view.readable]))
+        return lanes
+
+    def _of_sources(self, source: Place) -> list[_Lane]:
+        """The source attacks, honest enclaves take."""
+        lanes = []
+        for realm in sorted(set(self._member)):
+            view = self._realms[realm]
+            taken = [view.abilities(e).may_read if m == realm else 0 for e, m in enumerate(self._member)]
+            if source.enclaves:
+                puts = [0] * (self.outsider + 1)
+                for enclave in source.enclaves:
+                    for each in self._acting(enclave):
+                        puts[enclave] |= self._forged(view, each)
+                lanes.append(_Lane(puts, [*taken, 0]))
+            if source.outsider:
+                puts = [*([0] * self.outsider), view.injectable]
+                lanes.append(_Lane(puts, [*self._as_any(taken), 0]))
+        return lanes
+
+    @staticmethod
+    def _forged(view: RealmView, enclave: int) -> int:
+        """Channels of which members of the realm take its samples for those of some writer."""
+        able = view.abilities(enclave)
+        return able.may_write | able.forges if able.forges else able.may_write
+
+    @cached_property
+    def _opaque(self) -> list[int]:
+        return [number for number, enclave in enumerate(self._system.enclaves) if enclave.opaque]
+
+    @cached_property
+    def _holders(self) -> dict[int, list[int]]:
+        """By key: the enclaves that have it, where several have."""
+        holders: dict[int, list[int]] = {}
+        for number, enclave in enumerate(self._system.enclaves):
+            if enclave.identity is not None and not enclave.opaque:
+                holders.setdefault(self._system.certificates[enclave.identity].key, []).append(number)
+        return holders
+
+    def _acting(self, enclave: int) -> Iterable[int]:
+        """The enclaves whose key the enclave has, or may have."""
+        atom = self._system.enclaves[enclave]
+        if atom.opaque:
+            return range(self.outsider)
+        same = [enclave]
+        if atom.identity is not None:
+            same = self._holders[self._system.certificates[atom.identity].key]
+        return [*same, *self._opaque]
+
+    def _as_any(self, sets: Sequence[int]) -> list[int]:
+        """For each enclave, what those have together as which it acts."""
+        doubtful = 0
+        for enclave in self._opaque:
+            doubtful |= sets[enclave]
+        joint = [one | doubtful for one in sets] if doubtful else [*sets]
+        for group in self._holders.values():
+            if len(group) > 1:
+                together = doubtful
+                for enclave in group:
+                    together |= sets[enclave]
+                for enclave in group:
+                    joint[enclave] = together
+        if self._opaque:
+            everything = doubtful
+            for one in sets:
+                everything |= one
+            for enclave in self._opaque:
+                joint[enclave] = everything
+        return joint
+
+    def getters(self, search: Search) -> list[int]:
+        """By participant: the channels of which it gets samples."""
+        taken = [self._realms[m].abilities(e).may_read for e, m in enumerate(self._member)]
+        if search.own:
+            rights = [OwnRights(self._system, view) for view in self._realms]
+            taken = [rights[m].abilities(e).may_read for e, m in enumerate(self._member)]
+        if search.attacker is not Attacker.RELAYS:
+            return [*taken, 0]
+        readable = 0
+        for view in self._realms:
+            readable |= view.readable
+            taken = [one | view.abilities(enclave).overhears for enclave, one in enumerate(taken)]
+        return [*self._as_any(taken), readable]
+
+    def putters(self, search: Search) -> list[int]:
+        """By participant: the channels on which it can put samples."""
+        rights: Sequence[RealmView | OwnRights]
+        rights = [OwnRights(self._system, view) for view in self._realms] if search.own else self._realms
+        put = [0] * self.outsider
+        forged = [0] * self.outsider
+        injectable = 0
+        for realm, view in enumerate(self._realms):
+            put = [one | rights[realm].abilities(enclave).may_write for enclave, one in enumerate(put)]
+            forged = [one | view.abilities(enclave).forges for enclave, one in enumerate(forged)]
+            injectable |= view.injectable
+        attacked = self._as_any([one | other for one, other in zip(put, forged, strict=True)])
+        if search.attacker is Attacker.RELAYS:
+            return [*attacked, injectable]
+        if search.attacker is Attacker.SOURCE:
+            for enclave in search.source.enclaves:
+                put[enclave] = attacked[enclave]
+        return [*put, injectable if search.attacker is Attacker.SOURCE and search.source.outsider else 0]
+
+
+class _Walk:
+    """One search, layer by layer: those that a sample reaches after so many hops."""
+
+    def __init__(self, flows: Flows, system: System, search: Search) -> None:
+        self._flows = flows
+        self._search = search
+        self._channels = system.channels
+        self._left_out = bits(search.left_out)
+        self._lanes = flows.lanes(search)
+        self._seen = [0] * len(self._lanes)
+        self._ends = {*search.target.enclaves, *([flows.outsider] if search.target.outsider else [])}
+        self._layers: list[list[int]] = []
+
+    def shortest(self) -> tuple[Leg, ...] | None:
+        """The flow."""
+        source = self._search.source
+        if source.channels:
+            return self._from_channels(bits(source.channels))
+        first = sorted({*source.enclaves, *([self._flows.outsider] if source.outsider else [])})
+        return self._spread(first, looping=self._ends.intersection(first))
+
+    def _from_channels(self, channels: int) -> tuple[Leg, ...] | None:
+        """The flow from whoever gets a sample of one of them."""
+        got = self._flows.getters(self._search)
+        getting = [node for node, each in enumerate(got) if each & channels]
+        for node in getting:
+            if node in self._ends:
+                return (Leg(None, self._one(got[node] & channels), self._name(node)),)
+        first = [node for node in getting if node not in self._search.through]
+        found = self._spread(first, looping=set())
+        if found is None:
+            return None
+        begun = self._flows.outsider if found[0].sender is None else found[0].sender
+        return (Leg(None, self._one(got[begun] & channels), self._name(begun)), *found)
+
+    def _spread(self, first: list[int], looping: set[int]) -> tuple[Leg, ...] | None:
+        """Goes on from the participants `first`; `looping`: those among them that are ends, which others must reach."""
+        asked = bits(self._search.target.channels)
+        put = self._flows.putters(self._search) if asked else []
+        active = set(first)
+        layer = first
+        while layer:
+            self._layers.append(layer)
+            for node in layer if asked else ():
+                if put[node] & asked:
+                    return (*self._back(node), Leg(self._name(node), self._one(put[node] & asked), None))
+            arrived, looped = self._next(layer, looping)
+            ends = sorted((self._ends & arrived) - active) or sorted(looped)
+            if ends:
+                self._layers.append(ends)
+                return self._back(ends[0])
+            layer = sorted(arrived - active - self._search.through)
+            active.update(layer)
+        return None
+
+    def _next(self, layer: Sequence[int], looping: Collection[int]) -> tuple[set[int], set[int]]:
+        """Whom the layer reaches over channels that nobody used before, and which of `looping` it reaches at all."""
+        arrived: set[int] = set()
+        looped: set[int] = set()
+        within = set(layer)
+        for number, lane in enumerate(self._lanes):
+            once, twice = 0, 0
+            for node in layer:
+                sent = lane.puts[node]
+                if looping:
+                    twice |= once & sent
+                once |= sent
+            once &= ~self._left_out
+            for node in looping:
+                others = once & (twice | ~lane.puts[node]) if node in within else once
+                if others & lane.gets[node]:
+                    looped.add(node)
+            arrived.update(lane.getting(once & ~self._seen[number]))
+            self._seen[number] |= once
+        return arrived, looped
+
+    def _back(self, end: int) -> tuple[Leg, ...]:
+        """The hops to `end`, which stands in the last layer."""
+        legs: list[Leg] = []
+        node = end
+        for layer in reversed(self._layers[:-1]):
+            sender, channel = self._before(layer, node)
+            legs.append(Leg(self._name(sender), channel, self._name(node)))
+            node = sender
+        return tuple(reversed(legs))
+
+    def _before(self, layer: Sequence[int], node: int) -> tuple[int, int]:
+        """A participant of the layer that hands a sample to `node`, and on which channel."""
+        for sender in layer:
+            if sender != node:
+                for lane in self._lanes:
+                    common = lane.puts[sender] & lane.gets[node] & ~self._left_out
+                    if common:
+                        return sender, self._one(common)
+        raise AssertionError("a participant was reached from nowhere")
+
+    def _one(self, channels: int) -> int:
+        """The channel that a person reads most easily."""
+        return min(members(channels), key=lambda n: (not self._channels[n].ros, self._channels[n].infinite, n))
+
+    def _name(self, node: int) -> int | None:
+        return None if node == self._flows.outsider else node

@@ -1,0 +1,29 @@
+"""What an enclave may do with its own permissions document alone: what it does as long as nobody attacks."""
+
+from __future__ import annotations
+
+from keystore_audit.model.attacker import Abilities, RealmView
+from keystore_audit.model.system import System
+
+
+class OwnRights:
+    """How the peers of one realm see enclaves that present their own documents."""
+
+    def __init__(self, system: System, view: RealmView) -> None:
+        self._system = system
+        self._view = view
+        self._abilities: dict[int, Abilities] = {}
+
+    def abilities(self, enclave: int) -> Abilities:
+        """What the enclave may write and read; it overhears and forges nothing."""
+        if enclave not in self._abilities:
+            self._abilities[enclave] = self._able(enclave)
+        return self._abilities[enclave]
+
+    def _able(self, enclave: int) -> Abilities:
+        atom = self._system.enclaves[enclave]
+        own = atom.permissions
+        anything = atom.opaque or (own is not None and self._system.documents[own].opaque)
+        documents = frozenset() if own is None else self._view.accepted & {own}
+        written, read = self._view.rights_with(enclave, documents, anything=anything)
+        return Abilities(may_write=written, may_read=read, may_relay=0, overhears=0, forges=0)
