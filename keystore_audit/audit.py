@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -18,6 +18,7 @@ from keystore_audit.engine.horizon import Horizon, horizon
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Finding, Result, Severity
+from keystore_audit.intent.environment import Environment, read_environment
 from keystore_audit.intent.intent import Intent
 from keystore_audit.keystore.identity import Identity
 from keystore_audit.keystore.keystore import Keystore, read_keystore
@@ -25,7 +26,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.observed import observe
-from keystore_audit.model.profiles import DEFAULT, Evidence, Profile, resolve
+from keystore_audit.model.profiles import DEFAULT, Evidence, Profile, resolve, running
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineStatus
@@ -35,6 +36,7 @@ from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import Judgement, judge
 
 if TYPE_CHECKING:
+    from keystore_audit.intent.policy import Policy
     from keystore_audit.model.drift import Drift
 
 ASSUMPTIONS = (
@@ -98,6 +100,8 @@ class Options:
     deployed: bool = False
     select: tuple[str, ...] = field(default=())
     ignore: tuple[str, ...] = field(default=())
+    environment: Path | None = None
+    """The file of variables that the robots start with: profile and domain are taken from it where not given."""
     graphs: tuple[Path, ...] = ()
     launches: tuple[Path, ...] = ()
     launch_arguments: Mapping[str, str] = field(default_factory=dict)
@@ -115,7 +119,11 @@ def audit(
     Raises errors.NothingToAudit where there is none, errors.UsageError for an unknown profile, or for a graph or
     launch file that is none. Whatever is wrong with the keystore or an engine is in the report.
     """
+    environment = read_environment(options.environment) if options.environment is not None else None
+    if environment is not None:
+        options = _as_started(options, environment)
     profiles = resolve(options.profiles)
+    policy = _policy(options)
     intents = _observed(options)
     keystore = read_keystore(path, progress=progress.enclaves if progress else None)
     if progress:
@@ -136,7 +144,7 @@ def audit(
     context = Context(
         keystore=keystore,
         meaning=meaning,
-        drift=_drift(keystore, options, profiles, accesses) if options.policy is not None else None,
+        drift=_drift(keystore, policy, options, profiles, accesses) if policy is not None else None,
         results=results,
         engines=runs,
         at=options.at,
@@ -144,11 +152,22 @@ def audit(
         deployed=options.deployed,
         profiles=profiles,
         elsewhere=tuple(elsewhere),
+        environment=environment,
         observed=observe(intents, keystore, profiles, options.at, accesses, options.domain) if intents else None,
     )
     judgement = judge(context, RULES, select=options.select, ignore=options.ignore)
     safe = horizon(keystore, native, profiles, options.at, accesses, usabilities, meaning.usability)
     return _report(context, judgement, safe, options)
+
+
+def _as_started(options: Options, environment: Environment) -> Options:
+    """The options with the profiles and the domain of the environment, where none were given."""
+    shipped = running(environment.value("ROS_DISTRO"), environment.value("RMW_IMPLEMENTATION"))
+    return replace(
+        options,
+        profiles=options.profiles or shipped,
+        domain=environment.domain if options.domain is None else options.domain,
+    )
 
 
 def _observed(options: Options) -> tuple[Intent, ...]:
@@ -193,14 +212,21 @@ def _report(context: Context, judgement: Judgement, safe: Horizon, options: Opti
     )
 
 
-def _drift(keystore: Keystore, options: Options, profiles: Sequence[Profile], accesses: AccessViews) -> Drift | None:
-    """The keystore compared with the policy. Raises errors.UsageError for a policy that is none."""
-    from keystore_audit.intent.policy import read_policy  # an audit without a policy needs neither
-    from keystore_audit.model.drift import drift
-
+def _policy(options: Options) -> Policy | None:
+    """The policy; raises errors.UsageError for what is none."""
     if options.policy is None:
         return None
-    policy = read_policy(options.policy, options.policy_include)
+    from keystore_audit.intent.policy import read_policy  # an audit without a policy needs no reader
+
+    return read_policy(options.policy, options.policy_include)
+
+
+def _drift(
+    keystore: Keystore, policy: Policy, options: Options, profiles: Sequence[Profile], accesses: AccessViews
+) -> Drift:
+    """The keystore compared with the policy."""
+    from keystore_audit.model.drift import drift
+
     return drift(keystore, policy, profiles, options.at, accesses, options.domain)
 
 
@@ -267,8 +293,16 @@ def _scope(context: Context) -> Scope:
         documents=len(system.documents) if system else 0,
         channels=len(system.channels) if system else 0,
         rules=len(RULES),
-        not_checked=(*meaning.idle, *_unread(context.keystore), *_untested(context.profiles), *NOT_CHECKED),
+        not_checked=(*meaning.idle, *_unread(context.keystore), *_untested(context.profiles), *NOT_CHECKED, *_not_compared(context)),
     )
+
+
+def _not_compared(context: Context) -> Iterator[str]:
+    """What the keystore is for, where nothing that says so was named."""
+    if context.drift is None:
+        yield "The policy that the keystore was generated from (--policy)."
+    if context.observed is None:
+        yield "The nodes that will use the keystore (--graph, --launch)."
 
 
 def _unread(keystore: Keystore) -> Iterator[str]:

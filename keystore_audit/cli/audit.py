@@ -83,6 +83,13 @@ WORST_FIRST: Final = (EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, 1, 0)
     help="Report what expires in the days to come.",
 )
 @click.option(
+    "--env",
+    "environment",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="The variables that the robots start with (NAME=VALUE): security, middleware, domain.",
+)
+@click.option(
     "--policy",
     type=click.Path(path_type=Path),
     metavar="FILE",
@@ -156,6 +163,7 @@ def _options(given: dict[str, Any]) -> Options:
         profiles=given["profiles"],
         domain=given["domain"],
         time_zone=given["time_zone"],
+        environment=given["environment"],
         policy=given["policy"],
         policy_include=given["policy_include"],
         engine=given["engine"],

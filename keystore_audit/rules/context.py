@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import TYPE_CHECKING
 
+from keystore_audit.intent.environment import Environment
 from keystore_audit.keystore.identity import Identity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.meaning import Meaning
@@ -37,6 +38,8 @@ class Context:
     profiles: tuple[Profile, ...]
     elsewhere: tuple[Identity, ...] = ()
     """The identities of the other keystores of this run."""
+    environment: Environment | None = None
+    """What the robots' processes start with; None where no file says so."""
     drift: Drift | None = None
     """The keystore compared with the policy; None where none was named."""
     observed: Observation | None = None

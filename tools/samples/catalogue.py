@@ -9,6 +9,7 @@ from . import (
     certificate_stories,
     divergence_stories,
     drift_stories,
+    environment_stories,
     formal_stories,
     governance_stories,
     healthy,
@@ -16,6 +17,7 @@ from . import (
     layout_stories,
     permissions_stories,
     provisioning_stories,
+    ros_stories,
     signature_stories,
     stock,
     unknown_stories,
@@ -35,6 +37,8 @@ FAMILIES = (
     divergence_stories,
     drift_stories,
     provisioning_stories,
+    environment_stories,
+    ros_stories,
     formal_stories,
 )
 

@@ -293,6 +293,13 @@ ALIASES: dict[str, tuple[str, ...]] = {
     "all": tuple(VARIANTS),
 }
 
+MIDDLEWARE: dict[str, str] = {
+    "rmw_fastrtps_cpp": "fastdds",
+    "rmw_fastrtps_dynamic_cpp": "fastdds",
+    "rmw_cyclonedds_cpp": "cyclonedds",
+}
+"""What RMW_IMPLEMENTATION may say, by the vendor whose profiles tell what it does."""
+
 _SUPPORTED = ("humble", "jazzy", "kilted", "lyrical")
 
 DEFAULT: tuple[str, ...] = tuple(
@@ -319,3 +326,10 @@ def resolve(names: Iterable[str]) -> tuple[Profile, ...]:
             raise UsageError(f"Unknown profile {name!r}.{hint} Known: {', '.join(known)}.")
     chosen = wanted or set(DEFAULT)
     return tuple(profile for name, profile in VARIANTS.items() if name in chosen)
+
+
+def running(distribution: str, middleware: str) -> tuple[str, ...]:
+    """The variants that run where ROS_DISTRO and RMW_IMPLEMENTATION say so; all default ones that they leave open."""
+    shipped = ALIASES[distribution] if distribution in (*_SUPPORTED, "rolling") else DEFAULT
+    vendor = MIDDLEWARE.get(middleware)
+    return tuple(name for name in shipped if vendor is None or name.rpartition("-")[0] == vendor)

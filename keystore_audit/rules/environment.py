@@ -1,0 +1,206 @@
+"""KA6: the environment that robots start with, which can make every signed document void (`--env FILE`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from difflib import get_close_matches
+from typing import Any, Final
+
+from keystore_audit.findings import Severity
+from keystore_audit.intent.environment import Environment
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.model.profiles import MIDDLEWARE
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.wording import quoted
+
+RCL: Final = "rcl, security.c (read); ROS 2 design, DDS-Security integration"
+MODELLED: Final = {
+    "rmw_fastrtps_cpp": "fastdds",
+    "rmw_fastrtps_dynamic_cpp": "fastdds",
+    "rmw_cyclonedds_cpp": "cyclonedds",
+}
+"""Middleware by the vendor whose profiles say what it does."""
+
+ZENOH: Final = "rmw_zenoh_cpp"
+
+
+def _of(context: Context) -> Environment:
+    """The environment; only rules that apply ask for it."""
+    if context.environment is None:
+        raise ValueError("no environment was given")
+    return context.environment
+
+
+def _given(_keystore: Keystore, context: Context) -> bool:
+    return context.environment is not None
+
+
+def _found(environment: Environment, variable: str, message: str, **more: Any) -> Violation:
+    return Violation(message=message, locations=(environment.place(variable),), key=variable, **more)
+
+
+@rule(
+    "KA670",
+    "security-not-enabled",
+    Severity.CRITICAL,
+    on=Keystore,
+    clause=RCL,
+    remedy="Set ROS_SECURITY_ENABLE=true for every process.",
+    applies=_given,
+)
+def security_not_enabled(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """ROS_SECURITY_ENABLE is not exactly `true`: processes start without any security, whatever the keystore says."""
+    environment = _of(context)
+    value = environment.value("ROS_SECURITY_ENABLE")
+    if value != "true":
+        said = f"is {quoted(value)}, not exactly 'true'" if value else "is not set"
+        yield _found(environment, "ROS_SECURITY_ENABLE", f"ROS_SECURITY_ENABLE {said}: nothing of this is in force.")
+
+
+@rule(
+    "KA671",
+    "security-not-enforced",
+    Severity.HIGH,
+    on=Keystore,
+    clause=RCL,
+    remedy="Set ROS_SECURITY_STRATEGY=Enforce for every process.",
+    applies=_given,
+)
+def security_not_enforced(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """ROS_SECURITY_STRATEGY is not exactly `Enforce`: a process whose enclave does not load starts without security."""
+    environment = _of(context)
+    value = environment.value("ROS_SECURITY_STRATEGY")
+    if value != "Enforce":
+        said = f"is {quoted(value)}, not exactly 'Enforce'" if value else "is not set"
+        yield _found(
+            environment,
+            "ROS_SECURITY_STRATEGY",
+            f"ROS_SECURITY_STRATEGY {said}, which is Permissive: an enclave that fails to load starts unsecured.",
+        )
+
+
+@rule(
+    "KA672",
+    "override-names-no-enclave",
+    Severity.HIGH,
+    on=Keystore,
+    clause=RCL,
+    remedy="Let ROS_SECURITY_ENCLAVE_OVERRIDE name an enclave of the keystore, or leave it out.",
+    applies=_given,
+)
+def override_names_no_enclave(keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """The enclave that every process is to use is not in the keystore; names are compared letter by letter.
+
+    Under Enforce nothing starts then, otherwise everything starts unsecured. rcl does not check the name: with `..` it
+    leaves the keystore.
+    """
+    environment = _of(context)
+    name = environment.value("ROS_SECURITY_ENCLAVE_OVERRIDE")
+    known = [enclave.path for enclave in keystore.enclaves]
+    if name and name not in known:
+        nearest = get_close_matches(name, known, n=1)
+        hint = f"; the nearest is {nearest[0]}" if nearest else ""
+        yield _found(
+            environment,
+            "ROS_SECURITY_ENCLAVE_OVERRIDE",
+            f"ROS_SECURITY_ENCLAVE_OVERRIDE is {quoted(name)}, and there is no such enclave{hint}.",
+        )
+
+
+@rule(
+    "KA673",
+    "override-for-every-process",
+    Severity.MEDIUM,
+    on=Keystore,
+    clause=RCL,
+    remedy="Give each process its own enclave with --ros-args --enclave, and leave ROS_SECURITY_ENCLAVE_OVERRIDE out.",
+    applies=_given,
+)
+def override_for_every_process(keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """Every process that starts in this environment has one identity and its rights, though there are several enclaves.
+
+    What separates the enclaves in this report does not separate those processes.
+    """
+    environment = _of(context)
+    name = environment.value("ROS_SECURITY_ENCLAVE_OVERRIDE")
+    if len(keystore.enclaves) > 1 and name in {enclave.path for enclave in keystore.enclaves}:
+        yield _found(
+            environment,
+            "ROS_SECURITY_ENCLAVE_OVERRIDE",
+            f"Every process that starts so is {name}, one of {len(keystore.enclaves)} enclaves.",
+            enclave=name,
+        )
+
+
+@rule(
+    "KA674",
+    "no-keystore-named",
+    Severity.HIGH,
+    on=Keystore,
+    clause=RCL,
+    remedy="Set ROS_SECURITY_KEYSTORE to where the keystore is on the robot.",
+    applies=_given,
+)
+def no_keystore_named(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """ROS_SECURITY_KEYSTORE is not set: no process finds an enclave.
+
+    Whether the directory that it names holds what was audited cannot be seen from here.
+    """
+    environment = _of(context)
+    if not environment.value("ROS_SECURITY_KEYSTORE"):
+        yield _found(environment, "ROS_SECURITY_KEYSTORE", "ROS_SECURITY_KEYSTORE is not set: no enclave is found.")
+
+
+@rule(
+    "KA675",
+    "domain-id-invalid",
+    Severity.HIGH,
+    on=Keystore,
+    clause="rcl, domain_id.c (read); DDSI-RTPS 2.3, 9.6.1.1 (ports of a domain)",
+    remedy="Set ROS_DOMAIN_ID to one of 0 to 232 that the governance covers.",
+    applies=_given,
+)
+def domain_id_invalid(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """ROS_DOMAIN_ID is no domain: no process starts."""
+    environment = _of(context)
+    if environment.domain is None:
+        value = quoted(environment.value("ROS_DOMAIN_ID"))
+        yield _found(environment, "ROS_DOMAIN_ID", f"ROS_DOMAIN_ID is {value}; expected a number from 0 to 232.")
+
+
+@rule(
+    "KA676",
+    "middleware-not-modelled",
+    Severity.HIGH,
+    on=Keystore,
+    clause="docs/profiles.md",
+    remedy="Use rmw_fastrtps_cpp or rmw_cyclonedds_cpp, or look by other means at what the middleware enforces.",
+    applies=_given,
+)
+def middleware_not_modelled(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """The middleware is none whose decisions are known here, so that this report says nothing about it.
+
+    rmw_zenoh_cpp takes its own access control file; it enforces neither governance.p7s nor permissions.p7s.
+    """
+    environment = _of(context)
+    name = environment.value("RMW_IMPLEMENTATION")
+    if name and name not in MIDDLEWARE:
+        why = "enforces neither governance.p7s nor permissions.p7s" if name == ZENOH else "is not known here"
+        yield _found(
+            environment,
+            "RMW_IMPLEMENTATION",
+            f"RMW_IMPLEMENTATION is {quoted(name)}, which {why}: this report does not speak of it.",
+            undecided=True,
+        )
+
+
+ENVIRONMENT: tuple[Rule[Any], ...] = (
+    security_not_enabled,
+    security_not_enforced,
+    override_names_no_enclave,
+    override_for_every_process,
+    no_keystore_named,
+    domain_id_invalid,
+    middleware_not_modelled,
+)

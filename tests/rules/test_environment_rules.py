@@ -1,0 +1,123 @@
+"""KA67x: an environment that makes the keystore void, each beside one that does not; and what picks the profiles."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from keystore_audit.errors import UsageError
+from keystore_audit.findings import Result
+from keystore_audit.intent.environment import Environment, read_environment
+from keystore_audit.model.profiles import DEFAULT, running
+from keystore_audit.rules.judge import Judgement
+from tests.rules.evidence import enclave, healthy, judged, keystore
+
+RIGHT = "ROS_SECURITY_ENABLE=true\nROS_SECURITY_STRATEGY=Enforce\nROS_SECURITY_KEYSTORE=/keys\n"
+
+CASES = {
+    "KA670": "ROS_SECURITY_ENABLE=TRUE\n",
+    "KA671": "ROS_SECURITY_STRATEGY=Permissive\n",
+    "KA672": "ROS_SECURITY_ENCLAVE_OVERRIDE=/talkers\n",
+    "KA673": "ROS_SECURITY_ENCLAVE_OVERRIDE=/talker\n",
+    "KA674": "ROS_SECURITY_KEYSTORE=\n",
+    "KA675": "ROS_DOMAIN_ID=233\n",
+    "KA676": "RMW_IMPLEMENTATION=rmw_zenoh_cpp\n",
+}
+"""What one line more does to the right environment."""
+
+
+def read(tmp_path: Path, text: str | bytes) -> Environment:
+    file = tmp_path / "robot.env"
+    file.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return read_environment(file)
+
+
+def found(judgement: Judgement) -> list[str]:
+    return [finding.code for finding in judgement.findings if finding.code.startswith("KA67")]
+
+
+@pytest.mark.parametrize("code", CASES)
+def test_one_line_more_is_found_at_its_line(code: str, tmp_path: Path) -> None:
+    two = keystore(enclave("/talker"), enclave("/listener"))
+    assert found(judged(two, environment=read(tmp_path, RIGHT))) == []
+    judgement = judged(two, environment=read(tmp_path, RIGHT + CASES[code]))
+    assert found(judgement) == [code]
+    (finding,) = (each for each in judgement.findings if each.code == code)
+    assert [(place.line, place.beside) for place in finding.locations] == [(4, True)]
+
+
+def test_an_empty_file_enables_nothing(tmp_path: Path) -> None:
+    assert sorted(found(judged(healthy(), environment=read(tmp_path, "")))) == ["KA670", "KA671", "KA674"]
+
+
+def test_an_unknown_middleware_leaves_the_audit_incomplete(tmp_path: Path) -> None:
+    judgement = judged(healthy(), environment=read(tmp_path, RIGHT + "RMW_IMPLEMENTATION=rmw_connextdds\n"))
+    (outcome,) = (each for each in judgement.outcomes if each.rule == "KA676")
+    assert outcome.outcome is Result.OPEN
+
+
+def test_without_an_environment_no_rule_speaks() -> None:
+    outcomes = {each.outcome for each in judged(healthy()).outcomes if each.rule.startswith("KA67")}
+    assert outcomes == {Result.NOT_APPLICABLE}
+
+
+def test_one_enclave_alone_may_be_every_process(tmp_path: Path) -> None:
+    assert found(judged(keystore(enclave("/talker")), environment=read(tmp_path, RIGHT + CASES["KA673"]))) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("ROS_DISTRO=humble", "humble"),
+        ("export ROS_DISTRO='humble'  # so", "humble"),
+        ('ROS_DISTRO="humble"', "humble"),
+        ("ROS_DISTRO=jazzy\n\n# later\n ROS_DISTRO=humble ", "humble"),
+        ("ROS_DISTRO=humble # a comment", "humble"),
+        ("PATH=$PATH:/bin\nROS_DISTRO=humble", "humble"),
+        ("ROS_DISTRO=", ""),
+        ("", ""),
+    ],
+)
+def test_assignments_are_read(text: str, value: str, tmp_path: Path) -> None:
+    assert read(tmp_path, text).value("ROS_DISTRO") == value
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("ROS_DISTRO=humble\nif true; then", "robot.env:2: no assignment"),
+        ("ROS_DISTRO=$(uname)", "robot.env:1: a value that only a shell could work out"),
+        ("\nROS_DISTRO=`id`", "robot.env:2: a value"),
+        ('ROS_DISTRO="$HOME"', "robot.env:1: a value"),
+        ("ROS_DISTRO=a b", "robot.env:1: a value"),
+        ("ROS_DISTRO='humble", "robot.env:1: a value"),
+        (b"A=1\n\xff", "robot.env:2: not UTF-8"),
+        (b"#" * (1024 * 1024 + 1), "larger than"),
+    ],
+)
+def test_what_only_a_shell_could_tell_is_an_error(text: str | bytes, said: str, tmp_path: Path) -> None:
+    with pytest.raises(UsageError) as caught:
+        read(tmp_path, text)
+    assert said in caught.value.message
+
+
+def test_no_file_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(UsageError):
+        read_environment(tmp_path / "none")
+
+
+@pytest.mark.parametrize(
+    ("distribution", "middleware", "expected"),
+    [
+        ("humble", "rmw_fastrtps_cpp", ("fastdds-2.6",)),
+        ("humble", "rmw_cyclonedds_cpp", ("cyclonedds-0.10",)),
+        ("jazzy", "", ("fastdds-2.14", "cyclonedds-0.10")),
+        ("", "rmw_cyclonedds_cpp", ("cyclonedds-0.10", "cyclonedds-11")),
+        ("foxy", "", DEFAULT),
+        ("", "", DEFAULT),
+        ("all", "", DEFAULT),
+    ],
+)
+def test_the_variants_that_run(distribution: str, middleware: str, expected: tuple[str, ...]) -> None:
+    assert running(distribution, middleware) == expected
