@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from keystore_audit.rules.algorithm import ALGORITHM
+from keystore_audit.rules.anomaly import ANOMALY
+from keystore_audit.rules.anomaly_names import ANOMALY_NAMES
 from keystore_audit.rules.audit import AUDIT
 from keystore_audit.rules.authority import AUTHORITY
 from keystore_audit.rules.breadth import BREADTH
@@ -13,6 +15,7 @@ from keystore_audit.rules.divergence import DIVERGENCE
 from keystore_audit.rules.domain import DOMAIN
 from keystore_audit.rules.drift import DRIFT
 from keystore_audit.rules.envelope import ENVELOPE
+from keystore_audit.rules.environment import ENVIRONMENT
 from keystore_audit.rules.formal import FORMAL
 from keystore_audit.rules.governance import GOVERNANCE
 from keystore_audit.rules.identity import IDENTITY
@@ -25,6 +28,7 @@ from keystore_audit.rules.protection import PROTECTION
 from keystore_audit.rules.provisioning import PROVISIONING
 from keystore_audit.rules.registry import Rule
 from keystore_audit.rules.revocation import REVOCATION
+from keystore_audit.rules.ros_services import ROS_SERVICES
 from keystore_audit.rules.rule_order import RULE_ORDER
 from keystore_audit.rules.signature import SIGNATURE
 from keystore_audit.rules.start import START
@@ -56,9 +60,13 @@ RULES: tuple[Rule[Any], ...] = tuple(
             *RULE_ORDER,
             *DRIFT,
             *PORTABILITY,
+            *ROS_SERVICES,
+            *ANOMALY,
+            *ANOMALY_NAMES,
             *OBSERVED,
             *STRAY,
             *PROVISIONING,
+            *ENVIRONMENT,
             *FORMAL,
             *AUDIT,
         ),
