@@ -17,6 +17,7 @@ from keystore_audit.model.meaning import Doubt, Meaning, UngovernedTopics, Usabi
 from keystore_audit.model.permission import Permissions, members
 from keystore_audit.model.profiles import SPEC, Profile
 from keystore_audit.model.protection import protection
+from keystore_audit.model.ros_patterns import ros_patterns
 from keystore_audit.model.system import Reading, System
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.usability import Usabilities
@@ -42,15 +43,17 @@ def interpret(
         systems = SystemBuilder(keystore, profiles, at, accesses).systems()
     except BudgetExceeded as exceeded:
         over_budget = exceeded.message
+    usability = usability_by_profile(keystore, profiles, at, usabilities)
     return Meaning(
         systems=systems,
-        usability=usability_by_profile(keystore, profiles, at, usabilities),
+        usability=usability,
         doubts=_doubts(keystore, profiles, accesses),
         ungoverned=_ungoverned(systems),
         over_budget=over_budget,
         idle=_idle(systems),
         divergences=divergences(keystore, _beside_spec(profiles), at, accesses, domain) if systems else (),
         anomalies=anomalies(keystore, profiles, accesses) if systems else {},
+        ros=ros_patterns(keystore, profiles, at, accesses, systems, usability) if systems else None,
     )
 
 

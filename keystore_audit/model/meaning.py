@@ -11,6 +11,7 @@ from keystore_audit.keystore.permissions import Operation
 
 if TYPE_CHECKING:  # `can` has no part in either
     from keystore_audit.model.anomaly import Anomaly
+    from keystore_audit.model.ros_patterns import RosPatterns
     from keystore_audit.model.substitution import Cause
     from keystore_audit.model.system import System
 
@@ -97,7 +98,8 @@ class Meaning:
     there is no doubt, since MUST is then equal). `usability`: by (enclave directory, canonical profile name).
     `over_budget`: why topic classes could not be computed; there are no systems then. `idle`: sentences that say
     which properties hold for want of anything to protect. `divergences`: what the profiles decide differently; empty
-    where there are no systems. `anomalies`: what is odd about rules, by the place of the document; likewise.
+    where there are no systems. `anomalies`: what is odd about rules, by the place of the document; likewise. `ros`:
+    what permissions mean to ROS 2 nodes; None where there are no systems.
     """
 
     systems: tuple[System, ...]
@@ -108,3 +110,4 @@ class Meaning:
     idle: tuple[str, ...] = ()
     divergences: tuple[Divergence, ...] = ()
     anomalies: Mapping[str, tuple[Anomaly, ...]] = field(default_factory=dict)
+    ros: RosPatterns | None = None

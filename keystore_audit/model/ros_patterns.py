@@ -1,0 +1,77 @@
+"""What permissions mean to ROS 2 nodes: services and actions that are whole or half, and who is within whose reach."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import TYPE_CHECKING
+
+from keystore_audit.errors import BudgetExceeded
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.permissions import PermissionsFile
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.profiles import VARIANTS, Profile
+from keystore_audit.model.ros_halves import Halves, halves
+from keystore_audit.model.ros_holders import holders
+from keystore_audit.model.ros_services import Reach, Rivals, Services
+from keystore_audit.model.system import Reading, System
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from keystore_audit.model.meaning import Usability
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RosPatterns:
+    """`reaches`, `rivals`: each with the chosen profiles that it holds for, empty for all.
+
+    `unknown`: why services could not be compared.
+    """
+
+    halves: Halves
+    reaches: tuple[tuple[Reach, tuple[str, ...]], ...] = ()
+    rivals: tuple[tuple[Rivals, tuple[str, ...]], ...] = ()
+    unknown: str | None = None
+
+
+def ros_patterns(
+    keystore: Keystore,
+    profiles: Sequence[Profile],
+    at: datetime,
+    accesses: AccessViews,
+    systems: Sequence[System],
+    usability: Mapping[tuple[str, str], Usability],
+) -> RosPatterns:
+    """Everything at `at` (aware UTC); `systems` are those of the profiles, `usability` by (directory, profile)."""
+    files = {
+        document.place: document.file
+        for document in documents_of(keystore)
+        if isinstance(document.file, PermissionsFile)
+    }
+    reaches: dict[Reach, list[str]] = {}
+    rivals: dict[Rivals, list[str]] = {}
+    unknown = None
+    names = {profile.name for profile in profiles}
+    for system in systems:
+        if system.reading is not Reading.MAY:
+            continue
+        row = accesses.row(VARIANTS[system.profiles[0]].access)
+        governed = frozenset().union(*(rule.domains for rule in system.domain_rules))
+        domains = [system.domains[number].intervals[0][0] for number in sorted(governed)]
+        services = Services(holders(system, files, accesses, row), row.matcher, domains)
+        try:
+            for reach in services.reaches():
+                reaches.setdefault(reach, []).extend(system.profiles)
+            for group in services.rivals():
+                rivals.setdefault(group, []).extend(system.profiles)
+        except BudgetExceeded as exceeded:
+            unknown = exceeded.message
+    return RosPatterns(
+        halves=halves(keystore, profiles, at, accesses, usability),
+        reaches=tuple((reach, () if names <= {*held} else tuple(held)) for reach, held in reaches.items()),
+        rivals=tuple((group, () if names <= {*held} else tuple(held)) for group, held in rivals.items()),
+        unknown=unknown,
+    )

@@ -1,0 +1,228 @@
+"""KA6: services and actions as ROS 2 has them: whole or half, and whose they are (`model.ros_patterns`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, Final
+
+from keystore_audit.findings import Location, Severity
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.names import ACTION_PART, ros_name
+from keystore_audit.model.ros_halves import ACTION_ROLES, SERVICE_ROLES, Half
+from keystore_audit.model.ros_services import Reach, Rivals
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.permissions import WRITE_AGAIN
+from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.wording import MAX_LISTED, listed, places
+
+_PERMISSIONS_XSL: Final = "ros2/sros2, policy/templates/dds/permissions.xsl (the DDS topics of a service and an action)"
+_DOES: Final = {"request": "request", "reply": "answer", "call": "call", "execute": "execute"}
+_MAY: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "subscribe to", Operation.RELAY: "relay"}
+
+
+def _halves(context: Context, roles: Sequence[str]) -> Iterator[Violation]:
+    """One violation for each enclave with halves in these roles."""
+    ros = context.meaning.ros
+    if ros is None:
+        return
+    by_enclave: dict[str, list[Half]] = {}
+    for half in ros.halves.halves:
+        if half.role in roles:
+            by_enclave.setdefault(half.enclave, []).append(half)
+    for path, found in by_enclave.items():
+        yield _half(path, sorted(found, key=lambda half: (half.several, half.name, half.role)))
+    for enclave, why in ros.halves.unknown if roles == SERVICE_ROLES else ():
+        place = enclave.permissions.signed.file.place if enclave.permissions else enclave.files.directory
+        yield Violation(
+            message=f"Which services and actions {enclave.path} may use as a whole could not be worked out: {why}.",
+            locations=(Location(path=place),),
+            enclave=enclave.path,
+            undecided=True,
+            key="unknown",
+        )
+
+
+def _half(path: str, found: Sequence[Half]) -> Violation:
+    first = found[0]
+    names = dict.fromkeys(half.name for half in found)
+    others = f" (and {listed(list(names)[1:])})" if len(names) > 1 else ""
+    like = ", one of many such names" if first.several else ""
+    operation, topic = first.lacks[0]
+    more = f" and {len(first.lacks) - 1} more of its topics" if len(first.lacks) > 1 else ""
+    return Violation(
+        message=f"{path} may {_DOES[first.role]} {first.name} in part only{like}{others}: "
+        f"it may not {_MAY[operation]} {ros_name(topic)}{more}.",
+        locations=places(half.location for half in found),
+        enclave=path,
+        profiles=first.profiles if all(half.profiles == first.profiles for half in found) else _united(found),
+        key="\n".join(sorted({f"{half.role} {half.name}" for half in found})),
+    )
+
+
+def _united(found: Sequence[Half]) -> tuple[str, ...]:
+    """The profiles that any of them holds for, empty for all."""
+    if not all(half.profiles for half in found):
+        return ()
+    return tuple(dict.fromkeys(name for half in found for name in half.profiles))
+
+
+@rule(
+    "KA630",
+    "half-service",
+    Severity.MEDIUM,
+    on=Keystore,
+    clause=_PERMISSIONS_XSL,
+    remedy="Allow both halves of the service, or neither: a client publishes rq/NAMERequest and subscribes to "
+    f"rr/NAMEReply, a server the reverse; {WRITE_AGAIN}",
+)
+def half_service(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """An enclave may ask a service and not read its answers, or the reverse: the node fails when it makes the endpoint.
+
+    Decided over all service names, after deny rules and as each implementation reads the patterns. An allow rule has to
+    give the half that is there; a service that an action is made of is half-action's.
+    """
+    yield from _halves(context, SERVICE_ROLES)
+
+
+@rule(
+    "KA631",
+    "half-action",
+    Severity.MEDIUM,
+    on=Keystore,
+    clause=f"ROS 2 design, actions (three services and two topics); {_PERMISSIONS_XSL}",
+    remedy="Allow all of the action, or nothing: the services send_goal, cancel_goal and get_result, and the topics "
+    f"feedback and status; {WRITE_AGAIN}",
+)
+def half_action(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """An enclave may use a part of an action's three services and two topics: its client or server is not made.
+
+    Looked at where an expression names the action for one (with `/_action/`) on one of its services, or lists a topic
+    of it by name for publishing. Whoever only reads feedback and status watches, and may.
+    """
+    yield from _halves(context, ACTION_ROLES)
+
+
+def _reaches(context: Context, family: str) -> Iterator[Violation]:
+    ros = context.meaning.ros
+    if ros is None:
+        return
+    for reach, profiles in ros.reaches:
+        if reach.family == family:
+            yield _reach(reach, profiles)
+    if ros.unknown is not None and family == "parameters":
+        yield Violation(
+            message=f"Whose services enclaves may use could not be worked out: {ros.unknown}.",
+            locations=(Location(path="."),),
+            undecided=True,
+            key="unknown",
+        )
+
+
+def _reach(reach: Reach, profiles: tuple[str, ...]) -> Violation:
+    verb = {
+        ("parameters", True): "set parameters of",
+        ("parameters", False): "read parameters of",
+        ("states", True): "change the state of",
+        ("states", False): "read the state of",
+    }[reach.family, reach.changes]
+    more = f" and {reach.nodes - 1} more nodes of {listed(reach.owners)}" if reach.nodes > 1 else ""
+    call, answer = reach.rights
+    return Violation(
+        message=f"{reach.caller} may {verb} {reach.node}, a node of {reach.owner}{more} ({reach.service}).",
+        locations=(
+            Location(path=call.path, line=call.line),
+            Location(path=answer.path, line=answer.line, message="where the node's own enclave answers"),
+        ),
+        enclave=reach.caller,
+        severity=None if reach.changes else Severity.LOW,
+        profiles=profiles,
+        key=f"{reach.changes}\n" + "\n".join(reach.owners),
+    )
+
+
+@rule(
+    "KA632",
+    "parameter-services-of-others",
+    Severity.HIGH,
+    on=Keystore,
+    clause="ROS 2 design, parameters (services of every node); ROS 2 design, SROS2 access control policies (least "
+    "privilege)",
+    remedy=f"Let each enclave ask the parameter services of its own nodes alone: {WRITE_AGAIN}",
+)
+def parameter_services_of_others(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """An enclave may set parameters of a node that runs in another enclave: it decides what that node does.
+
+    The node is another's where that one's own permissions let it answer the service, and the caller's do not list the
+    answer by name. Low where parameters can only be read. An enclave that may do everything has
+    allow-everything-permissions, and only that. A tool that configures others needs this right: accept the finding.
+    """
+    yield from _reaches(context, "parameters")
+
+
+@rule(
+    "KA633",
+    "lifecycle-services-of-others",
+    Severity.HIGH,
+    on=Keystore,
+    clause="ROS 2 design, managed nodes (change_state); ROS 2 design, SROS2 access control policies (least privilege)",
+    remedy=f"Let the one enclave that manages the node ask change_state, and no other: {WRITE_AGAIN}",
+)
+def lifecycle_services_of_others(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """An enclave may change the state of a managed node that runs in another enclave: it starts and stops it.
+
+    Low where the state can only be read. Whose node it is, parameter-services-of-others says. A lifecycle manager needs
+    this right: accept the finding for it.
+    """
+    yield from _reaches(context, "states")
+
+
+@rule(
+    "KA634",
+    "service-served-by-several",
+    Severity.MEDIUM,
+    on=Keystore,
+    clause="ROS 2 design, SROS2 access control policies (least privilege); analysis of who may publish rr/NAMEReply",
+    remedy=f"Let one enclave alone reply on each service: {WRITE_AGAIN}",
+)
+def service_served_by_several(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """Two enclaves may answer one service: a client takes the answer of either, so that one can be a false server.
+
+    Services that permissions list by name; an enclave with a pattern that matches what others list is told apart.
+    """
+    ros = context.meaning.ros
+    for rivals, profiles in ros.rivals if ros is not None else ():
+        yield _rivals(rivals, profiles)
+
+
+def _rivals(rivals: Rivals, profiles: tuple[str, ...]) -> Violation:
+    names = dict.fromkeys(_whole(service) for service in rivals.services)
+    first = next(iter(names))
+    more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+    if rivals.intruder is None:
+        message = f"{listed(rivals.enclaves)} may all answer {first}{more}: a client cannot tell whose answer it gets."
+    else:
+        owners = [path for path in rivals.enclaves if path != rivals.intruder]
+        message = f"{rivals.intruder} may answer {first}{more} by a pattern, in the place of {listed(owners)}."
+    return Violation(
+        message=message,
+        locations=places(Location(path=right.path, line=right.line) for right in rivals.rights),
+        enclave=rivals.intruder,
+        profiles=profiles,
+        key="\n".join((*rivals.enclaves, *rivals.services[:MAX_LISTED])),
+    )
+
+
+def _whole(service: str) -> str:
+    """The service, or the action that it is a part of."""
+    action, part, _ = service.partition(ACTION_PART)
+    return f"the action {action}" if part else service
+
+
+ROS_SERVICES: tuple[Rule[Any], ...] = (
+    half_service,
+    half_action,
+    parameter_services_of_others,
+    lifecycle_services_of_others,
+    service_served_by_several,
+)

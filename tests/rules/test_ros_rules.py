@@ -1,0 +1,171 @@
+"""KA63: services and actions as ROS 2 has them, and the usual topics; one change makes a rule speak."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from keystore_audit.findings import Finding, Severity
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.permissions import Rule
+from keystore_audit.model.interpret import interpret
+from keystore_audit.model.usability import Usabilities
+from keystore_audit.rules.judge import judge
+from keystore_audit.rules.ros_services import ROS_SERVICES
+from tests.rules.divergent import chosen, ruled, views
+from tests.rules.evidence import AT, allow, context, enclave, grant, keystore, permissions
+
+OWN = ROS_SERVICES
+STOCK = ["rt/*", "rq/*Request", "rr/*Reply"]
+SET, SET_REPLY = "rq/arm/set_parametersRequest", "rr/arm/set_parametersReply"
+CHANGE, CHANGE_REPLY = "rq/arm/change_stateRequest", "rr/arm/change_stateReply"
+GET, GET_REPLY = "rq/arm/get_parametersRequest", "rr/arm/get_parametersReply"
+PARTS = ("cancel_goal", "get_result", "send_goal")
+GOALS = [f"rq/move/_action/{part}Request" for part in PARTS]
+RESULTS = [f"rr/move/_action/{part}Reply" for part in PARTS]
+STATUS = ["rt/move/_action/feedback", "rt/move/_action/status"]
+
+
+def two(talker: Rule, listener: Rule | None = None, *more: Rule) -> Keystore:
+    """Two enclaves with these rules."""
+    return keystore(
+        enclave("/talker", permissions=permissions("enclaves/talker/permissions.p7s", grant("/talker", talker, *more))),
+        enclave(
+            "/listener",
+            permissions=permissions(
+                "enclaves/listener/permissions.p7s", grant("/listener", listener or allow(["rt/a"]))
+            ),
+        ),
+    )
+
+
+def spoken(store: Keystore, *names: str) -> tuple[Finding, ...]:
+    """What these rules say of the keystore."""
+    profiles, accesses = chosen(*names), views(store)
+    meaning = interpret(store, profiles, AT, accesses, Usabilities(None, accesses))
+    return judge(context(store, meaning=meaning, profiles=profiles), OWN).findings
+
+
+CASES: dict[str, tuple[Keystore, list[str]]] = {
+    "KA630": (two(allow(["rq/addRequest"])), ["KA630"]),
+    "KA631": (two(allow(GOALS, [*RESULTS, *STATUS[:1]])), ["KA631"]),
+    "KA632": (two(allow([SET], [SET_REPLY]), allow([SET_REPLY], [SET])), ["KA632"]),
+    "KA633": (two(allow([CHANGE], [CHANGE_REPLY]), allow([CHANGE_REPLY], [CHANGE])), ["KA633"]),
+    "KA634": (two(allow(["rr/addReply"], ["rq/addRequest"]), allow(["rr/addReply"], ["rq/addRequest"])), ["KA634"]),
+}
+"""A keystore in which the rule speaks."""
+
+
+@pytest.mark.parametrize("code", CASES)
+def test_one_cause_makes_one_rule_speak(code: str) -> None:
+    store, expected = CASES[code]
+    assert [finding.code for finding in spoken(store)] == expected
+
+
+@pytest.mark.parametrize(
+    "store",
+    [
+        two(allow(["rq/addRequest"], ["rr/addReply"]), allow(["rr/addReply"], ["rq/addRequest"])),
+        two(allow(GOALS, [*RESULTS, *STATUS]), allow([*RESULTS, *STATUS], GOALS)),
+        two(allow([SET, SET_REPLY], [SET, SET_REPLY])),
+        two(allow(STOCK, STOCK), allow([SET_REPLY, CHANGE_REPLY], [SET, CHANGE])),
+        two(allow(["rq/arm/*Request"], ["rr/arm/*Reply"])),
+    ],
+)
+def test_what_is_whole_and_ones_own_is_no_finding(store: Keystore) -> None:
+    assert spoken(store) == ()
+
+
+def test_a_half_says_what_is_missing_and_where() -> None:
+    (finding,) = spoken(CASES["KA630"][0])
+    assert finding.message == ("/talker may request /add in part only: it may not subscribe to /add (service reply).")
+    assert (finding.enclave, finding.locations[0].path) == ("/talker", "enclaves/talker/permissions.p7s")
+    assert finding.locations[0].line == 45
+
+
+def test_many_halves_are_one_finding() -> None:
+    (finding,) = spoken(two(allow([f"rq/s{n}Request" for n in range(40)])))
+    assert "(and /s1, /s10, /s11, /s12, /s13 and 34 more)" in finding.message
+
+
+@pytest.mark.parametrize(
+    ("calls", "answers", "node"),
+    [
+        ([SET], [SET_REPLY], "/arm"),
+        (["rq/*Request"], [SET_REPLY], "/arm"),
+        (["rq/arm/*"], ["rr/arm/*Reply"], "/arm/a"),
+        (["rq/*/set_parametersRequest"], ["rr/robot[12]/*"], "/robot1"),
+        ([SET], ["rr/a*Reply"], "/arm"),
+        (["rq/[ab]*/set_parametersRequest"], ["rr/[bc]*Reply"], "/b"),
+        (["rq/?/set_*Request"], ["rr/[!a]/*s*Reply"], "/b"),
+        (["*"], ["rr/arm/*"], "/arm/a"),
+    ],
+)
+def test_parameters_of_others_by_names_and_by_patterns(calls: list[str], answers: list[str], node: str) -> None:
+    found = [f for f in spoken(two(allow(calls), allow(answers))) if f.code == "KA632"]
+    assert [(f.severity, f.enclave) for f in found] == [(Severity.HIGH, "/talker")]
+    assert f"set parameters of {node}, a node of /listener" in found[0].message
+    assert [place.path for place in found[0].locations] == [
+        "enclaves/talker/permissions.p7s",
+        "enclaves/listener/permissions.p7s",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("calls", "answers"),
+    [
+        (["rq/b*/set_parametersRequest"], ["rr/arm/*Reply"]),
+        (["rq/arm/get_*Request"], ["rr/arm/set_*Reply"]),
+        (["rq/[!a]*Request"], ["rr/a*Reply"]),
+        (["rt/*"], [SET_REPLY]),
+    ],
+)
+def test_patterns_that_have_no_node_in_common(calls: list[str], answers: list[str]) -> None:
+    assert [f.code for f in spoken(two(allow(calls), allow(answers))) if f.code == "KA632"] == []
+
+
+def test_reading_parameters_weighs_less() -> None:
+    (finding,) = spoken(two(allow([GET], [GET_REPLY]), allow([GET_REPLY], [GET])))
+    assert (finding.code, finding.severity) == ("KA632", Severity.LOW)
+    assert "read parameters of /arm" in finding.message
+
+
+def test_a_deny_rule_before_it_takes_the_call_back() -> None:
+    denied = allow(["rq/*/set_parameters*"], allows=False)
+    owner = allow([SET_REPLY, "rr/leg/*Reply"], [SET, "rq/leg/*Request"])
+    calls = [f for f in spoken(two(denied, owner, allow(["rq/*Request"]))) if f.code == "KA632"]
+    assert [f.severity for f in calls] == [Severity.LOW]
+    only_leg = allow(["rq/arm/*"], allows=False)
+    (high,) = (f for f in spoken(two(only_leg, owner, allow(["rq/*Request"]))) if f.code == "KA632")
+    assert "set parameters of /leg, a node" in high.message
+
+
+def test_rights_of_another_domain_meet_nobody() -> None:
+    elsewhere = ruled(domains=((5, 5),), publish=[([SET], None)], subscribe=[([SET_REPLY], None)])
+    assert [f.code for f in spoken(two(elsewhere, allow([SET_REPLY], [SET]))) if f.code == "KA632"] == []
+
+
+def test_a_grant_in_another_document_counts() -> None:
+    """The listener's document also grants the talker a call: peers take it (measured)."""
+    given: Any = permissions(
+        "enclaves/listener/permissions.p7s",
+        grant("/listener", allow([SET_REPLY], [SET])),
+        grant("/talker", allow([SET], [SET_REPLY])),
+    )
+    own = permissions("enclaves/talker/permissions.p7s", grant("/talker", allow(["rt/a"])))
+    store = keystore(enclave("/talker", permissions=own), enclave("/listener", permissions=given))
+    (finding,) = (f for f in spoken(store) if f.code == "KA632")
+    assert finding.enclave == "/talker"
+    assert {place.path for place in finding.locations} == {"enclaves/listener/permissions.p7s"}
+
+
+def test_who_answers_by_a_pattern_what_others_list() -> None:
+    listing = allow(["rr/addReply", *RESULTS, *STATUS], ["rq/addRequest", *GOALS])
+    store = two(allow(["rr/*Reply"], ["rq/*Request"]), listing)
+    (finding,) = (f for f in spoken(store) if f.code == "KA634")
+    assert finding.message == "/talker may answer /add and 1 more by a pattern, in the place of /listener."
+    assert [place.path for place in finding.locations] == [
+        "enclaves/talker/permissions.p7s",
+        "enclaves/listener/permissions.p7s",
+    ]

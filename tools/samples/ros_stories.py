@@ -1,0 +1,112 @@
+"""Pairs for KA63: services and actions as ROS 2 nodes use them, and whose they are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from .base import LISTENER_GRANT, TALKER_GRANT, TWO, listener, talker
+from .documents import DISCOVERY, Permissions, Rule
+from .policy import ACTION_SERVICES, ACTION_TOPICS
+from .store import Store
+from .story import Case, Story, pair
+
+CHATTER = "rt/chatter"
+GOALS = tuple(f"rq/dock/_action/{part}Request" for part in ACTION_SERVICES)
+RESULTS = tuple(f"rr/dock/_action/{part}Reply" for part in ACTION_SERVICES)
+TOPICS = tuple(f"rt/dock/_action/{part}" for part in ACTION_TOPICS)
+
+
+def _two(talking: Rule, listening: Rule | None = None) -> Store:
+    """The talker and the listener with these rules beside what they talk about."""
+    other = listening or Rule(subscribe=(CHATTER,))
+    talker_grant = replace(TALKER_GRANT, rules=(talking, DISCOVERY))
+    listener_grant = replace(LISTENER_GRANT, rules=(other, DISCOVERY))
+    return replace(
+        TWO,
+        enclaves=(
+            talker(permissions=Permissions(grants=(talker_grant,))),
+            listener(permissions=Permissions(grants=(listener_grant,))),
+        ),
+    )
+
+
+def _client(*services: str, publish: tuple[str, ...] = (CHATTER,)) -> Rule:
+    return Rule(
+        publish=(*publish, *(f"rq{name}Request" for name in services)),
+        subscribe=tuple(f"rr{name}Reply" for name in services),
+    )
+
+
+def _server(*services: str, subscribe: tuple[str, ...] = (CHATTER,)) -> Rule:
+    return Rule(
+        publish=tuple(f"rr{name}Reply" for name in services),
+        subscribe=(*subscribe, *(f"rq{name}Request" for name in services)),
+    )
+
+
+def stories() -> Iterator[Story]:
+    """All pairs of KA63."""
+    yield from _halves()
+    yield from _reach()
+
+
+def _halves() -> Iterator[Story]:
+    yield from pair(
+        "KA630",
+        "half-service",
+        bad=Case(
+            "The talker may send requests to /reset and not read the answers: its client is not made, and the node "
+            "fails under Enforce.",
+            _two(Rule(publish=(CHATTER, "rq/resetRequest")), _server("/reset")),
+        ),
+        good=Case("It may read the answers as well.", _two(_client("/reset"), _server("/reset"))),
+    )
+    serving = Rule(publish=(*RESULTS, *TOPICS), subscribe=(CHATTER, *GOALS))
+    yield from pair(
+        "KA631",
+        "half-action",
+        bad=Case(
+            "The talker may use the three services of the action /dock and read its status, but not its feedback: the "
+            "action client is not made.",
+            _two(Rule(publish=(CHATTER, *GOALS), subscribe=(*RESULTS, TOPICS[1])), serving),
+        ),
+        good=Case(
+            "It may read the feedback as well.",
+            _two(Rule(publish=(CHATTER, *GOALS), subscribe=(*RESULTS, *TOPICS)), serving),
+        ),
+    )
+
+
+def _reach() -> Iterator[Story]:
+    parameters = ("/listener/set_parameters",)
+    yield from pair(
+        "KA632",
+        "parameter-services-of-others",
+        bad=Case(
+            "The talker may set parameters of the node /listener, which runs in another enclave.",
+            _two(_client(*parameters), _server(*parameters)),
+        ),
+        good=Case(
+            "It may set those of its own node alone.", _two(_client("/talker/set_parameters"), _server(*parameters))
+        ),
+    )
+    state = ("/listener/change_state",)
+    yield from pair(
+        "KA633",
+        "lifecycle-services-of-others",
+        bad=Case(
+            "The talker may start and stop the managed node /listener, which runs in another enclave.",
+            _two(_client(*state), _server(*state)),
+        ),
+        good=Case("Nobody but the listener's own enclave may.", _two(Rule(publish=(CHATTER,)), _server(*state))),
+    )
+    yield from pair(
+        "KA634",
+        "service-served-by-several",
+        bad=Case(
+            "Both enclaves may answer /reset: a client cannot tell whose answer it gets.",
+            _two(replace(_server("/reset"), publish=("rr/resetReply", CHATTER)), _server("/reset")),
+        ),
+        good=Case("The listener's alone may.", _two(_client("/reset"), _server("/reset"))),
+    )
