@@ -1,0 +1,249 @@
+"""Signed documents that no enclave carries: found by their header, as OpenSSL reads it, wherever they lie."""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import os
+from pathlib import Path
+
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives.serialization import load_pem_private_key
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.files import File
+from keystore_audit.keystore.governance import GovernanceFile
+from keystore_audit.keystore.keystore import Keystore, read_keystore
+from keystore_audit.keystore.message import may_be_message
+from keystore_audit.keystore.mime import MimeError, read_message
+from keystore_audit.keystore.permissions import PermissionsFile
+from keystore_audit.keystore.root import MAX_FILE_BYTES
+from keystore_audit.keystore.smime import Candidates
+from keystore_audit.keystore.stray import MAX_STRAYS, read_strays
+from tests.keystore.builder import GOVERNANCE, PERMISSIONS, Signed, authority, flat, present, signed_document, sros2
+
+DOCUMENT = PERMISSIONS.format(name="/talker").replace("rt/chatter", "rt/old").encode()
+
+
+class OpenSSL:
+    """SMIME_read_PKCS7, the function with which every implementation reads a document."""
+
+    def __init__(self) -> None:
+        path = ctypes.util.find_library("crypto")
+        if path is None:
+            message = "libcrypto, an oracle of these tests, is not installed"
+            if os.environ.get("CI"):
+                pytest.fail(message)
+            pytest.skip(message)
+        self._library = ctypes.CDLL(path)
+        self._library.BIO_new_mem_buf.restype = ctypes.c_void_p
+        self._library.SMIME_read_PKCS7.restype = ctypes.c_void_p
+
+    def takes(self, data: bytes) -> bool:
+        """Whether it takes the bytes for a signed message."""
+        buffer = ctypes.create_string_buffer(data, len(data))
+        bio = ctypes.c_void_p(self._library.BIO_new_mem_buf(buffer, len(data)))
+        content = ctypes.c_void_p()
+        found = ctypes.c_void_p(self._library.SMIME_read_PKCS7(bio, ctypes.byref(content)))
+        self._library.BIO_free(bio)
+        self._library.BIO_free(content)
+        self._library.PKCS7_free(found)
+        self._library.ERR_clear_error()
+        return bool(found)
+
+
+@pytest.fixture(scope="module")
+def openssl() -> OpenSSL:
+    return OpenSSL()
+
+
+@pytest.fixture(scope="module")
+def signer() -> Signed:
+    return authority("permissionsCA")
+
+
+@pytest.fixture(scope="module")
+def message(signer: Signed) -> bytes:
+    return signed_document(DOCUMENT, signer)
+
+
+def authority_of(root: Path, key: str = "private/ca.key.pem", certificate: str = "public/ca.cert.pem") -> Signed:
+    """The authority of a built keystore."""
+    private = load_pem_private_key((root / key).read_bytes(), None)
+    return Signed(private, x509.load_pem_x509_certificate((root / certificate).read_bytes()))  # type: ignore[arg-type]
+
+
+def places(keystore: Keystore) -> list[str]:
+    return [stray.place for stray in keystore.strays]
+
+
+# --- what may be a message
+
+
+def variants(message: bytes) -> dict[str, bytes]:
+    """A message in forms that are hard to recognise."""
+    head, body = message.split(b"\n", 1)
+    kind, rest = body.split(b"\n", 1)
+    return {
+        "as it is": message,
+        "lower case": b"\n".join((head.lower(), kind.replace(b"Content-Type", b"content-type"), rest)),
+        "upper case": message.replace(b"multipart/signed", b"MULTIPART/SIGNED"),
+        "no version": body,
+        "a byte order mark": b"\xef\xbb\xbf" + message,
+        "a byte order mark before the type": b"\xef\xbb\xbf" + body,
+        "other headers": b"From: somebody\nX-Odd\n: \n" + message,
+        "4,000 bytes of headers": b"X-Long: " + b"a" * 900 + b"\n" + b"X-Long: b\n" * 300 + message,
+        "a blank line": b"\n" + message,
+        "a blank line with a return": b"\r\n" + message,
+        "a line of blanks": b"  \n" + message,
+        "a NUL": b"\0" + message,
+        "a NUL line in the header": head + b"\n\0\n" + body,
+        "a prologue": b"# kept since 2023\n\n" + message,
+        "old Macintosh line ends": message.replace(b"\r\n", b"\r").replace(b"\n", b"\r"),
+        "LF line ends": message.replace(b"\r\n", b"\n"),
+        "the type in the text alone": DOCUMENT.replace(b"rt/old", b"multipart/signed"),
+        "XML": DOCUMENT,
+        "nothing": b"",
+    }
+
+
+@pytest.mark.parametrize("name", variants(b"\n\n"))
+def test_what_openssl_takes_for_a_message_may_be_one(name: str, message: bytes, openssl: OpenSSL) -> None:
+    data = variants(message)[name]
+    if openssl.takes(data):
+        assert may_be_message(data)
+    if not may_be_message(data):
+        with pytest.raises(MimeError) as refused:
+            read_message(data)
+        assert refused.value.kind in (Kind.NOT_SMIME, Kind.MIME_MALFORMED)
+
+
+def test_the_oracle_takes_some_and_refuses_some(message: bytes, openssl: OpenSSL) -> None:
+    taken = {name for name, data in variants(message).items() if openssl.takes(data)}
+    assert {"as it is", "lower case", "upper case", "a byte order mark", "other headers"} <= taken
+    assert not {"a blank line", "a prologue", "XML", "nothing", "the type in the text alone"} & taken
+
+
+PIECES = st.sampled_from(
+    (
+        *(b"MIME-Version: 1.0", b"Content-Type: multipart/signed", b"content-type: Multipart/Signed", b"; boundary=x"),
+        *(b"\n", b"\r\n", b"\n\n", b"\0", b" ", b"X: y", b'"', b"(", b")", b":", b"--x", b"application/pkcs7-mime"),
+        b"\xef\xbb\xbf",
+    )
+)
+
+
+@settings(
+    max_examples=300, derandomize=True, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(pieces=st.lists(PIECES, max_size=12))
+def test_any_beginning_before_a_message(pieces: list[bytes], message: bytes, openssl: OpenSSL) -> None:
+    data = b"".join(pieces) + message
+    assert may_be_message(data) or not openssl.takes(data)
+
+
+# --- in a keystore
+
+
+NAMES = (
+    "permissions.p7s.bak",
+    "old.txt",
+    ".hidden",
+    "archive/2023/permissions.p7s",
+    "a b/\u00fcber",
+    "private/x.pem",
+    "x.xml",
+)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_message_is_found_whatever_it_is_called(name: str, tmp_path: Path) -> None:
+    root = sros2(tmp_path / "keystore")
+    place = root / name
+    place.parent.mkdir(parents=True, exist_ok=True)
+    place.write_bytes(signed_document(DOCUMENT, authority_of(root)))
+    keystore = read_keystore(root)
+    assert [stray.file.path for stray in keystore.strays] == [name]
+    (stray,) = keystore.strays
+    assert isinstance(stray.document, PermissionsFile)
+    assert stray.document.permissions is not None
+    assert stray.document.signed.signatures[0].verified_by
+    assert stray.document.permissions.grants[0].rules[0].criteria[0].topics[0].text == "rt/old"
+
+
+def test_a_stock_keystore_has_none(tmp_path: Path) -> None:
+    for root in (sros2(tmp_path / "linked"), sros2(tmp_path / "copied", links=False), flat(tmp_path / "flat")):
+        keystore = read_keystore(root)
+        assert (keystore.strays, keystore.unread) == ((), 0)
+
+
+def test_copies_count_once_and_those_of_an_enclaves_document_not_at_all(tmp_path: Path) -> None:
+    root = sros2(tmp_path / "keystore")
+    message = signed_document(DOCUMENT, authority_of(root))
+    for name in ("b", "a", "c"):
+        (root / name).write_bytes(message)
+    (root / "link").symlink_to("a")
+    os.link(root / "a", root / "hard")
+    for number, own in enumerate(("enclaves/talker/permissions.p7s", "enclaves/governance.p7s")):
+        (root / f"copy{number}").write_bytes((root / own).read_bytes())
+    assert places(read_keystore(root)) == ["a"]
+
+
+def test_a_governance_is_told_from_permissions(tmp_path: Path) -> None:
+    root = sros2(tmp_path / "keystore")
+    ca = authority_of(root)
+    (root / "governance").write_bytes(signed_document(GOVERNANCE.replace(b"SIGN", b"NONE"), ca))
+    odd = DOCUMENT.replace(b"<dds ", b"<!-- domain_access_rules --><dds ", 1)
+    (root / "permissions").write_bytes(signed_document(odd, ca))
+    governance, permissions = read_keystore(root).strays
+    assert isinstance(governance.document, GovernanceFile)
+    assert isinstance(permissions.document, PermissionsFile)
+    assert permissions.document.permissions is not None
+
+
+def test_what_is_not_read_is_known_by_name_or_beginning(tmp_path: Path) -> None:
+    root = sros2(tmp_path / "keystore")
+    message = signed_document(DOCUMENT, authority_of(root))
+    (root / "big").write_bytes(message + b"\n" * MAX_FILE_BYTES)
+    (root / "recording.bag").write_bytes(b"\x93" * (MAX_FILE_BYTES + 1))
+    os.mkfifo(root / "pipe.P7S.old")
+    os.mkfifo(root / "pipe")
+    (root / "public/permissions.p7s").symlink_to(tmp_path / "elsewhere")
+    (tmp_path / "elsewhere").write_bytes(message)
+    keystore = read_keystore(root)
+    assert {stray.place: stray.document for stray in keystore.strays} == {
+        "big": None,
+        "pipe.P7S.old": None,
+        "public/permissions.p7s": None,
+    }
+    assert keystore.unread == 2
+
+
+def test_ten_thousand_strays_are_bounded_and_none_is_forgotten() -> None:
+    header = b"MIME-Version: 1.0\nContent-Type: multipart/signed\n\n"
+    files = (present(header + b"%d" % number, f"{number:05}") for number in range(10_000))
+    numbered = [File(**{**_fields(file), "sha256": file.path}) for file in files]
+    strays = list(read_strays(numbered, (), Candidates(())))
+    assert [stray.place for stray in strays] == [file.path for file in numbered]
+    assert sum(stray.document is not None for stray in strays) == MAX_STRAYS
+    assert all("more than" in stray.file.detail for stray in strays[MAX_STRAYS:])
+    assert all(stray.file.content is None for stray in strays[MAX_STRAYS:])
+
+
+def _fields(file: File) -> dict[str, object]:
+    return {name: getattr(file, name) for name in File.__dataclass_fields__}
+
+
+JUNK = (b"", b"\x00" * 9, b"MIME-Version: 1.0\n", b"Content-Type: multipart/signed", b"\xff" * 40)
+
+
+@pytest.mark.parametrize("data", JUNK)
+def test_junk_is_a_stray_only_where_openssl_may_read_on(data: bytes, tmp_path: Path) -> None:
+    root = sros2(tmp_path / "keystore")
+    (root / "junk").write_bytes(data)
+    keystore = read_keystore(root)
+    assert all(stray.document is not None and stray.document.signed.defects for stray in keystore.strays)
+    assert bool(keystore.strays) is (b"multipart/signed" in data)
