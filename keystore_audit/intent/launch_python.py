@@ -8,6 +8,7 @@ changed is not known from there on.
 from __future__ import annotations
 
 import ast
+import warnings
 from collections.abc import Iterable, Iterator
 from typing import Final
 
@@ -31,7 +32,9 @@ def read(source: Source) -> tuple[Action, ...]:
     if len(source.text) > MAX_CHARACTERS:
         raise source.malformed(None, f"more than {MAX_CHARACTERS} characters of Python, which are not read")
     try:
-        module = ast.parse(source.text)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of the file's style, on stderr
+            module = ast.parse(source.text)
     except SyntaxError as error:
         raise source.malformed(error.lineno, f"the text is no Python: {error.msg}") from None
     except (ValueError, RecursionError, MemoryError):  # a NUL character, expressions too deep for the parser

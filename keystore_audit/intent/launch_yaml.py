@@ -92,7 +92,8 @@ class _Reader:
         except YAMLError as error:
             mark = getattr(error, "problem_mark", None)
             problem = getattr(error, "problem", None) or "it has characters that YAML does not allow"
-            line = mark.line + 1 if mark is not None else None
+            # At the end of the text, libyaml is one line further.
+            line = min(mark.line, self._source.text.rstrip("\n").count("\n")) + 1 if mark is not None else None
             raise self._source.malformed(line, f"the text is no YAML: {problem}") from None
 
     def _document(self) -> _Tree:

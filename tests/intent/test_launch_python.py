@@ -135,6 +135,11 @@ def test_ways_to_say_the_same(body: str, tmp_path: Path) -> None:
     assert intent.unresolved == ()
 
 
+def test_a_warning_about_the_file_is_not_ours(tmp_path: Path) -> None:
+    body = f"x = '\\d' is 'x'\nreturn LaunchDescription([{PLAIN}])"
+    assert nodes(launch(tmp_path, function(body), "py")) == {("/x", "/n")}
+
+
 def test_what_the_module_sets_is_known_in_the_function(tmp_path: Path) -> None:
     text = function("return LaunchDescription([NODE])", f"WHO = 'n'\nNODE = {NODE.format('n', '')}")
     assert nodes(launch(tmp_path, text, "py")) == {("/x", "/n")}
