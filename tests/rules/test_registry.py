@@ -23,6 +23,7 @@ from tests.rules import (
     test_layout_rules,
     test_observed_rules,
     test_permissions_rules,
+    test_provisioning_rules,
     test_ros_rules,
     test_signature_rules,
 )
@@ -33,7 +34,7 @@ CATALOGUE = {
     "KA3": range(301, 318),
     "KA4": range(401, 424),
     "KA5": range(501, 522),
-    "KA6": (*range(601, 628), *range(630, 635), *range(640, 647), *range(650, 655), *range(670, 677)),
+    "KA6": (*range(601, 628), *range(630, 635), *range(640, 647), *range(650, 655), *range(660, 668), *range(670, 677)),
     "KA7": (*range(701, 708), *range(711, 716), *range(721, 726), 731),
     "KA9": range(901, 909),
 }
@@ -77,6 +78,7 @@ def test_every_rule_has_a_test_that_makes_it_speak() -> None:
         test_signature_rules.CASES,
         test_governance_rules.CASES,
         test_permissions_rules.CASES,
+        test_provisioning_rules.CASES,
         test_divergence_rules.CASES,
         test_drift_rules.CASES,
         test_observed_rules.CASES,

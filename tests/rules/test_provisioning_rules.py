@@ -1,0 +1,308 @@
+"""KA660 to KA667, on whole keystores: what lies outside enclaves, what robots share, and how long it lasts."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from keystore_audit.access import Access
+from keystore_audit.audit import Options, audit
+from keystore_audit.findings import Finding, Severity
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.profiles import resolve
+from keystore_audit.model.question import Question
+from keystore_audit.report.content import Report
+from tests.cli.keystores import answer
+from tests.keystore.builder import GOVERNANCE, PERMISSIONS, Signed, authority, certificate, signed_document
+
+AT = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
+INSTANT = "2026-11-21T12:00:00Z"
+
+
+class Fleet:
+    """Two authorities, and keystores of robots whose enclaves they made."""
+
+    def __init__(self) -> None:
+        self.identity, self.permissions = authority("identityCA"), authority("permissionsCA")
+
+    def robot(self, root: Path, *enclaves: str, topics: tuple[str, ...] = ("rt/chatter",)) -> Path:
+        """A keystore whose enclaves may publish these topics."""
+        for path in enclaves or ("/talker", "/listener"):
+            folder = root / "enclaves" / path.strip("/")
+            folder.mkdir(parents=True)
+            own = certificate(path, self.identity)
+            for name, content in (
+                ("cert.pem", own.pem),
+                ("key.pem", own.key_pem),
+                ("identity_ca.cert.pem", self.identity.pem),
+                ("permissions_ca.cert.pem", self.permissions.pem),
+                ("permissions.p7s", self.document(path, *topics)),
+                ("governance.p7s", signed_document(GOVERNANCE, self.permissions)),
+            ):
+                (folder / name).write_bytes(content)
+            (folder / "key.pem").chmod(0o600)
+        return root
+
+    def document(self, path: str, *topics: str, signer: Signed | None = None, **replaced: str) -> bytes:
+        """Signed permissions to publish these topics."""
+        listed = "</topic><topic>".join(topics)
+        text = PERMISSIONS.format(name=path).replace("rt/chatter", listed)
+        for old, new in replaced.items():
+            text = text.replace(*{"end": ("2034", new), "start": ("2024", new)}[old])
+        return signed_document(text.encode(), signer or self.permissions)
+
+
+@pytest.fixture(scope="module")
+def fleet() -> Fleet:
+    return Fleet()
+
+
+def report(root: Path, **options: object) -> Report:
+    return audit(root, Options(at=AT, engine="native", **options))  # type: ignore[arg-type]
+
+
+def found(root: Path, **options: object) -> dict[str, Finding]:
+    """The findings of KA66 by code, the worst of each."""
+    findings = [finding for finding in report(root, **options).findings if finding.code.startswith("KA66")]
+    return {finding.code: finding for finding in reversed(findings)}
+
+
+Change = Callable[[Fleet, Path], None]
+
+
+def kept(name: str, *topics: str, **replaced: str) -> Change:
+    """Further permissions of the talker."""
+
+    def change(fleet: Fleet, root: Path) -> None:
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_bytes(fleet.document("/talker", *topics, **replaced))
+
+    return change
+
+
+def other_authority(fleet: Fleet, root: Path) -> None:
+    (root / "old").write_bytes(fleet.document("/talker", "rt/*", signer=authority("permissionsCA")))
+
+
+def governance(fleet: Fleet, root: Path) -> None:
+    (root / "test").write_bytes(signed_document(GOVERNANCE.replace(b"SIGN", b"NONE"), fleet.permissions))
+
+
+def commented(fleet: Fleet, root: Path) -> None:
+    text = PERMISSIONS.format(name="/talker").replace("rt/chatter", "rt/<!-- -->chatter")
+    (root / "old").write_bytes(signed_document(text.encode(), fleet.permissions))
+
+
+def unsigned(_fleet: Fleet, root: Path) -> None:
+    (root / "enclaves/talker/permissions.xml").write_bytes(PERMISSIONS.format(name="/talker").encode())
+
+
+CASES: dict[str, tuple[Change, list[str]]] = {
+    "KA660": (kept("archive/2023/permissions.p7s", "rt/chatter", "rt/other"), ["KA660"]),
+    "KA661": (governance, ["KA661"]),
+    "KA662": (other_authority, ["KA662"]),
+    "KA663": (commented, ["KA663"]),
+    "KA664": (unsigned, ["KA664"]),
+    "KA665": (lambda _fleet, _root: None, ["KA665", "KA667"]),
+    "KA666": (lambda _fleet, _root: None, ["KA666"]),
+    "KA667": (lambda _fleet, _root: None, ["KA665", "KA667"]),
+}
+"""What makes a rule speak, and all that speak then; KA665 and KA667 with --deployed, KA666 beside another robot."""
+
+
+@pytest.mark.parametrize("code", [code for code in CASES if code not in ("KA665", "KA666", "KA667")])
+def test_one_file_makes_the_rule_speak(code: str, fleet: Fleet, tmp_path: Path) -> None:
+    change, expected = CASES[code]
+    root = fleet.robot(tmp_path / "robot")
+    assert found(root) == {}
+    change(fleet, root)
+    assert sorted(found(root)) == expected
+
+
+def test_with_deployed_what_lasts_is_looked_at(fleet: Fleet, tmp_path: Path) -> None:
+    root = fleet.robot(tmp_path / "robot")
+    assert sorted(found(root, deployed=True)) == CASES["KA665"][1]
+    assert "2 identities and 2 grants" in found(root, deployed=True)["KA665"].message
+    unsigned(fleet, root)
+    assert found(root)["KA664"].severity is Severity.INFO
+    assert found(root, deployed=True)["KA664"].severity is Severity.LOW
+
+
+# --- permissions outside enclaves
+
+
+def effective(root: Path, topic: str) -> str:
+    question = Question(enclave="/talker", operation=Operation.PUBLISH, topic=topic, partition="", domain=0)
+    answers = Access(root, [question], profiles=resolve(("spec",)), at=AT).answers(question)
+    return answers["spec"].effective.value
+
+
+def test_an_old_document_gives_its_rights_and_an_expired_one_nothing(fleet: Fleet, tmp_path: Path) -> None:
+    root = fleet.robot(tmp_path / "robot")
+    assert (effective(root, "rt/chatter"), effective(root, "rt/other")) == ("allow", "deny")
+    kept("old", "rt/*")(fleet, root)
+    assert effective(root, "rt/other") == "allow"
+    assert found(root)["KA660"].severity is Severity.HIGH
+    assert (report(root).exit_code, found(root)["KA660"].enclave) == (1, "/talker")
+    kept("old", "rt/*", end="2025")(fleet, root)
+    assert effective(root, "rt/other") == "deny"
+    assert sorted(found(root)) == ["KA662"]
+
+
+def test_can_says_so(fleet: Fleet, tmp_path: Path) -> None:
+    root = fleet.robot(tmp_path / "robot")
+    asked = ("can", root, "/talker", "publish", "/other", "--effective", "--expect", "allow", "--at", INSTANT)
+    assert answer(*asked)[0] == 1
+    kept("enclaves/talker/permissions.p7s.bak", "rt/*")(fleet, root)
+    assert answer(*asked)[0] == 0
+
+
+def test_what_is_unknown_outside_enclaves_leaves_everything_open(fleet: Fleet, tmp_path: Path) -> None:
+    root = fleet.robot(tmp_path / "robot")
+    assert effective(root, "rt/other") == "deny"
+    commented(fleet, root)
+    assert effective(root, "rt/other") == "unknown"
+    finding = found(root)["KA663"]
+    assert (finding.locations[0].path, finding.locations[0].line) == ("old", 18)
+    assert report(root).exit_code == 4
+    broken = fleet.document("/talker", "rt/*").replace(b"MII", b"MI\nI", 1)
+    (root / "old").write_bytes(broken)
+    assert effective(root, "rt/other") == "unknown"
+    assert report(root).exit_code == 4
+    assert "KA305" in {f.code for f in report(root).findings if f.locations and f.locations[0].path == "old"}
+
+
+def test_a_document_too_large_to_be_read_is_no_pass(fleet: Fleet, tmp_path: Path) -> None:
+    root = fleet.robot(tmp_path / "robot")
+    (root / "old").write_bytes(fleet.document("/talker", "rt/*") + b"\n" * 4 * 1024 * 1024)
+    assert effective(root, "rt/other") == "unknown"
+    assert (report(root).exit_code, found(root)["KA663"].locations[0].path) == (4, "old")
+
+
+def test_an_identity_that_signed_is_ka302_and_gives_nothing_where_signers_are_pinned(tmp_path: Path) -> None:
+    fleet = Fleet()
+    fleet.identity = fleet.permissions  # one authority for both roles, as sros2 makes it
+    root = fleet.robot(tmp_path / "robot")
+    intruder = certificate("/intruder", fleet.permissions)
+    (root / "old").write_bytes(fleet.document("/talker", "rt/*", signer=intruder))
+    assert effective(root, "rt/other") == "deny"
+    codes = {f.code: f for f in report(root).findings if f.locations and f.locations[0].path == "old"}
+    assert sorted(codes) == ["KA302"]
+    assert codes["KA302"].severity is Severity.CRITICAL
+
+
+def test_two_realms_judge_for_themselves(fleet: Fleet, tmp_path: Path) -> None:
+    """What one authority signed is no forgery because another realm refuses it."""
+    root = fleet.robot(tmp_path / "robot")
+    other = Fleet().robot(tmp_path / "other", "/camera")
+    shutil.copytree(other / "enclaves/camera", root / "enclaves/camera")
+    kept("old", "rt/*")(fleet, root)
+    about = {f.code for f in report(root).findings if f.locations and f.locations[0].path == "old"}
+    assert about == {"KA660"}
+
+
+def test_a_grant_for_nobody_here_is_a_note(fleet: Fleet, tmp_path: Path) -> None:
+    root = fleet.robot(tmp_path / "robot")
+    (root / "old").write_bytes(fleet.document("/gripper", "rt/*"))
+    assert {code: each.severity for code, each in found(root).items()} == {"KA662": Severity.INFO}
+
+
+TOPICS = ("rt/a", "rt/b", "rt/c", "rt/d", "rt/dd", "other")
+"""Names for every way in which the expressions differ."""
+
+EXPRESSIONS = ("rt/a", "rt/b", "rt/c", "rt/[ab]", "rt/*", "rt/?", "rt/[!a]", "*")
+SOME = st.lists(st.sampled_from(EXPRESSIONS), min_size=1, max_size=2, unique=True)
+
+
+@settings(max_examples=12, derandomize=True, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(own=SOME, old=SOME)
+def test_wider_is_what_peers_take_only_with_the_old_document(
+    own: list[str], old: list[str], fleet: Fleet, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Each name is asked for by itself, with and without the old document."""
+    root = fleet.robot(tmp_path_factory.mktemp("keystores") / "robot", topics=tuple(own))
+    before = {topic: effective(root, topic) for topic in TOPICS}
+    kept("old", *old)(fleet, root)
+    after = {topic: effective(root, topic) for topic in before}
+    assert all(after[topic] == "allow" for topic, said in before.items() if said == "allow")
+    beyond = any(said != before[topic] for topic, said in after.items())
+    assert found(root)["KA660"].severity is (Severity.HIGH if beyond else Severity.LOW)
+
+
+# --- several robots
+
+
+def shared(*roots: Path, options: tuple[str, ...] = ()) -> list[dict[str, str]]:
+    """The severity of KA666 by message in the report of each."""
+    _code, out = answer("audit", *roots, "--engine", "native", "--format", "json", "--at", INSTANT, *options)
+    reports = json.loads(out)["reports"]
+    return [{f["severity"]: f["message"] for f in each["findings"] if f["code"] == "KA666"} for each in reports]
+
+
+def test_robots_share_keys_or_subjects_and_both_are_told(fleet: Fleet, tmp_path: Path) -> None:
+    one, two = fleet.robot(tmp_path / "one"), fleet.robot(tmp_path / "two", "/other")
+    assert shared(one, two) == [{}, {}]
+    shutil.copytree(one / "enclaves/talker", two / "enclaves/talker")
+    first, second = shared(one, two)
+    assert (list(first), list(second)) == (["high"], ["high"])
+    assert str(two) in first["high"]
+    assert str(one) in second["high"]
+
+
+def test_one_subject_counts_under_one_authority_alone(fleet: Fleet, tmp_path: Path) -> None:
+    one, two = fleet.robot(tmp_path / "one"), fleet.robot(tmp_path / "two")
+    stranger = Fleet().robot(tmp_path / "stranger")
+    assert [list(each) for each in shared(one, two, stranger)] == [["medium"], ["medium"], []]
+
+
+def test_a_keystore_named_twice_shares_nothing_with_itself(fleet: Fleet, tmp_path: Path) -> None:
+    one = fleet.robot(tmp_path / "one")
+    assert shared(one, one / ".", one) == [{}, {}, {}]
+
+
+def test_a_keystore_that_cannot_be_audited_hides_no_other(fleet: Fleet, tmp_path: Path) -> None:
+    one = fleet.robot(tmp_path / "one")
+    (tmp_path / "none").mkdir()
+    code, out = answer("audit", one, tmp_path / "none", "--engine", "native", "-f", "json", "--at", INSTANT)
+    assert (code, len(json.loads(out)["reports"])) == (3, 1)
+
+
+def test_a_fault_with_one_keystore_hides_no_other(
+    fleet: Fleet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import keystore_audit.audit
+
+    one, two = fleet.robot(tmp_path / "one"), fleet.robot(tmp_path / "two")
+    really = keystore_audit.audit.read_keystore
+
+    def fails(path: str, **more: object) -> object:
+        if path == str(one):
+            raise RuntimeError("-----BEGIN PRIVATE KEY-----")
+        return really(path, **more)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(keystore_audit.audit, "read_keystore", fails)
+    code, out = answer("audit", one, two, "--engine", "native", "-f", "json", "--at", INSTANT)
+    assert (code, [each["keystore"]["path"] for each in json.loads(out)["reports"]]) == (4, [str(two)])
+    said = capsys.readouterr().err
+    assert str(one) in said
+    assert "A fault in keystore-audit itself" in said
+    assert "PRIVATE" not in said
+
+
+def test_a_year_is_not_too_long(fleet: Fleet, tmp_path: Path) -> None:
+    root = fleet.robot(tmp_path / "robot", "/talker")
+    own = certificate("/talker", fleet.identity, start=AT - timedelta(days=1), end=AT + timedelta(days=364))
+    (root / "enclaves/talker/cert.pem").write_bytes(own.pem)
+    (root / "enclaves/talker/key.pem").write_bytes(own.key_pem)
+    assert "0 identities and 1 grants" in found(root, deployed=True)["KA665"].message
+    (root / "enclaves/talker/permissions.p7s").write_bytes(
+        fleet.document("/talker", "rt/chatter", start="2026", end="2027")
+    )
+    assert "KA665" not in found(root, deployed=True)
