@@ -57,7 +57,6 @@ NOT_CHECKED = (
         "presented to them."
     ),
     "Flows through several enclaves, and flows by timing, acknowledgements or matching.",
-    "The policy that the keystore was generated from, and the nodes that will use it.",
 )
 """What this version does not look at."""
 
@@ -293,7 +292,13 @@ def _scope(context: Context) -> Scope:
         documents=len(system.documents) if system else 0,
         channels=len(system.channels) if system else 0,
         rules=len(RULES),
-        not_checked=(*meaning.idle, *_unread(context.keystore), *_untested(context.profiles), *NOT_CHECKED, *_not_compared(context)),
+        not_checked=(
+            *meaning.idle,
+            *_unread(context.keystore),
+            *_untested(context.profiles),
+            *NOT_CHECKED,
+            *_not_compared(context),
+        ),
     )
 
 

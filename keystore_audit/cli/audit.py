@@ -145,6 +145,8 @@ def command(keystores: tuple[str, ...], **given: Any) -> int:
     """  # noqa: D301 - click's mark for lines that stay as they are
     if given["quiet"] and given["verbose"]:
         raise click.UsageError("Choose --quiet or --verbose.")
+    if given["policy_include"] is not None and given["policy"] is None:
+        raise click.UsageError("--policy-include is for the files that a --policy includes.")
     if len(keystores) > 1 and (given["graphs"] or given["launches"]):
         raise click.UsageError("--graph and --launch show the nodes of one keystore: name one KEYSTORE.")
     output.check(given["targets"], keystores)
