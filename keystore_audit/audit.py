@@ -177,7 +177,7 @@ def _observed(options: Options) -> tuple[Intent, ...]:
 
         intents += map(read_graph, options.graphs)
     if options.launches:
-        from keystore_audit.intent.launch import read_launch  # type: ignore[import-not-found,unused-ignore]
+        from keystore_audit.intent.launch import read_launch
 
         intents += (read_launch(path, options.launch_arguments, None) for path in options.launches)
     return tuple(intents)

@@ -51,11 +51,10 @@ def check(targets: Iterable[Target], keystores: Iterable[str] = ()) -> None:
     the target may lie in the keystore, which must not change while it is read.
     """
     seen: set[Path] = set()
-    roots = [Path(keystore).resolve() for keystore in keystores]
+    roots = tuple(keystores)
     for wanted in targets:
         path = _resolved(wanted.path)
-        if any(root == path or root in path.parents for root in roots):
-            raise Unwritable(f"{wanted.path} lies in the keystore that is audited; write the report elsewhere.")
+        check_outside(wanted.path, roots)
         if path in seen:
             raise Unwritable(f"Two reports cannot both be written to {wanted.path}.")
         seen.add(path)
@@ -67,6 +66,14 @@ def check(targets: Iterable[Target], keystores: Iterable[str] = ()) -> None:
                 _probe(path)
         except OSError as error:
             raise Unwritable(_reason(wanted, error)) from error
+
+
+def check_outside(path: Path, keystores: Iterable[str]) -> None:
+    """Raise Unwritable if the file or directory, which may not exist yet, lies in one of the keystores."""
+    real = _resolved(path)
+    roots = [Path(keystore).resolve() for keystore in keystores]
+    if any(root == real or root in real.parents for root in roots):
+        raise Unwritable(f"{path} lies in the keystore that is audited; write the report elsewhere.")
 
 
 def write(wanted: Target, text: str) -> None:

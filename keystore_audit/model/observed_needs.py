@@ -119,23 +119,23 @@ def _told(intents: Iterable[Intent], kind: LayoutKind) -> Iterator[Need]:
 
 
 def _usual(intents: Iterable[Intent], kind: LayoutKind) -> Iterator[Need]:
-    """Of every node what the file leaves out; the graph of a running node is complete but for discovery."""
+    """Of every node what the file leaves out."""
     for intent in intents:
-        listed = _listing_usual(intent)
-        for node in intent.nodes:
+        left_out = missing_usual(intent, frozenset({Usual.ALWAYS}))
+        discovering = ((node, None, DISCOVERY_TOPIC) for node in intent.nodes)
+        for node, action, name in (*left_out, *discovering):
             enclave = enclave_of(node.enclave, node.name, kind)
-            for action, name in _expected(node, listed):
-                yield Need(
-                    enclave=enclave, node=node.name, action=action, name=name, usual=True, location=node.location
-                )
+            yield Need(enclave=enclave, node=node.name, action=action, name=name, usual=True, location=node.location)
 
 
-def _expected(node: IntendedNode, listed: frozenset[str]) -> Iterator[tuple[Action | None, str]]:
-    if node.name not in listed:
-        for action, name, usual in usual_rights(node.name):
-            if usual is Usual.ALWAYS:
-                yield action, name
-    yield None, DISCOVERY_TOPIC
+def missing_usual(intent: Intent, wanted: frozenset[Usual]) -> Iterator[tuple[IntendedNode, Action, str]]:
+    """What the nodes do of these sorts and the file leaves out; the graph of a running node leaves out nothing."""
+    listed = _listing_usual(intent)
+    for node in intent.nodes:
+        if node.name not in listed:
+            for action, name, usual in usual_rights(node.name):
+                if usual in wanted:
+                    yield node, action, name
 
 
 def _listing_usual(intent: Intent) -> frozenset[str]:

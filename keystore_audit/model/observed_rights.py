@@ -11,12 +11,14 @@ from datetime import datetime
 from functools import cached_property
 
 from keystore_audit.findings import Location
+from keystore_audit.intent.intent import Action
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, Point, document_channels
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.domains import contains
+from keystore_audit.model.names import dds_channels
 from keystore_audit.model.observed_needs import Channel
 from keystore_audit.model.permission import bits
 from keystore_audit.model.profiles import Profile
@@ -206,3 +208,27 @@ class OwnRights:
 
     def _label(self, domain: int) -> str:
         return next(atom.label for atom in self._channels.domains if contains(atom.intervals, domain))
+
+
+def listed_usages(enclave: Enclave, name: str, deciders: Deciders) -> tuple[Action, ...]:
+    """What an enclave is granted to do with a ROS name by that name, under every profile under which it starts.
+
+    Expressions with wildcards do not count: they say nothing of what a node does.
+    """
+    permissions = enclave.permissions.permissions if enclave.permissions else None
+    listed = {
+        (criterion.operation, topic.text)
+        for grant in (permissions.grants if permissions else ())
+        for rule in grant.rules
+        if rule.allow
+        for criterion in rule.criteria
+        for topic in criterion.topics
+    }
+    wanted = {action: dds_channels(action.value, name) for action in Action}
+    rights = OwnRights(enclave, ((topic, "") for channels in wanted.values() for _, topic in channels), deciders)
+    found = []
+    for action, channels in wanted.items():
+        rulings = {rights.verdict(profile, channels).ruling for profile, _names in deciders.kinds}
+        if listed.issuperset(channels) and rulings - {None} == {Ruling.ALLOW}:
+            found.append(action)
+    return tuple(found)

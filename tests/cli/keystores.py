@@ -49,10 +49,18 @@ def keystore(
     root: Path, enclaves: Mapping[str, tuple[str, ...]], *, governance: bytes = GOVERNANCE, default: str = "DENY"
 ) -> Path:
     """A keystore of two authorities whose enclaves have these rules."""
+    documents = {
+        path: _DOCUMENT.format(path=path, rules="\n".join(rules), default=default).encode()
+        for path, rules in enclaves.items()
+    }
+    return signed_keystore(root, documents, governance=governance)
+
+
+def signed_keystore(root: Path, documents: Mapping[str, bytes], *, governance: bytes = GOVERNANCE) -> Path:
+    """A keystore of two authorities whose enclaves have these permissions."""
     identity, permissions = authority("identityCA"), authority("permissionsCA")
-    for path, rules in enclaves.items():
+    for path, document in documents.items():
         own = certificate(path, identity)
-        document = _DOCUMENT.format(path=path, rules="\n".join(rules), default=default).encode()
         _write(root / "enclaves" / path.strip("/"), own, document, identity, permissions, governance)
     return root
 

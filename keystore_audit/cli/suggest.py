@@ -1,0 +1,196 @@
+"""`keystore-audit suggest KEYSTORE`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from keystore_audit.cli import options as opt
+from keystore_audit.cli import output
+from keystore_audit.errors import EXIT_INCOMPLETE, UsageError
+from keystore_audit.text import terminal
+
+if TYPE_CHECKING:
+    from keystore_audit.model.least_policy import EnclavePolicy
+    from keystore_audit.suggest import Suggester, Suggestion
+
+POLICY: Final = "policy"
+PERMISSIONS: Final = "permissions"
+FILE_NAME: Final = "permissions.xml"
+
+
+@click.command("suggest", short_help="Print the least policy for what was observed or launched.")
+@click.argument("keystore", metavar="KEYSTORE", type=opt.keystore_path)
+@opt.observation_options
+@click.option(
+    "--policy",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="An SROS2 policy: what its author means the nodes to do.",
+)
+@click.option(
+    "--policy-include",
+    "include",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Where the policy may include files from, and from below (default: its own directory).",
+)
+@click.option(
+    "--as",
+    "form",
+    type=opt.one_of(POLICY, PERMISSIONS),
+    default=POLICY,
+    show_default=True,
+    metavar="[policy|permissions]",
+    help="An SROS2 policy, or permissions ready to be signed.",
+)
+@click.option("--enclave", metavar="PATH", help="Only this enclave.")
+@click.option("--no-usual", is_flag=True, help="Leave out what every node has: log, parameters, type description.")
+@click.option(
+    "-o",
+    "--output",
+    "place",
+    type=click.Path(path_type=Path),
+    metavar="FILE|DIR",
+    help="Write it there: a file, or for permissions of several enclaves a directory.",
+)
+@opt.interpretation_options
+@opt.verbose_option("Say where a fault is.")
+def command(keystore: str, **given: Any) -> int:
+    """Print the least SROS2 policy for what graphs, launch files or a policy say of the nodes of KEYSTORE.
+
+    \b
+    Exit codes:
+      0   printed
+      2   wrong usage, or a file that cannot be read or written
+      3   nothing to look at there
+      4   printed, and something may be missing: stderr says what
+    """  # noqa: D301 - click's mark for lines that stay as they are
+    if not (given["graphs"] or given["launches"] or given["policy"]):
+        raise click.UsageError("Name what the nodes do: --graph, --launch or --policy.")
+    if given["include"] is not None and given["policy"] is None:
+        raise click.UsageError("--policy-include says where a policy includes from: name one with --policy.")
+    suggester = _suggester(keystore, given)
+    suggestion = suggester.suggestion(usual=not given["no_usual"])
+    enclaves = _chosen(suggestion, given["enclave"])
+    if given["form"] == POLICY:
+        _write_policy(keystore, suggestion, enclaves, given["place"])
+    else:
+        _write_permissions(keystore, suggester, suggestion, enclaves, given["place"])
+    _say(_notes(suggestion, enclaves))
+    left_out = given["form"] == PERMISSIONS and any(enclave.path in suggestion.unknown for enclave in enclaves)
+    return EXIT_INCOMPLETE if suggestion.doubts or left_out else 0
+
+
+def _suggester(keystore: str, given: dict[str, Any]) -> Suggester:
+    from keystore_audit.model.profiles import resolve
+    from keystore_audit.suggest import Sources, Suggester
+
+    sources = Sources(
+        graphs=given["graphs"],
+        launches=given["launches"],
+        launch_arguments=dict(given["launch_arguments"]),
+        policy=given["policy"],
+        include=given["include"],
+    )
+    return Suggester(
+        keystore,
+        sources,
+        profiles=resolve(given["profiles"]),
+        at=given["at"] or opt.now(),
+        zone=given["time_zone"],
+        domain=given["domain"],
+    )
+
+
+def _chosen(suggestion: Suggestion, path: str | None) -> tuple[EnclavePolicy, ...]:
+    """The enclaves to write."""
+    enclaves = suggestion.policy.enclaves
+    known = [enclave.path for enclave in enclaves]
+    if path is not None and path not in known:
+        raise UsageError(opt.unknown(f"No node is in the enclave {path!r}; there are nodes in", path, known))
+    if not enclaves:
+        raise UsageError("The files name no node, so that there is nothing to suggest.")
+    return tuple(enclave for enclave in enclaves if path is None or enclave.path == path)
+
+
+def _write_policy(
+    keystore: str, suggestion: Suggestion, enclaves: tuple[EnclavePolicy, ...], place: Path | None
+) -> None:
+    from dataclasses import replace
+
+    from keystore_audit.report.policy_xml import policy_xml
+
+    _write(keystore, POLICY, policy_xml(replace(suggestion.policy, enclaves=enclaves)), place)
+
+
+def _write_permissions(
+    keystore: str,
+    suggester: Suggester,
+    suggestion: Suggestion,
+    enclaves: Sequence[EnclavePolicy],
+    place: Path | None,
+) -> None:
+    """One document, or a tree of them as it stands below enclaves/."""
+    from keystore_audit.report.permissions_xml import permissions_xml
+
+    if len(enclaves) == 1:
+        _write(keystore, PERMISSIONS, permissions_xml(suggester.grant(enclaves[0])), place)
+        return
+    if place is None:
+        raise click.UsageError(
+            "Permissions are a document for each enclave: choose one with --enclave, or name -o DIR."
+        )
+    known = [enclave for enclave in enclaves if enclave.path not in suggestion.unknown]
+    documents = [(_place_of(enclave, place), permissions_xml(suggester.grant(enclave))) for enclave in known]
+    output.check_outside(place, (keystore,))
+    try:
+        for path, _document in documents:
+            path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"Cannot make the directory {place}: {error.strerror or error}.") from error
+    targets = [output.Target(format=PERMISSIONS, path=path) for path, _document in documents]
+    output.check(targets, (keystore,))
+    for target, (_path, document) in zip(targets, documents, strict=True):
+        output.write(target, document)
+
+
+def _place_of(enclave: EnclavePolicy, directory: Path) -> Path:
+    """Below the directory, as below enclaves/ of a keystore; its tokens are letters, digits and underscores."""
+    from keystore_audit.intent.ros_names import is_path
+
+    if not is_path(enclave.path):
+        raise UsageError(
+            f"{enclave.path!r} is no enclave's name that a directory could have: choose it with --enclave."
+        )
+    return directory.joinpath(*enclave.path.strip("/").split("/"), FILE_NAME)
+
+
+def _write(keystore: str, form: str, document: str, place: Path | None) -> None:
+    if place is None:
+        output.write_stdout(document)
+        return
+    target = output.Target(format=form, path=place)
+    output.check((target,), (keystore,))
+    output.write(target, document)
+
+
+def _notes(suggestion: Suggestion, enclaves: Iterable[EnclavePolicy]) -> Iterator[str]:
+    """What the document itself does not say."""
+    yield from suggestion.doubts
+    if suggestion.doubts:
+        yield "Something may be missing: see above."
+    shown = {enclave.path for enclave in enclaves}
+    for path in suggestion.unknown:
+        if path in shown:
+            yield f"The keystore has no enclave {path}."
+    for name in suggestion.policy.wildcards:
+        yield f"{name} is an expression of the policy and is kept: what it allows is unbounded."
+
+
+def _say(notes: Iterable[str]) -> None:
+    for note in notes:
+        click.echo(f"keystore-audit: {terminal(note)}", err=True)

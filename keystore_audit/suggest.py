@@ -1,0 +1,181 @@
+"""What is to be granted: the least policy for what was observed, launched or written, and the permissions of it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Final
+from zoneinfo import ZoneInfo
+
+from keystore_audit.errors import UsageError
+from keystore_audit.intent.intent import Action, Intent
+from keystore_audit.keystore.certificate import Certificate
+from keystore_audit.keystore.governance import DomainRange, Text
+from keystore_audit.keystore.keystore import Enclave, Keystore, read_keystore
+from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Rule
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.domains import covered
+from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.least_policy import EnclavePolicy, LeastPolicy, PolicyRight, least_policy
+from keystore_audit.model.names import dds_expressions
+from keystore_audit.model.observed_needs import DISCOVERY
+from keystore_audit.model.observed_rights import Deciders, listed_usages
+from keystore_audit.model.profiles import Profile
+from keystore_audit.text import terminal
+
+LAST_DOMAIN: Final = 230
+"""Of a range without an end: the last that a domain id may be (DDS-Security 1.1, Annex A)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sources:
+    """The files that a suggestion rests on. `include`: below which a policy may include others."""
+
+    graphs: tuple[Path, ...] = ()
+    launches: tuple[Path, ...] = ()
+    launch_arguments: Mapping[str, str] = field(default_factory=dict)
+    policy: Path | None = None
+    include: Path | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Suggestion:
+    """The least policy for the enclaves of a keystore.
+
+    `unknown`: paths of enclaves that the keystore does not have. `doubts`: sentences about what may be missing.
+    """
+
+    policy: LeastPolicy
+    unknown: tuple[str, ...]
+    doubts: tuple[str, ...]
+
+
+class Suggester:
+    """What files say of the nodes of the keystore at `path`, at `at` (aware UTC).
+
+    `zone`, `domain`: where the robots are and which domain they use, None if that is not known. Raises
+    errors.NothingToAudit where there is no keystore and errors.UsageError for a file that cannot be read.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        sources: Sources,
+        *,
+        profiles: Sequence[Profile],
+        at: datetime,
+        zone: ZoneInfo | None = None,
+        domain: int | None = None,
+    ) -> None:
+        self._intents = tuple(_read(sources))
+        self._keystore: Keystore = read_keystore(path)
+        self._enclaves = {enclave.path: enclave for enclave in reversed(self._keystore.enclaves)}
+        accesses = AccessViews(documents_of(self._keystore), at, zone)
+        self._deciders = Deciders(profiles, at, accesses, domain)
+        self._domain = domain
+
+    def suggestion(self, *, usual: bool = True) -> Suggestion:
+        """The least policy. `usual` False: without what every node does beside its work."""
+        policy = least_policy(self._intents, self._keystore.layout.kind, self._usages, usual=usual)
+        unknown = tuple(enclave.path for enclave in policy.enclaves if enclave.path not in self._enclaves)
+        return Suggestion(policy=policy, unknown=unknown, doubts=policy.doubts)
+
+    def grant(self, policy: EnclavePolicy) -> Grant:
+        """The grant of an enclave's permissions: its certificate's subject and dates, its governance's domains.
+
+        Raises UsageError where the keystore has no such enclave, or one without either of the two.
+        """
+        enclave = self._enclaves.get(policy.path)
+        if enclave is None:
+            raise UsageError(f"There is no enclave {policy.path!r}, and so no certificate that a grant could name.")
+        certificate = enclave.certificate.first if enclave.certificate else None
+        if certificate is None:
+            raise UsageError(f"The certificate of {policy.path!r} cannot be read: a grant has to name its subject.")
+        if terminal(certificate.subject) != certificate.subject:
+            raise UsageError(f"The subject {certificate.subject!r} holds what no plain document can.")
+        domains = self._domains(enclave)
+        if not domains:
+            raise UsageError(f"The governance of {policy.path!r} names no domain: say which with --domain.")
+        return _grant(policy, certificate, domains)
+
+    def _usages(self, path: str, name: str) -> tuple[Action, ...]:
+        enclave = self._enclaves.get(path)
+        return () if enclave is None else listed_usages(enclave, name, self._deciders)
+
+    def _domains(self, enclave: Enclave) -> tuple[DomainRange, ...]:
+        if self._domain is not None:
+            return (DomainRange(low=self._domain, high=self._domain, line=None),)
+        governance = enclave.governance.governance if enclave.governance else None
+        ranges = [each for rule in (governance.domain_rules if governance else ()) for each in rule.domains]
+        highest = max((each.high for each in ranges if each.high is not None), default=0)
+        last = max(LAST_DOMAIN, highest)
+        return tuple(DomainRange(low=low, high=min(high, last), line=None) for low, high in covered(ranges))
+
+
+def _read(sources: Sources) -> Iterator[Intent]:
+    """What the files say; a reader is imported where there is something to read."""
+    if sources.graphs:
+        from keystore_audit.intent.graph import read_graph
+
+        yield from map(read_graph, sources.graphs)
+    if sources.launches:
+        from keystore_audit.intent.launch import read_launch
+
+        yield from (read_launch(path, sources.launch_arguments, None) for path in sources.launches)
+    if sources.policy is not None:
+        from keystore_audit.intent.policy import read_policy
+
+        yield read_policy(sources.policy, sources.include).intent
+
+
+def _grant(policy: EnclavePolicy, certificate: Certificate, domains: tuple[DomainRange, ...]) -> Grant:
+    """The grant as sros2 would write it: what is denied, what is allowed, and discovery."""
+    rules = []
+    for allow in (False, True):
+        rights = [right for right in policy.rights if right.allow is allow]
+        if rights:
+            criteria = (*_criteria(r for r in rights if not r.usual), *_criteria(r for r in rights if r.usual))
+            rules.append(Rule(allow=allow, domains=domains, criteria=_ordered(criteria), line=None))
+    discovery = tuple(_criterion(operation, (topic,)) for operation, topic in DISCOVERY)
+    rules.append(Rule(allow=True, domains=domains, criteria=discovery, line=None))
+    return Grant(
+        name=policy.path,
+        subject_name=_text(certificate.subject),
+        not_before=_date(certificate.not_before),
+        not_after=_date(certificate.not_after),
+        rules=tuple(rules),
+        default_allow=False,
+        default_line=None,
+        line=None,
+    )
+
+
+def _criteria(rights: Iterable[PolicyRight]) -> Iterator[Criterion]:
+    listed: dict[Operation, dict[str, None]] = {}
+    for right in rights:
+        for operation, expression in dds_expressions(right.action.value, right.name):
+            listed.setdefault(operation, {})[expression] = None
+    for operation, topics in listed.items():
+        yield _criterion(operation, sorted(topics))
+
+
+def _ordered(criteria: Iterable[Criterion]) -> tuple[Criterion, ...]:
+    """As the schema wants them: what is published first."""
+    return tuple(sorted(criteria, key=lambda criterion: criterion.operation is not Operation.PUBLISH))
+
+
+def _criterion(operation: Operation, topics: Iterable[str]) -> Criterion:
+    names = tuple(_text(topic) for topic in topics)
+    return Criterion(operation=operation, topics=names, partitions=None, data_tags=False, line=None)
+
+
+def _text(text: str) -> Text:
+    return Text(text=text, line=None)
+
+
+def _date(instant: datetime) -> Text:
+    """As sros2 writes it: UTC, though it does not say so."""
+    return _text(instant.replace(tzinfo=None).isoformat(timespec="seconds"))
