@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -10,13 +10,13 @@ from keystore_audit.keystore.permissions import Operation, PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.coverage import allows_everything, has_wildcard
-from keystore_audit.model.domains import contains
+from keystore_audit.model.domains import Interval, contains
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.permission import Permissions
 from keystore_audit.model.profiles import Access
 from keystore_audit.model.ros_texts import line_in
 from keystore_audit.model.semantics import Area, ReadGrant
-from keystore_audit.model.system import System
+from keystore_audit.model.system import EnclaveAtom, System
 
 _PARTITIONS: Final = ("", "*")
 """Partitions in which an endpoint meets those of ROS 2: the default one, and the name that is a pattern for it."""
@@ -37,8 +37,9 @@ class Placed:
         self.place = place
         self.grant = grant
         texts = [text for rule in grant.rules if rule.allow for area in rule.publish for text in area.topics]
-        self.requests = {text[2:-7] for text in texts if text.startswith("rq/") and text.endswith("Request")}
-        self.replies = {text[2:-5] for text in texts if text.startswith("rr/") and text.endswith("Reply")}
+        self.requests = {text[2:-7] for text in texts if text[:3] == "rq/" and text[-7:] == "Request"}
+        self.replies = {text[2:-5] for text in texts if text[:3] == "rr/" and text[-5:] == "Reply"}
+        self.certain = _certain(grant)
         self.wild: tuple[str, ...] = ()
         self.everything = grant.default_allow
         self.allows_only = all(rule.allow for rule in grant.rules)
@@ -52,6 +53,19 @@ class Placed:
     def expressions(self) -> Iterator[str]:
         """All that its publish criteria list, of rules that allow and that deny."""
         return (text for rule in self.grant.rules for area in rule.publish for text in area.topics)
+
+
+def _certain(grant: ReadGrant) -> tuple[Interval, ...] | None:
+    """The domains in which whatever an allow rule lists is allowed, in the default partition; None: look closer."""
+    domains = grant.rules[0].domains if grant.rules else ()
+    for rule in grant.rules:
+        if (
+            not rule.allow
+            or rule.domains != domains
+            or any("" not in (area.partitions or ("",)) for area in rule.publish)
+        ):
+            return None
+    return domains
 
 
 def _may_be_service(text: str) -> bool:
@@ -71,6 +85,7 @@ class Holder:
         self.own = own
         self.everything = any(grant.everything for grant in grants)
         self.allows_only = all(grant.allows_only for grant in grants)
+        self.certain = {domains for grant in grants if (domains := grant.certain)} if len(grants) == 1 else set()
         self.requests: set[str] = set().union(*(grant.requests for grant in grants))
         self.replies: set[str] = set().union(*(grant.replies for grant in grants))
         wild = tuple(dict.fromkeys(text for grant in grants for text in grant.wild))
@@ -91,13 +106,35 @@ class Holder:
         return None
 
 
-def holders(system: System, files: Mapping[str, PermissionsFile], accesses: AccessViews, row: Access) -> list[Holder]:
-    """The enclaves of the system; `files`: permissions by place, which implementations of the row read."""
-    permissions = Permissions(system)
-    realms = [RealmView(system, realm, permissions) for realm in range(len(system.realms))]
-    placed = list(_placed(system, files, accesses, row))
-    found = []
-    for number, enclave in enumerate(system.enclaves):
+class Holders:
+    """Makes the holders of one keystore's systems; what several have in common is made once.
+
+    `files`: permissions documents by place.
+    """
+
+    def __init__(self, files: Mapping[str, PermissionsFile], accesses: AccessViews) -> None:
+        self._files = files
+        self._accesses = accesses
+        self._placed: dict[tuple[str, int, Access], Placed] = {}
+        self._known: dict[tuple[str, tuple[Placed, ...], tuple[Placed, ...]], Holder] = {}
+
+    def of(self, system: System, row: Access) -> tuple[Holder, ...]:
+        """The enclaves of the system, whose documents implementations of the row read; equal ones are one object."""
+        permissions = Permissions(system)
+        realms = [RealmView(system, realm, permissions) for realm in range(len(system.realms))]
+        placed = list(self._grants(system, row))
+        return tuple(
+            self._holder(number, enclave, realms, permissions, placed) for number, enclave in enumerate(system.enclaves)
+        )
+
+    def _holder(
+        self,
+        number: int,
+        enclave: EnclaveAtom,
+        realms: Sequence[RealmView],
+        permissions: Permissions,
+        placed: Sequence[Placed | None],
+    ) -> Holder:
         taken: dict[int, None] = {}
         for realm in realms:
             if realm.authenticated(number):
@@ -106,22 +143,27 @@ def holders(system: System, files: Mapping[str, PermissionsFile], accesses: Acce
         own = permissions.chosen(enclave.identity, carried)
         grants = tuple(each for each in (placed[grant] for grant in taken) if each is not None)
         mine = tuple(each for each in (placed[grant] for grant in own if grant in taken) if each is not None)
-        found.append(Holder(enclave.label, grants, mine))
-    return found
+        key = (enclave.label, grants, mine)
+        if key not in self._known:
+            self._known[key] = Holder(*key)
+        return self._known[key]
 
-
-def _placed(
-    system: System, files: Mapping[str, PermissionsFile], accesses: AccessViews, row: Access
-) -> Iterator[Placed | None]:
-    """The grants of the system in order: those of each document as it lists them."""
-    following: dict[int, Iterator[ReadGrant]] = {}
-    for atom in system.grants:
-        place = system.documents[atom.document].location.path
-        if atom.document not in following:
-            file = files.get(place)
-            following[atom.document] = iter(accesses.read(file, row).grants or () if file is not None else ())
-        grant = next(following[atom.document], None)
-        yield Placed(place, grant) if grant is not None else None
+    def _grants(self, system: System, row: Access) -> Iterator[Placed | None]:
+        """The grants of the system in order: those of each document as it lists them."""
+        counted: dict[int, int] = {}
+        for atom in system.grants:
+            ordinal = counted.get(atom.document, 0)
+            counted[atom.document] = ordinal + 1
+            place = system.documents[atom.document].location.path
+            key = (place, ordinal, row)
+            if key not in self._placed:
+                file = self._files.get(place)
+                grants = (self._accesses.read(file, row).grants or ()) if file is not None else ()
+                if ordinal >= len(grants):
+                    yield None
+                    continue
+                self._placed[key] = Placed(place, grants[ordinal])
+            yield self._placed[key]
 
 
 def allows(placed: Placed, matcher: Matcher, operation: Operation, topic: str, domain: int) -> bool:

@@ -11,10 +11,11 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.expression import Matcher
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.profiles import VARIANTS, Profile
 from keystore_audit.model.ros_halves import Halves, halves
-from keystore_audit.model.ros_holders import holders
+from keystore_audit.model.ros_holders import Holder, Holders
 from keystore_audit.model.ros_services import Reach, Rivals, Services
 from keystore_audit.model.system import Reading, System
 
@@ -54,6 +55,8 @@ def ros_patterns(
     reaches: dict[Reach, list[str]] = {}
     rivals: dict[Rivals, list[str]] = {}
     unknown = None
+    holders = Holders(files, accesses)
+    known: dict[tuple[tuple[Holder, ...], Matcher, tuple[int, ...]], tuple[tuple[Reach, ...], tuple[Rivals, ...]]] = {}
     names = {profile.name for profile in profiles}
     for system in systems:
         if system.reading is not Reading.MAY:
@@ -61,14 +64,18 @@ def ros_patterns(
         row = accesses.row(VARIANTS[system.profiles[0]].access)
         governed = frozenset().union(*(rule.domains for rule in system.domain_rules))
         domains = [system.domains[number].intervals[0][0] for number in sorted(governed)]
-        services = Services(holders(system, files, accesses, row), row.matcher, domains)
+        key = holders.of(system, row), row.matcher, tuple(domains)
         try:
-            for reach in services.reaches():
-                reaches.setdefault(reach, []).extend(system.profiles)
-            for group in services.rivals():
-                rivals.setdefault(group, []).extend(system.profiles)
+            if key not in known:
+                services = Services(*key)
+                known[key] = tuple(services.reaches()), tuple(services.rivals())
         except BudgetExceeded as exceeded:
             unknown = exceeded.message
+            continue
+        for reach in known[key][0]:
+            reaches.setdefault(reach, []).extend(system.profiles)
+        for group in known[key][1]:
+            rivals.setdefault(group, []).extend(system.profiles)
     return RosPatterns(
         halves=halves(keystore, profiles, at, accesses, usability),
         reaches=tuple((reach, () if names <= {*held} else tuple(held)) for reach, held in reaches.items()),

@@ -19,13 +19,14 @@ from typing import Final, NamedTuple
 from keystore_audit.intent.ros_names import is_ros_name
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.alphabet import Budget
-from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.domains import Interval, contains
+from keystore_audit.model.expression import Matcher, Pattern, parse
 from keystore_audit.model.names import LIFECYCLE_SERVICES, PARAMETER_SERVICES, SETTING_SERVICES
 from keystore_audit.model.ros_classes import Affix, classify_ros_names
 from keystore_audit.model.ros_holders import Holder, Placed, Right, allows
 
-MAX_MATCHES: Final = 300_000
-"""Pairs of an expression and a name, or of two expressions, that are looked at: half a second."""
+MAX_MATCHES: Final = 1_000_000
+"""Pairs of an expression and a name, or of two expressions, that are looked at: a second."""
 
 _UNITS_OF_A_SEARCH: Final = 1_000
 """What deciding about two expressions over all names takes, in pairs that are only matched: about 2 ms."""
@@ -95,7 +96,10 @@ class Services:
         for holder in self._holders:
             for service in holder.replies:
                 self._answering.setdefault(service, []).append(holder)
-        self._sorted: list[str] | None = None
+        self._sorted = (
+            sorted(self._answering) if any(each.wild_requests or each.wild_replies for each in holders) else []
+        )
+        self._matched: dict[tuple[str, Affix], list[str]] = {}
         self._answers = _Answers(self._holders, matcher)
 
     def rivals(self) -> Iterator[Rivals]:
@@ -211,7 +215,12 @@ class Services:
                     yield name, owner
 
     def _together(self, caller: Holder, node: str, service: str, owner: Holder) -> bool:
-        """Whether the one may call in a domain where the other may answer."""
+        """Whether the one may call in a domain where the other may answer.
+
+        Both list it (or a pattern for it) in an allow rule, which is enough where nothing else can decide.
+        """
+        if len(caller.certain) == 1 and len(owner.own) == 1 and owner.own[0].certain is not None:
+            return self._share(next(iter(caller.certain)), owner.own[0].certain)
         name = f"{node}/{service}"
         return any(
             self._may_in(caller.grants, _REQUEST.topic(name), domain)
@@ -219,18 +228,25 @@ class Services:
             for domain in self._domains
         )
 
+    def _share(self, one: Sequence[Interval], other: Sequence[Interval]) -> bool:
+        return any(contains(one, domain) and contains(other, domain) for domain in self._domains)
+
     def _may(self, holder: Holder, topic: str) -> bool:
         return any(self._may_in(holder.grants, topic, domain) for domain in self._domains)
 
     def _may_in(self, grants: Iterable[Placed], topic: str, domain: int) -> bool:
         return any(allows(grant, self._matcher, Operation.PUBLISH, topic, domain) for grant in grants)
 
-    def _matching(self, text: str, affix: Affix) -> Iterator[str]:
+    def _matching(self, text: str, affix: Affix) -> Sequence[str]:
         """The services that somebody lists answers of by name, and whose topic with the affix the pattern matches."""
-        if self._sorted is None:
-            self._sorted = sorted(self._answering)
         pattern = parse(text, self._matcher)
         prefix = pattern.prefix[len(affix.prefix) :]
+        known = self._matched.get((text, affix))
+        if known is None:
+            known = self._matched[text, affix] = list(self._searched(pattern, prefix, affix))
+        return known
+
+    def _searched(self, pattern: Pattern, prefix: str, affix: Affix) -> Iterator[str]:
         for at in range(bisect_left(self._sorted, prefix), len(self._sorted)):
             service = self._sorted[at]
             if not service.startswith(prefix):

@@ -82,7 +82,7 @@ _PREFIXES: Final = frozenset(("rq/", "rr/"))
 def _names(texts: set[str], prefix: str, suffix: str) -> set[str]:
     """What stands between, with the slash."""
     end = -len(suffix)
-    return {text[2:end] for text in texts if text.startswith(prefix) and text.endswith(suffix)}
+    return {text[2:end] for text in texts if text[:3] == prefix and text[end:] == suffix}
 
 
 def _whole_actions(services: set[str], listed: set[str]) -> bool:
