@@ -125,10 +125,11 @@ def test_without_modes_nothing_is_said_of_them() -> None:
 
 
 def test_an_authoritys_key_that_lies_outside_is_not_in_the_tree() -> None:
+    """KA665: what robots are given here lasts for eighty years."""
     outside = absent("private/ca.key.pem", Status.OUTSIDE, "to a token")
-    assert becomes(laid_out(authority_keys=(outside,)), deployed=True) == []
+    assert becomes(laid_out(authority_keys=(outside,)), deployed=True) == ["KA665"]
     unreadable = absent("private/ca.key.pem", Status.UNREADABLE, "no permission")
-    assert becomes(laid_out(authority_keys=(unreadable,)), deployed=True) == ["KA109"]
+    assert becomes(laid_out(authority_keys=(unreadable,)), deployed=True) == ["KA109", "KA665"]
 
 
 def test_an_enclave_that_holds_the_authoritys_key_is_always_critical() -> None:
