@@ -202,12 +202,18 @@ def _validate(expanded: Expanded) -> None:
         return
     log: Any = schema.error_log  # the stubs do not know what is in it
     for entry in log:
-        # libxml2 tells the way to the element; to evaluate it would need the prefixes in it.
-        way = expanded.root.getroottree().getpath
-        element = next((each for each in expanded.root.iter(etree.Element) if way(each) == entry.path), expanded.root)
         detail = shorten(str(entry.message).rstrip("."), 4 * _QUOTED)
-        raise malformed(expanded.location(element), f"this is no SROS2 policy: {detail}")
+        raise malformed(expanded.location(_at(expanded.root, entry.path)), f"this is no SROS2 policy: {detail}")
     raise malformed(expanded.location(expanded.root), "this is no SROS2 policy")
+
+
+def _at(root: etree._Element, path: str | None) -> etree._Element:
+    """The element at a path as libxml2 tells it; the root where the path has prefixes, which are declared elsewhere."""
+    try:
+        found: Any = root.getroottree().xpath(path) if path else None
+    except etree.XPathError:
+        found = None
+    return found[0] if isinstance(found, list) and found and etree.iselement(found[0]) else root
 
 
 @lru_cache(maxsize=1)

@@ -33,6 +33,9 @@ MAX_NESTING: Final = 16
 MAX_ELEMENTS: Final = 400_000
 """Elements put in: 20,000 nodes with the twelve of common/node.xml each; a few files can name thousands of millions."""
 
+MAX_BYTES: Final = 64 << 20
+"""Bytes of all files put in, each as often as it is: those 20,000 nodes need 16 MB."""
+
 NAMESPACES: Final = ("http://www.w3.org/2001/XInclude", "http://www.w3.org/2003/XInclude")
 """XInclude 1.0, and its draft: sros2's own files use both, and libxml2 reads both."""
 
@@ -102,9 +105,10 @@ class _Expansion:
         self._root = root
         self._files: list[str] = []
         self._numbers: dict[str, int] = {}
-        self._documents: dict[str, etree._Element] = {}
+        self._documents: dict[str, tuple[etree._Element, int]] = {}
         self._includes = 0
         self._elements = 0
+        self._bytes = 0
 
     def document(self, file: File) -> Expanded:
         """The document of that file, expanded."""
@@ -160,7 +164,10 @@ class _Expansion:
         relative = posixpath.normpath(posixpath.join(posixpath.dirname(within[-1]), href))
         if relative in within or relative == self._name:
             raise malformed(location, f"{_shown(href)} includes itself")
-        root = self._document(relative, href, location)
+        root, size = self._document(relative, href, location)
+        self._bytes += size
+        if self._bytes > MAX_BYTES:
+            raise malformed(location, f"more than {MAX_BYTES} bytes put in, which are not read")
         chosen = [root] if pointer is None else _select(root, pointer, location)
         number = self._number(relative)
         for element in chosen:
@@ -181,8 +188,8 @@ class _Expansion:
         copied.tail = None
         return copied
 
-    def _document(self, relative: str, href: str, location: Location) -> etree._Element:
-        """The root of an included file, as it is written."""
+    def _document(self, relative: str, href: str, location: Location) -> tuple[etree._Element, int]:
+        """The root of an included file, as it is written, and the file's size in bytes."""
         if relative not in self._documents:
             below = os.path.relpath(os.path.join(self._home, relative), self._inside)
             if below.split("/", 1)[0] == "..":
@@ -191,7 +198,7 @@ class _Expansion:
             if file.status is not Status.PRESENT:
                 raise malformed(location, f"{_shown(href)} cannot be put in: {_reason(file)}")
             asked = Location(path=self._files[self._number(relative)])
-            self._documents[relative] = self._parsed(file, asked)
+            self._documents[relative] = self._parsed(file, asked), len(file.content or b"")
         return self._documents[relative]
 
 

@@ -67,9 +67,9 @@ class DriftedRights:
     more: int = 0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Kind:
-    """A way to read both sides: the grant that decides, by a row and a matcher."""
+    """A way to read both sides: the grant that decides, by a row and a matcher; each is made once."""
 
     read: ReadGrant | None
     access: Access
