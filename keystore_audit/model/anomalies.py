@@ -28,7 +28,7 @@ from keystore_audit.model.anomalies_grants import (
 from keystore_audit.model.anomalies_rules import domain_bits
 from keystore_audit.model.anomaly import Anomaly, AnomalyKind
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.model.profiles import Access, Profile
+from keystore_audit.model.profiles import SPEC, Access, Profile
 from keystore_audit.model.semantics import ReadGrant
 
 _ORDER = {kind: number for number, kind in enumerate(AnomalyKind)}
@@ -36,7 +36,7 @@ _ORDER = {kind: number for number, kind in enumerate(AnomalyKind)}
 
 @dataclass(frozen=True, slots=True)
 class _Reading:
-    """One way to read a document, and the chosen profiles that read it so."""
+    """One way to read a document, and the profiles that read it so."""
 
     document: ReadDocument
     access: Access
@@ -57,7 +57,9 @@ class _Anomalies:
     def __init__(self, keystore: Keystore, profiles: Sequence[Profile], accesses: AccessViews) -> None:
         self._accesses = accesses
         self._rows: dict[Access, tuple[str, ...]] = {}
-        for profile in profiles:
+        self._chosen = frozenset(profile.name for profile in profiles)
+        # What the specification makes of a denial tells whether it was meant: it is looked at beside the others.
+        for profile in profiles if SPEC in profiles else (SPEC, *profiles):
             row = accesses.row(profile.access)
             self._rows[row] = (*self._rows.get(row, ()), profile.name)
         self._keystore = keystore
@@ -75,17 +77,19 @@ class _Anomalies:
         return found
 
     def _counterparts(self) -> Counterparts | None:
-        """None where a document cannot be read: it may grant anything, and nobody can be said to be missing."""
+        """None where nobody can be said to be missing: a document cannot be read, or there is one enclave alone."""
         row = next(iter(self._rows), None)
         files = [file for file in self._files if file is not None]
         enclaves = self._keystore.enclaves
-        if row is None or len(files) < len(self._files) or any(e.permissions is None for e in enclaves):
+        if row is None or len(enclaves) < 2 or len(files) < len(self._files):
+            return None
+        if any(enclave.permissions is None for enclave in enclaves):
             return None
         read = [self._accesses.read(file, row) for file in files]
         if not all(document.is_readable for document in read):
             return None
         governances = [file for file in files if isinstance(file, GovernanceFile)]
-        return Counterparts(read, governances, row.matcher, self._effort)
+        return Counterparts(read, governances, row.matcher, Effort.of(len(self._files)))
 
     def _governed_domains(self, row: Access) -> int | None:
         """The domains that some governance covers, as bits; None where one cannot be read."""
@@ -104,7 +108,7 @@ class _Anomalies:
     def _of_file(self, file: Typed, counterparts: Counterparts | None) -> tuple[Anomaly, ...]:
         readings = self._readings(file)
         everybody = tuple(name for reading in readings for name in reading.profiles)
-        collected = _Collected(everybody)
+        collected = _Collected(everybody, self._chosen)
         if isinstance(file, GovernanceFile):
             for each in readings:
                 rules, matcher = each.document.domain_rules or (), each.access.matcher
@@ -133,7 +137,8 @@ class _Anomalies:
         collected: _Collected,
         counterparts: Counterparts | None,
     ) -> None:
-        matchers = tuple(dict.fromkeys(reading.access.matcher for reading in readings))
+        asked = [reading for reading in readings if not self._chosen.isdisjoint(reading.profiles)]
+        matchers = tuple(dict.fromkeys(reading.access.matcher for reading in asked))
         effort = self._effort
         for reading in readings:
             governed = self._governed[reading.access]
@@ -145,8 +150,8 @@ class _Anomalies:
                     collected.add(reading.profiles, ungoverned_rules(grant, governed))
         for grant in _counting(readings[0].document.grants or ()):
             collected.add((), expression_anomalies(grant, matchers, effort))
-            if counterparts is not None:
-                collected.add((), counterpart_anomalies(grant, counterparts.missing(grant)))
+            if counterparts is not None:  # what is missed there is of low severity
+                collected.add((), counterpart_anomalies(grant, counterparts.missing(grant)), serious=False)
 
 
 def _is_same(reading: _Reading, document: ReadDocument, row: Access) -> bool:
@@ -176,36 +181,40 @@ def _counting(grants: Sequence[ReadGrant]) -> Iterator[ReadGrant]:
 class _Collected:
     """The anomalies of one document, each with the profiles under which it is one."""
 
-    def __init__(self, everybody: tuple[str, ...]) -> None:
-        self._everybody = frozenset(everybody)
-        self._order = everybody
+    def __init__(self, everybody: tuple[str, ...], chosen: frozenset[str]) -> None:
+        self._everybody = everybody
+        self._chosen = chosen.intersection(everybody)
         self._found: dict[tuple[object, ...], tuple[Anomaly, set[str]]] = {}
 
-    def add(self, profiles: tuple[str, ...], of: Iterator[Anomaly]) -> None:
-        """What `of` gives under the profiles (none given: under all of them)."""
-        names = profiles or self._order
+    def add(self, profiles: tuple[str, ...], of: Iterator[Anomaly], *, serious: bool = True) -> None:
+        """What `of` gives under the profiles (none given: under all of them).
+
+        `serious`: whether something serious may be missed where it gives up.
+        """
+        names = profiles or self._everybody
         try:
             for anomaly in of:
                 self._note(anomaly, names)
         except BudgetExceeded as exceeded:
-            self._note(_not_worked_out(exceeded.message), names)
+            self._note(_not_worked_out(exceeded.message, serious=serious), names)
 
     def _note(self, anomaly: Anomaly, names: Sequence[str]) -> None:
         key = anomaly.kind, anomaly.subject, anomaly.key, anomaly.line
         self._found.setdefault(key, (anomaly, set()))[1].update(names)
 
     def all(self) -> tuple[Anomaly, ...]:
-        """All of them, by kind and line."""
-        made = (
-            anomaly
-            if names >= self._everybody
-            else replace(anomaly, profiles=tuple(name for name in self._order if name in names))
-            for anomaly, names in self._found.values()
-        )
+        """All of them, by kind and line. What is no denial to the specification is not seriously void to others."""
+        made = []
+        for anomaly, names in self._found.values():
+            chosen = names & self._chosen
+            meant = SPEC.name in names or SPEC.name not in self._everybody
+            shown = tuple(name for name in self._everybody if name in chosen) if chosen < self._chosen else ()
+            if chosen:
+                made.append(replace(anomaly, profiles=shown, serious=anomaly.serious and meant))
         return tuple(sorted(made, key=lambda each: (_ORDER[each.kind], each.line or 0, each.subject, each.key)))
 
 
-def _not_worked_out(why: str) -> Anomaly:
+def _not_worked_out(why: str, *, serious: bool) -> Anomaly:
     return Anomaly(
         kind=AnomalyKind.NOT_WORKED_OUT,
         allow=True,
@@ -215,5 +224,6 @@ def _not_worked_out(why: str) -> Anomaly:
         texts=(),
         other_text=why,
         point=None,
-        key="",
+        key=why,
+        serious=serious,
     )

@@ -34,11 +34,10 @@ _LEADS: Final = ("", "/", "t/", "rt/", "q/", "rq/", "rr/")
 
 
 class NameClass(NamedTuple):
-    """Names that exactly the expressions `members` match (indices), one of them, and whether ROS 2 can produce that."""
+    """Names that exactly the expressions `members` match (indices), and one of them."""
 
     members: frozenset[int]
     witness: str
-    ros: bool
 
 
 @dataclass(slots=True)
@@ -81,7 +80,7 @@ def _classified(patterns: Sequence[Pattern], effort: Effort) -> Sequence[NameCla
             if states == _TIERS[-1]:
                 raise
             continue
-        return [NameClass(each.members, each.witness, each.ros) for each in found if each.members]
+        return [NameClass(each.members, each.witness) for each in found if each.members]
     return ()
 
 
@@ -105,16 +104,16 @@ def _nested(patterns: Sequence[Pattern]) -> list[NameClass] | None:
         return None
     found = []
     for name, own in literals.items():
-        around = (n for (prefix, suffix), n in stars.items() if _holds(prefix, suffix, name))
+        around = [n for (prefix, suffix), n in stars.items() if _holds(prefix, suffix, name)]
         if name:
-            found.append(NameClass(frozenset(own).union(*around), name, is_ros_dds_name(name)))
+            found.append(NameClass(frozenset(own).union(*around) if around else frozenset(own), name))
     for star, narrower in inside.items():
         witness = _beside(star, narrower, literals)
         if witness is None:
             return None
         wider = (stars[other] for other, within in inside.items() if star in within)
         members = frozenset(stars[star]).union(*wider)
-        found.append(NameClass(members, witness, is_ros_dds_name(witness)))
+        found.append(NameClass(members, witness))
     return found
 
 

@@ -1,10 +1,9 @@
-"""Topics that somebody may write and nobody may read, or the reverse, in no domain and partition that they share."""
+"""Topics that somebody may write and nobody may read, or the reverse, in no domain that they share."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import lru_cache
 from typing import Final
 
 from keystore_audit.keystore.governance import GovernanceFile
@@ -13,17 +12,21 @@ from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.anomalies_classes import Effort
 from keystore_audit.model.anomalies_rules import domain_bits
 from keystore_audit.model.expression import Matcher, parse
-from keystore_audit.model.names import AMBIENT_TOPICS, PARAMETER_SERVICES
+from keystore_audit.model.names import AMBIENT_TOPICS, REPLY_PREFIX, REQUEST_PREFIX, SERVICE_PREFIX
 from keystore_audit.model.semantics import ReadGrant, ReadRule
 
 USUAL_TOPICS: Final = (*AMBIENT_TOPICS, "rt/clock")
-"""Topics that nodes have whether or not anybody is at the other end."""
+"""Topics that nodes have whether or not anybody is at the other end; Dashing has /rosout in the node's namespace."""
 
-_USUAL_SERVICE: Final = re.compile(rf"/(?:{'|'.join(PARAMETER_SERVICES)}|get_type_description)(?:Request|Reply)\Z")
-"""Services that every node offers, whether or not anybody calls them."""
+_OF_SERVICES: Final = (f"{REQUEST_PREFIX}/", f"{REPLY_PREFIX}/", f"{SERVICE_PREFIX}/")
+_OF_ACTIONS: Final = "/_action/"
+"""Services and actions are looked at as a whole elsewhere, and offered to tools without anybody in the keystore."""
 
-_WILDCARDS: Final = frozenset("*?[\\")
-_COUNTERPART: Final = {Operation.PUBLISH: Operation.SUBSCRIBE, Operation.SUBSCRIBE: Operation.PUBLISH}
+_WILDCARD: Final = re.compile(r"[*?\[\\]")
+_COUNTERPART: Final = {
+    Operation.PUBLISH: (Operation.SUBSCRIBE, Operation.RELAY),
+    Operation.SUBSCRIBE: (Operation.PUBLISH, Operation.RELAY),
+}
 
 
 class Counterparts:
@@ -40,10 +43,17 @@ class Counterparts:
         self._grants = [grant for document in documents for grant in document.grants or ()]
         rules = [rule for grant in self._grants for rule in grant.rules]
         self._simple = _is_simple(rules)
-        self._listed = {operation: _listed(rules, operation) for operation in _COUNTERPART}
+        listed = {operation: _listed(rules, operation) for operation in Operation}
+        undisputed = {operation: listed[operation] - _disputed(rules, operation) for operation in Operation}
+        if any(rule.domains != rules[0].domains for rule in rules):
+            undisputed = {operation: set() for operation in Operation}
+        self._met_by_name = {
+            operation: set().union(*(undisputed[other] for other in others))
+            for operation, others in _COUNTERPART.items()
+        }
         self._wild = {
-            operation: tuple(text for text in texts if not _WILDCARDS.isdisjoint(text))
-            for operation, texts in self._listed.items()
+            operation: [text for other in others for text in listed[other] if _WILDCARD.search(text)]
+            for operation, others in _COUNTERPART.items()
         }
         self._default = any(grant.default_allow for grant in self._grants)
         self._open = {operation: _open(governances, operation) for operation in _COUNTERPART}
@@ -53,35 +63,37 @@ class Counterparts:
         """The topics that the grant allows by name and nobody may be at the other end of."""
         if self._default:
             return
-        for operation, other in _COUNTERPART.items():
-            own = _listed(grant.rules, operation)
-            alone = own - self._listed[other] if self._simple else own
-            for topic in sorted(alone):
-                if not _is_usual(topic) and not self._met(grant, operation, topic, other):
+        for operation in _COUNTERPART:
+            for topic in sorted(_listed(grant.rules, operation) - self._met_by_name[operation]):
+                if not _is_usual(topic) and not self._met(grant, operation, topic):
                     yield operation, topic
 
-    def _met(self, grant: ReadGrant, operation: Operation, topic: str, other: Operation) -> bool:
+    def _met(self, grant: ReadGrant, operation: Operation, topic: str) -> bool:
         """Whether somebody may be at the other end; also where the topic is no single name, or not allowed at all."""
         self._effort.compare(1)
         if parse(topic, self._matcher).literal != topic:
             return True
-        if any(parse(text, self._matcher).matches(topic) for text in self._open[other]):
+        if any(parse(text, self._matcher).matches(topic) for text in self._open[_COUNTERPART[operation][0]]):
             return True
         mine = self._places(grant, operation, topic)
         if not mine:
             return True
         if self._simple:
-            self._effort.compare(len(self._wild[other]) // 64)
-            return any(parse(text, self._matcher).matches(topic) for text in self._wild[other])
-        return any(mine & self._places(each, other, topic) for each in self._candidates(topic))
+            self._effort.compare(len(self._wild[operation]) // 64)
+            return any(parse(text, self._matcher).matches(topic) for text in self._wild[operation])
+        return any(
+            mine & self._places(each, other, topic)
+            for each in self._candidates(topic)
+            for other in _COUNTERPART[operation]
+        )
 
     def _candidates(self, topic: str) -> Iterator[ReadGrant]:
         """The grants that name the topic or have wildcards."""
         if self._by_topic is None:
             found: dict[str, list[ReadGrant]] = {"*": []}
             for grant in self._grants:
-                texts = _listed(grant.rules, Operation.PUBLISH) | _listed(grant.rules, Operation.SUBSCRIBE)
-                if any(not _WILDCARDS.isdisjoint(text) for text in texts):
+                texts = set().union(*(_listed(grant.rules, operation) for operation in Operation))
+                if any(map(_WILDCARD.search, texts)):
                     found["*"].append(grant)
                 for text in texts - {"*"}:
                     found.setdefault(text, []).append(grant)
@@ -105,17 +117,18 @@ class Counterparts:
 
 
 def _matches(text: str, matcher: Matcher, topic: str) -> bool:
-    return not _WILDCARDS.isdisjoint(text) and parse(text, matcher).matches(topic)
+    return _WILDCARD.search(text) is not None and parse(text, matcher).matches(topic)
 
 
 def _listed(rules: Iterable[ReadRule], operation: Operation) -> set[str]:
     """What the allow rules list."""
-    found: set[str] = set()
-    for rule in rules:
-        if rule.allow:
-            for area in rule.region(operation):
-                found.update(area.topics)
-    return found
+    return set().union(*(area.topics for rule in rules if rule.allow for area in rule.region(operation)))
+
+
+def _disputed(rules: Sequence[ReadRule], operation: Operation) -> set[str]:
+    """What some deny rule may be about; everything that is listed, where one has wildcards."""
+    denied = set().union(*(area.topics for rule in rules if not rule.allow for area in rule.region(operation)))
+    return _listed(rules, operation) if any(map(_WILDCARD.search, denied)) else denied
 
 
 def _is_simple(rules: Sequence[ReadRule]) -> bool:
@@ -140,6 +153,5 @@ def _open(governances: Iterable[GovernanceFile], operation: Operation) -> tuple[
     )
 
 
-@lru_cache(maxsize=4096)
 def _is_usual(topic: str) -> bool:
-    return topic in USUAL_TOPICS or _USUAL_SERVICE.search(topic) is not None
+    return topic in USUAL_TOPICS or topic.endswith("/rosout") or topic.startswith(_OF_SERVICES) or _OF_ACTIONS in topic

@@ -71,8 +71,6 @@ def matches_nothing(pattern: Pattern) -> bool:
 
 def foreign(texts: Collection[str], matchers: Collection[Matcher], effort: Effort) -> set[str]:
     """Those that match no name of ROS 2 under any of the matchers. Raises errors.BudgetExceeded."""
-    if _are_ros_names(texts):
-        return set()
     return {
         text
         for text in texts
@@ -80,7 +78,7 @@ def foreign(texts: Collection[str], matchers: Collection[Matcher], effort: Effor
     }
 
 
-def _are_ros_names(texts: Collection[str]) -> bool:
+def are_ros_names(texts: Collection[str]) -> bool:
     """Whether all are for certain; the quick question for 100,000s of names."""
     whole = "\n".join(texts) + "\n"
     if _NOT_OF_NAMES.search(whole) or _NOT_OF_TOKENS.search(whole) or any(broken in whole for broken in _BROKEN):

@@ -11,6 +11,7 @@ from keystore_audit.model.anomalies_rules import domain_bits
 from keystore_audit.model.anomaly import Anomaly, AnomalyKind, Point
 from keystore_audit.model.domains import describe
 from keystore_audit.model.expression import Matcher
+from keystore_audit.model.names import is_ros_dds_name
 from keystore_audit.model.semantics import ReadDomainRule
 
 
@@ -113,7 +114,7 @@ def _shadowed_topic_rule(
 
 
 def _readable(topics: NameClass) -> tuple[object, ...]:
-    return not topics.ros, len(topics.witness), topics.witness
+    return not is_ros_dds_name(topics.witness), len(topics.witness), topics.witness
 
 
 def _of_domain(rule: DomainRule) -> frozenset[str]:

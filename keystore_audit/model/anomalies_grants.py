@@ -8,7 +8,7 @@ from typing import Final
 
 from keystore_audit.keystore.permissions import Operation, Rule
 from keystore_audit.model.anomalies_classes import Effort
-from keystore_audit.model.anomalies_expressions import foreign, void
+from keystore_audit.model.anomalies_expressions import are_ros_names, foreign, void
 from keystore_audit.model.anomalies_rules import domain_bits, rule_anomalies
 from keystore_audit.model.anomaly import Anomaly, AnomalyKind, RuleAnomaly
 from keystore_audit.model.domains import describe
@@ -109,6 +109,7 @@ class _Told:
             other_text=found.other_expression or "",
             point=found.point,
             key=f"{'allow' if rule.allow else 'deny'} {_signature(rule) if whole else single}",
+            rules=frozenset((rule.line, None if found.other is None else self._rules[found.other].line)),
             serious=not rule.allow and found.kind in (AnomalyKind.UNREACHABLE, AnomalyKind.EXPRESSION_UNREACHABLE),
         )
 
@@ -173,9 +174,10 @@ def expression_anomalies(grant: ReadGrant, matchers: Sequence[Matcher], effort: 
     """
     texts: dict[str, None] = {}
     for rule in grant.rules:
-        for operation in Operation:
-            for area in rule.region(operation):
-                texts.update(dict.fromkeys(area.topics))
+        for area in (*rule.publish, *rule.subscribe, *rule.relay):
+            texts.update(dict.fromkeys(area.topics))
+    if are_ros_names(texts):
+        return
     nothing = void(texts, matchers, effort)
     if nothing:
         yield from _expressions(AnomalyKind.MATCHES_NOTHING, grant, nothing, bool)

@@ -194,7 +194,7 @@ def _partition_classes(
         (rule.allow, area.partitions) for rule in rules for operation in _OPERATIONS for area in rule.region(operation)
     ]
     texts = tuple(dict.fromkeys(text for _allow, partitions in listed for text in partitions or ()))
-    empty = NameClass(frozenset(n for n, text in enumerate(texts) if parse(text, matcher).matches("")), "", ros=False)
+    empty = NameClass(frozenset(n for n, text in enumerate(texts) if parse(text, matcher).matches("")), "")
     classes = [empty]
     if everywhere or any(texts):  # what no expression matches is the rest of `*`
         classes += name_classes((*texts, "*") if everywhere else texts, matcher, effort)

@@ -71,8 +71,9 @@ class Anomaly:
     `allow`: whether the rule allows (True of a governance). `subject`: whom the grant names. `line`, `other`: of what
     it is about, and of what decides in its place. `texts`: the expression concerned, or those of the rule.
     `other_text`: that of the other rule, the name meant, the operation or the domains. `point`: an example, or None.
-    `key`: the rule and expression by what they say, without lines. `serious`: a denial or protection that is written
-    down is not there. `profiles`: the chosen ones under which it is so; empty: all that read the document.
+    `key`: the rule and expression by what they say, without lines. `rules`: the lines of the rules concerned.
+    `serious`: a denial or protection that is written down is not there. `profiles`: the chosen ones under which it is
+    so; empty: all that read the document.
     """
 
     kind: AnomalyKind
@@ -85,4 +86,5 @@ class Anomaly:
     point: Point | None
     key: str
     serious: bool = False
+    rules: frozenset[int | None] = frozenset()
     profiles: tuple[str, ...] = ()

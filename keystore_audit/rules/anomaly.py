@@ -1,7 +1,8 @@
 """KA6: rules of a grant that decide nothing, change nothing, or whose order decides (`model.anomalies`).
 
 One finding for each document and severity. What implementations order or read differently is not said again: where a
-rule is odd under some of them alone, and a finding of KA601 to KA616 is about its line, that one stands.
+rule is odd under some of them alone, and a finding of KA601 to KA616 is about its line, that one stands, unless a
+denial is void to the specification.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from keystore_audit.model.anomaly import Anomaly, AnomalyKind, Point
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.permissions import WRITE_AGAIN
+from keystore_audit.rules.permissions import WRITE_AGAIN, all_grants
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, PermissionsUse, speaks
 from keystore_audit.rules.wording import listed, places, quoted, sole
@@ -30,17 +31,22 @@ def odd(use: DocumentUse, context: Context, kind: AnomalyKind) -> list[Anomaly]:
     found = [anomaly for anomaly in every if anomaly.kind is kind]
     if not any(anomaly.profiles for anomaly in found):
         return found
-    spoken = {
+    spoken = _spoken(use, context)
+    return [
+        anomaly
+        for anomaly in found
+        if not anomaly.profiles or anomaly.serious or spoken.isdisjoint(anomaly.rules - {None})
+    ]
+
+
+def _spoken(use: DocumentUse, context: Context) -> set[int | None]:
+    """The lines of the document of which a divergence speaks."""
+    return {
         location.line
         for divergence in context.meaning.divergences
         for location in (divergence.location, divergence.other)
         if location is not None and location.path == use.signed.file.place
     }
-    return [
-        anomaly
-        for anomaly in found
-        if not anomaly.profiles or "spec" in anomaly.profiles or spoken.isdisjoint((anomaly.line, anomaly.other))
-    ]
 
 
 def folded(
@@ -258,21 +264,31 @@ def rule_generalised(use: PermissionsUse, context: Context) -> Iterator[Violatio
 def rule_same_as_default(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """Nothing changes without the rule, since no other one is about what it decides, and the default decides the same.
 
-    Denying what nothing allows is harmless on most implementations; on Cyclone DDS 0.10 a deny rule may take the whole
-    topic away (deny-rule-blocks-topic). Rules for domains that no governance covers are rule-in-no-governed-domain.
+    Denying what nothing allows is harmless, but on Cyclone DDS 0.10, where it may take the whole topic away: that is
+    deny-rule-blocks-topic, and only that. An allow rule beside <default>ALLOW is default-allow, a grant that
+    allows nothing grant-without-allow-rule; rules for domains that no governance covers are rule-in-no-governed-domain.
     """
+    every = odd(use, context, AnomalyKind.SAME_AS_DEFAULT)
+    if not every:
+        return
+    allowing = {each.subject_name.text for each in all_grants(use) if any(one.allow for one in each.rules)}
+    found = [anomaly for anomaly in every if not anomaly.allow and anomaly.subject in allowing]
     outside = {(anomaly.subject, anomaly.key) for anomaly in odd(use, context, AnomalyKind.UNGOVERNED_DOMAIN)}
+    nothing = {text for anomaly in odd(use, context, AnomalyKind.MATCHES_NOTHING) for text in anomaly.texts}
+    spoken = _spoken(use, context)
     yield from folded(
         use,
         (
             anomaly
-            for anomaly in odd(use, context, AnomalyKind.SAME_AS_DEFAULT)
+            for anomaly in found
             if (anomaly.subject, anomaly.key) not in outside
+            and anomaly.line not in spoken
+            and not nothing.issuperset(anomaly.texts)
         ),
         lambda _: None,
         lambda found: (
-            f"{named(found[0])}{more_like(found)} changes nothing: the default is "
-            f"{'ALLOW' if found[0].allow else 'DENY'}, and no other rule is about it{_as_in(found[0])}."
+            f"{named(found[0])}{more_like(found)} changes nothing: the default is DENY, and no other rule is about "
+            f"it{_as_in(found[0])}."
         ),
     )
 
@@ -280,7 +296,7 @@ def rule_same_as_default(use: PermissionsUse, context: Context) -> Iterator[Viol
 def _as_in(anomaly: Anomaly) -> str:
     if anomaly.point is None:
         return ""
-    return f" ({quoted(anomaly.subject)} {'may' if anomaly.allow else 'may not'} {right(anomaly.point)})"
+    return f" ({quoted(anomaly.subject)} may not {right(anomaly.point)} without it either)"
 
 
 ANOMALY: tuple[Rule[Any], ...] = (

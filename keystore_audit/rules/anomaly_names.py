@@ -129,9 +129,10 @@ def _not_ros(found: Sequence[Anomaly]) -> str:
 def grant_without_counterpart(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """A topic that the grant names may be written, and no grant of the keystore lets anybody read it; or the reverse.
 
-    Most often a misspelt name or a right left over. Looked at are names without wildcards; partitions are not. Topics
-    and services that every node has are left out (/rosout, /parameter_events, /clock, parameter services), and topics
-    that a governance does not control. Participants outside of the keystore, tools among them, cannot be known.
+    Most often a misspelt name or a right left over. Looked at are names without wildcards; partitions are not. Left out
+    are topics that every node has (/rosout, /parameter_events, /clock), services and actions, which tools call too, and
+    topics that a governance does not control. A keystore of one enclave has its peers elsewhere; of several, too, some
+    may be elsewhere.
     """
     yield from folded(use, odd(use, context, AnomalyKind.NO_COUNTERPART), lambda _: None, _without_counterpart)
 
@@ -166,12 +167,15 @@ def rules_not_compared(use: DocumentUse, context: Context) -> Iterator[Violation
     denies anything, or is a governance.
     """
     for anomaly in odd(use, context, AnomalyKind.NOT_WORKED_OUT):
+        undecided = anomaly.serious and _denies(use)
         yield Violation(
             message=f"Not all rules could be compared with each other: {anomaly.other_text}.",
             locations=(Location(path=use.signed.file.place),),
             enclave=sole(use.enclaves),
             profiles=anomaly.profiles,
-            undecided=_denies(use),
+            severity=Severity.MEDIUM if undecided else None,
+            undecided=undecided,
+            key=anomaly.other_text,
         )
 
 

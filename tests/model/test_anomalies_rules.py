@@ -9,17 +9,15 @@ from functools import cache, lru_cache
 from itertools import product
 from typing import NamedTuple
 
-import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.anomalies_classes import Effort, name_classes
+from keystore_audit.model.anomalies_classes import Effort
 from keystore_audit.model.anomalies_rules import rule_anomalies
 from keystore_audit.model.anomaly import AnomalyKind, Point, RuleAnomaly
-from keystore_audit.model.expression import Matcher, parse
-from keystore_audit.model.profiles import SPEC, VARIANTS
+from keystore_audit.model.expression import Matcher
+from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.semantics import ReadRule, read_grant
 from tests.rules.divergent import ruled
 from tests.rules.evidence import grant
@@ -98,7 +96,12 @@ class Brute:
         self.rules = [Listed.of(rule) for rule in rules]
         self.default = default
         self.sets = [rule.set() for rule in self.rules]
-        domains = {p.domain for p in POINTS for r in self.rules if r.allow and any(lo <= p.domain <= hi for lo, hi in r.domains)}
+        domains = {
+            p.domain
+            for p in POINTS
+            for r in self.rules
+            if r.allow and any(lo <= p.domain <= hi for lo, hi in r.domains)
+        }
         partitions = {
             partition
             for partition in PARTITIONS
@@ -148,11 +151,11 @@ class Brute:
         found = set()
         singles = list(self._singles())
         for (i, operation, x, mine), (j, _o, y, theirs) in product(singles, singles):
-            if i < j and self.rules[i].allow is not self.rules[j].allow:
-                if mine & theirs & self.fires[i] and theirs & self.fires[j]:
-                    exception = mine & self.live <= theirs
-                    kind = AnomalyKind.GENERALISED if exception else AnomalyKind.CORRELATED
-                    found.add((kind, i, operation, x, j, y))
+            opposed = i < j and self.rules[i].allow is not self.rules[j].allow
+            if opposed and mine & theirs & self.fires[i] and theirs & self.fires[j]:
+                exception = mine & self.live <= theirs
+                kind = AnomalyKind.GENERALISED if exception else AnomalyKind.CORRELATED
+                found.add((kind, i, operation, x, j, y))
         return found
 
     def _singles(self):  # type: ignore[no-untyped-def]
@@ -167,7 +170,9 @@ WHOLE = {AnomalyKind.UNREACHABLE, AnomalyKind.REDUNDANT, AnomalyKind.SAME_AS_DEF
 PAIRS = {AnomalyKind.CORRELATED, AnomalyKind.GENERALISED}
 
 
-def read(drawn: Sequence[tuple[bool, object, object, object]], *, default: bool, profile: str = "spec") -> list[ReadRule]:
+def read(
+    drawn: Sequence[tuple[bool, object, object, object]], *, default: bool, profile: str = "spec"
+) -> list[ReadRule]:
     rules = [
         ruled(allows=allows, domains=domains, publish=publish, subscribe=subscribe)  # type: ignore[arg-type]
         for allows, domains, publish, subscribe in drawn
@@ -183,7 +188,11 @@ def found_in(rules: Sequence[ReadRule], *, default: bool, implied: frozenset[int
 
 
 @settings(max_examples=120, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
-@given(st.lists(_RULES, min_size=1, max_size=4), st.sampled_from((False, False, True)), st.sampled_from(("spec", "cyclonedds-11")))
+@given(
+    st.lists(_RULES, min_size=1, max_size=4),
+    st.sampled_from((False, False, True)),
+    st.sampled_from(("spec", "cyclonedds-11")),
+)
 def test_anomalies_are_found_exactly(drawn, default, profile) -> None:  # type: ignore[no-untyped-def]
     rules = read(drawn, default=default, profile=profile)
     brute = Brute(rules, default=default)
@@ -191,7 +200,5 @@ def test_anomalies_are_found_exactly(drawn, default, profile) -> None:  # type: 
     assert {(each.kind, each.rule) for each in found if each.kind in WHOLE} == brute.whole_rules()
     dead = {(e.rule, e.operation, e.expression) for e in found if e.kind is AnomalyKind.EXPRESSION_UNREACHABLE}
     assert dead == brute.expressions()
-    pairs = {
-        (e.kind, e.rule, e.operation, e.expression, e.other, e.other_expression) for e in found if e.kind in PAIRS
-    }
+    pairs = {(e.kind, e.rule, e.operation, e.expression, e.other, e.other_expression) for e in found if e.kind in PAIRS}
     assert pairs == brute.pairs()

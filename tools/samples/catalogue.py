@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from fnmatch import fnmatchcase
 
 from . import (
+    anomaly_stories,
     certificate_stories,
     divergence_stories,
     drift_stories,
@@ -36,6 +37,7 @@ FAMILIES = (
     governance_stories,
     permissions_stories,
     divergence_stories,
+    anomaly_stories,
     drift_stories,
     observed_stories,
     provisioning_stories,

@@ -1,0 +1,205 @@
+"""Rules about anomalies: one cause makes one of them speak, and what is in order has no finding."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from keystore_audit.findings import Finding, Result, Severity
+from keystore_audit.keystore.governance import ProtectionKind
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.model.anomalies import anomalies
+from keystore_audit.model.divergence import divergences
+from keystore_audit.model.profiles import DEFAULT
+from keystore_audit.rules.anomaly import ANOMALY
+from keystore_audit.rules.anomaly_names import ANOMALY_NAMES
+from keystore_audit.rules.judge import judge
+from tests.rules.divergent import chosen, ruled, talking, views
+from tests.rules.evidence import (
+    AT,
+    allow,
+    context,
+    domain_rule,
+    enclave,
+    governance,
+    grant,
+    healthy,
+    keystore,
+    meaning,
+    permissions,
+    topic_rule,
+)
+
+OWN = (*ANOMALY, *ANOMALY_NAMES)
+SIGNED = {"metadata_protection_kind": ProtectionKind.SIGN}
+ARM, SECRET = allow(["rt/arm/*"]), allow(["rt/arm/secret"], allows=False)
+WORDS = [f"rt/*{word}*" for word in ("arm", "base", "camera", "door", "elbow", "finger", "gear", "hand", "imu")]
+CHATTER = allow(["rt/chatter"], ["rt/chatter"])
+
+
+def judged(store: Keystore, *names: str) -> tuple[Finding, ...]:
+    """What the rules find, with what implementations read differently already said."""
+    profiles, accesses = chosen(*names), views(store)
+    known = meaning(
+        divergences=divergences(store, profiles, AT, accesses, None), anomalies=anomalies(store, profiles, accesses)
+    )
+    return judge(context(store, profiles=profiles, meaning=known), OWN).findings
+
+
+def codes(store: Keystore, *names: str) -> list[str]:
+    return sorted(finding.code for finding in judged(store, *names))
+
+
+def alone(*rules: Any, **more: Any) -> Keystore:
+    """A keystore of the talker alone, whose peers are elsewhere."""
+    own = permissions("enclaves/talker/permissions.p7s", grant("/talker", *rules, **more))
+    return keystore(enclave("/talker", permissions=own))
+
+
+def governed(*rules: Any) -> Keystore:
+    return keystore(enclave("/talker", governance=governance(*rules)))
+
+
+CASES: dict[str, tuple[Keystore, list[str], Severity]] = {
+    "KA422": (governed(domain_rule(topic_rule("rt/*", **SIGNED), topic_rule("rt/a"))), ["KA422"], Severity.HIGH),
+    "KA423": (governed(domain_rule(), domain_rule()), ["KA423"], Severity.LOW),
+    "KA617": (alone(ARM, SECRET), ["KA617"], Severity.HIGH),
+    "KA618": (
+        alone(ARM, allow(["rt/arm/secret", "rt/leg"], allows=False), allow(["rt/leg", "rt/foot"])),
+        ["KA618", "KA618"],
+        Severity.HIGH,
+    ),
+    "KA619": (alone(CHATTER, allow(["rt/chatter"])), ["KA619"], Severity.LOW),
+    "KA620": (alone(allow(["rt/arm_*"], allows=False), allow(["rt/*_state"])), ["KA620"], Severity.MEDIUM),
+    "KA621": (alone(SECRET, ARM), ["KA621"], Severity.INFO),
+    "KA622": (alone(SECRET, CHATTER), ["KA622"], Severity.LOW),
+    "KA623": (alone(CHATTER, allow(["rt/chatter"], domains=[(5, 5)])), ["KA623"], Severity.MEDIUM),
+    "KA624": (alone(allow(["rt/arm_[9-0]"], allows=False), CHATTER), ["KA624"], Severity.HIGH),
+    "KA625": (alone(allow(["rt/a", "chatter"])), ["KA625"], Severity.MEDIUM),
+    "KA626": (talking(allow(["rt/a", "rt/chatter"], ["rt/chatter"])), ["KA626"], Severity.LOW),
+    "KA627": (alone(allow(WORDS[::2], allows=False), allow(WORDS[1::2])), ["KA627"], Severity.MEDIUM),
+}
+
+
+@pytest.mark.parametrize("code", CASES)
+def test_one_cause_makes_one_rule_speak(code: str) -> None:
+    store, expected, severity = CASES[code]
+    found = judged(store)
+    assert sorted(finding.code for finding in found) == expected
+    assert found[0].code == code
+    assert found[0].severity is severity
+    assert all(location.path and finding.message.endswith(".") for finding in found for location in finding.locations)
+
+
+IN_ORDER = {
+    "as ros2 security writes": (allow(["rt/a", "rq/addRequest"], ["rr/addReply"]), allow(["ros_discovery_info"])),
+    "everything": (allow(["rt/*", "rq/*Request", "rr/*Reply"], ["rt/*"]), allow(["ros_discovery_info"])),
+    "repeats within one rule": (allow(["rt/*", "rt/a", "rt/arm/_action/status", "rt/a"]),),
+    "discovery in a wider rule": (allow(["*"], ["*"]), allow(["ros_discovery_info"], ["ros_discovery_info"])),
+    "expressions that others cover": (allow(["rt/a", "rt/b"]), allow(["rt/a", "rt/c"])),
+    "plain DDS": (allow(["Square", "Circle"]), allow(["ros_discovery_info"], ["ros_discovery_info"])),
+    "usual topics": (allow(["rt/rosout", "rt/parameter_events", "rr/n/get_parametersReply"], ["rt/clock"]),),
+}
+
+
+@pytest.mark.parametrize("rules", IN_ORDER.values(), ids=IN_ORDER)
+def test_what_is_in_order_has_no_finding(rules: Sequence[Any]) -> None:
+    assert codes(alone(*rules)) == []
+
+
+def test_a_healthy_keystore_has_no_finding() -> None:
+    assert codes(healthy()) == []
+    assert codes(healthy(), "opendds") == []
+
+
+def test_a_finding_names_who_may_what_and_both_lines() -> None:
+    (found,) = judged(alone(replace(ARM, line=50), replace(SECRET, line=60)))
+    assert found.message == (
+        "The deny rule for 'rt/arm/secret' never decides, since earlier rules match all of it: 'CN=/talker' may "
+        "publish /arm/secret (topic) in domain 0."
+    )
+    assert [(location.line, location.message) for location in found.locations] == [
+        (60, ""),
+        (50, "the rule that decides instead"),
+    ]
+    assert found.enclave == "/talker"
+    assert found.profiles == ()
+
+
+def test_lines_play_no_part_in_a_fingerprint_and_what_is_odd_does() -> None:
+    (one,) = judged(alone(ARM, SECRET))
+    (moved,) = judged(alone(replace(ARM, line=142), replace(SECRET, line=150)))
+    (other,) = judged(alone(ARM, allow(["rt/arm/other"], allows=False)))
+    assert one.fingerprint == moved.fingerprint
+    assert one.fingerprint != other.fingerprint
+
+
+def test_rules_of_one_kind_and_severity_are_one_finding() -> None:
+    void = [allow([f"rt/arm/a{number}"], allows=False) for number in range(40)]
+    (found,) = judged(alone(ARM, *void))
+    assert "(and 39 more like it)" in found.message
+
+
+def test_a_rule_that_is_void_to_some_is_told_with_their_names() -> None:
+    """A deny rule for a partition is one for all to Fast DDS, and comes too late; nobody meant to deny more."""
+    deny = ruled(allows=False, publish=((("rt/a",), ("lab",)),))
+    store = alone(allow(["rt/a"]), deny)
+    fast = [name for name in DEFAULT if name.startswith("fastdds")]
+    void, same = judged(store)
+    assert (void.code, void.severity, list(void.profiles)) == ("KA617", Severity.MEDIUM, fast)
+    assert (same.code, list(same.profiles)) == ("KA622", [name for name in DEFAULT if name not in fast])
+    assert [(each.code, each.severity, each.profiles) for each in judged(store, "fastdds-3.6")] == [
+        ("KA617", Severity.MEDIUM, ())
+    ]
+
+
+def test_what_a_divergence_says_is_not_said_again() -> None:
+    store = talking(
+        ruled(allows=False, publish=((("rt/cmd_vel",), None),)),
+        ruled(line=43, publish=((("rt/cmd_vel",), ("lab",)),)),
+    )
+    assert {"KA617", "KA622"}.isdisjoint(codes(store))
+
+
+def test_a_typing_error_in_a_deny_rule_is_high_where_it_opens_the_topic() -> None:
+    (found, *_rest) = judged(alone(allow(["/secret"], allows=False), allow(["rt/*"])))
+    assert (found.code, found.severity) == ("KA625", Severity.HIGH)
+    assert "'rt/secret'" in found.message
+    assert codes(alone(allow(["/secret"], allows=False), CHATTER)) == ["KA622", "KA625"]
+
+
+def test_a_topic_without_access_control_needs_no_counterpart() -> None:
+    rule = allow(["rt/a", "rt/chatter"], ["rt/chatter"])
+    loose = governance(domain_rule(topic_rule("rt/a", enable_read_access_control=False), topic_rule()))
+    assert codes(talking(rule)) == ["KA626"]
+    assert codes(talking(rule, governed=loose)) == []
+
+
+def test_a_counterpart_in_another_domain_is_none() -> None:
+    def store(domain: int) -> Keystore:
+        talker = permissions("enclaves/talker/permissions.p7s", grant("/talker", allow(["rt/chatter"])))
+        listens = grant("/listener", allow([], ["rt/chatter"], domains=[(domain, domain)]))
+        listener = permissions("enclaves/listener/permissions.p7s", listens)
+        both = governance(domain_rule(domains=((0, 0), (5, 5))))
+        return keystore(
+            enclave("/talker", permissions=talker, governance=both),
+            enclave("/listener", permissions=listener, governance=both),
+        )
+
+    assert codes(store(0)) == []
+    assert codes(store(5)) == ["KA626", "KA626"]
+
+
+def test_too_much_to_compare_leaves_the_audit_incomplete_only_where_a_denial_may_be_void() -> None:
+    def outcomes(store: Keystore) -> set[Result]:
+        profiles, accesses = chosen(), views(store)
+        about = context(store, profiles=profiles, meaning=meaning(anomalies=anomalies(store, profiles, accesses)))
+        return {each.outcome for each in judge(about, OWN).outcomes if each.rule == "KA627"}
+
+    assert Result.OPEN in outcomes(CASES["KA627"][0])
+    allowing = alone(allow(WORDS[::2]), allow(WORDS[1::2]))
+    assert codes(allowing) == ["KA627"]
+    assert Result.OPEN not in outcomes(allowing)
