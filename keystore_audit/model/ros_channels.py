@@ -12,7 +12,6 @@ from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.channels import Channels, Named, domain_classes
 from keystore_audit.model.domains import Interval, contains
 from keystore_audit.model.expression import Matcher, Pattern, parse
-from keystore_audit.model.names import ACTION_PART
 from keystore_audit.model.permission import bits
 from keystore_audit.model.profiles import Access
 from keystore_audit.model.ros_classes import Affix, RosClass, classify_ros_names
@@ -31,7 +30,7 @@ class RosChannels:
 
     `starts`: by governed domain class, its first channel; from there on all classes with the first affix, then all with
     the second. `unmarked`: the classes (bit set) whose names no mark matches. By operation, of allow rules: `literals`
-    are the expressions, `naming` the numbers of those that name parts of actions.
+    are the expressions, `numbers` those with their numbers among the members of classes.
     """
 
     channels: Channels
@@ -40,7 +39,7 @@ class RosChannels:
     starts: tuple[int, ...]
     unmarked: int
     literals: Mapping[Operation, frozenset[str]]
-    naming: Mapping[Operation, frozenset[int]]
+    numbers: Mapping[Operation, frozenset[tuple[str, int]]]
 
     def of_affix(self, affix: Affix) -> int:
         """The place of the first channel with the affix, counted from a start."""
@@ -55,10 +54,11 @@ class RosChannels:
         listed = self.literals[operation]
         return bits(number for number, each in enumerate(self.classes) if affix.topic(each.name) in listed)
 
-    def naming_actions(self, operation: Operation, affix: Affix) -> int:
-        """The classes whose topic an expression with `/_action/` in it lists for the operation."""
-        naming, place = self.naming[operation], self.affixes.index(affix)
-        return bits(n for n, each in enumerate(self.classes) if not naming.isdisjoint(each.members[place]))
+    def naming(self, operation: Operation, affix: Affix, part: str) -> int:
+        """The classes whose topic an expression with `part` in it lists for the operation."""
+        place = self.affixes.index(affix)
+        numbers = frozenset(number for text, number in self.numbers[operation] if part in text)
+        return bits(n for n, each in enumerate(self.classes) if not numbers.isdisjoint(each.members[place]))
 
     def is_literal(self, number: int) -> bool:
         """Whether the class is a name that is listed with some affix."""
@@ -112,9 +112,8 @@ def ros_channels(
         starts=starts,
         unmarked=(1 << len(classes)) - 1 & ~marked,
         literals={each: frozenset(text for text, _matcher in _allowed(read, each)) for each in _WAYS},
-        naming={
-            each: frozenset(expressions.numbers[named] for named in _allowed(read, each) if ACTION_PART in named[0])
-            for each in _WAYS
+        numbers={
+            each: frozenset((named[0], expressions.numbers[named]) for named in _allowed(read, each)) for each in _WAYS
         },
     )
 

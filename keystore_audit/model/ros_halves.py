@@ -242,14 +242,14 @@ def _granted(local: LocalRights, enclave: Enclave, profile: Profile, operation: 
 def _telling(role: str, channel: tuple[Operation, Affix], channels: RosChannels) -> int:
     """The classes for which a right on the channel tells that the role was meant.
 
-    Of an action, only where an expression names it for one: `rq/arm/*Request` is about services, and `rt/arm/*` about
-    topics. Who only reads its topics watches.
+    Only where an expression names services, and an action for one: `*` is about everything, `rq/arm/*Request` about
+    services, and `rt/arm/*` about topics. Who only reads the topics of an action watches.
     """
     operation, affix = channel
     if role in SERVICE_ROLES:
-        return -1
+        return channels.naming(operation, affix, f"{affix.prefix}/")
     if affix not in _TOPICS:
-        return channels.naming_actions(operation, affix)
+        return channels.naming(operation, affix, ACTION_PART)
     return channels.listed(operation, affix) if operation is PUBLISH else 0
 
 

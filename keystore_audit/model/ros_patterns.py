@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.action_topics import ActionPattern, action_patterns
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.profiles import VARIANTS, Profile
@@ -18,6 +20,7 @@ from keystore_audit.model.ros_halves import Halves, halves
 from keystore_audit.model.ros_holders import Holder, Holders
 from keystore_audit.model.ros_services import Reach, Rivals, Services
 from keystore_audit.model.system import Reading, System
+from keystore_audit.model.usual_topics import Unusual, unusual
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,17 +28,23 @@ if TYPE_CHECKING:
     from keystore_audit.model.meaning import Usability
 
 
+_BEFORE_FOXY: Final = frozenset((LayoutKind.FLAT, LayoutKind.ARDENT))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RosPatterns:
     """`reaches`, `rivals`: each with the chosen profiles that it holds for, empty for all.
 
-    `unknown`: why services could not be compared.
+    `unknown`: why services could not be compared. `actions`: patterns for topics that take in actions. `unusual`:
+    enclaves that lack some of what every node uses.
     """
 
     halves: Halves
     reaches: tuple[tuple[Reach, tuple[str, ...]], ...] = ()
     rivals: tuple[tuple[Rivals, tuple[str, ...]], ...] = ()
     unknown: str | None = None
+    actions: tuple[ActionPattern, ...] = ()
+    unusual: tuple[Unusual, ...] = ()
 
 
 def ros_patterns(
@@ -81,4 +90,6 @@ def ros_patterns(
         reaches=tuple((reach, () if names <= {*held} else tuple(held)) for reach, held in reaches.items()),
         rivals=tuple((group, () if names <= {*held} else tuple(held)) for group, held in rivals.items()),
         unknown=unknown,
+        actions=action_patterns(keystore.enclaves),
+        unusual=tuple(unusual(keystore.enclaves, discovers=keystore.layout.kind not in _BEFORE_FOXY)),
     )

@@ -7,6 +7,7 @@ from typing import Any
 from keystore_audit.rules.algorithm import ALGORITHM
 from keystore_audit.rules.anomaly import ANOMALY
 from keystore_audit.rules.anomaly_names import ANOMALY_NAMES
+from keystore_audit.rules.asserted import ASSERTED
 from keystore_audit.rules.audit import AUDIT
 from keystore_audit.rules.authority import AUTHORITY
 from keystore_audit.rules.breadth import BREADTH
@@ -29,6 +30,7 @@ from keystore_audit.rules.provisioning import PROVISIONING
 from keystore_audit.rules.registry import Rule
 from keystore_audit.rules.revocation import REVOCATION
 from keystore_audit.rules.ros_services import ROS_SERVICES
+from keystore_audit.rules.ros_topics import ROS_TOPICS
 from keystore_audit.rules.rule_order import RULE_ORDER
 from keystore_audit.rules.signature import SIGNATURE
 from keystore_audit.rules.start import START
@@ -61,6 +63,7 @@ RULES: tuple[Rule[Any], ...] = tuple(
             *DRIFT,
             *PORTABILITY,
             *ROS_SERVICES,
+            *ROS_TOPICS,
             *ANOMALY,
             *ANOMALY_NAMES,
             *OBSERVED,
@@ -68,6 +71,7 @@ RULES: tuple[Rule[Any], ...] = tuple(
             *PROVISIONING,
             *ENVIRONMENT,
             *FORMAL,
+            *ASSERTED,
             *AUDIT,
         ),
         key=lambda rule: rule.code,

@@ -79,8 +79,9 @@ def _united(found: Sequence[Half]) -> tuple[str, ...]:
 def half_service(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An enclave may ask a service and not read its answers, or the reverse: the node fails when it makes the endpoint.
 
-    Decided over all service names, after deny rules and as each implementation reads the patterns. An allow rule has to
-    give the half that is there; a service that an action is made of is half-action's.
+    Decided over all service names, after deny rules and as each implementation reads the patterns. The half that is
+    there has to come from an allow rule that names requests or replies (`rq/`, `rr/`): who may read `*` records. A
+    service that an action is made of is half-action's.
     """
     yield from _halves(context, SERVICE_ROLES)
 

@@ -68,7 +68,7 @@ def asked(
 
 def _tells(role: str, operation: Operation, topic: str, listed: Sequence[str]) -> bool:
     if role in ("request", "reply"):
-        return True
+        return any(topic[:3] in text and parse(text, Matcher.POSIX).matches(topic) for text in listed)
     if topic.startswith("rt/"):
         return operation is Operation.PUBLISH and topic in listed
     return any("/_action/" in text and parse(text, Matcher.POSIX).matches(topic) for text in listed)
@@ -163,6 +163,7 @@ def test_who_only_watches_an_action_has_no_half_of_it() -> None:
 def test_a_pattern_and_a_name() -> None:
     """Every service may be asked, one may answer: the witness is another one."""
     (half,) = found(own(allow(["rq/arm/*Request"], ["rr/arm/addReply"])), "spec")
+    assert found(own(allow(["rt/chatter"], ["*"])), "spec") == (), "who records everything"
     assert (half.role, half.several) == ("request", True)
     assert half.name.startswith("/arm/")
     assert half.name != "/arm/add"

@@ -15,6 +15,7 @@ from keystore_audit.rules import BY_CODE, RULES
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from tests.rules import (
+    test_anomaly_rules,
     test_certificate_rules,
     test_divergence_rules,
     test_drift_rules,
@@ -34,8 +35,8 @@ CATALOGUE = {
     "KA3": range(301, 318),
     "KA4": range(401, 424),
     "KA5": range(501, 522),
-    "KA6": (*range(601, 628), *range(630, 635), *range(640, 647), *range(650, 655), *range(660, 668), *range(670, 677)),
-    "KA7": (*range(701, 708), *range(711, 716), *range(721, 726), 731),
+    "KA6": (*range(601, 628), *range(630, 637), *range(640, 647), *range(650, 655), *range(660, 668), *range(670, 677)),
+    "KA7": (*range(701, 708), *range(711, 716), *range(721, 726), 731, 740),
     "KA9": range(901, 909),
 }
 
@@ -80,6 +81,7 @@ def test_every_rule_has_a_test_that_makes_it_speak() -> None:
         test_permissions_rules.CASES,
         test_provisioning_rules.CASES,
         test_divergence_rules.CASES,
+        test_anomaly_rules.CASES,
         test_drift_rules.CASES,
         test_observed_rules.CASES,
         test_ros_rules.CASES,

@@ -13,10 +13,12 @@ from keystore_audit.model.interpret import interpret
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.rules.judge import judge
 from keystore_audit.rules.ros_services import ROS_SERVICES
+from keystore_audit.rules.ros_topics import ROS_TOPICS
 from tests.rules.divergent import chosen, ruled, views
 from tests.rules.evidence import AT, allow, context, enclave, grant, keystore, permissions
 
-OWN = ROS_SERVICES
+OWN = (*ROS_SERVICES, *ROS_TOPICS)
+DISCOVERY = allow(["ros_discovery_info"], ["ros_discovery_info"])
 STOCK = ["rt/*", "rq/*Request", "rr/*Reply"]
 SET, SET_REPLY = "rq/arm/set_parametersRequest", "rr/arm/set_parametersReply"
 CHANGE, CHANGE_REPLY = "rq/arm/change_stateRequest", "rr/arm/change_stateReply"
@@ -29,15 +31,10 @@ STATUS = ["rt/move/_action/feedback", "rt/move/_action/status"]
 
 def two(talker: Rule, listener: Rule | None = None, *more: Rule) -> Keystore:
     """Two enclaves with these rules."""
-    return keystore(
-        enclave("/talker", permissions=permissions("enclaves/talker/permissions.p7s", grant("/talker", talker, *more))),
-        enclave(
-            "/listener",
-            permissions=permissions(
-                "enclaves/listener/permissions.p7s", grant("/listener", listener or allow(["rt/a"]))
-            ),
-        ),
-    )
+    own = permissions("enclaves/talker/permissions.p7s", grant("/talker", talker, *more, DISCOVERY))
+    listening = listener or allow(["rt/a"])
+    other = permissions("enclaves/listener/permissions.p7s", grant("/listener", listening, DISCOVERY))
+    return keystore(enclave("/talker", permissions=own), enclave("/listener", permissions=other))
 
 
 def spoken(store: Keystore, *names: str) -> tuple[Finding, ...]:
@@ -52,6 +49,8 @@ CASES: dict[str, tuple[Keystore, list[str]]] = {
     "KA631": (two(allow(GOALS, [*RESULTS, *STATUS[:1]])), ["KA631"]),
     "KA632": (two(allow([SET], [SET_REPLY]), allow([SET_REPLY], [SET])), ["KA632"]),
     "KA633": (two(allow([CHANGE], [CHANGE_REPLY]), allow([CHANGE_REPLY], [CHANGE])), ["KA633"]),
+    "KA635": (two(allow(["rt/arm/*"])), ["KA635"]),
+    "KA636": (two(allow(["rt/rosout"])), ["KA636"]),
     "KA634": (two(allow(["rr/addReply"], ["rq/addRequest"]), allow(["rr/addReply"], ["rq/addRequest"])), ["KA634"]),
 }
 """A keystore in which the rule speaks."""
@@ -150,10 +149,10 @@ def test_a_grant_in_another_document_counts() -> None:
     """The listener's document also grants the talker a call: peers take it (measured)."""
     given: Any = permissions(
         "enclaves/listener/permissions.p7s",
-        grant("/listener", allow([SET_REPLY], [SET])),
+        grant("/listener", allow([SET_REPLY], [SET]), DISCOVERY),
         grant("/talker", allow([SET], [SET_REPLY])),
     )
-    own = permissions("enclaves/talker/permissions.p7s", grant("/talker", allow(["rt/a"])))
+    own = permissions("enclaves/talker/permissions.p7s", grant("/talker", allow(["rt/a"]), DISCOVERY))
     store = keystore(enclave("/talker", permissions=own), enclave("/listener", permissions=given))
     (finding,) = (f for f in spoken(store) if f.code == "KA632")
     assert finding.enclave == "/talker"
@@ -169,3 +168,57 @@ def test_who_answers_by_a_pattern_what_others_list() -> None:
         "enclaves/talker/permissions.p7s",
         "enclaves/listener/permissions.p7s",
     ]
+
+
+@pytest.mark.parametrize(
+    ("topics", "severity"),
+    [
+        (allow(["rt/*_action/status"]), Severity.MEDIUM),
+        (allow(["rt/move/*"]), Severity.MEDIUM),
+        (allow([], ["rt/move/*"]), Severity.LOW),
+        (allow(["rt/arm/*"]), Severity.LOW),
+        (allow(["rt/arm/?*"]), Severity.LOW),
+        (allow(["rt/move/_action/*"]), None),
+        (allow(["rt/camera_?"]), None),
+        (allow(["rt/*/image"]), None),
+        (allow(STOCK, STOCK), None),
+        (allow(["rt/*"]), None),
+    ],
+)
+def test_patterns_that_take_in_actions(topics: Rule, severity: Severity | None) -> None:
+    found = [f for f in spoken(two(topics, allow([*RESULTS, *STATUS], GOALS))) if f.code == "KA635"]
+    assert [finding.severity for finding in found] == ([severity] if severity else [])
+    if severity is Severity.MEDIUM:
+        assert "as of /move, which /listener serves" in found[0].message
+
+
+def test_a_deny_rule_keeps_actions_out() -> None:
+    denied = allow(["*/_action/*"], ["*/_action/*"], allows=False)
+    assert [f.code for f in spoken(two(denied, None, allow(["rt/arm/*"], ["rt/arm/*"])))] == []
+
+
+def test_without_discovery_no_node_is_made() -> None:
+    def store(*rules: Rule) -> Keystore:
+        own = permissions("enclaves/talker/permissions.p7s", grant("/talker", *rules))
+        return keystore(enclave("/talker", permissions=own))
+
+    (finding,) = spoken(store(allow(["rt/chatter"])))
+    assert (finding.code, finding.severity) == ("KA636", Severity.MEDIUM)
+    assert finding.message == (
+        "/talker may not publish ros_discovery_info, subscribe to ros_discovery_info: no node of it is made."
+    )
+    assert spoken(store(allow(["square"]))) == (), "no ROS 2 name at all"
+    assert spoken(store(allow(["rt/a", "ros_discovery_*"], ["ros_*"]))) == ()
+    denied = allow(["ros_*"], allows=False)
+    (half,) = spoken(store(denied, allow(["rt/a", "ros_discovery_info"], ["ros_discovery_info"])))
+    assert half.message == "/talker may not publish ros_discovery_info: no node of it is made."
+
+
+def test_what_some_of_the_usual_is_there_without() -> None:
+    (finding,) = spoken(two(allow(["rt/rosout", "rt/parameter_events"])))
+    assert (finding.severity, finding.message) == (
+        Severity.INFO,
+        "/talker may not subscribe to /parameter_events: nodes that are not told to do without fail.",
+    )
+    whole = allow(["rt/rosout", "rt/parameter_events"], ["rt/parameter_events"])
+    assert spoken(two(whole)) == ()

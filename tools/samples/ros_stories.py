@@ -49,6 +49,7 @@ def stories() -> Iterator[Story]:
     """All pairs of KA63."""
     yield from _halves()
     yield from _reach()
+    yield from _topics()
 
 
 def _halves() -> Iterator[Story]:
@@ -109,4 +110,29 @@ def _reach() -> Iterator[Story]:
             _two(replace(_server("/reset"), publish=("rr/resetReply", CHATTER)), _server("/reset")),
         ),
         good=Case("The listener's alone may.", _two(_client("/reset"), _server("/reset"))),
+    )
+
+
+def _topics() -> Iterator[Story]:
+    serving = Rule(publish=(*RESULTS, *TOPICS), subscribe=(CHATTER, *GOALS))
+    yield from pair(
+        "KA635",
+        "wildcard-grants-actions",
+        bad=Case(
+            "The talker may publish whatever is below /dock, and so the feedback and status of the action /dock, which "
+            "the listener serves.",
+            _two(Rule(publish=(CHATTER, "rt/dock/*")), serving),
+        ),
+        good=Case("It may publish /dock/light alone.", _two(Rule(publish=(CHATTER, "rt/dock/light")), serving)),
+    )
+    usual = ("rt/rosout", "rt/parameter_events")
+    yield from pair(
+        "KA636",
+        "missing-usual-topics",
+        bad=Case(
+            "The talker may log and tell changes of parameters, but not hear of those of others: its nodes fail unless "
+            "they are told to do without.",
+            _two(Rule(publish=(CHATTER, *usual))),
+        ),
+        good=Case("It may hear of them too.", _two(Rule(publish=(CHATTER, *usual), subscribe=usual[1:]))),
     )

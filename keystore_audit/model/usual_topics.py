@@ -1,0 +1,116 @@
+"""The topics that every ROS 2 node uses, and which of them an enclave may not use.
+
+Asked of the grant alone, in the default partition and in whatever domain, as the specification has it. What nodes use
+is in `ros2/sros2`, policy/common/node.xml; ros_discovery_info is added by sros2 itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from keystore_audit.findings import Location
+from keystore_audit.keystore.governance import Text
+from keystore_audit.keystore.keystore import Enclave
+from keystore_audit.keystore.permissions import Grant, Operation
+from keystore_audit.model.coverage import has_wildcard
+from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.names import DISCOVERY_TOPIC, is_ros_dds_name
+
+PUBLISH, SUBSCRIBE = Operation.PUBLISH, Operation.SUBSCRIBE
+Use = tuple[Operation, str]
+
+DISCOVERY: Final[tuple[Use, ...]] = ((PUBLISH, DISCOVERY_TOPIC), (SUBSCRIBE, DISCOVERY_TOPIC))
+"""Without these no participant of a ROS 2 process is made (measured, Foxy and later)."""
+
+USUAL: Final[tuple[Use, ...]] = (
+    (PUBLISH, "rt/rosout"),
+    (PUBLISH, "rt/parameter_events"),
+    (SUBSCRIBE, "rt/parameter_events"),
+)
+"""Without these a node is not made unless it is told to do without (rcl: enable_rosout; rclcpp: parameter services)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unusual:
+    """An enclave (its path) whose grant lacks some of what ROS 2 nodes use.
+
+    `lacks`: uses; `starts`: whether none of them is of those without which no node is made. `location`: the grant.
+    """
+
+    enclave: str
+    lacks: tuple[Use, ...]
+    starts: bool
+    location: Location
+
+
+def unusual(enclaves: Iterable[Enclave], *, discovers: bool) -> Iterator[Unusual]:
+    """Enclaves that lack some; `discovers`: whether their ROS 2 has ros_discovery_info (Foxy and later).
+
+    An enclave with none of the `USUAL` is taken to do without, as nodes can be told to.
+    """
+    for enclave in enclaves:
+        document = enclave.permissions.permissions if enclave.permissions else None
+        first = enclave.certificate.first if enclave.certificate else None
+        grants = document.grants if document is not None and first is not None else ()
+        grant = next((each for each in grants if first is not None and each.subject_name.text == first.subject), None)
+        if grant is None or enclave.permissions is None or not any(rule.allow for rule in grant.rules):
+            continue
+        lacks = missing(grant, (*DISCOVERY, *USUAL))
+        if not lacks or not _is_of_ros(grant):
+            continue
+        undiscovered = tuple(use for use in lacks if use in DISCOVERY) if discovers else ()
+        advised = tuple(use for use in lacks if use in USUAL)
+        told = undiscovered or (advised if len(advised) < len(USUAL) else ())
+        if told:
+            place = Location(path=enclave.permissions.signed.file.place, line=grant.line)
+            yield Unusual(enclave=enclave.path, lacks=told, starts=not undiscovered, location=place)
+
+
+def missing(grant: Grant, uses: Sequence[Use]) -> tuple[Use, ...]:
+    """Those of the uses that the grant does not allow in any domain. A default that allows, allows them."""
+    if grant.default_allow:
+        return ()
+    if all(rule.allow for rule in grant.rules):
+        listed = {each: set(_listed(grant, each)) for each in (PUBLISH, SUBSCRIBE)}
+        uses = [(operation, topic) for operation, topic in uses if topic not in listed[operation]]
+    return tuple(use for use in uses if not _allows(grant, *use))
+
+
+def _is_of_ros(grant: Grant) -> bool:
+    """Whether an allow rule lists something that ROS 2 has a name for, discovery apart, or a pattern."""
+    return any(
+        has_wildcard(text) or (text != DISCOVERY_TOPIC and is_ros_dds_name(text))
+        for operation in (PUBLISH, SUBSCRIBE)
+        for text in _listed(grant, operation)
+    )
+
+
+def _allows(grant: Grant, operation: Operation, topic: str) -> bool:
+    """Whether the first rule that matches the topic, in the default partition, allows it."""
+    for rule in grant.rules:
+        for criterion in rule.criteria:
+            here = criterion.partitions is None or _matched(criterion.partitions, "")
+            if criterion.operation is operation and here and _matched(criterion.topics, topic):
+                return rule.allow
+    return False
+
+
+def _matched(texts: Iterable[Text], name: str) -> bool:
+    return any(
+        text.text == name or (has_wildcard(text.text) and parse(text.text, Matcher.POSIX).matches(name))
+        for text in texts
+    )
+
+
+def _listed(grant: Grant, operation: Operation) -> Iterator[str]:
+    """What its allow rules list in the default partition alone; other partitions take a closer look."""
+    return (
+        text.text
+        for rule in grant.rules
+        if rule.allow
+        for criterion in rule.criteria
+        if criterion.operation is operation and criterion.partitions is None
+        for text in criterion.topics
+    )

@@ -1,0 +1,81 @@
+"""KA6: topics as ROS 2 nodes use them (`model.ros_patterns`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+from keystore_audit.findings import Severity
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.names import ros_name
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.permissions import WRITE_AGAIN
+from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.wording import listed, places, quoted
+
+_MAY: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "subscribe to"}
+_DOES: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "read"}
+
+
+@rule(
+    "KA635",
+    "wildcard-grants-actions",
+    Severity.LOW,
+    on=Keystore,
+    clause="ROS 2 design, actions (topics feedback and status below the name and _action)",
+    remedy=f"Name each topic, and each action: {WRITE_AGAIN}",
+)
+def wildcard_grants_actions(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """A pattern for topics takes in the feedback and the status of actions, which it does not name.
+
+    Medium where it lets the enclave publish those of an action that another enclave serves: clients of the action then
+    take what it says for the server's. An enclave that may do everything has allow-everything-permissions, and only
+    that. Looked at is what an enclave's own document allows, as the specification reads it.
+    """
+    for found in context.meaning.ros.actions if context.meaning.ros is not None else ():
+        more = f" and {found.count - 1} more" if found.count > 1 else ""
+        of = f"which {found.owner} serves" if found.owner is not None else "if there is one"
+        yield Violation(
+            message=f"By {quoted(found.expression)}{more} {found.enclave} may {_DOES[found.operation]} feedback and "
+            f"status of actions too, as of {found.action}, {of}.",
+            locations=places(found.locations),
+            enclave=found.enclave,
+            severity=Severity.MEDIUM if found.owner is not None and found.operation is Operation.PUBLISH else None,
+            key=f"{found.operation.value} {found.expression}",
+        )
+
+
+@rule(
+    "KA636",
+    "missing-usual-topics",
+    Severity.INFO,
+    on=Keystore,
+    clause="ros2/sros2, policy/common/node.xml; measured: without ros_discovery_info no participant of ROS 2 is made",
+    remedy="Include sros2's common/node.xml in the profile, and let sros2 add ros_discovery_info: "
+    "`ros2 security create_permission KEYSTORE ENCLAVE policy.xml`.",
+)
+def missing_usual_topics(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """An enclave lacks rights that every ROS 2 node uses: ros_discovery_info, /rosout, /parameter_events.
+
+    Medium without ros_discovery_info, which Foxy and later publish and read in every process: no node is made. The
+    others are advice, where some are there and some are not; a node can be told to do without, and an enclave with none
+    of them is taken to hold such nodes. /clock is read by nodes with simulated time alone.
+    """
+    for found in context.meaning.ros.unusual if context.meaning.ros is not None else ():
+        lacks = listed(f"{_MAY[operation]} {_name(topic)}" for operation, topic in found.lacks)
+        follows = "nodes that are not told to do without fail" if found.starts else "no node of it is made"
+        yield Violation(
+            message=f"{found.enclave} may not {lacks}: {follows}.",
+            locations=(found.location,),
+            enclave=found.enclave,
+            severity=None if found.starts else Severity.MEDIUM,
+            key=lacks,
+        )
+
+
+def _name(topic: str) -> str:
+    return topic if not topic.startswith("rt/") else ros_name(topic).partition(" ")[0]
+
+
+ROS_TOPICS: tuple[Rule[Any], ...] = (wildcard_grants_actions, missing_usual_topics)
