@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 from zoneinfo import ZoneInfo
 
 from keystore_audit import __version__
-from keystore_audit.engine.agreement import combine
+from keystore_audit.engine.agreement import combine, combine_claims
 from keystore_audit.engine.alloy.facts import write_model
 from keystore_audit.engine.engines import run_engines
 from keystore_audit.engine.horizon import Horizon, horizon
@@ -30,7 +30,7 @@ from keystore_audit.model.profiles import DEFAULT, Evidence, Profile, resolve, r
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineStatus
-from keystore_audit.report.content import EnclaveEntry, Report, Scope, Verdict
+from keystore_audit.report.content import EnclaveEntry, Report, Scope, SettingsFile, Verdict
 from keystore_audit.rules import RULES
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import Judgement, judge
@@ -38,6 +38,7 @@ from keystore_audit.rules.judge import Judgement, judge
 if TYPE_CHECKING:
     from keystore_audit.intent.policy import Policy
     from keystore_audit.model.drift import Drift
+    from keystore_audit.settings import Settings
 
 ASSUMPTIONS = (
     (
@@ -56,7 +57,7 @@ NOT_CHECKED = (
         "Signed documents that are kept elsewhere than in this directory, though peers take whatever valid document is "
         "presented to them."
     ),
-    "Flows through several enclaves, and flows by timing, acknowledgements or matching.",
+    "Flows that no settings ask about, and flows by timing, acknowledgements or matching.",
 )
 """What this version does not look at."""
 
@@ -99,6 +100,7 @@ class Options:
     deployed: bool = False
     select: tuple[str, ...] = field(default=())
     ignore: tuple[str, ...] = field(default=())
+    settings: Settings | None = None
     environment: Path | None = None
     """The file of variables that the robots start with: profile and domain are taken from it where not given."""
     graphs: tuple[Path, ...] = ()
@@ -124,12 +126,13 @@ def audit(
     profiles = resolve(options.profiles)
     policy = _policy(options)
     intents = _observed(options)
+    claims = options.settings.claims if options.settings else ()
     keystore = read_keystore(path, progress=progress.enclaves if progress else None)
     if progress:
         progress.stage("working out what the documents mean")
     accesses = AccessViews(documents_of(keystore), options.at, options.time_zone)
     usabilities = Usabilities(options.domain, accesses)
-    meaning = interpret(keystore, profiles, options.at, accesses, usabilities, options.domain)
+    meaning = interpret(keystore, profiles, options.at, accesses, usabilities, options.domain, claims)
     native = NativeEngine(meaning.systems)
     runs, answers = run_engines(
         native,
@@ -139,12 +142,13 @@ def audit(
         timeout=options.timeout,
         stage=progress.stage if progress else None,
     )
-    results = combine(meaning.systems, answers, [profile.name for profile in profiles])
+    names = [profile.name for profile in profiles]
+    asserted = combine_claims(claims, meaning.systems, answers, names) if claims else ()
     context = Context(
         keystore=keystore,
         meaning=meaning,
         drift=_drift(keystore, policy, options, profiles, accesses) if policy is not None else None,
-        results=results,
+        results=(*combine(meaning.systems, answers, names), *asserted),
         engines=runs,
         at=options.at,
         expires_within=options.expires_within,
@@ -208,6 +212,7 @@ def _report(context: Context, judgement: Judgement, safe: Horizon, options: Opti
         outcomes=judgement.outcomes,
         scope=_scope(context),
         files=context.keystore.contents,
+        settings=_settings(options),
     )
 
 
@@ -227,6 +232,11 @@ def _drift(
     from keystore_audit.model.drift import drift
 
     return drift(keystore, policy, profiles, options.at, accesses, options.domain)
+
+
+def _settings(options: Options) -> SettingsFile | None:
+    given = options.settings
+    return None if given is None else SettingsFile(path=given.path, sha256=given.sha256)
 
 
 def _complete(context: Context, judgement: Judgement) -> bool:

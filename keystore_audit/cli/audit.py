@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from keystore_audit.cli import formats, output
+from keystore_audit.cli import formats, output, settings
 from keystore_audit.cli import options as opt
 from keystore_audit.cli.progress import Watch
 from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, AuditError, NothingToAudit, UsageError
@@ -101,6 +101,7 @@ WORST_FIRST: Final = (EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, 1, 0)
     metavar="DIR",
     help="The policy may include files from below DIR (default: from beside it).",
 )
+@settings.option
 @click.option("--deployed", is_flag=True, help="This tree goes on a robot: CA private keys in it are critical.")
 @click.option(
     "--select", type=opt.rule_code, multiple=True, metavar="CODE", help="Only this rule or family (repeatable)."
@@ -150,12 +151,12 @@ def command(keystores: tuple[str, ...], **given: Any) -> int:
     if len(keystores) > 1 and (given["graphs"] or given["launches"]):
         raise click.UsageError("--graph and --launch show the nodes of one keystore: name one KEYSTORE.")
     output.check(given["targets"], keystores)
-    reports, code = _audit_all(keystores, _options(given), quiet=given["quiet"], verbose=given["verbose"])
+    reports, code = _audit_all(keystores, _options(given, keystores), quiet=given["quiet"], verbose=given["verbose"])
     _deliver(reports, given, several=len(keystores) > 1)
     return code
 
 
-def _options(given: dict[str, Any]) -> Options:
+def _options(given: dict[str, Any], keystores: Sequence[str]) -> Options:
     from keystore_audit.audit import Options
 
     at: datetime | None = given["at"]
@@ -180,6 +181,7 @@ def _options(given: dict[str, Any]) -> Options:
         graphs=given["graphs"],
         launches=given["launches"],
         launch_arguments=dict(given["launch_arguments"]),
+        settings=settings.chosen(given, keystores),
     )
 
 

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from keystore_audit.engine.counterexample import describe
+from keystore_audit.engine.counterexample_claims import describe_claim, forgers
+from keystore_audit.model.claim import ClaimKind
+from keystore_audit.model.claims import Claim
 from keystore_audit.model.system import Reading, System
 from keystore_audit.properties import PROPERTIES, Answer, Status
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.property import Property
-from keystore_audit.properties.result import ProfileResult, PropertyResult
+from keystore_audit.properties.result import AssertedResult, ProfileResult, PropertyResult
 
 Decide = Callable[[System], Mapping[str, Answer]]
 
@@ -36,13 +40,57 @@ def combine(
     results = []
     for prop in PROPERTIES:
         by_profile: dict[str, ProfileResult] = {}
+        tell = partial(_told, systems, prop)
         for profile, kind in kinds.items():
             key = (prop.id, kind)
             if key not in shared:
-                shared[key] = _result(prop, kind, systems, engines)
+                shared[key] = _result(prop, kind, systems, engines, tell)
             by_profile[profile] = shared[key]
         results.append(PropertyResult(prop=prop, profiles=by_profile))
     return tuple(results)
+
+
+def _told(systems: Sequence[System], prop: Property, number: int, answer: Answer) -> Counterexample:
+    return describe(systems[number], prop, answer.witnesses[0])
+
+
+def combine_claims(
+    claims: Sequence[Claim], systems: Sequence[System], engines: Sequence[EngineAnswers], profiles: Sequence[str]
+) -> tuple[AssertedResult, ...]:
+    """The result of every claim under every profile, as for properties."""
+    return tuple(_asserted(number, claim, systems, engines, profiles) for number, claim in enumerate(claims))
+
+
+def _asserted(
+    number: int, claim: Claim, systems: Sequence[System], engines: Sequence[EngineAnswers], profiles: Sequence[str]
+) -> AssertedResult:
+    shared: dict[tuple[int, ...], ProfileResult] = {}
+    by_profile: dict[str, ProfileResult] = {}
+    prop = Property(
+        id=claim.id,
+        statement=claim.statement,
+        attacker=claim.attacker.value,
+        clause=f"asserted in {claim.location.path}",
+        assertion="",
+        roles=(),
+    )
+
+    def tell(at: int, answer: Answer) -> Counterexample:
+        return describe_claim(systems[at], systems[at].claims[number], answer)
+
+    for profile in profiles:
+        kind = _kind(systems, profile)
+        if kind not in shared:
+            shared[kind] = _result(prop, kind, systems, engines, tell)
+        by_profile[profile] = shared[kind]
+    only = claim.kind is ClaimKind.ONLY_PUBLISH
+    return AssertedResult(
+        prop=prop,
+        profiles=by_profile,
+        severity=claim.severity,
+        location=claim.location,
+        forgers=tuple(dict.fromkeys(n for s in systems for n in forgers(s, s.claims[number]))) if only else (),
+    )
 
 
 def _kind(systems: Sequence[System], profile: str) -> tuple[int, ...]:
@@ -51,14 +99,25 @@ def _kind(systems: Sequence[System], profile: str) -> tuple[int, ...]:
 
 
 def _result(
-    prop: Property, kind: tuple[int, ...], systems: Sequence[System], engines: Sequence[EngineAnswers]
+    prop: Property,
+    kind: tuple[int, ...],
+    systems: Sequence[System],
+    engines: Sequence[EngineAnswers],
+    tell: Callable[[int, Answer], Counterexample],
 ) -> ProfileResult:
     statuses = {
-        engine.engine: _both_readings([engine.answers[number][prop.id].status for number in kind]) for engine in engines
+        engine.engine: _both_readings([_status(engine.answers[number].get(prop.id)) for number in kind])
+        for engine in engines
     }
     distinct = set(statuses.values())
     status = distinct.pop() if len(distinct) == 1 else Status.UNKNOWN
-    return ProfileResult(status=status, engines=statuses, counterexample=_counterexample(prop, kind, systems, engines))
+    example = _counterexample(prop, kind, systems, engines, tell)
+    return ProfileResult(status=status, engines=statuses, counterexample=example)
+
+
+def _status(answer: Answer | None) -> Status:
+    """No answer is no "holds"."""
+    return Status.UNKNOWN if answer is None else answer.status
 
 
 def _both_readings(statuses: Sequence[Status]) -> Status:
@@ -67,7 +126,11 @@ def _both_readings(statuses: Sequence[Status]) -> Status:
 
 
 def _counterexample(
-    prop: Property, kind: tuple[int, ...], systems: Sequence[System], engines: Sequence[EngineAnswers]
+    prop: Property,
+    kind: tuple[int, ...],
+    systems: Sequence[System],
+    engines: Sequence[EngineAnswers],
+    tell: Callable[[int, Answer], Counterexample],
 ) -> Counterexample | None:
     """A counterexample in the user's names: from the MUST reading where it has one, since that is certain.
 
@@ -77,7 +140,7 @@ def _counterexample(
     certain_first = sorted(kind, key=lambda number: systems[number].reading is Reading.MAY)
     for number in certain_first:
         for engine in native_first:
-            witnesses = engine.answers[number][prop.id].witnesses
-            if witnesses:
-                return describe(systems[number], prop, witnesses[0])
+            answer = engine.answers[number].get(prop.id)
+            if answer is not None and answer.witnesses:
+                return tell(number, answer)
     return None

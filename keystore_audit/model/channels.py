@@ -121,14 +121,16 @@ def build_channels(
     )
 
 
-def document_channels(read: Mapping[Access, Iterable[ReadDocument]], points: Sequence[Point] | None = None) -> Channels:
+def document_channels(
+    read: Mapping[Access, Iterable[ReadDocument]], points: Sequence[Point] | None = None, claimed: Iterable[Named] = ()
+) -> Channels:
     """The channels that documents tell apart, as implementations of each access row read them.
 
-    `points`: as in `build_channels`, which says what is raised.
+    `points`: as in `build_channels`, which says what is raised. `claimed`: names that have to be told apart as well.
     """
     governed: dict[tuple[Interval, ...], None] = {}
     ruled: dict[tuple[Interval, ...], None] = {}
-    regions: dict[Named, None] = {}
+    regions: dict[Named, None] = dict.fromkeys(claimed)
     for access, documents in read.items():
         for document in documents:
             for domain_rule in document.domain_rules or ():

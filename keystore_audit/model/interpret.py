@@ -11,6 +11,7 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.anomalies import anomalies
 from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.claims import Claim, with_claims
 from keystore_audit.model.divergence import divergences
 from keystore_audit.model.doubt import keystore_doubts
 from keystore_audit.model.meaning import Doubt, Meaning, UngovernedTopics, Usability
@@ -30,20 +31,24 @@ def interpret(
     accesses: AccessViews,
     usabilities: Usabilities,
     domain: int | None = None,
+    claims: Sequence[Claim] = (),
 ) -> Meaning:
     """The meaning of a keystore under the profiles at `at` (aware UTC).
 
     `domain`: the one in which enclaves are to start, as in `usabilities`; None: some domain of 0..232.
 
+    `claims`: what users claim; errors.UsageError for one of something that is not there.
+
     Topic classes over budget leave `systems` empty and say why: nothing is decided then.
     """
     over_budget: str | None = None
     systems: tuple[System, ...] = ()
+    usability = usability_by_profile(keystore, profiles, at, usabilities)
     try:
-        systems = SystemBuilder(keystore, profiles, at, accesses).systems()
+        builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims)
+        systems = with_claims(builder.systems(), claims, builder.channels, keystore, usability)
     except BudgetExceeded as exceeded:
         over_budget = exceeded.message
-    usability = usability_by_profile(keystore, profiles, at, usabilities)
     return Meaning(
         systems=systems,
         usability=usability,

@@ -15,6 +15,7 @@ from keystore_audit.keystore.issuer import fit_to_sign
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.access_view import AccessViews, ReadDocument
 from keystore_audit.model.channels import Point, document_channels
+from keystore_audit.model.claims import Claim, claim_regions
 from keystore_audit.model.doubt import identity_doubt, realm_doubt
 from keystore_audit.model.inventory import (
     Document,
@@ -45,6 +46,7 @@ class SystemBuilder:
     """The systems of a keystore for the implementations in question; what they have in common is worked out once.
 
     `accesses`: how they read its documents. `points`: only these names are channels; None: all names, in classes.
+    `claims`: the names and instants that they speak of take part.
     Raises errors.BudgetExceeded where the classes are too many.
     """
 
@@ -55,6 +57,7 @@ class SystemBuilder:
         at: datetime,
         accesses: AccessViews,
         points: Sequence[Point] | None = None,
+        claims: Sequence[Claim] = (),
     ) -> None:
         self._keystore = keystore
         self._profiles = profiles
@@ -65,8 +68,9 @@ class SystemBuilder:
         self._certificates = certificates_of(keystore, self._documents)
         self._number = {certificate.sha256: n for n, certificate in enumerate(self._certificates)}
         grants = (g for read in self._read.values() for document in read for g in document.grants or ())
-        self._instants = instants_of(self._certificates, grants, at)
-        self.channels = document_channels(self._read, points)
+        ends = {claim.until for claim in claims if claim.until is not None and claim.until > at}
+        self._instants = tuple(sorted({*instants_of(self._certificates, grants, at), *ends}))
+        self.channels = document_channels(self._read, points, claim_regions(claims) if claims else ())
         self._rule_atoms = RuleAtoms(self.channels, self._instants)
         self._issuers = self._issue()
         self._typed: dict[object, Atoms] = {}

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 
+from keystore_audit.findings import Location, Severity
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.property import Property, Status
 
@@ -66,3 +67,15 @@ class PropertyResult:
     def engines_agree(self) -> bool:
         """Whether, under every profile, all engines that answered gave the same answer."""
         return all(len(set(result.engines.values())) <= 1 for result in self.profiles.values())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AssertedResult(PropertyResult):
+    """A property that a user asserts, and its answers. `location`: where it is asserted, beside the keystore.
+
+    `forgers`: where only some may publish a topic, enclaves that could pass for one of them with the keys they hold.
+    """
+
+    severity: Severity
+    location: Location
+    forgers: tuple[str, ...] = ()

@@ -27,14 +27,14 @@ def _violated(result: PropertyResult) -> Iterator[Violation]:
     enclaves = {step.enclave for step in example.steps if step.enclave is not None} if example else set()
     yield Violation(
         message=example.text if example else f"This is violated, and no example was given: {result.prop.statement}",
-        locations=_steps(example) if example else (),
+        locations=steps(example) if example else (),
         enclave=enclaves.pop() if len(enclaves) == 1 else None,
         profiles=() if len(answers) == len(result.profiles) else tuple(answers),
         key=result.prop.id,
     )
 
 
-def _steps(example: Counterexample) -> tuple[Location, ...]:
+def steps(example: Counterexample) -> tuple[Location, ...]:
     """The lines that make the counterexample possible, each with what it is about."""
     return places(
         Location(

@@ -107,7 +107,7 @@ class _Run:
                 if not issubclass(kind, rule.on):
                     continue
                 # A rule of KA7 is about the property of its name; others, of any family, about all of their kind.
-                one = kind is PropertyResult and rule.family == "KA7"
+                one = rule.on is PropertyResult and rule.family == "KA7"
                 self._put(rule, [(name, subject) for name, subject in about if name == rule.name] if one else about)
 
     def _put(self, rule: Rule[Any], subjects: Iterable[tuple[str, object]]) -> None:

@@ -1,0 +1,39 @@
+"""Which settings a command goes by."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+if TYPE_CHECKING:
+    from keystore_audit.settings import Settings
+
+FILE_NAME: Final = "keystore-audit.toml"
+"""What is read from the working directory where no file is named."""
+
+option = click.option(
+    "--settings",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help=f"What is asserted of the keystore (else ./{FILE_NAME}, save in CI and with --deployed).",
+)
+
+
+def chosen(given: dict[str, Any], keystores: Sequence[str]) -> Settings | None:
+    """The settings named, else those in the working directory, but never where the directory may be anybody's.
+
+    Raises errors.UsageError for a file that is none.
+    """
+    path: Path | None = given["settings"]
+    if path is None:
+        in_ci = os.environ.get("CI", "").lower() not in ("", "0", "false")
+        path = Path(FILE_NAME)
+        if in_ci or given["deployed"] or not os.path.lexists(path):
+            return None
+    from keystore_audit.settings import read_settings
+
+    return read_settings(path, keystores)

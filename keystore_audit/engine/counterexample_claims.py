@@ -1,0 +1,124 @@
+"""Says how a claim is violated: hop by hop, with the lines that allow each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+from keystore_audit.engine import causes
+from keystore_audit.engine.causes import Operation
+from keystore_audit.engine.counterexample_case import Case, step_at
+from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind
+from keystore_audit.model.permission import Permissions, members
+from keystore_audit.model.system import System
+from keystore_audit.properties.counterexample import Counterexample, Step
+from keystore_audit.properties.property import Answer, Hop, Role
+
+MAX_FORGERS: Final = 5
+"""Enclaves named that could forge; the rest are counted."""
+
+_UNDER: Final = {
+    Attacker.HONEST: "as long as nobody attacks",
+    Attacker.SOURCE: "if it attacks",
+    Attacker.RELAYS: "if those on the way are compromised too",
+}
+
+
+def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Counterexample:
+    """The violation of a claim that an engine found, in the user's names."""
+    when, system = _then(system, answer)
+    if claim.kind is ClaimKind.ABLE:
+        return Counterexample(text=f"Nothing gets there with the rights that enclaves have{when}.", steps=())
+    if answer.path:
+        text = f"{_route(system, claim, answer.path)} ({_UNDER[claim.attacker]}{when})."
+        steps = tuple(step for hop in answer.path for step in hop_steps(system, claim, hop))
+        return Counterexample(text=text, steps=tuple(dict.fromkeys(steps)))
+    witness = answer.witnesses[0] if answer.witnesses else {}
+    if claim.kind is ClaimKind.SEPARATE_DOMAINS and Role.DOMAIN in witness:
+        return _shared_domain(Case(system=system, witness=witness), when)
+    if Role.CHANNEL not in witness:
+        return Counterexample(text=f"It is violated, and no example was given{when}.", steps=())
+    case = Case(system=system, witness=witness)
+    if claim.kind is ClaimKind.ONLY_PUBLISH:
+        enclave = witness[Role.ENCLAVE]
+        return Counterexample(
+            text=f"{case.enclave.label} may publish {case.topic} too{when}.",
+            steps=case.right_steps(enclave, "publish") or case.governance_steps(),
+        )
+    who = "Anybody on the network" if claim.attacker is Attacker.OUTSIDER else f"{case.enclave.label}, which may not,"
+    return Counterexample(text=f"{who} can read {case.topic}: {case.kinds()}{when}.", steps=case.governance_steps())
+
+
+def _then(system: System, answer: Answer) -> tuple[str, System]:
+    """Since when it is so, where that is not now, and the system as of that instant."""
+    instant = answer.moment // 2 if answer.moment is not None else None
+    if instant is None and answer.path:
+        instant = answer.path[0].instant
+    if instant is None or instant == system.now:
+        after = answer.moment is not None and answer.moment % 2 and instant == system.now
+        return (f", after {_time(system, system.now)}" if after else ""), system
+    later = "after" if answer.moment is not None and answer.moment % 2 else "from"
+    return f", {later} {_time(system, instant)} on", replace(system, now=instant)
+
+
+def _time(system: System, instant: int) -> str:
+    return system.instants[instant].replace(tzinfo=None).isoformat(timespec="seconds") + "Z"
+
+
+def _route(system: System, claim: ClaimAtom, path: Sequence[Hop]) -> str:
+    """`/random -> /low_priority -> /multiplexer -> ...`: participants and topics in turn."""
+    words = [] if claim.source.channels else [_who(system, path[0].sender)]
+    for number, hop in enumerate(path):
+        words.append(_case(system, hop).topic)
+        if number < len(path) - 1 or not claim.target.channels:
+            words.append(_who(system, hop.receiver))
+    return " -> ".join(words)
+
+
+def _who(system: System, enclave: int | None) -> str:
+    return "anybody on the network" if enclave is None else system.enclaves[enclave].label
+
+
+def _case(system: System, hop: Hop) -> Case:
+    """The channel of a hop as its receiver's peers protect it."""
+    enclave = hop.receiver if hop.receiver is not None else hop.sender
+    realm = 0 if enclave is None else system.enclaves[enclave].realm
+    witness = {Role.REALM: realm, Role.CHANNEL: hop.channel}
+    return Case(system=system, witness=witness if enclave is None else {**witness, Role.ENCLAVE: enclave})
+
+
+def hop_steps(system: System, claim: ClaimAtom, hop: Hop) -> tuple[Step, ...]:
+    """The lines that let a sample over: of sender and receiver, else of the governance whose keys allow it."""
+    case = _case(system, hop)
+    ends: tuple[tuple[int | None, Operation], ...] = ((hop.sender, "publish"), (hop.receiver, "subscribe"))
+    found: list[Step] = []
+    missing = False
+    for enclave, operation in ends:
+        lines = () if enclave is None else case.right_steps(enclave, operation)
+        found += lines
+        missing = missing or (enclave is not None and not lines)
+    outside = (hop.sender is None and not claim.source.channels) or (hop.receiver is None and not claim.target.channels)
+    return (*found, *(case.governance_steps() if missing or outside or not found else ()))
+
+
+def _shared_domain(case: Case, when: str) -> Counterexample:
+    one, other = (case.system.enclaves[case.witness[role]] for role in (Role.ENCLAVE, Role.OTHER))
+    domain = case.system.domains[case.witness[Role.DOMAIN]].label
+    rule = causes.domain_rule(case.system, case.realm, case.witness[Role.DOMAIN])
+    step = step_at(None if rule is None else rule.location, channel=domain, witness=domain, enclave=None)
+    return Counterexample(text=f"{one.label} and {other.label} can both join {domain}{when}.", steps=(step,))
+
+
+def forgers(system: System, claim: ClaimAtom) -> tuple[str, ...]:
+    """Enclaves that are not among the permitted publishers and could pass for one with the keys that they hold."""
+    permissions = Permissions(system)
+    names = []
+    for realm in range(len(system.realms)):
+        view = RealmView(system, realm, permissions)
+        for number, enclave in enumerate(system.enclaves):
+            forged = set(members(view.abilities(number).forges)) if number not in claim.source.enclaves else set()
+            if forged & claim.target.channels and enclave.label not in names:
+                names.append(enclave.label)
+    return tuple(names)

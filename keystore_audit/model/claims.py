@@ -1,0 +1,193 @@
+"""What users claim of a keystore, in their words, and what that means in one system (docs/model.md, Claims)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from typing import Final
+
+from keystore_audit.errors import UsageError
+from keystore_audit.findings import Location, Severity
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.model.channels import Channels, Named
+from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.meaning import Usability
+from keystore_audit.model.semantics import Area
+from keystore_audit.model.system import Reading, System
+
+AMBIENT: Final = ("rt/clock", "rt/parameter_events", "rt/rosout", "ros_discovery_info")
+"""DDS topics that nearly every node has a right to: no flow takes them unless a claim includes them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Globs:
+    """A place as a user names it: globs on enclave paths, or on DDS topic names, or the outsider.
+
+    Globs are POSIX expressions, as in permissions: `*` also matches `/`.
+    """
+
+    enclaves: tuple[str, ...] = ()
+    topics: tuple[str, ...] = ()
+    outsider: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Claim:
+    """A property that a user asserts, or a question about a flow.
+
+    `id`: unique, `[a-z0-9-]+`. `statement`: a sentence. `until`: aware UTC, None: at the audit instant alone.
+    `location`: where it stands, `beside` the keystore; `place`: the same for people, `FILE:LINE:COLUMN`.
+    """
+
+    id: str
+    statement: str
+    kind: ClaimKind
+    attacker: Attacker
+    source: Globs
+    target: Globs
+    severity: Severity = Severity.HIGH
+    through: tuple[str, ...] = ()
+    include_ambient: bool = False
+    until: datetime | None = None
+    location: Location
+    place: str
+
+
+def claim_regions(claims: Iterable[Claim]) -> tuple[Named, ...]:
+    """The sets of names that the claims speak of: they take part in the classes, so that claims are exact."""
+    regions: dict[Named, None] = {}
+    for claim in claims:
+        for globs in (claim.source, claim.target):
+            if globs.topics:
+                regions[_named(globs.topics)] = None
+        if not claim.include_ambient:
+            regions[_named(AMBIENT)] = None
+    return tuple(regions)
+
+
+def _named(topics: tuple[str, ...]) -> Named:
+    return Matcher.POSIX, (Area(topics=topics, partitions=None),)
+
+
+def with_claims(
+    systems: Sequence[System],
+    claims: Sequence[Claim],
+    channels: Channels,
+    keystore: Keystore,
+    usability: Mapping[tuple[str, str], Usability],
+) -> tuple[System, ...]:
+    """The systems with the claims as facts. `usability`: by directory and profile, as in `Meaning`.
+
+    Raises errors.UsageError for a claim of something that is not in the keystore: it would hold for want of it.
+    """
+    if not claims or not systems:
+        return tuple(systems)
+    _check(claims, systems, channels, keystore)
+    return tuple(_Resolution(system, channels, keystore, usability).resolved(claims) for system in systems)
+
+
+def _check(claims: Sequence[Claim], systems: Sequence[System], channels: Channels, keystore: Keystore) -> None:
+    """Raises errors.UsageError for globs that find nothing, and for places that must differ and do not."""
+    paths = [enclave.path for enclave in keystore.enclaves]
+    used = _granted_channels(systems)
+    for claim in claims:
+        for glob in (*claim.source.enclaves, *claim.target.enclaves, *claim.through):
+            if not matching(glob, paths):
+                raise UsageError(f"{claim.place}: {glob!r} names no enclave of this keystore.")
+        for globs in (claim.source, claim.target):
+            if globs.topics and not channels.regions[_named(globs.topics)] & used:
+                names = ", ".join(map(repr, globs.topics))
+                raise UsageError(f"{claim.place}: no permissions document grants anything on the DDS topic {names}.")
+        if claim.kind is ClaimKind.SEPARATE_DOMAINS:
+            both = _all_matching(claim.source.enclaves, paths) & _all_matching(claim.target.enclaves, paths)
+            if both:
+                raise UsageError(f"{claim.place}: {min(both)!r} is on both sides.")
+
+
+def _granted_channels(systems: Sequence[System]) -> frozenset[int]:
+    """Channels that some document, as some implementation reads it, allows something on, or that may be one."""
+    everything = frozenset(range(len(systems[0].channels)))
+    granted: set[int] = set()
+    for system in systems:
+        if system.has_doubt or any(grant.default_allow for grant in system.grants):
+            return everything
+        for rule in system.rules:
+            if rule.allow:
+                granted |= rule.publish | rule.subscribe | rule.relay
+    return frozenset(granted)
+
+
+def matching(glob: str, names: Iterable[str]) -> list[str]:
+    """The names that the glob matches."""
+    pattern = parse(glob, Matcher.POSIX)
+    return [name for name in names if pattern.matches(name)]
+
+
+def _all_matching(globs: Iterable[str], names: Sequence[str]) -> set[str]:
+    return {name for glob in globs for name in matching(glob, names)}
+
+
+class _Resolution:
+    """Claims in the atoms of one system."""
+
+    def __init__(
+        self,
+        system: System,
+        channels: Channels,
+        keystore: Keystore,
+        usability: Mapping[tuple[str, str], Usability],
+    ) -> None:
+        self._system = system
+        self._channels = channels
+        self._known = {enclave.path for enclave in keystore.enclaves}
+        self._labels = [enclave.label for enclave in system.enclaves]
+        certain = system.reading is Reading.MUST or not system.has_doubt
+        stopped = set()
+        for enclave in keystore.enclaves:
+            starts = [usability[enclave.files.directory, profile].usable for profile in system.profiles]
+            if not all(True if each is None and not certain else each for each in starts):
+                stopped.add(enclave.path)
+        self._stopped = frozenset(n for n, label in enumerate(self._labels) if label in stopped)
+
+    def resolved(self, claims: Iterable[Claim]) -> System:
+        """The system with the claims."""
+        return replace(self._system, claims=tuple(map(self._atom, claims)))
+
+    def _atom(self, claim: Claim) -> ClaimAtom:
+        able = claim.kind is ClaimKind.ABLE
+        away = self._stopped if able else frozenset()  # who does not start is no place and no way
+        allowed = claim.kind is ClaimKind.ONLY_PUBLISH
+        return ClaimAtom(
+            id=claim.id,
+            kind=claim.kind,
+            attacker=claim.attacker,
+            source=self._place(claim.source, away, unread=not allowed),
+            target=self._place(claim.target, away),
+            through=self._enclaves(claim.through, unread=False) | away,
+            left_out=frozenset() if claim.include_ambient else self._channels.regions[_named(AMBIENT)],
+            until=None if claim.until is None else self._until(claim.until),
+            location=claim.location,
+        )
+
+    def _place(self, globs: Globs, away: frozenset[int], *, unread: bool = True) -> Place:
+        return Place(
+            enclaves=self._enclaves(globs.enclaves, unread=unread) - away,
+            channels=self._channels.regions[_named(globs.topics)] if globs.topics else frozenset(),
+            outsider=globs.outsider,
+        )
+
+    def _enclaves(self, globs: tuple[str, ...], *, unread: bool) -> frozenset[int]:
+        """The enclaves that the globs name; `unread`: and those (MAY) of which nobody knows what they are called."""
+        named = _all_matching(globs, self._labels) & self._known
+        return frozenset(
+            number
+            for number, label in enumerate(self._labels)
+            if label in named or (unread and globs and label not in self._known)
+        )
+
+    def _until(self, until: datetime) -> int:
+        """The last instant at which the claim must hold; one that has passed is asked about now."""
+        index = sum(1 for instant in self._system.instants if instant <= until) - 1
+        return max(index, self._system.now)

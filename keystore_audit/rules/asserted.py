@@ -1,0 +1,47 @@
+"""KA740: what users assert of their keystore in keystore-audit.toml (docs/settings.md)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+from keystore_audit.findings import Severity
+from keystore_audit.properties.property import Status
+from keystore_audit.properties.result import AssertedResult
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.formal import steps
+from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.wording import listed, quoted
+
+
+@rule(
+    "KA740",
+    "asserted-property-violated",
+    Severity.HIGH,
+    on=AssertedResult,
+    clause="keystore-audit, docs/settings.md: what is asserted in keystore-audit.toml",
+    remedy="Take away one of the rights at the lines named, or change what is asserted.",
+)
+def asserted_property_violated(result: AssertedResult, _context: Context) -> Iterator[Violation]:
+    """A property that the settings assert is violated, with the shortest way found.
+
+    The severity is the one given there, high where none is. A flow is the absence or presence of explicit flows over
+    topics, whatever the nodes do; timing, acknowledgements and matching are not in it.
+    """
+    answers = {name: answer for name, answer in result.profiles.items() if answer.status is Status.VIOLATED}
+    if not answers:
+        return
+    example = next((a.counterexample for a in answers.values() if a.counterexample is not None), None)
+    said = f" {example.text}" if example else ""
+    forgers = f" With the keys they hold {listed(result.forgers)} could pass for one." if result.forgers else ""
+    yield Violation(
+        message=f"{quoted(result.prop.id)} is violated: {result.prop.statement}{said}{forgers}",
+        locations=(replace(result.location, message="asserted here"), *(steps(example) if example else ())),
+        severity=result.severity,
+        profiles=() if len(answers) == len(result.profiles) else tuple(answers),
+        key=result.prop.id,
+    )
+
+
+ASSERTED: tuple[Rule[Any], ...] = (asserted_property_violated,)
