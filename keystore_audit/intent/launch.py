@@ -31,8 +31,11 @@ from keystore_audit.intent.launch_scope import OVERRIDE, GlobalRemap, Scope
 from keystore_audit.intent.ros_names import ROOT
 from keystore_audit.intent.source import Directory, Source, Unreadable, read_source, shown
 
-MAX_ACTIONS: Final = 20_000
-"""Actions followed, those of included files each time: 10,000 nodes in their groups."""
+MAX_ACTIONS: Final = 10_000
+"""Actions followed, those of included files each time: 5,000 nodes in their groups."""
+
+MAX_CHARACTERS: Final = 1 << 20
+"""Length of all files of a launch together, each counted once: the largest systems have a tenth."""
 
 MAX_NESTING: Final = 16
 """Launch files that include each other; a file that includes itself ends here."""
@@ -40,8 +43,11 @@ MAX_NESTING: Final = 16
 MAX_GROUPS: Final = 64
 """Groups within each other; in Python a name can stand for a group that holds itself as it was before."""
 
-MAX_SET: Final = 500
-"""Arguments, environment variables and remappings set at one time: each group copies them."""
+MAX_SET: Final = 200
+"""Arguments and environment variables set at one time: each group copies them."""
+
+MAX_REMAPS: Final = 32
+"""Remappings for all nodes at one time: each node keeps them."""
 
 _FORMS: Final = {".xml": "xml", ".yaml": "yaml", ".yml": "yaml", ".py": "python"}
 
@@ -90,11 +96,15 @@ class _Launch:
         self._directory = directory
         self._read: dict[str, tuple[Action, ...]] = {}
         self._followed = 0
+        self._characters = 0
         self._groups = 0
 
     def file(self, source: Source, form: str, scope: Scope, nesting: int) -> None:
         """Follow a whole file."""
         if source.real not in self._read:
+            self._characters += len(source.text)
+            if self._characters > MAX_CHARACTERS:
+                raise source.malformed(None, f"with it, the launch has more than {MAX_CHARACTERS} characters")
             self._read[source.real] = _actions(source, form)
         self._follow(self._read[source.real], scope, source, nesting)
 
@@ -111,8 +121,9 @@ class _Launch:
                 maybe = scope.copy()
                 self._perform(action, maybe, source, nesting)
                 scope.doubt(maybe, holds.reason)
-            if len(scope.arguments) + len(scope.environment) + len(scope.remaps) > MAX_SET:
-                raise source.malformed(action.line, f"more than {MAX_SET} values set, which are not followed")
+            if len(scope.arguments) + len(scope.environment) > MAX_SET or len(scope.remaps) > MAX_REMAPS:
+                limits = f"more than {MAX_SET} values or {MAX_REMAPS} remappings set"
+                raise source.malformed(action.line, f"{limits}, which are not followed")
 
     def _perform(self, action: Action, scope: Scope, source: Source, nesting: int) -> None:
         if isinstance(action, StartNode):

@@ -15,7 +15,7 @@ from keystore_audit.intent.ros_arguments import RosArguments, Rule, read
 from keystore_audit.intent.ros_names import ROOT, expanded, is_node_name, is_path, joined
 from keystore_audit.intent.source import Source, shown
 
-MAX_NODES: Final = 10_000
+MAX_NODES: Final = 5_000
 """Nodes of one launch: the largest systems have hundreds."""
 
 MAX_NAMES: Final = 100_000
@@ -88,6 +88,7 @@ class Nodes:
         self._names: dict[tuple[str, str, str], UsedName] = {}
         self._unresolved: dict[Unresolved, None] = {}
         self._processes: dict[str, str | Unknown] = {}
+        self._called: dict[str, set[str | Unknown]] = {}
         self._loads: list[_Load] = []
         self._remaps: list[GlobalRemap] = []
         self._count = 0
@@ -114,6 +115,7 @@ class Nodes:
         enclave = _enclave(action, command, scope, source)
         if node.full_name:
             self._processes[node.full_name] = enclave
+            self._called.setdefault(node.full_name.rpartition("/")[2], set()).add(enclave)
         self._place(node, enclave)
         for component in self._components(action.components, scope, source):
             self._place(component, enclave)
@@ -271,8 +273,7 @@ class Nodes:
         full = joined(str(load.namespace), target) if relative else target
         found = {self._processes[name] for name in (full, joined(ROOT, target)) if name in self._processes}
         if not found:
-            last = target.rpartition("/")[2]
-            found = {enclave for name, enclave in self._processes.items() if name.rpartition("/")[2] == last}
+            found = self._called.get(target.rpartition("/")[2], set())
         if len(found) == 1:
             return next(iter(found))
         known = "which is not started here" if not found else "of which there are several"

@@ -15,7 +15,7 @@ from typing import Final
 from keystore_audit.intent.launch_actions import Action, Unread
 from keystore_audit.intent.python_actions import actions_of
 from keystore_audit.intent.python_expressions import Expressions
-from keystore_audit.intent.python_values import Growing, Imported, Items, Opaque, Pairs, Value, frozen
+from keystore_audit.intent.python_values import Growing, Imported, Items, Opaque, Pairs, Value
 from keystore_audit.intent.source import Source, shown
 
 MAX_CHARACTERS: Final = 1 << 17
@@ -65,7 +65,7 @@ class _Statements:
         """The actions of the launch description that is returned."""
         value = self._returned
         if isinstance(value, Growing):
-            value = frozen(value, function.lineno)
+            value = self._expressions.part(value, function.lineno)
         if isinstance(value, (Items, Opaque)):
             yield from actions_of(value, function.lineno)
         else:
@@ -135,7 +135,7 @@ class _Statements:
     def _grow(self, statement: ast.AugAssign) -> None:
         target = statement.target
         held = self._names.get(target.id) if isinstance(target, ast.Name) else None
-        added = frozen(self._expressions.value(statement.value), statement.lineno)
+        added = self._expressions.part(self._expressions.value(statement.value), statement.lineno)
         if isinstance(held, Growing) and isinstance(statement.op, ast.Add) and isinstance(added, Items):
             self._add(held, added.items, statement)
         else:
@@ -162,7 +162,7 @@ class _Statements:
         ):
             self._not_followed(statement)
             return
-        added = frozen(self._expressions.value(node.args[0]), statement.lineno)
+        added = self._expressions.part(self._expressions.value(node.args[0]), statement.lineno)
         if called.attr in _ADD_ONE:
             self._add(held, (added,), statement)
         elif called.attr == "extend" and isinstance(added, Items):
@@ -176,8 +176,7 @@ class _Statements:
         self.unread.append(Unread(line=statement.lineno, reason=said))
         lost = Opaque(line=statement.lineno, reason=f"what the statement in line {statement.lineno} sets")
         if isinstance(statement, ast.ImportFrom):  # a star: every name may be another now
-            for name in self._names:
-                self._names[name] = lost
+            self._names.clear()
         for node in ast.walk(statement):
             if isinstance(node, ast.Name):
                 held = self._names.get(node.id)

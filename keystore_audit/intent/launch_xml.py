@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from lxml import etree
 
 from keystore_audit.intent.launch_entities import Entity
 from keystore_audit.intent.source import Source, shown
 from keystore_audit.keystore.xml import Malformed, parse_unsigned, source_line
 
+MAX_CHARACTERS: Final = 1 << 18
+"""Length of a launch file in XML: the largest are a tenth."""
+
 
 def read(source: Source) -> Entity:
     """Read the elements of a launch file. Raises UsageError, naming file and line."""
+    if len(source.text) > MAX_CHARACTERS:
+        raise source.malformed(None, f"more than {MAX_CHARACTERS} characters of XML, which are not read")
     try:
         root = parse_unsigned(source.text.encode())
     except Malformed as error:

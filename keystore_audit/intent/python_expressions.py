@@ -28,6 +28,9 @@ from keystore_audit.intent.source import Source, shown
 MAX_DEPTH: Final = 64
 """Expressions within each other."""
 
+MAX_VALUES: Final = 200_000
+"""Values put together, those of a list counted each time that it becomes part of another."""
+
 MAX_PAIRS: Final = 1_000
 """Entries of a dictionary, those of dictionaries in it counted."""
 
@@ -47,9 +50,23 @@ class Expressions:
         """Keep both; `names` may change meanwhile."""
         self._source = source
         self._names = names
+        self._values = 0
+
+    def part(self, value: Value, line: int) -> Value:
+        """The value as part of another. Raises UsageError if that was done too often."""
+        made = frozen(value, line)
+        if isinstance(made, Items):
+            self._values += made.size
+        elif isinstance(value, Growing):
+            self._values += len(value.items)
+        elif isinstance(made, Pairs):
+            self._values += len(made.pairs)
+        if self._values > MAX_VALUES:
+            raise self._source.malformed(line, f"lists of more than {MAX_VALUES} values, which are not followed")
+        return made
 
     def value(self, node: ast.expr, depth: int = 0) -> Value:
-        """What the expression stands for. Never raises."""
+        """What the expression stands for. Raises UsageError only where lists become too many."""
         if depth > MAX_DEPTH:
             return _opaque(node, f"an expression more than {MAX_DEPTH} deep")
         if isinstance(node, ast.Constant):
@@ -91,9 +108,9 @@ class Expressions:
     def _items(self, nodes: list[ast.expr], depth: int) -> Iterator[Value]:
         for node in nodes:
             if not isinstance(node, ast.Starred):
-                yield frozen(self.value(node, depth + 1), node.lineno)
+                yield self.part(self.value(node, depth + 1), node.lineno)
                 continue
-            spread = frozen(self.value(node.value, depth + 1), node.lineno)
+            spread = self.part(self.value(node.value, depth + 1), node.lineno)
             if isinstance(spread, Items):
                 yield from spread.items
             else:
@@ -102,9 +119,9 @@ class Expressions:
     def _dictionary(self, node: ast.Dict, depth: int) -> Value:
         pairs: list[tuple[Value, Value]] = []
         for key, entry in zip(node.keys, node.values, strict=True):
-            value = frozen(self.value(entry, depth + 1), entry.lineno)
+            value = self.part(self.value(entry, depth + 1), entry.lineno)
             if key is not None:
-                pairs.append((frozen(self.value(key, depth + 1), entry.lineno), value))
+                pairs.append((self.part(self.value(key, depth + 1), entry.lineno), value))
             elif isinstance(value, Pairs):
                 pairs += value.pairs
             else:
@@ -136,7 +153,7 @@ class Expressions:
         if texts and isinstance(node.op, ast.Div):
             return TextValue(text=_path(text_of(left), text_of(right)))
         if isinstance(node.op, ast.Add):
-            first, second = frozen(left, node.lineno), frozen(right, node.lineno)
+            first, second = self.part(left, node.lineno), self.part(right, node.lineno)
             if isinstance(first, Items) and isinstance(second, Items):
                 whole = sequence((*first.items, *second.items), node.lineno)
                 return Growing(items=list(whole.items)) if isinstance(whole, Items) else whole
@@ -157,7 +174,7 @@ class Expressions:
         for keyword in node.keywords:
             if keyword.arg is None:
                 return _opaque(node, f"{_called(node)}, whose arguments only running the file works out")
-            keywords[keyword.arg] = frozen(self.value(keyword.value, depth + 1), keyword.value.lineno)
+            keywords[keyword.arg] = self.part(self.value(keyword.value, depth + 1), keyword.value.lineno)
         return self._imported(node, function.path, positional, keywords)
 
     def _imported(

@@ -9,7 +9,7 @@ import pytest
 
 from keystore_audit.errors import UsageError
 from keystore_audit.intent.intent import Action, Intent
-from keystore_audit.intent.launch import MAX_ACTIONS, read_launch
+from keystore_audit.intent.launch import MAX_ACTIONS, MAX_REMAPS, MAX_SET, read_launch
 from keystore_audit.intent.launch_nodes import MAX_NODES
 from tests.intent.launched import all_of, launch, names, nodes, unresolved
 from tools.samples.healthy import TURTLESIM, VEHICLE
@@ -346,10 +346,9 @@ def test_an_argument_of_an_include_is_set_only_before_its_default(tmp_path: Path
         ("<launch>" + "<node exec='e' name='n'/>" * (MAX_NODES + 1) + "</launch>", f"more than {MAX_NODES} nodes"),
         ("<launch>" + "<group/>" * (MAX_ACTIONS + 1) + "</launch>", f"more than {MAX_ACTIONS} actions"),
         ("<launch>" + "<group>" * 80 + "</group>" * 80 + "</launch>", "groups more than 64 deep"),
-        (
-            "<launch>" + "".join(f"<let name='a{i}' value=''/>" for i in range(501)) + "</launch>",
-            "more than 500 values",
-        ),
+        ("<launch>" + "".join(f"<let name='a{i}' value=''/>" for i in range(MAX_SET + 1)) + "</launch>", "values"),
+        ("<launch>" + "<set_remap from='a' to='b'/>" * (MAX_REMAPS + 1) + "</launch>", f"{MAX_REMAPS} remappings"),
+        ("<launch><node exec='e' args='" + "a " * 150_000 + "'/></launch>", "characters of XML"),
     ],
 )
 def test_what_is_no_launch_file_or_too_large_is_refused(text: str, said: str, tmp_path: Path) -> None:
