@@ -18,5 +18,8 @@ def may_be_message(data: bytes) -> bool:
     the header, before the type too.
     """
     lowered = data.lower()
-    found = [position for position in map(lowered.find, _TYPES) if position >= 0]
-    return bool(found) and not any(data.find(line, 0, min(found)) >= 0 for line in _BLANK_LINES)
+    for kind in _TYPES:
+        found = lowered.find(kind)
+        if found >= 0 and not any(data.find(line, 0, found) >= 0 for line in _BLANK_LINES):
+            return True
+    return False

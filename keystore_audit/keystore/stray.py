@@ -16,7 +16,7 @@ from keystore_audit.keystore.permissions import PermissionsFile, read_permission
 from keystore_audit.keystore.smime import Candidates
 
 MAX_STRAYS: Final = 2_000
-"""Distinct documents outside enclaves that are read, three seconds; those beyond may say anything."""
+"""Distinct documents outside enclaves that are read, three seconds; beyond it one, unread, stands for the rest."""
 
 _GOVERNANCE_ONLY: Final = b"domain_access_rules"
 """The element that every governance document has and no permissions document."""
@@ -45,23 +45,18 @@ def is_message_by_name(file: File) -> bool:
 
 
 def read_strays(messages: Iterable[File], carried: Collection[str], candidates: Candidates) -> Iterator[Stray]:
-    """Read every message but those `carried` by enclaves, by place; what OpenSSL takes for no message is left out.
+    """Read every message but those `carried` by enclaves; what OpenSSL takes for no message is left out.
 
     `messages`: files that may be one, each content once; without content, they were not read. `carried`: the SHA-256 of
     the documents of the enclaves, since a copy of one gives nothing more.
     """
-    read = 0
-    for file in messages:
-        if file.sha256 in carried:
-            continue
-        if file.content is None:
-            yield Stray(file=file, document=None)
-            continue
-        read += 1
-        if read > MAX_STRAYS:
-            detail = f"more than {MAX_STRAYS} signed documents lie outside enclaves; it was not taken apart"
-            yield Stray(file=replace(file, content=None, detail=detail), document=None)
-            continue
+    others = [file for file in messages if file.sha256 not in carried]
+    yield from (Stray(file=file, document=None) for file in others if file.content is None)
+    readable = [file for file in others if file.content is not None]
+    if len(readable) > MAX_STRAYS:  # one that may say anything stands for all of them
+        detail = f"{len(readable)} documents lie outside enclaves; from this on they were not read (limit {MAX_STRAYS})"
+        yield Stray(file=replace(readable[MAX_STRAYS], content=None, detail=detail), document=None)
+    for file in readable[:MAX_STRAYS]:
         document = _document(file, candidates)
         if not any(defect.kind is Kind.NOT_SMIME for defect in document.signed.defects):
             yield Stray(file=file, document=document)
