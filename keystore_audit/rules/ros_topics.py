@@ -8,6 +8,7 @@ from typing import Any, Final
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.action_topics import ActionPattern
 from keystore_audit.model.names import ros_name
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN
@@ -29,8 +30,8 @@ _DOES: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "read"}
 def wildcard_grants_actions(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A pattern for topics takes in the feedback and the status of actions, which it does not name.
 
-    Medium where it lets the enclave publish those of an action that another enclave serves: clients of the action then
-    take what it says for the server's. An enclave that may do everything has allow-everything-permissions, and only
+    Medium where it lets the enclave publish those of an action that another enclave serves by name: clients of the action
+    then take what it says for the server's. A note where there is no such action yet. An enclave that may do everything has allow-everything-permissions, and only
     that. Looked at is what an enclave's own document allows, as the specification reads it.
     """
     for found in context.meaning.ros.actions if context.meaning.ros is not None else ():
@@ -41,9 +42,15 @@ def wildcard_grants_actions(_keystore: Keystore, context: Context) -> Iterator[V
             f"status of actions too, as of {found.action}, {of}.",
             locations=places(found.locations),
             enclave=found.enclave,
-            severity=Severity.MEDIUM if found.owner is not None and found.operation is Operation.PUBLISH else None,
+            severity=_severity(found),
             key=f"{found.operation.value} {found.expression}",
         )
+
+
+def _severity(found: ActionPattern) -> Severity | None:
+    if found.owner is None:
+        return Severity.INFO
+    return Severity.MEDIUM if found.operation is Operation.PUBLISH else None
 
 
 @rule(
