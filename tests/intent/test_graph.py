@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -268,3 +269,10 @@ def test_changed_samples_are_read_or_refused(tmp_path_factory: pytest.TempPathFa
         VALIDATOR.validate(json.loads(data.decode("utf-8-sig")))
         assert all(right.enclave in dict(intent.enclaves) for right in intent.rights)
     assert said.startswith(str(path))
+
+
+def test_the_example_of_the_documentation_is_of_the_form(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "intent.md").read_text("utf-8")
+    (example,) = re.findall(r"```json\n(.*?)```", page, re.DOTALL)
+    VALIDATOR.validate(json.loads(example))
+    assert [right.name for right in read(example, tmp_path).rights] == ["/chatter", "/talker/get_parameters"]
