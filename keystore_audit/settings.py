@@ -201,27 +201,49 @@ class _Table:
         return tuple(self._topic(key, glob) for glob in self.texts(key))
 
     def _topic(self, key: str, glob: str) -> str:
-        if glob.startswith("dds:") and len(glob) > len("dds:"):
-            return glob[len("dds:") :]
-        if not glob.startswith("/"):
-            self.wrong(key, f'{glob!r} is no topic: expected "/cmd_vel", or "dds:rt/cmd_vel" for a DDS topic')
-        return f"rt{glob}"
+        try:
+            return _dds_topic(glob)
+        except ValueError as error:
+            self.wrong(key, str(error))
 
     def place_of(self, key: str) -> Globs:
         """Where a flow begins or ends."""
-        words = self.texts(key)
-        if words == (OUTSIDER,):
-            return Globs(outsider=True)
-        topics = [word for word in words if word.startswith(("topic:", "dds:"))]
-        if len(topics) == len(words):
-            return Globs(topics=tuple(self._topic(key, word.removeprefix("topic:")) for word in words))
-        if topics or not all(word.startswith("/") for word in words):
-            self.wrong(
-                key,
-                'expected enclaves ("/arm/*"), or topics ("topic:/cmd_vel", "dds:rt/cmd_vel"), or "outsider", and one '
-                "sort alone",
-            )
-        return Globs(enclaves=words)
+        try:
+            return _globs(self.texts(key))
+        except ValueError as error:
+            self.wrong(key, str(error))
+
+
+def place(word: str) -> Globs:
+    """Where a flow begins or ends, written as in settings. Raises errors.UsageError."""
+    try:
+        return _globs((word,))
+    except ValueError as error:
+        raise UsageError(f"{error}.") from error
+
+
+def _dds_topic(glob: str) -> str:
+    """A glob on DDS topics. Raises ValueError."""
+    if glob.startswith("dds:") and len(glob) > len("dds:"):
+        return glob[len("dds:") :]
+    if not glob.startswith("/"):
+        raise ValueError(f'{glob!r} is no topic: expected "/cmd_vel", or "dds:rt/cmd_vel" for a DDS topic')
+    return f"rt{glob}"
+
+
+def _globs(words: tuple[str, ...]) -> Globs:
+    """Enclaves, or topics, or the outsider. Raises ValueError for anything else."""
+    if words == (OUTSIDER,):
+        return Globs(outsider=True)
+    topics = [word for word in words if word.startswith(("topic:", "dds:"))]
+    if topics and len(topics) == len(words):
+        return Globs(topics=tuple(_dds_topic(word.removeprefix("topic:")) for word in words))
+    if topics or not all(word.startswith("/") for word in words):
+        raise ValueError(
+            f'{", ".join(map(repr, words))}: expected enclaves ("/arm/*"), or topics ("topic:/cmd_vel", '
+            '"dds:rt/cmd_vel"), or "outsider", and one sort alone'
+        )
+    return Globs(enclaves=words)
 
 
 def _claim(table: _Table) -> Claim:
@@ -258,7 +280,8 @@ def _no_flow(table: _Table, key: str) -> dict[str, Any]:
         "target": form.place_of("to"),
         "through": through,
         "include_ambient": form.flag("include_ambient"),
-        "statement": f"Nothing gets from {_listed(form.texts('from'))} to {_listed(form.texts('to'))}{besides}.",
+        "statement": f"Nothing gets from {_listed(form.texts('from'))} to {_listed(form.texts('to'))}{besides}"
+        f"{'' if form.flag('include_ambient') else ', apart from topics that nearly every node uses'}.",
     }
 
 

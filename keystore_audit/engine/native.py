@@ -52,6 +52,10 @@ class NativeEngine:
         """
         return tuple(_Questions(s, None, self._shared(s)).answers() for s in self.systems)
 
+    def claim_answers(self) -> tuple[dict[str, Answer], ...]:
+        """The same about claims alone."""
+        return tuple(_Questions(s, None, self._shared(s)).claims() for s in self.systems)
+
     def statuses(self, moment: int) -> tuple[dict[str, Status], ...]:
         """For each system the status of each property at `moment`, by id."""
         return tuple(_Questions(s, moment, self._shared(s)).statuses() for s in self.systems)
@@ -89,13 +93,13 @@ class _Questions:
         self._realms = [RealmView(system, realm, self._permissions) for realm in range(len(system.realms))]
 
     def answers(self) -> dict[str, Answer]:
-        return {prop.id: self._answer(prop) for prop in PROPERTIES} | self._claims()
+        return {prop.id: self._answer(prop) for prop in PROPERTIES} | self.claims()
 
     def statuses(self) -> dict[str, Status]:
         found = {prop.id: _status(next(_QUESTIONS[prop.id](self), None)) for prop in PROPERTIES}
-        return found | {claim: answer.status for claim, answer in self._claims().items()}
+        return found | {claim: answer.status for claim, answer in self.claims().items()}
 
-    def _claims(self) -> dict[str, Answer]:
+    def claims(self) -> dict[str, Answer]:
         """The answers about users' claims from the moment on."""
         if not self._system.claims:
             return {}

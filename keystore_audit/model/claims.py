@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from difflib import get_close_matches
 from typing import Final
 
 from keystore_audit.errors import UsageError
@@ -38,7 +39,8 @@ class Claim:
     """A property that a user asserts, or a question about a flow.
 
     `id`: unique, `[a-z0-9-]+`. `statement`: a sentence. `until`: aware UTC, None: at the audit instant alone.
-    `location`: where it stands, `beside` the keystore; `place`: the same for people, `FILE:LINE:COLUMN`.
+    `location`: where it stands, `beside` the keystore; `place`: the same for people, `FILE:LINE:COLUMN`,
+    empty for a question of the command line.
     """
 
     id: str
@@ -95,15 +97,24 @@ def _check(claims: Sequence[Claim], systems: Sequence[System], channels: Channel
     for claim in claims:
         for glob in (*claim.source.enclaves, *claim.target.enclaves, *claim.through):
             if not matching(glob, paths):
-                raise UsageError(f"{claim.place}: {glob!r} names no enclave of this keystore.")
+                raise UsageError(f"{_at(claim)}{glob!r} names no enclave of this keystore{_nearest(glob, paths)}.")
         for globs in (claim.source, claim.target):
             if globs.topics and not channels.regions[_named(globs.topics)] & used:
                 names = ", ".join(map(repr, globs.topics))
-                raise UsageError(f"{claim.place}: no permissions document grants anything on the DDS topic {names}.")
+                raise UsageError(f"{_at(claim)}no permissions document grants anything on the DDS topic {names}.")
         if claim.kind is ClaimKind.SEPARATE_DOMAINS:
             both = _all_matching(claim.source.enclaves, paths) & _all_matching(claim.target.enclaves, paths)
             if both:
-                raise UsageError(f"{claim.place}: {min(both)!r} is on both sides.")
+                raise UsageError(f"{_at(claim)}{min(both)!r} is on both sides.")
+
+
+def _at(claim: Claim) -> str:
+    return f"{claim.place}: " if claim.place else ""
+
+
+def _nearest(glob: str, paths: Sequence[str]) -> str:
+    found = get_close_matches(glob, paths, n=1)
+    return f"; the nearest is {found[0]!r}" if found else ""
 
 
 def _granted_channels(systems: Sequence[System]) -> frozenset[int]:

@@ -1,0 +1,143 @@
+"""Whether data or control gets from one place to another: `flow`, and whoever wants the answer as a value."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Final
+from zoneinfo import ZoneInfo
+
+from keystore_audit.engine.agreement import EngineAnswers, combine_claims
+from keystore_audit.engine.engines import run_engines
+from keystore_audit.engine.native import NativeEngine
+from keystore_audit.findings import Location
+from keystore_audit.keystore.keystore import read_keystore
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.claim import Attacker, ClaimKind
+from keystore_audit.model.claims import Claim, with_claims
+from keystore_audit.model.doubt import keystore_doubts
+from keystore_audit.model.interpret import usability_by_profile
+from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.profiles import Profile
+from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.model.usability import Usabilities
+from keystore_audit.properties.property import Status
+from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus
+from keystore_audit.settings import place
+
+ATTACKERS: Final = (Attacker.HONEST, Attacker.SOURCE, Attacker.RELAYS)
+"""From the least to the most that is assumed of them: each can do all that the one before can."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlowQuestion:
+    """From where to where, as places are written in settings; `through`: globs on enclaves that do not count."""
+
+    source: str
+    target: str
+    attackers: tuple[Attacker, ...] = ATTACKERS
+    through: tuple[str, ...] = ()
+    include_ambient: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Engines:
+    """Who decides; as for an audit (`engine.engines`)."""
+
+    choice: str = "native"
+    jar: Path | None = None
+    offline: bool = False
+    timeout: float = 120.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlowAnswer:
+    """Whether there is a flow, by attacker: a result is VIOLATED where there is one for certain.
+
+    `doubts`: places of what could not be read, which an unknown answer depends on.
+    """
+
+    question: FlowQuestion
+    at: datetime
+    results: tuple[tuple[Attacker, AssertedResult], ...]
+    engines: tuple[EngineRun, ...]
+    doubts: tuple[Location, ...]
+
+    @property
+    def status(self) -> Status:
+        """The worst of all: unknown, then violated (a flow), then holds (none)."""
+        statuses = {result.status for _attacker, result in self.results}
+        failed = any(run.required and run.status is not EngineStatus.OK for run in self.engines)
+        if failed or Status.UNKNOWN in statuses:
+            return Status.UNKNOWN
+        return Status.VIOLATED if Status.VIOLATED in statuses else Status.HOLDS
+
+
+def find_flow(
+    path: str | os.PathLike[str],
+    question: FlowQuestion,
+    *,
+    profiles: Sequence[Profile],
+    at: datetime,
+    zone: ZoneInfo | None = None,
+    engines: Engines | None = None,
+) -> FlowAnswer:
+    """Whether there is a flow in the keystore at `path`, at `at` (aware UTC).
+
+    Raises errors.NothingToAudit, errors.UsageError for a place that names nothing there, and errors.BudgetExceeded
+    where there are too many classes of names.
+    """
+    claims = _claims(question)
+    keystore = read_keystore(path)
+    accesses = AccessViews(documents_of(keystore), at, zone)
+    builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims)
+    usability = usability_by_profile(keystore, profiles, at, Usabilities(None, accesses))
+    native = NativeEngine(with_claims(builder.systems(), claims, builder.channels, keystore, usability))
+    runs, answers = _decide(native, engines or Engines())
+    results = combine_claims(claims, native.systems, answers, [profile.name for profile in profiles])
+    doubts = (doubt.location for profile in profiles for doubt in keystore_doubts(keystore, profile, accesses))
+    return FlowAnswer(
+        question=question,
+        at=at,
+        results=tuple(zip(question.attackers, results, strict=True)),
+        engines=runs,
+        doubts=tuple(dict.fromkeys(doubts)),
+    )
+
+
+def _decide(native: NativeEngine, engines: Engines) -> tuple[tuple[EngineRun, ...], tuple[EngineAnswers, ...]]:
+    """The engines' answers; the native one alone is asked about the flow and nothing else."""
+    if engines.choice == "native":
+        run = EngineRun(name="native", version=None, status=EngineStatus.OK, reason="", required=True)
+        return (run,), (EngineAnswers(engine="native", answers=native.claim_answers()),)
+    return run_engines(
+        native,
+        choice=engines.choice,
+        jar=engines.jar,
+        offline=engines.offline,
+        timeout=engines.timeout,
+        stage=None,
+    )
+
+
+def _claims(question: FlowQuestion) -> tuple[Claim, ...]:
+    """That there is no flow, under each attacker. Raises errors.UsageError for places that are none."""
+    source, target = place(question.source), place(question.target)
+    return tuple(
+        Claim(
+            id=f"no-flow-{attacker.value}",
+            statement=f"Nothing gets from {question.source} to {question.target}.",
+            kind=ClaimKind.NO_FLOW,
+            attacker=attacker,
+            source=source,
+            target=target,
+            through=question.through,
+            include_ambient=question.include_ambient,
+            location=Location(path="", beside=True),
+            place="",
+        )
+        for attacker in question.attackers
+    )

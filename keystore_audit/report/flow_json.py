@@ -1,0 +1,59 @@
+"""The answer of `flow` as JSON: `schemas/flow.schema.json`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, Final
+
+from keystore_audit.model.claim import Attacker
+from keystore_audit.properties.counterexample import Counterexample
+from keystore_audit.properties.property import Status
+from keystore_audit.properties.result import AssertedResult, EngineRun, ProfileResult
+from keystore_audit.report.encoded import encoded
+
+FOUND: Final[Mapping[Status, bool | None]] = {Status.VIOLATED: True, Status.HOLDS: False, Status.UNKNOWN: None}
+"""Whether there is a flow."""
+
+
+def json(
+    asked: Mapping[str, Any], results: Iterable[tuple[Attacker, AssertedResult]], engines: Iterable[EngineRun]
+) -> str:
+    """One line; `asked`: the question."""
+    document = {
+        **asked,
+        "engines": {
+            run.name: {"version": run.version, "status": run.status.value, "reason": run.reason} for run in engines
+        },
+        "attackers": {
+            attacker.value: {
+                "flow": FOUND[result.status],
+                "profiles": {name: _answer(answer) for name, answer in result.profiles.items()},
+            }
+            for attacker, result in results
+        },
+    }
+    return encoded(document) + "\n"
+
+
+def _answer(answer: ProfileResult) -> dict[str, Any]:
+    return {
+        "flow": FOUND[answer.status],
+        "engines": {name: FOUND[status] for name, status in answer.engines.items()},
+        "path": None if answer.counterexample is None else _path(answer.counterexample),
+    }
+
+
+def _path(path: Counterexample) -> dict[str, Any]:
+    return {
+        "text": path.text,
+        "steps": [
+            {
+                "enclave": step.enclave,
+                "channel": step.channel,
+                "witness": step.witness,
+                "path": step.path,
+                "line": step.line,
+            }
+            for step in path.steps
+        ],
+    }

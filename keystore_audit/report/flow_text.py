@@ -1,0 +1,84 @@
+"""The answer of `flow` for people: by attacker, profiles that answer alike together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from textwrap import fill
+from typing import Final
+
+from keystore_audit.findings import Location
+from keystore_audit.model.claim import Attacker
+from keystore_audit.properties.counterexample import Counterexample
+from keystore_audit.properties.property import Status
+from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus, ProfileResult
+from keystore_audit.text import terminal
+
+WIDTH: Final = 80
+MAX_DOUBTS: Final = 5
+
+_WORDS: Final = {Status.VIOLATED: "FLOW", Status.HOLDS: "no flow", Status.UNKNOWN: "UNKNOWN"}
+_ASSUMED: Final = {
+    Attacker.HONEST: "nobody attacks; nodes may pass on whatever they read",
+    Attacker.SOURCE: "the source attacks with the keys that it holds",
+    Attacker.RELAYS: "everybody on the way attacks with the keys that it holds, and so does an outsider",
+}
+
+
+def text(
+    title: str,
+    results: Iterable[tuple[Attacker, AssertedResult]],
+    engines: Sequence[EngineRun],
+    doubts: Sequence[Location],
+    *,
+    ambient: bool,
+) -> str:
+    """Lines of 80 columns at most, as far as names allow."""
+    lines = [terminal(title)]
+    if not ambient:
+        lines.append("(apart from /clock, /parameter_events, /rosout and ros_discovery_info)")
+    unknown = False
+    for attacker, result in results:
+        lines += ["", f"If {_ASSUMED[attacker]}:"]
+        for answer, names in _groups(result):
+            under = "every profile" if len(names) == len(result.profiles) else ", ".join(names)
+            lines.append(_wrapped(under, first=f"  {_WORDS[answer.status]:<8} ", rest=" " * 11))
+            unknown = unknown or answer.status is Status.UNKNOWN
+            if answer.counterexample is not None:
+                lines += _path(answer.counterexample, certain=answer.status is Status.VIOLATED)
+    lines.append("")
+    if unknown and doubts:
+        more = f" and {len(doubts) - MAX_DOUBTS} more" if len(doubts) > MAX_DOUBTS else ""
+        places = ", ".join(place.path for place in doubts[:MAX_DOUBTS])
+        lines.append(_wrapped(f"It depends on what could not be read: {places}{more}.", first="", rest=""))
+    for run in engines:
+        reason = f" ({run.status.value}: {run.reason})" if run.status is not EngineStatus.OK else ""
+        lines.append(
+            _wrapped(f"Decided by {run.name}.", first="", rest="")
+            if not reason
+            else _wrapped(f"Not decided by {run.name}{reason}.", first="", rest="")
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _groups(result: AssertedResult) -> list[tuple[ProfileResult, list[str]]]:
+    """Profiles by equal answer, flows first."""
+    groups: dict[tuple[Status, str], tuple[ProfileResult, list[str]]] = {}
+    for name, answer in result.profiles.items():
+        key = (answer.status, answer.counterexample.text if answer.counterexample else "")
+        groups.setdefault(key, (answer, []))[1].append(name)
+    order = [Status.UNKNOWN, Status.VIOLATED, Status.HOLDS]
+    return sorted(groups.values(), key=lambda group: order.index(group[0].status))
+
+
+def _path(path: Counterexample, *, certain: bool) -> list[str]:
+    lines = [_wrapped(path.text if certain else f"Perhaps: {path.text}", first=" " * 11, rest=" " * 11)]
+    for step in path.steps:
+        if step.path is not None:
+            line = "" if step.line is None else f":{step.line}"
+            who = f"{step.enclave}, " if step.enclave is not None else ""
+            lines.append(terminal(f"             {step.path}{line}  ({who}{step.witness})"))
+    return lines
+
+
+def _wrapped(words: str, *, first: str, rest: str) -> str:
+    return fill(terminal(words), WIDTH, initial_indent=first, subsequent_indent=rest, break_on_hyphens=False)
