@@ -1,0 +1,85 @@
+"""`audit --graph` and `--launch`, on the samples: each variant shows the one thing that it differs in."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.cli.keystores import AT, answer
+
+STORIES = ("turtlesim", "vehicle")
+
+
+def audited(samples: Path, story: str, *args: str | Path) -> tuple[int, list[dict[str, Any]]]:
+    """The exit code and what KA65x finds."""
+    root = samples / "healthy" / story
+    code, text = answer("audit", "--engine", "native", "--at", AT, "-f", "json", root, *args)
+    return code, [finding for finding in json.loads(text)["findings"] if finding["code"].startswith("KA65")]
+
+
+@pytest.fixture(scope="module")
+def samples(repository: Path) -> Path:
+    return repository / "sample_keystores"
+
+
+@pytest.mark.parametrize("story", STORIES)
+@pytest.mark.parametrize(
+    "name", ["graphs/{}.graph.json", *(f"launch/{{}}.launch.{end}" for end in ("xml", "yaml", "py"))]
+)
+def test_the_nodes_of_a_healthy_sample_do_what_they_may(story: str, name: str, samples: Path) -> None:
+    option = "--graph" if name.startswith("graphs") else "--launch"
+    assert audited(samples, story, option, samples / name.format(story)) == (0, [])
+
+
+@pytest.mark.parametrize("story", STORIES)
+def test_a_graph_shows_one_missing_grant(story: str, samples: Path) -> None:
+    graph = samples / f"graphs/{story}-missing-grant.graph.json"
+    code, (finding,) = audited(samples, story, "--graph", graph)
+    assert (code, finding["code"], finding["severity"]) == (1, "KA650", "high")
+    denies, needs = finding["locations"]
+    assert denies["path"].endswith("permissions.p7s")
+    assert needs["path"] == str(graph)
+    assert "topic" in graph.read_text().splitlines()[needs["line"] - 1]
+
+
+@pytest.mark.parametrize("story", STORIES)
+@pytest.mark.parametrize("kind", ["graphs/{}-excess-grant.graph.json", "launch/{}-excess-grant.launch.xml"])
+def test_one_excess_grant_is_shown(story: str, kind: str, samples: Path) -> None:
+    option = "--graph" if kind.startswith("graphs") else "--launch"
+    code, (finding,) = audited(samples, story, option, samples / kind.format(story))
+    assert (code, finding["code"], finding["severity"]) == (0, "KA651", "low")
+    for place in finding["locations"]:
+        listed = (samples / "healthy" / story / place["path"]).read_text().splitlines()[place["line"] - 1]
+        assert "<topic>rt/" in listed
+
+
+@pytest.mark.parametrize("story", STORIES)
+def test_a_launch_file_shows_one_missing_grant(story: str, samples: Path) -> None:
+    launch = samples / f"launch/{story}-missing-grant.launch.xml"
+    code, (finding,) = audited(samples, story, "--launch", launch)
+    assert (code, finding["code"], finding["severity"]) == (1, "KA653", "high")
+    (place,) = finding["locations"]
+    assert "<remap" in launch.read_text().splitlines()[place["line"] - 1]
+
+
+def test_graph_and_launch_file_together(samples: Path) -> None:
+    """What the one shows excuses what the other does not."""
+    excess = samples / "graphs/turtlesim-excess-grant.graph.json"
+    whole = samples / "launch/turtlesim.launch.xml"
+    assert audited(samples, "turtlesim", "--graph", excess, "--launch", whole) == (0, [])
+
+
+def test_a_graph_that_is_none_ends_before_any_work(samples: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    root = samples / "healthy/turtlesim"
+    assert answer("audit", "--graph", samples / "healthy/turtlesim.toml", root) == (2, "")
+    assert "turtlesim.toml:1: " in capsys.readouterr().err
+
+
+def test_a_graph_does_not_weaken_the_gate(samples: Path) -> None:
+    root = samples / "healthy/turtlesim"
+    graph = samples / "graphs/turtlesim.graph.json"
+    _code, text = answer("audit", "--engine", "native", "-f", "json", root, "--graph", graph)
+    assert json.loads(text)["weakened"] == []
