@@ -30,9 +30,10 @@ _DOES: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "read"}
 def wildcard_grants_actions(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A pattern for topics takes in the feedback and the status of actions, which it does not name.
 
-    Medium where it lets the enclave publish those of an action that another enclave serves by name: clients of the action
-    then take what it says for the server's. A note where there is no such action yet. An enclave that may do everything has allow-everything-permissions, and only
-    that. Looked at is what an enclave's own document allows, as the specification reads it.
+    Medium where it lets the enclave publish those of an action that another enclave serves by name: clients of the
+    action then take what it says for the server's. A note where there is no such action yet. An enclave that may do
+    everything has allow-everything-permissions, and only that. Looked at is what an enclave's own document allows, as
+    the specification reads it.
     """
     for found in context.meaning.ros.actions if context.meaning.ros is not None else ():
         more = f" and {found.count - 1} more" if found.count > 1 else ""
