@@ -69,7 +69,7 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
     if wider:
         first, surplus = wider[0], wider[0].surplus
         right = f"{surplus.operation.value} {quoted(surplus.topic)} in {surplus.domains}" if surplus else ""
-        more = f" (and {len(wider) - 1} more grants like it)" if len(wider) > 1 else ""
+        more = f" (and {len(wider) - 1} more like it)" if len(wider) > 1 else ""
         profiles = {name for grant in wider for name in grant.profiles}
         every = len(profiles) == len(context.profiles)
         yield Violation(
