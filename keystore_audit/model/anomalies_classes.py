@@ -25,6 +25,10 @@ _STATES: Final = 8_192
 _STATES_PER_DOCUMENT: Final = 64
 """States for all documents of one keystore: about half a second, and three milliseconds for each document."""
 
+_MAX_CHARACTERS: Final = 10_000
+_CHARACTERS_PER_STATE: Final = 8
+"""Characters of the expressions that `classify` is given, and as many of them as cost what a state does."""
+
 _MAX_PAIRS: Final = 40_000
 """Pairs of expressions that the quick way compares, some ten milliseconds."""
 
@@ -70,8 +74,11 @@ def name_classes(texts: Sequence[str], matcher: Matcher, effort: Effort) -> Sequ
 
 
 def _classified(patterns: Sequence[Pattern], effort: Effort) -> Sequence[NameClass]:
+    characters = sum(len(pattern.text) for pattern in patterns if pattern.literal is None)
+    if characters > _MAX_CHARACTERS:
+        raise BudgetExceeded("there are too many expressions with several wildcards")
     for states in _TIERS:
-        effort.states -= states
+        effort.states -= states + characters // _CHARACTERS_PER_STATE
         if effort.states < 0:
             raise BudgetExceeded("there are too many expressions with several wildcards")
         try:

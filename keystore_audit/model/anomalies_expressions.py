@@ -22,11 +22,11 @@ from keystore_audit.model.names import (
     is_ros_dds_name,
 )
 
-_STATES: Final = 512
+_STATES: Final = 256
 """States for one expression: one with ten stars has some hundred."""
 
-_COST: Final = 16
-"""States of the keystore's effort that asking about one expression takes."""
+_COST: Final = 4
+"""States of the keystore's effort that asking about one character of an expression takes."""
 
 _SUFFIX_OF: Final = {
     f"{TOPIC_PREFIX}/": "",
@@ -106,7 +106,7 @@ def _has_ros_name(pattern: Pattern, effort: Effort) -> bool:
         return False
     if _probed(pattern):
         return True
-    effort.states -= _COST
+    effort.states -= _COST * len(pattern.text)
     if effort.states < 0:
         raise BudgetExceeded("there are too many expressions to be held against the names of ROS 2")
     return _decided(pattern.text, pattern.matcher)
