@@ -206,13 +206,19 @@ class Services:
         """The same where rules that deny come in between: by all classes of names."""
         texts = dict.fromkeys((*caller.expressions, *owner.expressions))
         patterns = [parse(text, self._matcher) for text in texts]
-        for service in _FAMILY:
-            self._budget.spend(_UNITS_OF_A_SEARCH * (1 + len(patterns) // 8))
-            request, reply = Affix("rq", f"/{service}Request"), Affix("rr", f"/{service}Reply")
-            for each in classify_ros_names(patterns, (request, reply)):
-                name = f"{each.name}/{service}"
-                if name not in caller.replies and self._together(caller, each.name, service, owner):
-                    yield name, owner
+        for services in FAMILIES.values():
+            found = (name for service in services for name in self._in_common(caller, owner, service, patterns))
+            first = next(found, None)  # the worst comes first, and one tells
+            if first is not None:
+                yield first, owner
+
+    def _in_common(self, caller: Holder, owner: Holder, service: str, patterns: Sequence[Pattern]) -> Iterator[str]:
+        self._budget.spend(_UNITS_OF_A_SEARCH * (1 + len(patterns) // 8))
+        request, reply = Affix("rq", f"/{service}Request"), Affix("rr", f"/{service}Reply")
+        for each in classify_ros_names(patterns, (request, reply)):
+            name = f"{each.name}/{service}"
+            if name not in caller.replies and self._together(caller, each.name, service, owner):
+                yield name
 
     def _together(self, caller: Holder, node: str, service: str, owner: Holder) -> bool:
         """Whether the one may call in a domain where the other may answer.
