@@ -37,10 +37,26 @@ def engine() -> install.Engine:
 
 
 def decide_batch(systems: Sequence[System]) -> list[dict[str, bool]]:
-    """For each system, whether each property and claim (by id) holds."""
+    """For each system, whether each property (by id) holds."""
     with tempfile.TemporaryDirectory(prefix="alloy-batch-") as directory:
         modules = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
         return [_decide(Path(directory), modules, system) for system in systems]
+
+
+def decide_claims(systems: Sequence[System]) -> list[dict[str, Status]]:
+    """For each system, the answer to each claim (by id); properties are left out."""
+    with tempfile.TemporaryDirectory(prefix="alloy-batch-") as directory:
+        modules = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+        return [_decide_claims(Path(directory), modules, system) for system in systems]
+
+
+def _decide_claims(directory: Path, modules: dict[str, str], system: System) -> dict[str, Status]:
+    found = outcomes(directory, modules | {"keystore.als": facts(system), "audit.als": commands((), system)})
+    assert found[CONSISTENCY]
+    return {
+        claim.id: claims.status(claim, found[claims.command_of(claim, number).name])
+        for number, claim in enumerate(system.claims)
+    }
 
 
 def outcomes(directory: Path, modules: dict[str, str], main: str = "audit.als") -> dict[str, bool]:
@@ -59,11 +75,7 @@ def outcomes(directory: Path, modules: dict[str, str], main: str = "audit.als") 
 def _decide(directory: Path, modules: dict[str, str], system: System) -> dict[str, bool]:
     found = outcomes(directory, modules | {"keystore.als": facts(system), "audit.als": commands(PROPERTIES, system)})
     assert found[CONSISTENCY]
-    answers = {identifier: not found[assertion] for assertion, identifier in _BY_ASSERTION.items()}
-    for number, claim in enumerate(system.claims):
-        status = claims.status(claim, found[claims.command_of(claim, number).name])
-        answers[claim.id] = status is Status.HOLDS
-    return answers
+    return {identifier: not found[assertion] for assertion, identifier in _BY_ASSERTION.items()}
 
 
 class _Analyzer:

@@ -523,6 +523,27 @@ class _Chance:
                 )
 
 
+def lively(system: System, seed: int) -> System:
+    """The same system with more grants, so that data flows: every grant ends with rules drawn from `seed`."""
+    chance = random.Random(f"lively {seed}")
+    rules = list(system.rules)
+    everywhere = frozenset(range(len(system.domains)))
+    for number, grant in enumerate(system.grants):
+        named = [frozenset(c for c in range(len(system.channels)) if chance.random() < 0.45) for _ in range(2)]
+        rules.append(
+            RuleAtom(
+                grant=number,
+                allow=True,
+                domains=everywhere,
+                publish=named[0],
+                subscribe=named[1],
+                relay=frozenset(),
+                location=Location(path=grant.location.path, line=900 + number),
+            )
+        )
+    return replace(system, rules=tuple(rules))
+
+
 def with_claims(system: System, seed: int, count: int = 4) -> System:
     """The same system with claims drawn from `seed`, of all kinds; some have an empty place, as in MUST."""
     chance = random.Random(f"claims {seed}")

@@ -99,7 +99,7 @@ class Definitions:
             found = self.honest(e, f)
             if claim.attacker is Attacker.SOURCE and f != OUTSIDER:
                 if e == OUTSIDER and claim.source.outsider:
-                    found = self.attacked(e, f)
+                    found = self.takes(f) & self.injectable(self.member(f))
                 elif e in claim.source.enclaves:
                     made = {c for g in self.acts_as(e) for c in self.made(g, self.member(f))}
                     found = found | (made & self.takes(f))

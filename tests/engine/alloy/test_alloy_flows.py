@@ -1,0 +1,360 @@
+"""Flows and claims through the real Analyzer: against enumeration by hand, and against the native engine."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from keystore_audit import resources
+from keystore_audit.engine.alloy import claims, moments, paths
+from keystore_audit.engine.alloy.facts import commands, facts
+from keystore_audit.engine.alloy.install import Engine
+from keystore_audit.engine.alloy.runner import decide, examine
+from keystore_audit.engine.native import NativeEngine
+from keystore_audit.errors import EngineFailed, EngineOutOfScale
+from keystore_audit.findings import Location
+from keystore_audit.keystore.governance import ProtectionKind
+from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.system import System
+from keystore_audit.properties import Answer, Status
+from keystore_audit.properties.property import Role
+from tests.engine.alloy_batch import decide_claims, outcomes
+from tests.engine.flows_by_hand import ByHand, Flow, violated
+from tests.engine.systems import (
+    CHATTER,
+    IDENTITY_CA,
+    LISTENER,
+    OTHER_TOPIC,
+    PERMISSIONS_CA,
+    TALKER,
+    TALKER_IDENTITY,
+    Builder,
+    healthy_builder,
+    lively,
+    random_system,
+    with_claims,
+)
+
+pytestmark = [pytest.mark.alloy, pytest.mark.xdist_group("alloy")]
+
+ENOUGH = 180.0
+"""Seconds for a small model on a busy machine."""
+
+SYSTEMS = 700
+"""Beside the 300 of test_agreement.py; the seeds are fixed so that a failure can be seen again."""
+
+THIRD = 2
+"""An enclave that subscribes to what the listener passes on."""
+
+
+def claiming(seed: int, count: int) -> System:
+    return with_claims(lively(random_system(seed), seed), seed, count)
+
+
+@pytest.mark.slow
+def test_alloy_agrees_with_the_native_engine_and_with_enumeration_about_claims() -> None:
+    systems = [claiming(seed, 4) for seed in range(SYSTEMS)]
+    tally: dict[tuple[ClaimKind, bool], int] = {}
+    differing = []
+    for seed, (system, found) in enumerate(zip(systems, decide_claims(systems), strict=True)):
+        hand, native = ByHand(system), NativeEngine([system]).answers[0]
+        for claim in system.claims:
+            expected = violated(hand, claim)
+            tally[claim.kind, expected] = tally.get((claim.kind, expected), 0) + 1
+            if not (found[claim.id] is native[claim.id].status is _status(expected)):
+                differing.append((seed, claim.id, claim.kind, found[claim.id], native[claim.id].status, expected))
+    assert differing == []
+    for kind in ClaimKind:
+        assert min(tally[kind, True], tally[kind, False]) >= 10, f"a lopsided test: {tally}"
+
+
+def _status(is_violated: bool) -> Status:
+    return Status.VIOLATED if is_violated else Status.HOLDS
+
+
+@pytest.mark.parametrize("seed", [794, 1207, 1443])
+def test_paths_are_shortest_and_each_hop_is_one(seed: int, analyzer: Engine) -> None:
+    """Systems with a dozen claims: what the trace says is checked hop by hop."""
+    system = claiming(seed, 14)
+    answers = decide(system, java=analyzer.java, jar=analyzer.jar, timeout=ENOUGH)
+    hand = ByHand(system)
+    walked = 0
+    for claim in system.claims:
+        if claim.kind is not ClaimKind.NO_FLOW or answers[claim.id].status is Status.HOLDS:
+            assert answers[claim.id].path == ()
+            continue
+        flow, path = Flow(hand, claim), answers[claim.id].path
+        assert len(path) == flow.shortest()
+        walked += 1
+        hops = {(-1 if hop.sender is None else hop.sender, hop.channel, hop.receiver) for hop in path}
+        inner = path[bool(claim.source.channels) : len(path) - bool(claim.target.channels)]
+        known = {(e, c, None if f == -1 else f) for e, c, f in flow.hops}
+        assert {(-1 if h.sender is None else h.sender, h.channel, h.receiver) for h in inner} <= known, hops
+        for before, after in pairwise(path):
+            assert before.receiver == after.sender
+    assert walked >= 2
+
+
+def chain() -> Builder:
+    """The talker writes to the listener, and the listener to a third."""
+    b = healthy_builder()
+    identity = b.certificate([IDENTITY_CA], label="/third")
+    document = b.document([PERMISSIONS_CA])
+    b.enclave(0, identity, document, label="/third")
+    b.rule(b.grant(document, [identity]), [0], subscribe=[OTHER_TOPIC])
+    b.rule(1, [0], publish=[OTHER_TOPIC])
+    return b
+
+
+def claim(
+    source: Place,
+    target: Place,
+    attacker: Attacker = Attacker.RELAYS,
+    *,
+    kind: ClaimKind = ClaimKind.NO_FLOW,
+    through: tuple[int, ...] = (),
+    left_out: tuple[int, ...] = (),
+    until: int | None = None,
+) -> ClaimAtom:
+    return ClaimAtom(
+        id="asked",
+        kind=kind,
+        attacker=attacker,
+        source=source,
+        target=target,
+        through=frozenset(through),
+        left_out=frozenset(left_out),
+        until=until,
+        location=Location(path="keystore-audit.toml", line=3),
+    )
+
+
+def at(*enclaves: int) -> Place:
+    return Place(enclaves=frozenset(enclaves))
+
+
+def on_channel(*channels: int) -> Place:
+    return Place(channels=frozenset(channels))
+
+
+OUT = Place(outsider=True)
+
+
+def ask(builder: Builder, asked: ClaimAtom, analyzer: Engine) -> Answer:
+    system = replace(builder.system(), claims=(asked,))
+    return decide(system, java=analyzer.java, jar=analyzer.jar, timeout=ENOUGH)["asked"]
+
+
+def test_a_flow_is_told_hop_by_hop(analyzer: Engine) -> None:
+    answer = ask(chain(), claim(at(TALKER), at(THIRD)), analyzer)
+    assert [(hop.sender, hop.channel, hop.receiver, hop.instant) for hop in answer.path] == [
+        (TALKER, CHATTER, LISTENER, 2),
+        (LISTENER, OTHER_TOPIC, THIRD, 2),
+    ]
+    assert answer.witnesses == ({Role.ENCLAVE: TALKER, Role.OTHER: THIRD},)
+
+
+def test_the_longest_path_there_can_be_is_within_the_bound(analyzer: Engine) -> None:
+    """Every enclave passes the data on to the next, and the last one back to the first."""
+    b = healthy_builder()
+    b.rules.clear()
+    for _ in range(3):
+        identity = b.certificate([IDENTITY_CA])
+        document = b.document([PERMISSIONS_CA])
+        b.enclave(0, identity, document)
+        b.grant(document, [identity])
+    ring = [CHATTER, OTHER_TOPIC, *(b.channel(0, f"rt/topic_{number}") for number in range(3))]
+    b.topic_rules[0] = replace(b.topic_rules[0], channels=frozenset(ring))
+    for number, channel in enumerate(ring):
+        b.rule(number, [0], publish=[channel])
+        b.rule((number + 1) % len(ring), [0], subscribe=[channel])
+    path = ask(b, claim(at(TALKER), at(TALKER)), analyzer).path
+    assert [(hop.sender, hop.receiver) for hop in path] == [(0, 1), (1, 2), (2, 3), (3, 4), (4, 0)]
+
+
+def test_what_each_change_makes_of_a_claim() -> None:
+    """One change flips each answer; the base is a chain from talker over listener to a third."""
+    none, sign = ProtectionKind.NONE, ProtectionKind.SIGN
+
+    def weak(**kinds: ProtectionKind) -> Builder:
+        b = chain()
+        rtps = kinds.pop("rtps", b.domain_rules[0].rtps_protection_kind)
+        b.domain_rules[0] = replace(b.domain_rules[0], rtps_protection_kind=rtps)
+        b.topic_rules[0] = replace(b.topic_rules[0], **{f"{k}_protection_kind": v for k, v in kinds.items()})
+        return b
+
+    def with_second_reader(b: Builder) -> Builder:
+        b.rule(0, [0], subscribe=[OTHER_TOPIC])
+        return b
+
+    def one_key() -> Builder:
+        b = chain()
+        key = b.certificates[TALKER_IDENTITY].key
+        b.certificates[-1] = replace(b.certificates[-1], key=key)
+        return b
+
+    def expired() -> Builder:
+        b = chain()
+        b.grants[0] = replace(b.grants[0], not_after=1)
+        return b
+
+    honest, source, relays = Attacker.HONEST, Attacker.SOURCE, Attacker.RELAYS
+    shared = {"rtps": ProtectionKind.ENCRYPT, "metadata": ProtectionKind.ENCRYPT}
+    table: list[tuple[Builder, ClaimAtom, bool]] = [
+        (chain(), claim(at(TALKER), at(THIRD)), True),
+        (chain(), claim(at(TALKER), at(THIRD), honest), True),
+        (chain(), claim(at(TALKER), at(THIRD), through=(LISTENER,)), False),
+        (chain(), claim(at(TALKER), at(THIRD), through=(TALKER, THIRD)), True),
+        (chain(), claim(at(TALKER), at(THIRD), left_out=(CHATTER,)), False),
+        (chain(), claim(at(THIRD), at(TALKER)), False),
+        (expired(), claim(at(TALKER), at(THIRD)), False),
+        # readers that hold the writer's keys write back where they are taken for it
+        (weak(**shared), claim(at(THIRD), at(TALKER)), False),
+        (with_second_reader(weak(**shared)), claim(at(THIRD), at(TALKER)), True),
+        (with_second_reader(weak(**shared)), claim(at(THIRD), at(TALKER), source), True),
+        (with_second_reader(weak(**shared)), claim(at(THIRD), at(TALKER), honest), False),
+        (with_second_reader(chain()), claim(at(THIRD), at(TALKER)), False),
+        # channels as places
+        (chain(), claim(on_channel(CHATTER), on_channel(OTHER_TOPIC)), True),
+        (chain(), claim(on_channel(CHATTER), at(THIRD), through=(LISTENER,)), False),
+        (chain(), claim(on_channel(CHATTER), at(LISTENER), through=(LISTENER,)), True),
+        (chain(), claim(at(TALKER), on_channel(OTHER_TOPIC), through=(LISTENER,)), False),
+        (chain(), claim(at(LISTENER), on_channel(OTHER_TOPIC), through=(LISTENER,)), True),
+        (chain(), claim(on_channel(CHATTER), on_channel(OTHER_TOPIC), left_out=(CHATTER, OTHER_TOPIC)), True),
+        # the outsider
+        (chain(), claim(at(TALKER), OUT), False),
+        (weak(rtps=none, metadata=sign, data=none), claim(at(TALKER), OUT), True),
+        (weak(rtps=none, metadata=sign, data=none), claim(at(TALKER), OUT, honest), False),
+        (weak(rtps=none, metadata=none, data=none), claim(OUT, at(THIRD)), True),
+        (weak(rtps=none, metadata=none, data=none), claim(OUT, at(THIRD), source), True),
+        (weak(rtps=none, metadata=none, data=none), claim(OUT, at(THIRD), honest), False),
+        (weak(rtps=sign, metadata=none, data=none), claim(OUT, at(THIRD)), False),
+        # keys of two enclaves
+        (chain(), claim(at(TALKER), at(THIRD), left_out=(OTHER_TOPIC,)), False),
+        (one_key(), claim(at(LISTENER), at(TALKER), relays), True),
+        (one_key(), claim(at(LISTENER), at(TALKER), source), False),
+        (one_key(), claim(at(THIRD), at(LISTENER), source), True),
+        # the other kinds
+        (chain(), claim(at(TALKER), at(THIRD), honest, kind=ClaimKind.ABLE), False),
+        (expired(), claim(at(TALKER), at(THIRD), honest, kind=ClaimKind.ABLE), True),
+        (chain(), claim(at(TALKER), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH), False),
+        (chain(), claim(at(THIRD), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH), True),
+        (chain(), claim(Place(), on_channel(CHATTER), Attacker.OUTSIDER, kind=ClaimKind.ENCRYPTED), False),
+        (weak(rtps=sign, data=none), claim(Place(), on_channel(0), Attacker.INSIDER, kind=ClaimKind.ENCRYPTED), False),
+        (
+            weak(metadata=sign, data=none),
+            claim(Place(), on_channel(CHATTER), Attacker.INSIDER, kind=ClaimKind.ENCRYPTED),
+            True,
+        ),
+        (
+            weak(rtps=sign, metadata=sign, data=none),
+            claim(Place(), on_channel(CHATTER), Attacker.OUTSIDER, kind=ClaimKind.ENCRYPTED),
+            True,
+        ),
+        (chain(), claim(at(TALKER), at(THIRD), kind=ClaimKind.SEPARATE_DOMAINS), True),
+        (expired(), claim(at(TALKER), at(THIRD), kind=ClaimKind.SEPARATE_DOMAINS), False),
+    ]
+    asked = [replace(builder.system(), claims=(question,)) for builder, question, _violated in table]
+    wrong = [
+        (number, question.kind, question.source, question.target)
+        for number, ((_builder, question, expected), found) in enumerate(zip(table, decide_claims(asked), strict=True))
+        if found["asked"] is not _status(expected)
+    ]
+    assert wrong == []
+
+
+def narrow_grant_first() -> Builder:
+    """A grant of nothing that ends at instant 3 stands before the talker's: it then becomes able to publish."""
+    b = chain()
+    b.grants.insert(0, replace(b.grants[0], not_after=3))
+    b.rules[:] = [replace(rule, grant=rule.grant + 1) for rule in b.rules]
+    return b
+
+
+def test_rights_that_begin_when_a_grant_ends_violate_a_claim_until_later(analyzer: Engine) -> None:
+    asked = claim(at(TALKER), at(LISTENER))
+    assert ask(narrow_grant_first(), asked, analyzer).status is Status.HOLDS
+    assert ask(narrow_grant_first(), replace(asked, until=3), analyzer).status is Status.HOLDS
+    later = ask(narrow_grant_first(), replace(asked, until=4), analyzer)
+    assert later.status is Status.VIOLATED
+    assert [(hop.sender, hop.receiver, hop.instant) for hop in later.path] == [(TALKER, LISTENER, 3)]
+    stops = narrow_grant_first()
+    stops.skips_grants_out_of_date = False
+    assert ask(stops, replace(asked, until=4), analyzer).status is Status.HOLDS
+
+
+def test_rights_that_begin_later_are_looked_at_until_the_date(analyzer: Engine) -> None:
+    b = chain()
+    b.grants[0] = replace(b.grants[0], not_before=4)
+    asked = claim(at(TALKER), at(LISTENER))
+    assert ask(b, replace(asked, until=3), analyzer).status is Status.HOLDS
+    assert ask(b, replace(asked, until=4), analyzer).status is Status.VIOLATED
+
+
+def test_an_ability_must_last_until_the_date(analyzer: Engine) -> None:
+    b = chain()
+    b.grants[0] = replace(b.grants[0], not_after=3)
+    asked = claim(at(TALKER), at(LISTENER), Attacker.HONEST, kind=ClaimKind.ABLE)
+    assert ask(b, replace(asked, until=3), analyzer).status is Status.HOLDS
+    assert ask(b, replace(asked, until=4), analyzer).status is Status.VIOLATED
+
+
+def test_a_system_at_a_later_moment_is_what_the_native_engine_says_of_that_moment() -> None:
+    """Statuses of all properties at every moment, with the moment made an instant of the facts or taken as a number."""
+    for seed in range(150):
+        system = random_system(seed)
+        for moment in range(2 * system.now, 2 * len(system.instants)):
+            then = {i: a.status for i, a in NativeEngine([moments.at(system, moment)]).answers[0].items()}
+            assert then == NativeEngine([system]).statuses(moment)[0], (seed, moment)
+
+
+def test_too_many_dates_are_out_of_scale() -> None:
+    b = chain()
+    b.rules.clear()
+    system = replace(b.system(), claims=(claim(at(TALKER), at(THIRD), until=4),))
+    many = replace(
+        system,
+        instants=tuple(system.instants[0].replace(year=2020 + number) for number in range(60)),
+        grants=tuple(replace(system.grants[0], not_before=0, not_after=n) for n in range(3, 50)),
+        claims=(replace(system.claims[0], until=59),),
+    )
+    nowhere = Path("/nonexistent")
+    with pytest.raises(EngineOutOfScale, match="date of a claim"):
+        examine([many], java=nowhere, jar=nowhere, timeout=1)
+
+
+def test_a_flow_without_a_path_is_no_answer(analyzer: Engine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The trace must confirm what the compartments say."""
+    folder = tmp_path / "alloy"
+    folder.mkdir()
+    for module in resources.alloy().glob("*.als"):
+        text = module.read_text()
+        if module.name == "propagation.als":
+            assert "eventually arrives" in text
+            text = text.replace("eventually arrives", "no Datum.holder and eventually arrives")
+        (folder / module.name).write_text(text)
+    monkeypatch.setattr(resources, "alloy", lambda: folder)
+    with pytest.raises(EngineFailed, match="no path"):
+        ask(chain(), claim(at(TALKER), at(THIRD)), analyzer)
+
+
+def test_places_and_flows_that_are_not_there_are_named(analyzer: Engine) -> None:
+    nowhere = replace(chain().system(), claims=(claim(at(), at(THIRD)),))
+    somewhere = replace(chain().system(), claims=(claim(at(TALKER), at(THIRD), through=(LISTENER,)),))
+    silent = chain()
+    silent.rules.clear()
+    nothing = replace(silent.system(), claims=(claim(at(TALKER), at(THIRD)),))
+    found = examine([nowhere, somewhere, nothing], java=analyzer.java, jar=analyzer.jar, timeout=ENOUGH)
+    assert [decision.idle & set(claims.EXERCISED) for decision in found] == [{"places"}, set(), {"flows"}]
+
+
+def test_an_exported_model_holds_claims_and_their_paths(tmp_path: Path) -> None:
+    system = replace(chain().system(), claims=(claim(at(TALKER), at(THIRD)),))
+    modules = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+    modules |= {"keystore.als": facts(system), "audit.als": commands((), system, window=True)}
+    assert outcomes(tmp_path, modules)["Claim0"] is False
+    modules[paths.MAIN] = paths.write_paths(system, (0,))
+    assert outcomes(tmp_path, modules, paths.MAIN) == {"Path0": True}
