@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -82,20 +83,16 @@ def test_each_topic_more_or_less_is_found(file: Path, documents: list[Path]) -> 
             topics = first.topics(operation)
             for topic in dict.fromkeys(topics):
                 fewer = first._replace(**{operation: tuple(each for each in topics if each != topic)})
-                assert differs(policy, rules, path, [fewer, *others]) == ({(operation, topic)}, set())
+                assert differs(policy, path, [fewer, *others]) == ({(operation, topic)}, set())
             more = first._replace(**{operation: (*topics, "rt/added/by_hand")})
-            assert differs(policy, rules, path, [more, *others]) == (set(), {(operation, "rt/added/by_hand")})
+            assert differs(policy, path, [more, *others]) == (set(), {(operation, "rt/added/by_hand")})
         lost = {("publish", topic) for topic in first.publish} | {("subscribe", topic) for topic in first.subscribe}
-        assert differs(policy, rules, path, others or [DISCOVERY]) == (lost, set())
+        assert differs(policy, path, others or [DISCOVERY]) == (lost, set())
 
 
-def differs(
-    policy: Policy, rules: dict[str, list[Listed]], path: str, changed: Sequence[Listed]
-) -> tuple[set[tuple[str, str]], set[tuple[str, str]]]:
-    """What drifts where one enclave is granted other rules; it alone does."""
-    found = compared(policy, store({**rules, path: changed}), "spec")
-    assert {each.enclave for each in found.enclaves} <= {path}
-    return sole(found)
+def differs(policy: Policy, path: str, changed: Sequence[Listed]) -> tuple[set[tuple[str, str]], set[tuple[str, str]]]:
+    """What drifts where one enclave is granted these rules; that the others are not there is no drift of this one."""
+    return sole(compared(policy, store({path: changed}), "spec"))
 
 
 @pytest.mark.parametrize(("file", "documents"), PAIRS)
@@ -120,7 +117,7 @@ def test_what_means_the_same_is_no_drift(file: Path, documents: list[Path]) -> N
             [first, late],
             [nobody, first],
         ):
-            assert differs(policy, rules, path, [*same, *others]) == (set(), set())
+            assert differs(policy, path, [*same, *others]) == (set(), set())
 
 
 @pytest.mark.parametrize(("file", "documents"), PAIRS)
@@ -129,8 +126,8 @@ def test_another_order_is_found_where_it_means_something_else(file: Path, docume
     for path, (first, *others) in rules.items():
         topic = first.publish[0]
         denying = Listed(False, (topic,), ())
-        assert differs(policy, rules, path, [denying, first, *others]) == ({("publish", topic)}, set())
-        assert differs(policy, rules, path, [first, denying, *others]) == (set(), set())
+        assert differs(policy, path, [denying, first, *others]) == ({("publish", topic)}, set())
+        assert differs(policy, path, [first, denying, *others]) == (set(), set())
 
 
 # Against every name
@@ -204,6 +201,65 @@ def test_all_and_only_what_differs_by_name_is_found(rights: list[tuple[str, str,
     assert exceeding <= theirs - ours
     assert {alike(right) for right in ours - theirs} == {alike(right) for right in lacking}
     assert {alike(right) for right in theirs - ours} == {alike(right) for right in exceeding}
+
+
+PARTITIONS = (None, ("",), ("lab",), ("l*", ""), ("*",))
+listings = st.lists(
+    st.tuples(
+        st.booleans(),
+        st.sampled_from(("publish", "subscribe")),
+        st.lists(st.sampled_from(EXPRESSIONS[:5]), min_size=1, max_size=2).map(tuple),
+        st.sampled_from(PARTITIONS),
+    ),
+    max_size=4,
+)
+
+
+def decides(
+    listed: tuple[bool, str, tuple[str, ...], tuple[str, ...] | None], operation: str, topic: str, partition: str
+) -> bool:
+    """DDS-Security 1.1, 9.4.1.3.2.3: without partitions an allow rule is for the default one, a deny rule for all."""
+    allows, about, texts, partitions = listed
+    if about != operation or not any(matches(text, topic) for text in texts):
+        return False
+    if partitions is None:
+        return not allows or partition == ""
+    return any(matches(text, partition) for text in partitions)
+
+
+@settings(max_examples=100, deadline=None, derandomize=True)
+@given(rights=some_rights, rules=listings)
+def test_partitions_too_by_name(
+    rights: list[tuple[str, str, bool]],
+    rules: list[tuple[bool, str, tuple[str, ...], tuple[str, ...] | None]],
+) -> None:
+    own = [ruled(allows=allows, **{about: [(texts, partitions)]}) for allows, about, texts, partitions in rules]
+    place = "enclaves/talker/permissions.p7s"
+    held = keystore(enclave("/talker", permissions=permissions(place, grant("/talker", *(own or [allow()])))))
+    found = compared(as_policy(rights), held, "spec")
+    meant = as_sros2(rights)
+
+    def difference(operation: str, topic: str, partition: str) -> int:
+        wanted = not partition and (operation, topic) in allowed(meant, [topic])
+        first = next((rule for rule in rules if decides(rule, operation, topic, partition)), None)
+        return (first is not None and first[0]) - wanted
+
+    told = {
+        (right.operation.value, right.topic, right.partition): sign
+        for each in found.enclaves
+        for sign, drifted in ((-1, each.lacking), (1, each.exceeding))
+        for right in drifted.rights
+    }
+    assert {right: difference(*right) for right in told} == told
+
+    def alike(operation: str, topic: str, partition: str) -> tuple[object, ...]:
+        """Whatever tells names apart: the rules of both sides."""
+        ours = (not partition and matches(text, topic) for rule in meant for text in rule.topics(operation))
+        return operation, *(decides(rule, operation, topic, partition) for rule in rules), *ours
+
+    topics, partitions = ({right[part] for right in told} for part in (1, 2))
+    every = itertools.product(("publish", "subscribe"), {*NAMES, *topics}, {"", "lab", "l", "x", *partitions})
+    assert {alike(*right) for right in told} == {alike(*right) for right in every if difference(*right)}
 
 
 # What makes a difference beside names
