@@ -197,9 +197,15 @@ class _Comparison:
 
     def missing(self) -> Iterator[MissingGrant]:
         """What it needs and does not get."""
-        for need in self._needs:
+        every = tuple(dict.fromkeys(channel for need in self._needs for channel in need.channels))
+        kinds = [  # most enclaves have all that they need: then one question is enough
+            (profile, names)
+            for profile, names in self._deciders.kinds
+            if self._rights.verdict(profile, every).ruling in (Ruling.DENY, Ruling.UNKNOWN)
+        ]
+        for need in self._needs if kinds else ():
             denied: list[tuple[Verdict, tuple[str, ...]]] = []
-            for profile, names in self._deciders.kinds:
+            for profile, names in kinds:
                 verdict = self._rights.verdict(profile, need.channels)
                 if verdict.ruling is Ruling.DENY:
                     denied.append((verdict, names))

@@ -5,7 +5,7 @@ One enclave at a time, over the expressions of its own documents: what others sa
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property
@@ -62,7 +62,7 @@ class Deciders:
         kind_of = Usabilities(None, accesses).kind
         kinds: dict[object, list[Profile]] = {}
         for profile in profiles:
-            kinds.setdefault((kind_of(profile), profile.access.matches_octets), []).append(profile)
+            kinds.setdefault(kind_of(profile), []).append(profile)
         self.kinds: tuple[tuple[Profile, tuple[str, ...]], ...] = tuple(
             (alike[0], tuple(profile.name for profile in alike)) for alike in kinds.values()
         )
@@ -76,7 +76,10 @@ class Deciders:
 
 
 class OwnRights:
-    """The rights of one enclave on `points`, topics with their partitions."""
+    """The rights of one enclave on `points`, topics with their partitions.
+
+    What is needed are names of ROS 2, which are ASCII: no implementation doubts which expressions match them.
+    """
 
     def __init__(self, enclave: Enclave, points: Iterable[Point], deciders: Deciders) -> None:
         self._enclave = enclave
@@ -84,48 +87,25 @@ class OwnRights:
         self._points = {point: number for number, point in enumerate(dict.fromkeys(points))}
         self._channels = self._of_own_documents(tuple(self._points))
         self._local = LocalRights(deciders.accesses, self._channels, deciders.at)
-        self._allowed: dict[tuple[str, Operation], int] = {}
-        self._started: dict[str, list[tuple[int, bool | None]]] = {}
+        self._starts: dict[str, list[tuple[int, bool | None]]] = {}
+        self._allowed: dict[tuple[str, Operation], Mapping[int, int]] = {}
+        self._always: dict[tuple[str, Operation], int] = {}
+        self._ever: dict[tuple[str, Operation], int] = {}
 
     def verdict(self, profile: Profile, needed: Sequence[Channel]) -> Verdict:
         """Whether all of it may be done in the default partition."""
-        started = self.started(profile)
+        started = self._started(profile)
         if not started:
             return _NOWHERE
-        unclear = self._unclear(profile, needed, started)
-        if unclear is not None:
-            return Verdict(ruling=Ruling.UNKNOWN, reason=unclear)
-        denied = [(domain, self._denied(profile, needed, domain)) for domain, _usable in started]
-        where = [(domain, channels) for domain, channels in denied if channels]
-        if not where:
+        if any(usable is None for _domain, usable in started):
+            return Verdict(ruling=Ruling.UNKNOWN, reason="whether a participant starts cannot be told")
+        if all(self._everywhere(profile, operation) >> self._points[topic, ""] & 1 for operation, topic in needed):
             return _ALLOWED
-        domain, channels = where[0]
-        operation, topic = channels[0]
-        decision = self._local.decide(self._enclave, profile, operation, self._channel(domain, (topic, "")))
-        which = f"{operation.value} {topic}: " if len(needed) > 1 else ""
-        labels = [self._label(number) for number, _channels in where]
-        return Verdict(
-            ruling=Ruling.DENY,
-            domains="" if len(where) == len(started) else ", ".join(dict.fromkeys(labels)),
-            reason=which + decision.reason,
-            location=decision.location,
-        )
+        return self._denial(profile, needed)
 
     def allows(self, profile: Profile, operation: Operation, point: Point) -> bool:
         """Whether it is certainly allowed in some domain in which the enclave starts."""
-        return any(
-            usable and self._bits(profile, operation) >> self._channel(domain, point) & 1
-            for domain, usable in self.started(profile)
-        )
-
-    def started(self, profile: Profile) -> Sequence[tuple[int, bool | None]]:
-        """The domains, one of each class, in which the enclave starts, or (None) may start for all we know."""
-        if profile.name not in self._started:
-            deciders = self._deciders
-            domains = self._governed(profile) if deciders.domain is None else [deciders.domain]
-            asked = ((domain, deciders.usable(self._enclave, domain, profile)) for domain in domains)
-            self._started[profile.name] = [(domain, usable) for domain, usable in asked if usable is not False]
-        return self._started[profile.name]
+        return bool(self._somewhere(profile, operation) >> self._points[point] & 1)
 
     def grant(self, profile: Profile) -> ReadGrant | None:
         """The grant that decides."""
@@ -143,7 +123,7 @@ class OwnRights:
             if channel.infinite
             and any(
                 usable and contains(channels.domains[channel.domain].intervals, domain)
-                for domain, usable in self.started(profile)
+                for domain, usable in self._started(profile)
             )
         )
         place = self._enclave.permissions.signed.file.place if self._enclave.permissions else None
@@ -181,30 +161,74 @@ class OwnRights:
             if any(contains(rule.domains, lowest) for rule in read.domain_rules):
                 yield lowest
 
-    def _unclear(
-        self, profile: Profile, needed: Sequence[Channel], started: Sequence[tuple[int, bool | None]]
-    ) -> str | None:
-        """Why it cannot be told."""
-        if any(usable is None for _domain, usable in started):
-            return "whether a participant starts cannot be told"
-        said = (self._deciders.accesses.unclear_name(topic, "", profile) for _operation, topic in needed)
-        return next((reason for reason in said if reason is not None), None)
+    def _started(self, profile: Profile) -> Sequence[tuple[int, bool | None]]:
+        """The domains, one of each class, in which the enclave starts, or (None) may start for all we know."""
+        found = self._starts.get(profile.name)
+        if found is None:
+            deciders = self._deciders
+            domains = self._governed(profile) if deciders.domain is None else [deciders.domain]
+            asked = ((domain, deciders.usable(self._enclave, domain, profile)) for domain in domains)
+            found = self._starts[profile.name] = [(domain, usable) for domain, usable in asked if usable is not False]
+        return found
 
-    def _denied(self, profile: Profile, needed: Sequence[Channel], domain: int) -> list[Channel]:
-        return [
-            (operation, topic)
+    def _denial(self, profile: Profile, needed: Sequence[Channel]) -> Verdict:
+        """Where not all of it is allowed, and why."""
+        started = self._started(profile)
+        denied = [
+            (domain, operation, topic)
+            for domain, _usable in started
             for operation, topic in needed
-            if not self._bits(profile, operation) >> self._channel(domain, (topic, "")) & 1
+            if not self._held(profile, operation)[domain] >> self._points[topic, ""] & 1
         ]
+        domain, operation, topic = denied[0]
+        channel = self._channels.of_point(domain, self._points[topic, ""])
+        decision = self._local.decide(self._enclave, profile, operation, channel)
+        which = f"{operation.value} {topic}: " if len(needed) > 1 else ""
+        where = dict.fromkeys(domain for domain, _operation, _topic in denied)
+        return Verdict(
+            ruling=Ruling.DENY,
+            domains="" if len(where) == len(started) else ", ".join(self._label(domain) for domain in where),
+            reason=which + decision.reason,
+            location=decision.location,
+        )
 
-    def _bits(self, profile: Profile, operation: Operation) -> int:
+    def _everywhere(self, profile: Profile, operation: Operation) -> int:
+        """The points on which it is allowed in every domain in which the enclave starts."""
+        key = (profile.name, operation)
+        if key not in self._always:
+            allowed = (1 << len(self._points)) - 1
+            for held in self._held(profile, operation).values():
+                allowed &= held
+            self._always[key] = allowed
+        return self._always[key]
+
+    def _somewhere(self, profile: Profile, operation: Operation) -> int:
+        """The points on which it is allowed in some domain in which the enclave certainly starts."""
+        key = (profile.name, operation)
+        if key not in self._ever:
+            held = self._held(profile, operation)
+            allowed = 0
+            for domain, usable in self._started(profile):
+                allowed |= held[domain] if usable else 0
+            self._ever[key] = allowed
+        return self._ever[key]
+
+    def _held(self, profile: Profile, operation: Operation) -> Mapping[int, int]:
+        """By domain: the points on which the operation is allowed, as a bit set."""
         key = (profile.name, operation)
         if key not in self._allowed:
-            self._allowed[key] = self._local.allowed(self._enclave, profile, operation)
+            channels = self._local.allowed(self._enclave, profile, operation)
+            self._allowed[key] = {domain: self._window(channels, domain) for domain, _u in self._started(profile)}
         return self._allowed[key]
 
-    def _channel(self, domain: int, point: Point) -> int:
-        return self._channels.of_point(domain, self._points[point])
+    def _window(self, channels: int, domain: int) -> int:
+        """The points among the channels of a domain; an ungoverned one has one channel for all of them."""
+        count = len(self._points)
+        every = (1 << count) - 1
+        start = self._channels.of_point(domain, 0)
+        if self._channels.of_point(domain, count - 1) - start == count - 1:
+            return channels >> start & every
+        return every if channels >> start & 1 else 0
 
     def _label(self, domain: int) -> str:
         return next(atom.label for atom in self._channels.domains if contains(atom.intervals, domain))
