@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
 from typing import Any, Final
@@ -50,9 +50,10 @@ def _beside(location: Location, message: str = "") -> Location:
     return replace(location, beside=True, message=message or location.message)
 
 
-def _profiles(names: Sequence[str], context: Context) -> tuple[str, ...]:
-    """None where it holds for all that were asked about."""
-    return () if len(names) == len(context.profiles) else tuple(names)
+def _profiles(names: Collection[str], context: Context) -> tuple[str, ...]:
+    """In the order of those that were asked about; none where it holds for all."""
+    found = tuple(profile.name for profile in context.profiles if profile.name in names)
+    return () if len(found) == len(context.profiles) else found
 
 
 @rule(
@@ -108,7 +109,7 @@ def _missing(message: str, group: Sequence[MissingGrant], context: Context) -> V
         locations=places((*deciding[:1], *needed, *deciding[1:])),
         enclave=group[0].need.enclave,
         severity=Severity.MEDIUM if all(each.domains for each in group) else None,
-        profiles=_profiles([profile.name for profile in context.profiles if profile.name in names], context),
+        profiles=_profiles(names, context),
         key="\n".join(sorted(_right(each.need) for each in group)),
     )
 
