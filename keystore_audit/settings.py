@@ -80,12 +80,13 @@ class _File:
         text = text.replace("\r\n", "\n")
         try:
             self.values: Mapping[str, Any] = tomllib.loads(text)
+            self._positions = positions(text)
         except (tomllib.TOMLDecodeError, RecursionError) as error:
             message = str(error) or "too deeply nested"
             where = _WHERE.search(message)
-            place = f":{where[1]}:{where[2]}" if where else ""
+            last = f":{text.count(chr(10)) + 1}:{len(text) - text.rfind(chr(10))}"
+            place = f":{where[1]}:{where[2]}" if where else last
             raise UsageError(f"{path}{place}: this is not TOML: {_WHERE.sub('', message)}.") from error
-        self._positions = positions(text)
 
     def position(self, path: KeyPath) -> Position:
         while path not in self._positions and path:

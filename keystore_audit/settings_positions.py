@@ -68,7 +68,7 @@ class _Scan:
         self._at += 2 if several else 1
         path: Path = ()
         keys = self._keys()
-        for number, key in enumerate(keys):
+        for number, (key, _position) in enumerate(keys):
             path = (*path, key)
             if several and number == len(keys) - 1:
                 self._tables[path] = self._tables.get(path, 0) + 1
@@ -81,27 +81,27 @@ class _Scan:
 
     def _pair(self, table: Path) -> None:
         """`key = value` in a table."""
-        position = self._position()
         path = table
-        for key in self._keys():
+        for key, position in self._keys():
             path = (*path, key)
             self._found.setdefault(path, position)
         self._at += 1  # =
         self._skip(_SPACES)
         self._value(path)
 
-    def _keys(self) -> list[str]:
-        """The parts of a dotted key, and the space after it."""
+    def _keys(self) -> list[tuple[str, Position]]:
+        """The parts of a dotted key, each with its place, and the space after it."""
         keys = []
         while True:
             self._skip(_SPACES)
+            position = self._position()
             if match := _BARE.match(self._text, self._at):
-                keys.append(match[0])
+                keys.append((match[0], position))
             else:
                 match = _STRING.match(self._text, self._at)
                 if match is None:
                     raise AssertionError("a key of a valid document is not found")
-                keys.append(tomllib.loads(f"key = {match[0]}")["key"])
+                keys.append((tomllib.loads(f"key = {match[0]}")["key"], position))
             self._at = match.end()
             self._skip(_SPACES)
             if not self._text.startswith(".", self._at):

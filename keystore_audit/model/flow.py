@@ -143,7 +143,7 @@ class Flows:
                 lanes.append(_Lane(puts, [*taken, 0]))
             if source.outsider:
                 puts = [*([0] * self.outsider), view.injectable]
-                lanes.append(_Lane(puts, [*self._as_any(taken), 0]))
+                lanes.append(_Lane(puts, [*taken, 0]))
         return lanes
 
     @staticmethod

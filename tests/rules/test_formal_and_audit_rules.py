@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from keystore_audit.findings import Location, Result
+from keystore_audit.findings import Location, Result, Severity
 from keystore_audit.keystore.files import Status as FileStatus
 from keystore_audit.model.meaning import Doubt
 from keystore_audit.properties import BY_ID, PROPERTIES, Status
 from keystore_audit.properties.counterexample import Counterexample, Step
-from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
+from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus, ProfileResult, PropertyResult
 from keystore_audit.rules import RULES
 from keystore_audit.rules.judge import judge
 from tests.rules.evidence import absent, context, findings, healthy, judged, laid_out, meaning
@@ -51,7 +52,18 @@ CASES: dict[str, dict[str, Any]] = {
     **{
         rule.code: {"results": (result(rule.name, spec=answer(VIOLATED, example=EXAMPLE)),)}
         for rule in RULES
-        if rule.family == "KA7"
+        if rule.family == "KA7" and rule.name in BY_ID
+    },
+    "KA740": {
+        "results": (
+            AssertedResult(
+                prop=replace(BY_ID["outsiders-cannot-read"], id="never"),
+                profiles={"spec": answer(VIOLATED, example=EXAMPLE)},
+                severity=Severity.LOW,
+                location=Location(path="keystore-audit.toml", line=3, beside=True),
+                forgers=("/a", "/b"),
+            ),
+        )
     },
     "KA901": {"doubts": (DOUBT,)},
     "KA902": {"engines": (engine(EngineStatus.MISSING, required=False),)},
@@ -178,3 +190,18 @@ def test_a_doubt_is_told_beside_a_finding_that_leaves_nothing_open() -> None:
 
     store = laid_out(authority_keys=(file("private/ca.key.pem", None),))(healthy())
     assert {f.code for f in judged(store, doubts=(expired_elsewhere,)).findings} == {"KA109", "KA901"}
+
+
+def test_an_asserted_property_has_the_severity_and_the_place_that_its_user_gave() -> None:
+    (found,) = judged(**CASES["KA740"]).findings
+    assert found.severity is Severity.LOW
+    assert (found.locations[0].path, found.locations[0].line) == ("keystore-audit.toml", 3)
+    assert "'never' is violated" in found.message
+    assert "/a, /b could pass for one" in found.message
+
+
+@pytest.mark.parametrize("status", [HOLDS, UNKNOWN])
+def test_an_asserted_property_that_is_not_violated_is_no_finding_of_its_own(status: Status) -> None:
+    (asserted,) = CASES["KA740"]["results"]
+    judgement = judged(results=(replace(asserted, profiles={"spec": answer(status)}),))
+    assert {finding.code for finding in judgement.findings} == ({"KA906"} if status is UNKNOWN else set())

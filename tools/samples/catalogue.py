@@ -11,6 +11,7 @@ from . import (
     divergence_stories,
     drift_stories,
     environment_stories,
+    flow_stories,
     formal_stories,
     governance_stories,
     healthy,
@@ -44,6 +45,7 @@ FAMILIES = (
     environment_stories,
     ros_stories,
     formal_stories,
+    flow_stories,
 )
 
 

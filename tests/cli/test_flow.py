@@ -1,0 +1,181 @@
+"""`keystore-audit flow`, and what settings assert, on the samples below flows/."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+
+from keystore_audit import resources
+
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
+AT = ("--at", "2026-11-21T12:00:00Z")
+
+
+def run(*arguments: str, at: Path = SAMPLES, **environment: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "keystore_audit", *arguments]
+    variables = {key: value for key, value in os.environ.items() if key != "CI"} | environment
+    return subprocess.run(command, cwd=at, env=variables, capture_output=True, text=True, timeout=120)
+
+
+def flow(sample: str, *arguments: str) -> tuple[int, dict[str, Any]]:
+    done = run("flow", f"flows/{sample}", *arguments, *AT, "-f", "json")
+    answer = json.loads(done.stdout)
+    schema = json.loads((resources.schemas() / "flow.schema.json").read_text())
+    jsonschema.Draft202012Validator.check_schema(schema)
+    jsonschema.validate(answer, schema)
+    return done.returncode, answer
+
+
+def found(answer: dict[str, Any]) -> dict[str, bool | None]:
+    return {attacker: each["flow"] for attacker, each in answer["attackers"].items()}
+
+
+MOTOR = ("/infotainment", "/motor")
+NEVER = {"honest": False, "source": False, "relays": False}
+ALWAYS = {"honest": True, "source": True, "relays": True}
+
+
+@pytest.mark.parametrize(
+    ("sample", "ends", "expected"),
+    [
+        ("vehicle_healthy", MOTOR, NEVER),
+        ("vehicle_plain_grant", MOTOR, ALWAYS),
+        ("vehicle_governance_flag", MOTOR, ALWAYS),
+        ("vehicle_compromised_relay", MOTOR, {**NEVER, "relays": True}),
+        ("vehicle_bridged_domain", MOTOR, ALWAYS),
+        ("turtlesim_healthy", ("/random", "/turtlesim", "--through", "/multiplexer"), NEVER),
+        ("turtlesim_healthy", ("/random", "topic:/move_turtle"), ALWAYS),
+        ("turtlesim_healthy", ("topic:/low_priority", "/turtlesim", "--through", "/multi*"), NEVER),
+        ("turtlesim_healthy", ("outsider", "/*"), NEVER),
+        ("turtlesim_healthy", ("/*", "outsider"), NEVER),
+        ("turtlesim_random_moves_turtle", ("/random", "/turtlesim", "--through", "/multiplexer"), ALWAYS),
+    ],
+)
+def test_who_has_to_attack(sample: str, ends: tuple[str, ...], expected: dict[str, bool]) -> None:
+    code, answer = flow(sample, *ends)
+    assert found(answer) == expected
+    assert answer["flow"] is any(expected.values())
+    assert code == int(any(expected.values()))
+
+
+def test_each_hop_has_a_name_and_the_line_that_grants_it() -> None:
+    _code, answer = flow("vehicle_plain_grant", *MOTOR, "--attacker", "honest")
+    path = answer["attackers"]["honest"]["profiles"]["spec"]["path"]
+    assert path["text"].startswith("/infotainment -> /media_state (topic) in domain 0 -> /gateway -> /motor_limit")
+    hops = [(step["enclave"], step["witness"]) for step in path["steps"]]
+    assert hops == [
+        ("/infotainment", "rt/media_state"),
+        ("/gateway", "rt/media_state"),
+        ("/gateway", "rt/motor_limit"),
+        ("/motor", "rt/motor_limit"),
+    ]
+    for step in path["steps"]:
+        line = (SAMPLES / "flows/vehicle_plain_grant" / step["path"]).read_text().splitlines()[step["line"] - 1]
+        assert "<allow_rule>" in line
+
+
+def test_an_implementation_in_which_everybody_signs_rights_for_itself() -> None:
+    ends = ("/random", "/turtlesim", "--through", "/multiplexer")
+    profiles = ("--profile", "cyclonedds-0.10", "--profile", "cyclonedds-11")
+    code, answer = flow("turtlesim_shared_ca", *ends, *profiles, "--attacker", "honest")
+    by_profile = {name: each["flow"] for name, each in answer["attackers"]["honest"]["profiles"].items()}
+    assert (code, by_profile) == (1, {"cyclonedds-0.10": True, "cyclonedds-11": False})
+    assert flow("turtlesim_split_cas", *ends, *profiles)[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("at", "profile", "expected"),
+    [("2026-11-21", "fastdds", 0), ("2027-03-03", "fastdds", 1), ("2027-03-03", "cyclonedds", 0)],
+)
+def test_a_grant_that_ends_makes_way_for_a_wider_one(at: str, profile: str, expected: int) -> None:
+    done = run("flow", "flows/vehicle_expiring_grant", *MOTOR, "--at", at, "--profile", profile)
+    assert done.returncode == expected
+
+
+@pytest.mark.parametrize("doubt", ["unreadable", "ambiguous", "linked_away"])
+def test_an_enclave_that_cannot_be_read_leaves_it_open(doubt: str) -> None:
+    code, answer = flow(f"chatter_{doubt}_enclave", "/listener", "/talker")
+    assert code == 4
+    assert answer["flow"] is None
+    text = run("flow", f"flows/chatter_{doubt}_enclave", "/listener", "/talker", *AT).stdout
+    assert "UNKNOWN" in text
+    assert "It depends on what could not be read: enclaves/" in text
+
+
+@pytest.mark.parametrize(
+    ("ends", "said"),
+    [
+        (("/nobody", "/motor"), "'/nobody' names no enclave of this keystore"),
+        (("/moto", "/motor"), "the nearest is '/motor'"),
+        (("motor", "/motor"), "expected enclaves"),
+        (("/motor", "topic:/motor_limt"), "no permissions document grants anything"),
+        (("/motor", "/brake", "--through", "/brak"), "'/brak' names no enclave"),
+        (("/motor", "/brake", "--attacker", "all"), "not one of honest, source, relays"),
+    ],
+)
+def test_places_that_are_not_there_are_wrong_usage(ends: tuple[str, ...], said: str) -> None:
+    done = run("flow", "flows/vehicle_healthy", *ends, *AT)
+    assert done.returncode == 2
+    assert said in done.stderr.replace("\n", " ")
+    assert done.stdout == ""
+
+
+def test_names_are_escaped() -> None:
+    done = run("flow", "flows/vehicle_healthy", "/motor", "topic:/\x1b[31m*", *AT)
+    assert "\x1b" not in done.stdout + done.stderr
+
+
+def audit(keystore: str, *arguments: str, at: Path, **environment: str) -> tuple[int, dict[str, Any]]:
+    done = run("audit", keystore, "--engine", "native", "-f", "json", *AT, *arguments, at=at, **environment)
+    return done.returncode, json.loads(done.stdout) if done.stdout else {"stderr": done.stderr}
+
+
+def test_settings_of_the_working_directory_count_save_in_ci_and_with_deployed(tmp_path: Path) -> None:
+    keystore = str(SAMPLES / "flows/turtlesim_random_moves_turtle")
+    shutil.copy(SAMPLES / "settings/turtlesim.toml", tmp_path / "keystore-audit.toml")
+    code, report = audit(keystore, at=tmp_path)
+    assert (code, report["settings"]["path"]) == (1, "keystore-audit.toml")
+    asserted = {each["id"]: each["status"] for each in report["properties"]}
+    assert asserted["random-reaches-turtlesim-only-through-multiplexer"] == "violated"
+    assert asserted["keyboard-moves-the-turtle"] == "holds"
+    assert audit(keystore, at=tmp_path, CI="true")[1]["settings"] is None
+    assert audit(keystore, "--deployed", at=tmp_path)[1]["settings"] is None
+    code, report = audit(keystore, "--settings", "keystore-audit.toml", at=tmp_path, CI="true")
+    assert (code, report["settings"]["path"]) == (1, "keystore-audit.toml")
+
+
+def test_settings_inside_of_the_keystore_are_refused(tmp_path: Path) -> None:
+    shutil.copytree(SAMPLES / "flows/turtlesim_healthy", tmp_path / "keys", symlinks=True)
+    shutil.copy(SAMPLES / "settings/turtlesim.toml", tmp_path / "keys/keystore-audit.toml")
+    for at, arguments in ((tmp_path, ("keys", "--settings", "keys/keystore-audit.toml")), (tmp_path / "keys", (".",))):
+        code, said = audit(*arguments, at=at)
+        assert code == 2
+        assert "would judge itself" in said["stderr"]
+
+
+def test_a_misspelt_place_is_named_with_line_and_column(tmp_path: Path) -> None:
+    (tmp_path / "s.toml").write_text('\n[[property]]\nname = "x"\nable = { from = "/keybord", to = "/turtlesim" }\n')
+    code, said = audit(str(SAMPLES / "flows/turtlesim_healthy"), "--settings", "s.toml", at=tmp_path)
+    assert code == 2
+    assert "s.toml:2:1: '/keybord' names no enclave of this keystore; the nearest is '/keyboard'" in said["stderr"]
+
+
+def test_when_an_asserted_property_ends_is_told() -> None:
+    code, report = audit(
+        "flows/vehicle_expiring_grant", "--settings", "settings/vehicle.toml", "--profile", "fastdds", at=SAMPLES
+    )
+    assert code == 1
+    told = [each for each in report["findings"] if each["code"] == "KA740"]
+    assert all("after 2027-03-01T" in each["message"] for each in told)
+    code, report = audit(
+        "flows/vehicle_expiring_grant", "--settings", "settings/vehicle.toml", "--profile", "cyclonedds", at=SAMPLES
+    )
+    assert [each for each in report["findings"] if each["code"] == "KA740"] == []

@@ -1,0 +1,263 @@
+"""keystore-audit.toml: what is asserted, and where something in it is wrong."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import string
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from keystore_audit import resources
+from keystore_audit.errors import UsageError
+from keystore_audit.findings import Severity
+from keystore_audit.model.claim import Attacker, ClaimKind
+from keystore_audit.model.claims import Claim, Globs
+from keystore_audit.settings import read_settings
+from keystore_audit.settings_positions import Position, positions
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+HEAD = '[[property]]\nname = "a"\n'
+SAMPLES = Path(__file__).resolve().parents[1] / "sample_keystores"
+
+
+def claims(tmp_path: Path, text: str) -> tuple[Claim, ...]:
+    file = tmp_path / "keystore-audit.toml"
+    file.write_text(text, "utf-8")
+    return read_settings(file).claims
+
+
+def wrong(tmp_path: Path, text: str | bytes) -> str:
+    """What is said, after the file's path."""
+    file = tmp_path / "keystore-audit.toml"
+    file.write_bytes(text.encode() if isinstance(text, str) else text)
+    with pytest.raises(UsageError) as caught:
+        read_settings(file)
+    assert caught.value.message.startswith(str(file))
+    return caught.value.message.removeprefix(str(file))
+
+
+def test_every_form_is_read(tmp_path: Path) -> None:
+    flow, publish, encrypted, apart, able = claims(
+        tmp_path,
+        """
+[[property]]
+name = "flow"
+description = "Mine."
+severity = "low"
+until = 2027-01-01
+no_flow = { from = ["/a/*", "/b"], to = "topic:/cmd_vel", through = "/c", attacker = "source", include_ambient = true }
+[[property]]
+name = "publish"
+only_publish = { topic = "/x/*", enclaves = ["/d"] }
+[[property]]
+name = "encrypted"
+encrypted = { topic = "dds:rq/addRequest", against = "insider" }
+[[property]]
+name = "apart"
+never_share_domain = ["/a", "/b"]
+[[property]]
+name = "able"
+until = 2027-01-01T01:00:00+02:00
+[property.able]
+from = "outsider"
+to = "/b"
+""",
+    )
+    assert (flow.id, flow.statement, flow.severity, flow.kind) == ("flow", "Mine.", Severity.LOW, ClaimKind.NO_FLOW)
+    assert (flow.attacker, flow.through, flow.include_ambient) == (Attacker.SOURCE, ("/c",), True)
+    assert (flow.source, flow.target) == (Globs(enclaves=("/a/*", "/b")), Globs(topics=("rt/cmd_vel",)))
+    assert flow.until == datetime(2027, 1, 1, 23, 59, 59, tzinfo=timezone.utc)
+    assert (flow.location.line, flow.location.beside) == (2, True)
+    assert (publish.source, publish.target) == (Globs(enclaves=("/d",)), Globs(topics=("rt/x/*",)))
+    assert (publish.statement, publish.severity) == ("Only /d may publish /x/*.", Severity.HIGH)
+    assert (encrypted.attacker, encrypted.target) == (Attacker.INSIDER, Globs(topics=("rq/addRequest",)))
+    assert (apart.source, apart.target) == (Globs(enclaves=("/a",)), Globs(enclaves=("/b",)))
+    assert (able.kind, able.source) == (ClaimKind.ABLE, Globs(outsider=True))
+    assert able.until == datetime(2026, 12, 31, 23, 0, 0, tzinfo=timezone.utc)
+
+
+@pytest.mark.parametrize(
+    ("text", "where", "what"),
+    [
+        ("x = [", ":1:6", "this is not TOML"),
+        ("[[propertty]]\n", ":1:1", "unknown key 'propertty'; expected property; did you mean 'property'"),
+        ("property = 3\n", ":1:1", "headed [[property]]"),
+        (f"{HEAD}", ":1:1", "expected exactly one of no_flow"),
+        ("[[property]]\nable = 1\n", ":1:1", "expected name"),
+        ('[[property]]\nname = "A b"\nable = {}\n', ":2:1", "'A b' is no name"),
+        ('[[property]]\nname = "outsiders-cannot-read"\nable = {}\n', ":2:1", "always decided"),
+        (f"{HEAD}  no_flow = {{ fro = 1 }}\n", ":3:15", "unknown key 'fro'"),
+        (f'{HEAD}no_flow = {{ from = "/a" }}\n', ":3:1", "expected to"),
+        (f'{HEAD}no_flow = {{ from = "arm", to = "/b" }}\n', ":3:13", "expected enclaves"),
+        (f'{HEAD}no_flow = {{ from = ["/a", "topic:/b"], to = "/b" }}\n', ":3:13", "one sort alone"),
+        (f'{HEAD}no_flow = {{ from = "/a", to = "topic:b" }}\n', ":3:26", "is no topic"),
+        (f'{HEAD}no_flow = {{ from = "/a", to = "/b", attacker = "all" }}\n', ":3:37", "'relays' or 'source'"),
+        (f'{HEAD}no_flow = {{ from = "/a", to = "/b", through = "c" }}\n', ":3:37", "no enclave's path"),
+        (f'{HEAD}no_flow = {{ from = "/a", to = "/b", include_ambient = 1 }}\n', ":3:37", "true or false"),
+        (f'{HEAD}able = {{ from = [], to = "/b" }}\n', ":3:10", "array of such strings"),
+        (f'{HEAD}severity = "bad"\nable = {{ from = "/a", to = "/b" }}\n', ":3:1", "'high' or 'critical'"),
+        (f'{HEAD}until = "2027-01-01"\nable = {{ from = "/a", to = "/b" }}\n', ":3:1", "without quotes"),
+        (f'{HEAD}until = 0001-01-01T00:00:00+10:00\nable = {{ from = "/a", to = "/b" }}\n', ":3:1", "no UTC date"),
+        (f'{HEAD}never_share_domain = ["/a"]\n', ":3:1", "expected two globs"),
+        (f'{HEAD}only_publish = {{ topic = "x", enclaves = "/a" }}\n', ":3:18", "is no topic"),
+        (f"{HEAD}encrypted = 3\n", ":3:1", "expected a table"),
+        (f'{HEAD}able = {{ from = "/a", to = "/b" }}\n' * 2, ":5:1", "there is a property 'a' already"),
+    ],
+)
+def test_what_is_wrong_is_said_with_line_and_column(tmp_path: Path, text: str, where: str, what: str) -> None:
+    said = wrong(tmp_path, text)
+    assert said.startswith(f"{where}: ")
+    assert what in said
+
+
+def test_bytes_that_are_no_text_and_files_that_are_no_settings(tmp_path: Path) -> None:
+    assert wrong(tmp_path, b"# ok\nx = '\xff'\n").startswith(":2: this is not UTF-8")
+    assert "larger" in wrong(tmp_path, b"#" * 1_000_001)
+    assert "this is not TOML" in wrong(tmp_path, "x = " + "[" * 100_000)
+    with pytest.raises(UsageError, match="cannot be read"):
+        read_settings(tmp_path / "none.toml")
+
+
+def test_settings_inside_of_the_keystore_are_refused_also_over_a_link(tmp_path: Path) -> None:
+    keystore = tmp_path / "keystore"
+    (keystore / "enclaves").mkdir(parents=True)
+    inside = keystore / "enclaves" / "keystore-audit.toml"
+    inside.write_text("")
+    link = tmp_path / "settings.toml"
+    link.symlink_to(inside)
+    for path in (inside, link):
+        with pytest.raises(UsageError, match="would judge itself"):
+            read_settings(path, [str(keystore)])
+    outside = tmp_path / "outside.toml"
+    outside.write_text("")
+    assert read_settings(outside, [keystore]).sha256 == hashlib.sha256(b"").hexdigest()
+
+
+def test_the_schema_takes_what_is_taken_and_refuses_what_is_refused(tmp_path: Path) -> None:
+    schema = json.loads((resources.schemas() / "settings.schema.json").read_text())
+    jsonschema.Draft202012Validator.check_schema(schema)
+    validator = jsonschema.Draft202012Validator(schema)
+    for file in sorted((SAMPLES / "settings").glob("*.toml")):
+        assert read_settings(file).claims
+        assert [error.message for error in validator.iter_errors(_plain(tomllib.loads(file.read_text())))] == []
+    for text in (
+        HEAD,
+        "[[propertty]]\n",
+        f'{HEAD}able = {{ from = "/a", to = "/b", attacker = "source" }}\n',
+        f'{HEAD}able = {{ from = "/a", to = "/b" }}\nencrypted = {{ topic = "/a" }}\n',
+        f'{HEAD}never_share_domain = ["/a"]\n',
+        f'{HEAD}only_publish = {{ topic = "/a", enclaves = "a" }}\n',
+    ):
+        assert wrong(tmp_path, text)
+        assert not validator.is_valid(_plain(tomllib.loads(text))), text
+
+
+def _plain(value: Any) -> Any:
+    """TOML in the types of JSON."""
+    if isinstance(value, Mapping):
+        return {key: _plain(one) for key, one in value.items()}
+    if isinstance(value, list):
+        return [_plain(one) for one in value]
+    return value if isinstance(value, str | int | float | bool) else value.isoformat()
+
+
+KEYS = st.text(alphabet=string.ascii_letters + string.digits + "-_", min_size=1, max_size=3) | st.text(max_size=3)
+SCALARS = st.one_of(
+    st.integers(-(10**9), 10**9).map(str),
+    st.booleans().map(lambda flag: str(flag).lower()),
+    st.sampled_from(["1.5", "2027-01-01", "2027-01-01 12:00:00Z", "'''a\n]b'''", '"""x"y\\"""" # }\n"""', "'#,]'"]),
+    st.text(max_size=6).map(lambda text: json.dumps(text).replace("\\ud", "\\u00").replace("\x7f", "")),
+)
+BLANKS = st.sampled_from(["", " ", "\t", "  # [c] = 'x\n", "\n"])
+
+
+def quoted(key: str) -> str:
+    """A key as it can stand in a document."""
+    bare = key and all(c in string.ascii_letters + string.digits + "-_" for c in key)
+    return key if bare else json.dumps("".join(c for c in key if c.isprintable() and ord(c) < 0xD800))
+
+
+@st.composite
+def values(draw: st.DrawFn, depth: int = 2) -> str:
+    kind = draw(st.integers(0, 3)) if depth else 0
+    if kind == 1:
+        items = draw(st.lists(values(depth=depth - 1), max_size=3))
+        gaps = [draw(BLANKS) for _ in range(2 * len(items) + 1)]
+        parts = (f"{gaps[2 * n]}{item}{gaps[2 * n + 1]}" for n, item in enumerate(items))
+        return "[" + ",".join(parts) + gaps[-1] + "]"
+    if kind == 2:
+        pairs = draw(st.dictionaries(KEYS.map(quoted), values(depth=depth - 1), max_size=3))
+        return "{ " + ", ".join(f"{key} = {value}" for key, value in pairs.items()) + " }"
+    return draw(SCALARS)
+
+
+@st.composite
+def documents(draw: st.DrawFn) -> str:
+    lines = []
+    for header in [None, *draw(st.lists(KEYS.map(quoted), max_size=3))]:
+        if header is not None:
+            several = draw(st.booleans())
+            sub = draw(st.sampled_from(["", ".sub", ' . "s.b"']))
+            lines.append(f"[[ {header}{sub} ]] # x" if several else f"[{header}{sub}]")
+        pairs = draw(st.dictionaries(KEYS.map(quoted), values(), max_size=3))
+        lines += [f"{draw(st.sampled_from(['', '  ']))}{key}{draw(st.sampled_from(['', '.k']))} = {value}"
+                  for key, value in pairs.items()]  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def paths(value: object, at: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
+    """Every key and item of what the parser read."""
+    children: Sequence[tuple[str | int, object]] = ()
+    if isinstance(value, Mapping):
+        children = list(value.items())
+    elif isinstance(value, list):
+        children = list(enumerate(value))
+    for key, child in children:
+        yield (*at, key)
+        yield from paths(child, (*at, key))
+
+
+@settings(max_examples=200, derandomize=True, deadline=None)
+@given(documents())
+def test_positions_are_those_of_exactly_the_keys_that_the_parser_reads(text: str) -> None:
+    try:
+        read = tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        return
+    found = positions(text)
+    assert set(found) == set(paths(read))
+    lines = text.split("\n")
+    for path, (line, column) in found.items():
+        rest = lines[line - 1][column - 1 :]
+        key = path[-1]
+        if isinstance(key, str) and not rest.startswith("["):
+            assert rest.startswith((key, '"')), (path, rest)
+
+
+def test_positions_by_hand() -> None:
+    text = 'a = 1\n[[b]]\n  "c d".e = [1,\n   { f = """x\n]""", g = 2 }]\n[[b]]\n'
+    assert positions(text) == {
+        ("a",): Position(1, 1),
+        ("b",): Position(2, 1),
+        ("b", 0): Position(2, 1),
+        ("b", 0, "c d"): Position(3, 3),
+        ("b", 0, "c d", "e"): Position(3, 9),
+        ("b", 0, "c d", "e", 0): Position(3, 14),
+        ("b", 0, "c d", "e", 1): Position(4, 4),
+        ("b", 0, "c d", "e", 1, "f"): Position(4, 6),
+        ("b", 0, "c d", "e", 1, "g"): Position(5, 7),
+        ("b", 1): Position(6, 1),
+    }

@@ -1,0 +1,203 @@
+"""Keystores and what users assert of them (`sample_keystores/settings/`): where data can get to, and how."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from .base import LISTENER, LISTENER_GRANT, PERMISSIONS_CA, TALKER, TWO, with_listener
+from .documents import DomainRule, Governance, Permissions, Rule, TopicRule, edited
+from .healthy import TURTLESIM, VEHICLE, healthy
+from .policy import Node, grant
+from .smime import signed_by
+from .store import Link, Store
+from .story import Case, Story, pair
+
+ASSERTED = {name: ("--settings", f"settings/{name}.toml") for name in ("turtlesim", "vehicle", "chatter")}
+
+
+def stories() -> Iterator[Story]:
+    """The pair of KA740, and the samples below flows/."""
+    yield from pair(
+        "KA740",
+        "asserted-property-violated",
+        bad=Case(
+            "The settings say that nothing gets from the listener to the talker; the listener may publish /answer, to "
+            "which the talker subscribes.",
+            _answering("rt/answer"),
+        ),
+        good=Case("Nobody subscribes to what the listener publishes.", _answering("rt/question")),
+        options=ASSERTED["chatter"],
+    )
+    yield from _turtlesim()
+    yield from _vehicle()
+    yield from _unknown()
+
+
+def _answering(subscribed: str) -> Store:
+    talking = Permissions(grants=(grant("/talker", Node(name="talker", publish=("chatter",), common=False)),))
+    heard = replace(talking.grants[0], rules=(Rule(publish=("rt/chatter",), subscribe=(subscribed,)),))
+    said = replace(LISTENER_GRANT, rules=(Rule(publish=("rt/answer",), subscribe=("rt/chatter", "rt/question")),))
+    enclaves = (
+        replace(TALKER, permissions=Permissions(grants=(heard,))),
+        replace(LISTENER, permissions=Permissions(grants=(said,))),
+    )
+    return replace(TWO, enclaves=enclaves)
+
+
+def _story(family: str, name: str, text: str, store: Store, options: tuple[str, ...] = ()) -> Story:
+    return Story(
+        directory=f"flows/{family}_{name}", text=text, tree=store.tree(), options=(*ASSERTED[family], *options)
+    )
+
+
+def _turtlesim() -> Iterator[Story]:
+    def random(*published: str) -> Store:
+        node = Node(name="random", publish=("low_priority", *published))
+        return healthy("flow turtlesim", {**TURTLESIM, "/random": node})
+
+    yield _story(
+        "turtlesim",
+        "healthy",
+        "Neither source moves the turtle but through the multiplexer, and the keyboard alone publishes /high_priority.",
+        random(),
+    )
+    yield _story(
+        "turtlesim",
+        "random_moves_turtle",
+        "The random walker may also publish /move_turtle: it moves the turtle past the multiplexer.",
+        random("/move_turtle"),
+    )
+    yield _story(
+        "turtlesim",
+        "random_any_priority",
+        "The random walker may publish /*_priority: /high_priority is among it.",
+        random("/*_priority"),
+    )
+    split = random()
+    shared = replace(split, permissions_ca=split.identity_ca)
+    yield _story(
+        "turtlesim",
+        "shared_ca",
+        "One authority signs identities and rights, as sros2 makes it. Under Cyclone DDS 0.10, which does not pin the "
+        "signer, the random walker signs itself the right to publish /move_turtle.",
+        shared,
+        ("--profile", "cyclonedds-0.10"),
+    )
+    yield _story(
+        "turtlesim",
+        "split_cas",
+        "Identities and rights are signed by two authorities: nobody signs rights for itself.",
+        split,
+        ("--profile", "cyclonedds-0.10"),
+    )
+
+
+def _vehicle() -> Iterator[Story]:
+    def vehicle(**changed: Node) -> Store:
+        return healthy("flow vehicle", {**VEHICLE, **{f"/{name}": node for name, node in changed.items()}})
+
+    infotainment, gateway = VEHICLE["/infotainment"], VEHICLE["/gateway"]
+    yield _story(
+        "vehicle",
+        "healthy",
+        "Nothing that the infotainment system publishes is read by anybody on whom the motor depends.",
+        vehicle(),
+    )
+    yield _story(
+        "vehicle",
+        "plain_grant",
+        "The gateway passes a limit on to the motor, and reads /media_state: the infotainment system reaches the motor "
+        "over two rights that each look harmless.",
+        vehicle(
+            gateway=replace(
+                gateway,
+                subscribe=(*gateway.subscribe, "media_state"),
+                publish=(*gateway.publish, "motor_limit"),
+            )
+        ),
+    )
+    unchecked = DomainRule(topics=(TopicRule(expression="rt/motor_limit", write_access_control=False), TopicRule()))
+    yield _story(
+        "vehicle",
+        "governance_flag",
+        "No grant lets the infotainment system publish /motor_limit, but the governance does not ask for one there.",
+        replace(vehicle(), governance=Governance(rules=(unchecked,))),
+    )
+    yield _story(
+        "vehicle",
+        "compromised_relay",
+        "The gateway watches /motor_limit and /media_state and publishes neither. Whoever takes the gateway over "
+        "forges /motor_limit with the key it reads it with: only a compromised relay leads to the motor.",
+        vehicle(gateway=replace(gateway, subscribe=(*gateway.subscribe, "media_state", "motor_limit"))),
+    )
+    yield _bridged(vehicle())
+    yield _expiring(vehicle(), infotainment)
+
+
+def _bridged(store: Store) -> Story:
+    """The vehicle with a second domain for the workshop, in which the brake listens to the infotainment system."""
+    workshop = {
+        "/infotainment": Rule(publish=("rt/workshop",), domains=(1,)),
+        "/brake": Rule(subscribe=("rt/workshop",), domains=(1,)),
+    }
+    grants = {path: grant(path, VEHICLE[path]) for path in workshop}
+    permissions = {
+        path: Permissions(grants=(replace(own, rules=(*own.rules, workshop[path])),)) for path, own in grants.items()
+    }
+    enclaves = [
+        replace(enclave, permissions=permissions.get(enclave.path, enclave.permissions)) for enclave in store.enclaves
+    ]
+    return _story(
+        "vehicle",
+        "bridged_domain",
+        "In domain 1, the workshop's, the infotainment system publishes what the brake reads: the brake carries it "
+        "into domain 0, and to the motor.",
+        replace(
+            store,
+            enclaves=tuple(enclaves),
+            governance=Governance(rules=(DomainRule(), DomainRule(domains=(1,)))),
+        ),
+    )
+
+
+def _expiring(store: Store, infotainment: Node) -> Story:
+    """The vehicle with a wide grant that waits behind a narrow one of the infotainment system."""
+    narrow = grant("/infotainment", infotainment, not_after="2027-03-01T00:00:00")
+    wide = grant("/infotainment", replace(infotainment, publish=(*infotainment.publish, "motor_limit")))
+    enclaves = tuple(
+        replace(enclave, permissions=Permissions(grants=(narrow, wide))) if enclave.path == "/infotainment" else enclave
+        for enclave in store.enclaves
+    )
+    return _story(
+        "vehicle",
+        "expiring_grant",
+        "An old, wide grant of the infotainment system stands behind the narrow one that decides today. Fast DDS skips "
+        "grants that are out of date: on the day the narrow one ends, the wide one counts.",
+        replace(store, enclaves=enclaves),
+        ("--profile", "fastdds"),
+    )
+
+
+def _unknown() -> Iterator[Story]:
+    document = Permissions(grants=(LISTENER_GRANT,)).xml()
+    whole = signed_by(PERMISSIONS_CA).smime(document.encode())
+    yield _story(
+        "chatter",
+        "unreadable_enclave",
+        "The listener's permissions are cut off: whether it can reach the talker is unknown.",
+        with_listener(changes={"permissions.p7s": whole[: len(whole) - 300]}),
+    )
+    yield _story(
+        "chatter",
+        "ambiguous_enclave",
+        "The listener's permissions mean one thing to Fast DDS and another to Cyclone DDS: what they let through is "
+        "unknown.",
+        with_listener(permissions=edited(document, "rt/chatter", "rt/<!-- -->chatter")),
+    )
+    yield _story(
+        "chatter",
+        "linked_away_enclave",
+        "A link leads to a folder outside of the keystore: the enclave behind it may pass anything on.",
+        replace(TWO, changes={"enclaves/relay": Link(target="../../../elsewhere")}),
+    )
