@@ -162,7 +162,10 @@ def no_keystore_named(_keystore: Keystore, context: Context) -> Iterator[Violati
     applies=_given,
 )
 def domain_id_invalid(_keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """ROS_DOMAIN_ID is no domain: no process starts."""
+    """ROS_DOMAIN_ID is no domain: no process starts.
+
+    What the enclaves may do is then worked out for every domain that the governance covers, as without the variable.
+    """
     environment = _of(context)
     if environment.domain is None:
         value = quoted(environment.value("ROS_DOMAIN_ID"))

@@ -20,6 +20,7 @@ from tests.rules import (
     test_certificate_rules,
     test_divergence_rules,
     test_drift_rules,
+    test_environment_rules,
     test_formal_and_audit_rules,
     test_governance_rules,
     test_layout_rules,
@@ -85,6 +86,7 @@ def test_every_rule_has_a_test_that_makes_it_speak() -> None:
         test_anomaly_rules.CASES,
         test_drift_rules.CASES,
         test_observed_rules.CASES,
+        test_environment_rules.CASES,
         test_ros_rules.CASES,
         test_formal_and_audit_rules.CASES,
     )
