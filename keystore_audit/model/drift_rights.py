@@ -221,6 +221,7 @@ class _Sides:
         for number, channel in enumerate(self.channels.channels):
             self._in_domain[channel.domain] |= 1 << number
         self._known: dict[Named, int] = {}
+        self._lists: dict[tuple[_Kind, Operation, bool], list[_Step]] = {}
         discovery = 0
         for kind in kinds:
             discovery |= self._bits((kind.matcher, _DISCOVERY))
@@ -232,11 +233,19 @@ class _Sides:
 
     def meant(self, kind: _Kind, operation: Operation) -> list[_Step]:
         """What the policy decides, in order."""
-        return list(self._steps(self._meant[kind], kind, operation))
+        key = kind, operation, True
+        if key not in self._lists:
+            self._lists[key] = list(self._steps(self._meant[kind], kind, operation))
+        return self._lists[key]
 
     def granted(self, kind: _Kind, operation: Operation) -> list[_Step]:
         """What the document decides, in order."""
-        return [_Step(-1, False, None)] if kind.read is None else list(self._steps(kind.read, kind, operation))
+        if kind.read is None:
+            return [_Step(-1, False, None)]
+        key = kind, operation, False
+        if key not in self._lists:
+            self._lists[key] = list(self._steps(kind.read, kind, operation))
+        return self._lists[key]
 
     def right(self, kind: _Kind, operation: Operation, channel: int) -> IntendedRight | None:
         """The policy's right that decides about the channel; None: the default."""
