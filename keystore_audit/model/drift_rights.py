@@ -221,6 +221,7 @@ class _Sides:
         for number, channel in enumerate(self.channels.channels):
             self._in_domain[channel.domain] |= 1 << number
         self._known: dict[Named, int] = {}
+        self._listed: dict[tuple[int, Operation, int | None], tuple[dict[str, Text], list[Text]]] = {}
         self._lists: dict[tuple[_Kind, Operation, bool], list[_Step]] = {}
         discovery = 0
         for kind in kinds:
@@ -265,13 +266,21 @@ class _Sides:
         step = _deciding(self.granted(kind, operation), channel)
         if step.rule is None:
             return None, grant.default_line if grant.default_line is not None else grant.line
-        for rule in grant.rules:
-            if rule.line == step.rule.line:
-                for criterion in rule.criteria:
-                    for text in criterion.topics if criterion.operation is operation else ():
-                        if self._matches(kind, text.text) >> channel & 1:
-                            return text, text.line if text.line is not None else rule.line
-        return None, step.rule.line
+        names, patterns = self._texts(grant, operation, step.rule.line)
+        text = names.get(self.channels.channels[channel].topic)
+        if text is None:
+            text = next((each for each in patterns if self._matches(kind, each.text) >> channel & 1), None)
+        return text, step.rule.line if text is None or text.line is None else text.line
+
+    def _texts(self, grant: Grant, operation: Operation, line: int | None) -> tuple[dict[str, Text], list[Text]]:
+        """The names and the patterns that the rules at a line list, kept: a rule may list 20,000."""
+        key = id(grant), operation, line
+        if key not in self._listed:
+            criteria = [each for rule in grant.rules if rule.line == line for each in rule.criteria]
+            texts = [text for each in criteria if each.operation is operation for text in each.topics]
+            patterns = [text for text in texts if not _WILDCARDS.isdisjoint(text.text)]
+            self._listed[key] = {text.text: text for text in reversed(texts)}, patterns
+        return self._listed[key]
 
     def _steps(self, grant: ReadGrant, kind: _Kind, operation: Operation) -> Iterator[_Step]:
         for rule in grant.rules:
