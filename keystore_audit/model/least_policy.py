@@ -136,17 +136,17 @@ class _Draft:
     def _nodes(
         self, path: str, nodes: Mapping[str, Iterable[tuple[Action, str]]], *, usual: bool
     ) -> Iterator[NodePolicy]:
-        denied = self._denied.get(path, {})
-        kept_denials = _denials(denied, [right for rights in nodes.values() for right in rights])
+        denied = _Denials(self._denied.get(path, ()))
+        kept = denied.kept(right for rights in nodes.values() for right in rights)
         for number, (node, rights) in enumerate(sorted(nodes.items())):
             everyday = {(action, name) for action, name, _usual in usual_rights(node)}
             made = {
                 PolicyRight(action=action, name=name, allow=True, usual=(action, name) in everyday)
                 for action, name in rights
-                if not _covered(denied, action, name)
+                if not denied.covers(action, name)
             }
             if number == 0:  # a deny rule is the whole enclave's, whichever profile it stands in
-                made |= {PolicyRight(action=a, name=name, allow=False, usual=False) for a, name in kept_denials}
+                made |= {PolicyRight(action=a, name=name, allow=False, usual=False) for a, name in kept}
             yield NodePolicy(name=node, rights=tuple(sorted((r for r in made if usual or not r.usual), key=_order)))
 
 
@@ -157,32 +157,33 @@ def _order(right: PolicyRight) -> tuple[object, ...]:
     return right.usual, right.allow, _ACTIONS.index(right.action), right.name
 
 
-def _covered(denied: Iterable[tuple[Action, str]], action: Action, name: str) -> bool:
-    """Whether everything that the right takes is denied by names and expressions of a policy."""
-    channels = dds_expressions(action.value, name)
-    return bool(channels) and is_ros_name(name) and all(_is_denied(denied, channel) for channel in channels)
+class _Denials:
+    """What a policy denies an enclave."""
 
+    def __init__(self, rights: Iterable[tuple[Action, str]]) -> None:
+        self.rights = tuple(rights)
+        channels = dict.fromkeys(c for action, name in self.rights for c in dds_expressions(action.value, name))
+        patterns = [(operation, parse(text, Matcher.POSIX)) for operation, text in channels]
+        self._names = frozenset((each, pattern.literal) for each, pattern in patterns if pattern.literal is not None)
+        self._patterns = [(each, pattern) for each, pattern in patterns if pattern.literal is None]
 
-def _denials(
-    denied: Iterable[tuple[Action, str]], allowed: Iterable[tuple[Action, str]]
-) -> tuple[tuple[Action, str], ...]:
-    """The denials without which more would be allowed: beside wildcards, and where they take part of a right."""
-    every = tuple(denied)
-    if not every:
+    def covers(self, action: Action, name: str) -> bool:
+        """Whether everything that the right takes is denied."""
+        return is_ros_name(name) and all(self._hits(channel) for channel in dds_expressions(action.value, name))
+
+    def kept(self, allowed: Iterable[tuple[Action, str]]) -> tuple[tuple[Action, str], ...]:
+        """Those without which more would be allowed: beside wildcards, and where they take part of a right."""
+        for action, name in allowed if self.rights else ():
+            partly = any(self._hits(channel) for channel in dds_expressions(action.value, name))
+            if not is_ros_name(name) or (partly and not self.covers(action, name)):
+                return self.rights
         return ()
-    for action, name in allowed:
-        partly = any(_is_denied(every, channel) for channel in dds_expressions(action.value, name))
-        if not is_ros_name(name) or (partly and not _covered(every, action, name)):
-            return every
-    return ()
 
-
-def _is_denied(denied: Iterable[tuple[Action, str]], channel: Channel) -> bool:
-    return any(
-        operation is channel[0] and parse(expression, Matcher.POSIX).matches(channel[1])
-        for action, name in denied
-        for operation, expression in dds_expressions(action.value, name)
-    )
+    def _hits(self, channel: Channel) -> bool:
+        operation, topic = channel
+        return channel in self._names or any(
+            each is operation and pattern.matches(topic) for each, pattern in self._patterns
+        )
 
 
 def _place(location: Location) -> str:
