@@ -122,11 +122,16 @@ def build_channels(
 
 
 def document_channels(
-    read: Mapping[Access, Iterable[ReadDocument]], points: Sequence[Point] | None = None, claimed: Iterable[Named] = ()
+    read: Mapping[Access, Iterable[ReadDocument]],
+    points: Sequence[Point] | None = None,
+    claimed: Iterable[Named] = (),
+    *,
+    ungoverned: bool = False,
 ) -> Channels:
     """The channels that documents tell apart, as implementations of each access row read them.
 
     `points`: as in `build_channels`, which says what is raised. `claimed`: names that have to be told apart as well.
+    `ungoverned`: names of domains that only permissions speak of are told apart too.
     """
     governed: dict[tuple[Interval, ...], None] = {}
     ruled: dict[tuple[Interval, ...], None] = {}
@@ -145,7 +150,8 @@ def document_channels(
                     if access.first_rule_decides_topic:
                         regions[access.matcher, rule.listed] = None
     domains = domain_classes([*governed, *ruled])
-    covers = [any(contains(cover, domain.intervals[0][0]) for cover in governed) for domain in domains]
+    wanted = [*governed, *ruled] if ungoverned else [*governed]
+    covers = [any(contains(cover, domain.intervals[0][0]) for cover in wanted) for domain in domains]
     return build_channels(domains, covers, regions, points)
 
 

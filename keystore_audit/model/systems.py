@@ -14,7 +14,7 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.issuer import fit_to_sign
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.access_view import AccessViews, ReadDocument
-from keystore_audit.model.channels import Point, document_channels
+from keystore_audit.model.channels import Channels, Point, document_channels
 from keystore_audit.model.claims import Claim, claim_regions
 from keystore_audit.model.doubt import identity_doubt, realm_doubt
 from keystore_audit.model.inventory import (
@@ -46,7 +46,8 @@ class SystemBuilder:
     """The systems of a keystore for the implementations in question; what they have in common is worked out once.
 
     `accesses`: how they read its documents. `points`: only these names are channels; None: all names, in classes.
-    `claims`: the names and instants that they speak of take part.
+    `claims`: the names and instants that they speak of take part. `channels`: these, which tell apart all that the
+    keystore's documents do.
     Raises errors.BudgetExceeded where the classes are too many.
     """
 
@@ -58,6 +59,7 @@ class SystemBuilder:
         accesses: AccessViews,
         points: Sequence[Point] | None = None,
         claims: Sequence[Claim] = (),
+        channels: Channels | None = None,
     ) -> None:
         self._keystore = keystore
         self._profiles = profiles
@@ -70,7 +72,9 @@ class SystemBuilder:
         grants = (g for read in self._read.values() for document in read for g in document.grants or ())
         ends = {claim.until for claim in claims if claim.until is not None and claim.until > at}
         self._instants = tuple(sorted({*instants_of(self._certificates, grants, at), *ends}))
-        self.channels = document_channels(self._read, points, claim_regions(claims) if claims else ())
+        if channels is None:
+            channels = document_channels(self._read, points, claim_regions(claims) if claims else ())
+        self.channels = channels
         self._rule_atoms = RuleAtoms(self.channels, self._instants)
         self._issuers = self._issue()
         self._typed: dict[object, Atoms] = {}
