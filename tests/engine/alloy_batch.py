@@ -7,6 +7,7 @@ The product starts a process for each main file; a test of hundreds of systems c
 from __future__ import annotations
 
 import os
+import re
 import tempfile
 from collections.abc import Sequence
 from functools import lru_cache
@@ -78,12 +79,34 @@ def _decide(directory: Path, modules: dict[str, str], system: System) -> dict[st
     return {identifier: not found[assertion] for assertion, identifier in _BY_ASSERTION.items()}
 
 
+def evaluate(directory: Path, modules: dict[str, str], expressions: Sequence[str]) -> list[set[tuple[int, ...]]]:
+    """The tuples of each expression, atoms by index, in the one instance of the facts; `claims` is open."""
+    for name, text in modules.items():
+        (directory / name).write_text(text)
+    (directory / "asked.als").write_text("module asked\nopen claims\nrun Facts {} for 0\n")
+    analyzer = _analyzer()
+    world = analyzer.parse(analyzer.silent, None, str(directory / "asked.als"))
+    command = world.getAllCommands().get(0)
+    solution = analyzer.execute(analyzer.silent, world.getAllReachableSigs(), command, analyzer.options)
+    assert solution.satisfiable()
+    found = []
+    for expression in expressions:
+        tuples = solution.eval(analyzer.expression(world, expression))
+        found.append({tuple(_number(str(t.atom(place))) for place in range(t.arity())) for t in tuples})
+    return found
+
+
+def _number(atom: str) -> int:
+    return int(re.search(r"[A-Z]{1,2}(\d+)\w*\$0$", atom)[1])  # type: ignore[index]
+
+
 class _Analyzer:
     """The classes of the Analyzer that are used here, and options like those of the product's runner."""
 
     def __init__(self) -> None:
         start_jvm()
         self.parse: Any = jpype.JClass("edu.mit.csail.sdg.parser.CompUtil").parseEverything_fromFile
+        self.expression: Any = jpype.JClass("edu.mit.csail.sdg.parser.CompUtil").parseOneExpression_fromString
         self.execute: Any = jpype.JClass("edu.mit.csail.sdg.translator.TranslateAlloyToKodkod").execute_command
         self.silent: Any = jpype.JClass("edu.mit.csail.sdg.alloy4.A4Reporter").NOP
         self.options: Any = jpype.JClass("edu.mit.csail.sdg.translator.A4Options")()

@@ -107,7 +107,7 @@ def write_places(system: System, numbers: Iterable[int]) -> str:
 
 def _command(claim: ClaimAtom, number: int) -> str:
     """Return the text of the command that decides the claim of this index."""
-    return f"{command_of(claim, number).kind} Claim{number} {{\n\t{_condition(claim, Places.of(number))}\n}} for 0"
+    return f"{command_of(claim, number).kind} Claim{number} {{\n\t{_condition(claim, number)}\n}} for 0"
 
 
 def attackers(claim: ClaimAtom, places: Places) -> tuple[str, str]:
@@ -117,13 +117,20 @@ def attackers(claim: ClaimAtom, places: Places) -> tuple[str, str]:
     return (places.source if claim.attacker is Attacker.SOURCE else "none"), "none"
 
 
-def _condition(claim: ClaimAtom, at: Places) -> str:
-    places = f"{at.source}, {at.first}, {at.target}, {at.last}, {at.through}, Channel - {at.left_out}"
-    if claim.kind is ClaimKind.NO_FLOW:
-        forgers, eavesdroppers = attackers(claim, at)
-        return f"some inside: {PARTICIPANTS} | separated[inside, {places}, {forgers}, {eavesdroppers}]"
+def compartment(claim: ClaimAtom, number: int, inside: str) -> str:
+    """Return the condition that the participants `inside` are a compartment, for a claim about flows."""
+    at = Places.of(number)
+    places = f"{inside}, {at.source}, {at.first}, {at.target}, {at.last}, {at.through}, Channel - {at.left_out}"
     if claim.kind is ClaimKind.ABLE:
-        return f"some inside: {PARTICIPANTS} | cut_off[inside, {places}]"
+        return f"cut_off[{places}]"
+    forgers, eavesdroppers = attackers(claim, at)
+    return f"separated[{places}, {forgers}, {eavesdroppers}]"
+
+
+def _condition(claim: ClaimAtom, number: int) -> str:
+    at = Places.of(number)
+    if claim.kind in FLOWS:
+        return f"some inside: {PARTICIPANTS} | {compartment(claim, number, 'inside')}"
     if claim.kind is ClaimKind.ONLY_PUBLISH:
         who = f"enclave: Enclave - {at.source}, channel: {at.last}"
         return f"all realm: Realm, {who} | channel not in enclave.(publishes[realm])"

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from keystore_audit import resources, text
-from keystore_audit.engine.alloy import claims, paths
+from keystore_audit.engine.alloy import claims, expiry, paths
 from keystore_audit.engine.alloy.atoms import Sort, name_atoms
 from keystore_audit.engine.alloy.readme import describe_folders, describe_system, folder_names
 from keystore_audit.engine.alloy.relations import Relations, Row, function
@@ -51,6 +51,12 @@ MAIN: Final = "audit.als"
 THEME: Final = "keystore_audit.thm"
 """How the Analyzer's window draws an instance."""
 
+SCENARIOS: Final = "scenarios.als"
+"""A module for what is meant to happen, with commands that its reader writes."""
+
+TIME: Final = "expiry"
+"""The folder of the model with a moving clock."""
+
 README: Final = "README.md"
 
 _DRAWN: Final = """\
@@ -72,6 +78,11 @@ fun ungranted: Enclave -> Channel {
 """
 """Relations for pictures, in the words of `keystore_audit.thm`."""
 
+_CLOCK: Final = """\
+var one sig Clock in Instant {}
+fun audit_instant: one Instant { Clock }"""
+"""What stands for the audit instant where it moves."""
+
 CONSISTENCY: Final = "FactsAreConsistent"
 """The run that must have an instance: no check means anything without it."""
 
@@ -83,10 +94,14 @@ EXERCISED: Final = {
 """For each family of properties (modules of `keystore_audit.properties`) the run that shows it has an object."""
 
 
-def facts(system: System) -> str:
-    """Return the module `keystore` for `system`. Names of the keystore stand in comments only."""
+def facts(system: System, *, moving: bool = False) -> str:
+    """Return the module `keystore` for `system`. Names of the keystore stand in comments only.
+
+    `moving`: the audit instant is where a variable clock stands, for the module `expiry`.
+    """
     sorts = name_atoms(system).sorts()
-    return "\n\n".join([_header(system), *filter(None, map(_sigs, sorts)), *_Facts(system).sections()]) + "\n"
+    sections = _Facts(system, moving=moving).sections()
+    return "\n\n".join([_header(system), *filter(None, map(_sigs, sorts)), *sections]) + "\n"
 
 
 def commands(properties: Sequence[Property], system: System | None = None, *, window: bool = False) -> str:
@@ -154,12 +169,8 @@ def write_model(systems: Sequence[System], directory: Path) -> None:
         for system, name in zip(systems, names, strict=True):
             folder = directory / name if len(systems) > 1 else directory
             folder.mkdir(exist_ok=True)
-            for module in (*MODULES, *claims.MODULES, *paths.MODULES, THEME):
-                shutil.copyfile(resources.alloy() / module, folder / module)
-            (folder / KEYSTORE).write_text(facts(system), encoding="ascii")
-            (folder / MAIN).write_text(commands(PROPERTIES, system, window=True), encoding="ascii")
-            if flows := [number for number, claim in enumerate(system.claims) if claim.kind is ClaimKind.NO_FLOW]:
-                (folder / paths.MAIN).write_text(paths.write_paths(system, flows), encoding="ascii")
+            _write_folder(system, folder)
+            _write_time(system, folder / TIME)
             (folder / README).write_text(describe_system(system), encoding="utf-8")
         if len(systems) > 1:
             (directory / README).write_text(describe_folders(systems, names), encoding="utf-8")
@@ -167,11 +178,31 @@ def write_model(systems: Sequence[System], directory: Path) -> None:
         raise UsageError(f"The model cannot be written to {directory}: {error.strerror or error}.") from error
 
 
+def _write_folder(system: System, folder: Path) -> None:
+    for module in (*MODULES, *claims.MODULES, *paths.MODULES, SCENARIOS, THEME):
+        shutil.copyfile(resources.alloy() / module, folder / module)
+    (folder / KEYSTORE).write_text(facts(system), encoding="ascii")
+    (folder / MAIN).write_text(commands(PROPERTIES, system, window=True), encoding="ascii")
+    if flows := [number for number, claim in enumerate(system.claims) if claim.kind is ClaimKind.NO_FLOW]:
+        (folder / paths.MAIN).write_text(paths.write_paths(system, flows), encoding="ascii")
+
+
+def _write_time(system: System, folder: Path) -> None:
+    """Write the model with a moving clock: its facts differ, so it stands in a folder of its own."""
+    folder.mkdir()
+    for module in (*MODULES, *claims.MODULES, expiry.MODULE):
+        shutil.copyfile(resources.alloy() / module, folder / module)
+    timed = expiry.timed(system)
+    (folder / KEYSTORE).write_text(facts(timed, moving=True), encoding="ascii")
+    (folder / expiry.MAIN).write_text(expiry.write_expiry(timed), encoding="ascii")
+
+
 class _Facts:
     """Writes the relations of one system, section by section."""
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: System, *, moving: bool) -> None:
         self._system = system
+        self._moving = moving
         self._atoms = name_atoms(system)
         self._relations = Relations()
 
@@ -197,7 +228,10 @@ class _Facts:
         yield self._map("public_key", a.certificates, a.keys, [{a.key_index[c.key]} for c in rows])
         following = [{index + 1} for index in range(len(self._system.instants) - 1)]
         yield self._map("following", a.instants, a.instants, following)
-        yield function("audit_instant", "one Instant", a.instants.name(self._system.now))
+        if self._moving:
+            yield _CLOCK
+        now = a.instants.name(self._system.now)
+        yield function("Beginning" if self._moving else "audit_instant", "one Instant", now)
         yield self._dates("not_before", [c.not_before for c in rows], [g.not_before for g in grants])
         yield self._dates("not_after", [c.not_after for c in rows], [g.not_after for g in grants])
 

@@ -55,6 +55,13 @@ def at(system: System, moment: int) -> System:
     )
 
 
+def every(system: System) -> System:
+    """Return the same system with an instant of its own between each two from the audit on, and after the last."""
+    for index in reversed(range(system.now, len(system.instants))):
+        system = replace(at(system, 2 * index + 1), now=system.now)
+    return system
+
+
 def _in_force(system: System, moment: int) -> frozenset[int]:
     return frozenset(
         number for number, grant in enumerate(system.grants) if 2 * grant.not_before <= moment <= 2 * grant.not_after

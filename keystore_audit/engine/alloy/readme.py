@@ -24,7 +24,10 @@ _FILES: Final = """\
 keystore. Each opens the one before, from `dds_security.als` to `propagation.als`. Claims of
 `keystore-audit.toml` stand at the end of `audit.als`, `Claim0` and so on: of a claim about flows an instance is a
 compartment that nothing leaves, so that the claim holds where there is one (of "able": is violated). `paths.als`, where
-it is there, looks for a shortest path of each.
+it is there, looks for a shortest path of each. The folder `expiry` holds the same model with a clock that moves over
+all dates from the audit on: execute `expiry_audit.als` there. `scenarios.als` has words for what is meant to happen:
+open it in a file of your own, say what is wired, and run `can_arrive` or check `arrives_fairly`, for as many steps as
+there are enclaves, and two.
 """
 
 _READINGS: Final = """\

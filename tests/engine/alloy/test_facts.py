@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from keystore_audit import resources
-from keystore_audit.engine.alloy import claims, paths
+from keystore_audit.engine.alloy import claims, expiry, paths
 from keystore_audit.engine.alloy.atoms import ROLE_LETTERS, index_of, name_atoms
-from keystore_audit.engine.alloy.facts import MODULES, commands, facts, write_model
+from keystore_audit.engine.alloy.facts import MODULES, SCENARIOS, commands, facts, write_model
 from keystore_audit.engine.alloy.relations import union
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
@@ -141,12 +141,14 @@ def test_each_module_opens_one_other() -> None:
     for before, module in pairwise(chain):
         text = (resources.alloy() / f"{module}.als").read_text()
         assert re.findall(r"^open (\w+)$", text, re.MULTILINE) == [before]
+    for module, before in ((expiry.MODULE, "claims"), (SCENARIOS, "propagation")):
+        assert re.findall(r"^open (\w+)$", (resources.alloy() / module).read_text(), re.MULTILINE) == [before]
     for system, last in ((None, "vacuity"), (claiming(), "claims")):
         assert re.findall(r"^open (\w+)$", commands(PROPERTIES, system), re.MULTILINE) == [last]
 
 
 def test_everything_that_is_declared_has_a_comment() -> None:
-    for module in ALL_MODULES:
+    for module in (*ALL_MODULES, expiry.MODULE, SCENARIOS):
         lines = (resources.alloy() / module).read_text().split("\n")
         for before, line in pairwise(lines):
             if re.match(r"(abstract sig|one sig|sig|fun|pred|assert|fact)\b", line):

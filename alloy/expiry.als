@@ -1,0 +1,55 @@
+/**
+ * Time passes: what a keystore is worth later, as certificates and grants end, and others begin.
+ *
+ * Needs facts whose audit instant moves (keystore-audit writes them with this module, in a folder of their own): there
+ * `Clock` is variable and `audit_instant` is where it stands. It starts at the audit, goes on from instant to instant,
+ * and rests at the last one. Between two instants of the keystore stands one more, so that the time between is looked
+ * at as well. As many steps as there are instants are complete: the clock does nothing else, and nothing else changes.
+ *
+ * Rights can end with time and begin with time: with a grant whose validity begins later, and with one that ends,
+ * where it stood before a wider one and implementations skip grants out of date.
+ */
+module expiry
+open claims
+
+/** The clock starts at the audit, goes on, and rests at the end. */
+fact TimePasses {
+	Clock = Beginning
+	always Clock' = (some Clock.following implies Clock.following else Clock)
+}
+
+/** A compartment for each moment, for claims that must hold at all of them. */
+one sig Compartment { var inside: set Enclave + Outsider }
+
+/** No enclave is cut off by its authorities while its own certificate is in force. */
+assert AuthoritiesOutliveIdentities {
+	always all enclave: Enclave | enclave.identity in in_force and enclave in enclave.in_realm.authentic
+		implies enclave in enclave.in_realm.authentic_in_force
+}
+
+/** Every identity that is vouched for now stays so. */
+assert IdentitiesStayVouchedFor {
+	all enclave: Enclave | enclave in enclave.in_realm.authentic_in_force
+		implies always enclave in enclave.in_realm.authentic_in_force
+}
+
+/** Every document whose signers are in force now keeps them so. */
+assert SignersStayInForce {
+	all document: Document | document.signer in in_force implies always document.signer in in_force
+}
+
+/** Nobody ever has a right that it had not before. */
+assert NoRightBegins {
+	always all realm: Realm {
+		(presentable[realm, publish_allowed])' in presentable[realm, publish_allowed]
+		(presentable[realm, subscribe_allowed])' in presentable[realm, subscribe_allowed]
+	}
+}
+
+/** Nobody ever loses a right. */
+assert NoRightEnds {
+	always all realm: Realm {
+		presentable[realm, publish_allowed] in (presentable[realm, publish_allowed])'
+		presentable[realm, subscribe_allowed] in (presentable[realm, subscribe_allowed])'
+	}
+}
