@@ -25,7 +25,6 @@ from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.model.observed import observe
 from keystore_audit.model.profiles import DEFAULT, Evidence, Profile, resolve, running
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.properties import Status
@@ -38,6 +37,7 @@ from keystore_audit.rules.judge import Judgement, judge
 if TYPE_CHECKING:
     from keystore_audit.intent.policy import Policy
     from keystore_audit.model.drift import Drift
+    from keystore_audit.model.observed import Observation
     from keystore_audit.settings import Settings
 
 ASSUMPTIONS = (
@@ -156,7 +156,7 @@ def audit(
         profiles=profiles,
         elsewhere=tuple(elsewhere),
         environment=environment,
-        observed=observe(intents, keystore, profiles, options.at, accesses, options.domain) if intents else None,
+        observed=_compared(intents, keystore, profiles, accesses, options),
     )
     judgement = judge(context, RULES, select=options.select, ignore=options.ignore)
     safe = horizon(keystore, native, profiles, options.at, accesses, usabilities, meaning.usability)
@@ -171,6 +171,21 @@ def _as_started(options: Options, environment: Environment) -> Options:
         profiles=options.profiles or shipped,
         domain=environment.domain if options.domain is None else options.domain,
     )
+
+
+def _compared(
+    intents: Sequence[Intent],
+    keystore: Keystore,
+    profiles: Sequence[Profile],
+    accesses: AccessViews,
+    options: Options,
+) -> Observation | None:
+    """What graphs and launch files show, held against the keystore; None where there are none."""
+    if not intents:
+        return None
+    from keystore_audit.model.observed import observe
+
+    return observe(intents, keystore, profiles, options.at, accesses, options.domain)
 
 
 def _observed(options: Options) -> tuple[Intent, ...]:

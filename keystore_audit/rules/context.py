@@ -10,12 +10,12 @@ from keystore_audit.intent.environment import Environment
 from keystore_audit.keystore.identity import Identity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.meaning import Meaning
-from keystore_audit.model.observed import Observation
 from keystore_audit.model.profiles import Profile
 from keystore_audit.properties.result import EngineRun, PropertyResult
 
-if TYPE_CHECKING:  # an audit without a policy needs none of it
+if TYPE_CHECKING:  # an audit without a policy, a graph or a launch file needs none of it
     from keystore_audit.model.drift import Drift
+    from keystore_audit.model.observed import Observation
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

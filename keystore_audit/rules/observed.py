@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.intent.intent import Action
@@ -13,12 +13,14 @@ from keystore_audit.intent.ros_names import ROOT
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.names import ros_name
-from keystore_audit.model.observed import DeniedName, ExcessGrant, GrantedName, MissingGrant, Observation
-from keystore_audit.model.observed_needs import Need
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.wording import listed, places, quoted, sentence
+
+if TYPE_CHECKING:  # an audit without a graph or a launch file needs none of it
+    from keystore_audit.model.observed import DeniedName, ExcessGrant, GrantedName, MissingGrant, Observation
+    from keystore_audit.model.observed_needs import Need
 
 SUGGEST: Final = "`keystore-audit suggest` prints the least policy for what was seen."
 LAUNCHED: Final = " A launch file names only what it remaps: look whether a node uses them by their own names."
