@@ -289,11 +289,13 @@ class _Questions:
             for enclave in range(len(self._system.enclaves)):
                 able = view.abilities(enclave)
                 written = able.may_write | able.forges
-                for channel in members(able.may_read | able.overhears if written else 0):
-                    elsewhere = written & ~self._permissions.channels_in[self._system.channels[channel].domain]
-                    for other in members(elsewhere):
-                        witness = {Role.REALM: realm, Role.ENCLAVE: enclave, Role.CHANNEL: channel}
-                        yield {**witness, Role.OTHER_CHANNEL: other}
+                read = able.may_read | able.overhears
+                for within in self._permissions.channels_in if read and written else ():
+                    elsewhere = written & ~within
+                    for channel in members(read & within if elsewhere else 0):
+                        for other in members(elsewhere):
+                            witness = {Role.REALM: realm, Role.ENCLAVE: enclave, Role.CHANNEL: channel}
+                            yield {**witness, Role.OTHER_CHANNEL: other}
 
 
 def _granted(permissions: Permissions, grants: Iterable[int]) -> tuple[int, ...]:

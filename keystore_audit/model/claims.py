@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
-from difflib import get_close_matches
 from typing import Final
 
 from keystore_audit.errors import UsageError
@@ -113,6 +112,8 @@ def _at(claim: Claim) -> str:
 
 
 def _nearest(glob: str, paths: Sequence[str]) -> str:
+    from difflib import get_close_matches  # for mistakes alone
+
     found = get_close_matches(glob, paths, n=1)
     return f"; the nearest is {found[0]!r}" if found else ""
 
