@@ -90,7 +90,7 @@ def find_flow(
     Raises errors.NothingToAudit, errors.UsageError for a place that names nothing there, and errors.BudgetExceeded
     where there are too many classes of names.
     """
-    claims = _claims(question)
+    claims = questions(question)
     keystore = read_keystore(path)
     accesses = AccessViews(documents_of(keystore), at, zone)
     builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims)
@@ -123,7 +123,7 @@ def _decide(native: NativeEngine, engines: Engines) -> tuple[tuple[EngineRun, ..
     )
 
 
-def _claims(question: FlowQuestion) -> tuple[Claim, ...]:
+def questions(question: FlowQuestion) -> tuple[Claim, ...]:
     """That there is no flow, under each attacker. Raises errors.UsageError for places that are none."""
     source, target = place(question.source), place(question.target)
     return tuple(

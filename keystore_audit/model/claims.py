@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime
+from datetime import datetime, timedelta, timezone
 from typing import Final
 
 from keystore_audit.errors import UsageError
@@ -16,9 +16,17 @@ from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.semantics import Area
 from keystore_audit.model.system import Reading, System
+from keystore_audit.model.validity import ANY_ZONE
 
 AMBIENT: Final = ("rt/clock", "rt/parameter_events", "rt/rosout", "ros_discovery_info")
 """DDS topics that nearly every node has a right to: no flow takes them unless a claim includes them."""
+
+
+_TICK: Final = timedelta(seconds=1)
+"""A validity is over one second after its end."""
+
+_LAST: Final = datetime.max.replace(microsecond=0, tzinfo=timezone.utc) - _TICK
+"""Beyond, there is no later second."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,6 +62,19 @@ class Claim:
     until: datetime | None = None
     location: Location
     place: str
+
+
+def lasting(claims: Iterable[Claim], local: Iterable[datetime]) -> tuple[Claim, ...]:
+    """The claims, each with an end after what may happen before its own.
+
+    `local`: dates that some implementation reads in a zone that we do not know, 14 hours earlier at most.
+    """
+    ends = sorted(local)
+
+    def end(until: datetime) -> datetime:
+        return max([until, *(date + _TICK for date in ends if date - until <= ANY_ZONE and date <= _LAST)])
+
+    return tuple(claim if claim.until is None else replace(claim, until=end(claim.until)) for claim in claims)
 
 
 def claim_regions(claims: Iterable[Claim]) -> tuple[Named, ...]:

@@ -11,7 +11,7 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.anomalies import anomalies
 from keystore_audit.model.attacker import RealmView
-from keystore_audit.model.claims import Claim, with_claims
+from keystore_audit.model.claims import Claim, lasting, with_claims
 from keystore_audit.model.divergence import divergences
 from keystore_audit.model.doubt import keystore_doubts
 from keystore_audit.model.meaning import Doubt, Meaning, UngovernedTopics, Usability
@@ -41,6 +41,8 @@ def interpret(
 
     Topic classes over budget leave `systems` empty and say why: nothing is decided then.
     """
+    if claims:
+        claims = lasting(claims, accesses.dates_in_local_time(profiles))
     over_budget: str | None = None
     systems: tuple[System, ...] = ()
     usability = usability_by_profile(keystore, profiles, at, usabilities)

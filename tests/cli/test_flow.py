@@ -179,3 +179,33 @@ def test_when_an_asserted_property_ends_is_told() -> None:
         "flows/vehicle_expiring_grant", "--settings", "settings/vehicle.toml", "--profile", "cyclonedds", at=SAMPLES
     )
     assert [each for each in report["findings"] if each["code"] == "KA740"] == []
+
+
+@pytest.mark.parametrize(
+    ("until", "zone", "holds"),
+    [
+        ("2027-02-27", (), True),
+        ("2027-02-28", (), False),  # it may be March in the robot's zone
+        ("2027-02-28", ("--time-zone", "UTC"), True),
+        ("2027-03-01", ("--time-zone", "UTC"), False),
+    ],
+)
+def test_a_date_in_a_zone_that_nobody_told_comes_14_hours_early(
+    tmp_path: Path, until: str, zone: tuple[str, ...], holds: bool
+) -> None:
+    flow_form = 'no_flow = { from = "/infotainment", to = "/motor" }'
+    (tmp_path / "s.toml").write_text(f'[[property]]\nname = "never"\nuntil = {until}\n{flow_form}\n')
+    keystore = str(SAMPLES / "flows/vehicle_expiring_grant")
+    _code, report = audit(keystore, "--settings", "s.toml", "--profile", "fastdds", *zone, at=tmp_path)
+    (asserted,) = (each for each in report["properties"] if each["id"] == "never")
+    assert (asserted["status"] == "holds") is holds
+
+
+def test_safe_until_counts_what_is_asserted(tmp_path: Path) -> None:
+    (tmp_path / "s.toml").write_text(
+        '[[property]]\nname = "never"\nno_flow = { from = "/infotainment", to = "/motor" }\n'
+    )
+    keystore = str(SAMPLES / "flows/vehicle_expiring_grant")
+    arguments = ("--settings", "s.toml", "--profile", "fastdds", "--time-zone", "UTC", "--engine", "native")
+    done = run("audit", keystore, *AT, *arguments, at=tmp_path)
+    assert "Changes at 2027-03-01T00:00:01Z: never: violated." in " ".join(done.stdout.split())
