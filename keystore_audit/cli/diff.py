@@ -1,0 +1,94 @@
+"""`keystore-audit diff OLD NEW`."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from keystore_audit.cli import options as opt
+from keystore_audit.cli import output
+from keystore_audit.errors import EXIT_INCOMPLETE
+
+if TYPE_CHECKING:
+    from keystore_audit.model.comparison import Comparison, FailOn
+
+EXIT_CHANGED: Final = 1
+FORMATS: Final = ("text", "json", "markdown")
+FAIL_ON: Final = ("gained", "any", "none")
+
+
+@click.command("diff", short_help="Say what changed in meaning between two keystores.")
+@click.argument("old", metavar="OLD", type=opt.keystore_path)
+@click.argument("new", metavar="NEW", type=opt.keystore_path)
+@click.option(
+    "--fail-on",
+    type=opt.one_of(*FAIL_ON),
+    default="gained",
+    show_default=True,
+    metavar="[gained|any|none]",
+    help="Which changes make the exit code 1.",
+)
+@opt.interpretation_options
+@click.option(
+    "-f",
+    "--format",
+    "kind",
+    type=opt.one_of(*FORMATS),
+    default="text",
+    show_default=True,
+    metavar="[text|json|markdown]",
+    help="How the changes are written.",
+)
+@opt.verbose_option("Say where a fault is.")
+def command(old: str, new: str, **given: Any) -> int:
+    """Say what changed in meaning from the keystore OLD to the keystore NEW.
+
+    Order, layout of the XML, comments and new signatures do not count.
+
+    \b
+    --fail-on:
+      gained  somebody can do more, or protection is weaker
+      any     any change of meaning
+      none    no change
+    \b
+    Exit codes:
+      0   no change that fails
+      1   some
+      2   wrong usage
+      3   nothing to look at there
+      4   something is unknown
+    """  # noqa: D301 - click's mark for lines that stay as they are
+    from keystore_audit.diff import compare_keystores
+    from keystore_audit.model.comparison import FailOn
+    from keystore_audit.model.profiles import resolve
+
+    at: datetime | None = given["at"]
+    comparison = compare_keystores(
+        old,
+        new,
+        profiles=resolve(given["profiles"]),
+        at=at or opt.now(),
+        zone=given["time_zone"],
+        domain=given["domain"],
+    )
+    fail_on = FailOn(given["fail_on"])
+    output.write_stdout(_rendered(comparison, fail_on, given["kind"]))
+    if comparison.unknown:
+        return EXIT_INCOMPLETE
+    return EXIT_CHANGED if comparison.failing(fail_on) else 0
+
+
+def _rendered(comparison: Comparison, fail_on: FailOn, kind: str) -> str:
+    if kind == "json":
+        from keystore_audit.report import diff_json
+
+        return diff_json.json(comparison, fail_on)
+    if kind == "markdown":
+        from keystore_audit.report import diff_markdown
+
+        return diff_markdown.markdown(comparison, fail_on)
+    from keystore_audit.report import diff_text
+
+    return diff_text.text(comparison, fail_on)

@@ -1,0 +1,30 @@
+"""What changed in meaning between two keystores: `diff`, and whoever wants the answer as a value."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from datetime import datetime
+from zoneinfo import ZoneInfo
+
+from keystore_audit.keystore.keystore import read_keystore
+from keystore_audit.model.comparison import Comparison
+from keystore_audit.model.comparison_run import compare
+from keystore_audit.model.profiles import Profile
+
+
+def compare_keystores(
+    old: str | os.PathLike[str],
+    new: str | os.PathLike[str],
+    *,
+    profiles: Sequence[Profile],
+    at: datetime,
+    zone: ZoneInfo | None = None,
+    domain: int | None = None,
+) -> Comparison:
+    """What changed from the keystore at `old` to that at `new`, both as of `at` (aware UTC).
+
+    Raises errors.NothingToAudit where one of them is none, and errors.BudgetExceeded where there are too many classes
+    of names.
+    """
+    return compare(read_keystore(old), read_keystore(new), profiles, at, zone, domain)

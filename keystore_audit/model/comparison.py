@@ -1,0 +1,174 @@
+"""What changed in meaning between two keystores, as values (docs/diff.md).
+
+A change stands once, at the layer that causes it; what follows from it in later layers is a consequence of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from enum import Enum
+
+from keystore_audit.findings import Location
+from keystore_audit.model.domains import Interval
+
+
+class Layer(str, Enum):
+    """Where a change is made, or, where none before it accounts for it, where it shows."""
+
+    TRUST = "trust"
+    GRANTS = "grants"
+    ACCESS = "access"
+    ATTACKERS = "attackers"
+
+
+class Direction(str, Enum):
+    """What became of rights and of what attackers can do.
+
+    GAINED: more than before, or less protection. LOST: less. MIXED: some of both. CHANGED: something else than before,
+    and neither more nor less by itself. INFO: nothing that anybody could notice.
+    """
+
+    GAINED = "gained"
+    LOST = "lost"
+    MIXED = "mixed"
+    CHANGED = "changed"
+    INFO = "info"
+
+    @property
+    def gains(self) -> bool:
+        """Whether there is more than before."""
+        return self in (Direction.GAINED, Direction.MIXED)
+
+
+def direction_of(*, gains: bool, losses: bool) -> Direction:
+    """The direction of something that has gains, losses, both or neither."""
+    if gains:
+        return Direction.MIXED if losses else Direction.GAINED
+    return Direction.LOST if losses else Direction.CHANGED
+
+
+class FailOn(str, Enum):
+    """Which changes a release is stopped for."""
+
+    GAINED = "gained"
+    ANY = "any"
+    NONE = "none"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Name:
+    """A DDS topic in a partition, in these domain ids. `several`: it stands for more names than itself."""
+
+    topic: str
+    partition: str
+    domains: tuple[Interval, ...]
+    several: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Names:
+    """Names by witnesses, single ones first. `more`: how many others there are, each standing for itself or several.
+
+    `infinite`: they are infinitely many.
+    """
+
+    shown: tuple[Name, ...]
+    more: int
+    infinite: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Aspect:
+    """Something that a document says, before and after, in words. None: it said nothing."""
+
+    what: str
+    old: str | None
+    new: str | None
+    direction: Direction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Consequence:
+    """What follows from a change. `what`: a verb phrase, as "may publish" or "can read without any key".
+
+    `enclaves`: who; none: whoever is on the network.
+    """
+
+    what: str
+    direction: Direction
+    enclaves: tuple[str, ...]
+    names: Names | None
+    profiles: tuple[str, ...]
+    reasons: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Change:
+    """One change. `kind` says which of its layer, as `identity-ca` or `protection`.
+
+    `what`: a noun phrase or a verb phrase of the enclaves. `enclaves`: the paths of those that it is about; none: the
+    keystore as a whole, or outsiders. `operation`: publish, subscribe, relay or join, of a right. `names`: what it is
+    about. `profiles`: under which implementations it is a change. `varies`: they differ about the names. `old`, `new`:
+    where that is written in either keystore.
+    """
+
+    layer: Layer
+    kind: str
+    direction: Direction
+    what: str
+    enclaves: tuple[str, ...]
+    profiles: tuple[str, ...]
+    operation: str | None = None
+    aspects: tuple[Aspect, ...] = ()
+    names: Names | None = None
+    varies: bool = False
+    reasons: tuple[str, ...] = ()
+    old: Location | None = None
+    new: Location | None = None
+    consequences: tuple[Consequence, ...] = ()
+
+    @property
+    def gains(self) -> bool:
+        """Whether somebody can do more than before, by the change itself or what follows from it."""
+        return self.direction.gains or any(each.direction.gains for each in self.consequences)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unread:
+    """Something in one of the keystores that could not be read: what it bears on is not compared.
+
+    `side`: old or new. `enclave`: None where it concerns several, or one that is not known.
+    """
+
+    side: str
+    enclave: str | None
+    location: Location
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """What changed from one keystore to the other at `at` (aware UTC), under `profiles`.
+
+    `domain`: the one that was looked at; None: all. `common`: enclaves of both.
+    """
+
+    old: str
+    new: str
+    old_digest: str
+    new_digest: str
+    at: datetime
+    domain: int | None
+    profiles: tuple[str, ...]
+    common: int
+    changes: tuple[Change, ...]
+    unknown: tuple[Unread, ...]
+
+    def failing(self, fail_on: FailOn) -> tuple[Change, ...]:
+        """The changes that stop a release."""
+        if fail_on is FailOn.NONE:
+            return ()
+        if fail_on is FailOn.GAINED:
+            return tuple(change for change in self.changes if change.gains)
+        return tuple(change for change in self.changes if change.direction is not Direction.INFO)

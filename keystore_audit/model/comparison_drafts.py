@@ -1,0 +1,93 @@
+"""Changes while they are worked out: with their channels as bit sets, and what turns out to follow from them."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+from keystore_audit.findings import Location
+from keystore_audit.model.comparison import Aspect, Change, Consequence, Direction, Layer
+from keystore_audit.model.comparison_sides import Sides
+
+K = TypeVar("K", bound=Hashable)
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class Draft:
+    """A change; the fields are those of `Change`. `channels`: what it is about.
+
+    `everybody`: it bears on what peers accept from any enclave. `effects`: what follows from it, see `Effect`.
+    """
+
+    layer: Layer
+    kind: str
+    direction: Direction
+    what: str
+    enclaves: tuple[str, ...]
+    profiles: tuple[str, ...]
+    operation: str | None = None
+    aspects: tuple[Aspect, ...] = ()
+    channels: int = 0
+    varies: bool = False
+    everybody: bool = False
+    reasons: tuple[str, ...] = ()
+    old: Location | None = None
+    new: Location | None = None
+    effects: list[Effect] = field(default_factory=list)
+
+    def change(self, sides: Sides) -> Change:
+        """The change with its names and consequences."""
+        return Change(
+            layer=self.layer,
+            kind=self.kind,
+            direction=self.direction,
+            what=self.what,
+            enclaves=self.enclaves,
+            profiles=self.profiles,
+            operation=self.operation,
+            aspects=self.aspects,
+            names=sides.names(self.channels) if self.channels else None,
+            varies=self.varies,
+            reasons=self.reasons,
+            old=self.old,
+            new=self.new,
+            consequences=tuple(effect.consequence(sides) for effect in self.effects),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Effect:
+    """Something that shows: the fields are those of `Consequence`."""
+
+    what: str
+    direction: Direction
+    enclaves: tuple[str, ...]
+    channels: int
+    profiles: tuple[str, ...]
+    reasons: tuple[str, ...] = ()
+
+    def consequence(self, sides: Sides) -> Consequence:
+        """The same with names."""
+        return Consequence(
+            what=self.what,
+            direction=self.direction,
+            enclaves=self.enclaves,
+            names=sides.names(self.channels) if self.channels else None,
+            profiles=self.profiles,
+            reasons=self.reasons,
+        )
+
+
+def folded(found: Mapping[tuple[str, K], object]) -> dict[K, tuple[str, ...]]:
+    """By the second part of the keys: the first parts that it comes with, in order."""
+    folds: dict[K, list[str]] = {}
+    for one, rest in found:
+        folds.setdefault(rest, []).append(one)
+    return {rest: tuple(ones) for rest, ones in folds.items()}
+
+
+def in_order(profiles: Iterable[str], sides: Sides) -> tuple[str, ...]:
+    """The profiles in the order in which they were asked for."""
+    wanted = set(profiles)
+    return tuple(profile.name for profile in sides.profiles if profile.name in wanted)

@@ -1,0 +1,286 @@
+"""What shows in what peers accept, in what attackers can do, and in whether participants start.
+
+Each difference is a consequence of the change that accounts for it; a change of its own where none does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.comparison import Direction, Layer
+from keystore_audit.model.comparison_drafts import Draft, Effect, in_order
+from keystore_audit.model.comparison_grants import WORDS
+from keystore_audit.model.comparison_sides import Pair, Sides, View
+from keystore_audit.model.comparison_trust import ADDED, FILE, REMOVED, SUBJECT
+
+_OPERATIONS: Final = (Operation.PUBLISH, Operation.SUBSCRIBE, Operation.RELAY)
+
+
+class _Key(NamedTuple):
+    """A difference that shows. `draft`: what accounts for it. `operation`: None of what keys alone make possible."""
+
+    draft: Draft | None
+    layer: Layer
+    what: str
+    gained: bool
+    operation: str | None
+
+
+class Reach:
+    """Adds to `drafts` what follows from them, and what nothing among them accounts for."""
+
+    def __init__(self, sides: Sides, drafts: list[Draft]) -> None:
+        self._sides = sides
+        self._drafts = drafts
+        self._found: dict[tuple[_Key, str | None], dict[str, int]] = {}
+        self._of_enclave: dict[str, list[Draft]] = {}
+        for draft in drafts:
+            for path in draft.enclaves:
+                self._of_enclave.setdefault(path, []).append(draft)
+        self._rows = [draft for draft in drafts if draft.kind == "protection"]
+        self._everybody = [draft for draft in drafts if draft.everybody]
+
+    def work_out(self) -> list[Draft]:
+        """The changes with their consequences."""
+        self._fold_rights_of_others()
+        for pair in self._sides.pairs:
+            self._outsiders(pair)
+            for path in self._sides.compared:
+                self._insider(pair, path)
+            for draft in self._drafts:
+                if draft.kind in (ADDED, REMOVED):
+                    self._newcomers(pair, draft)
+        own = self._folded()
+        own += self._starts()
+        return [*self._drafts, *own]
+
+    def _fold_rights_of_others(self) -> None:
+        """Rights that an enclave has or lost since its identity is another's, or gone, follow from that."""
+        for draft in [each for each in self._drafts if each.kind in ("right", "grant-validity")]:
+            for cause in self._drafts:
+                if cause.kind in (SUBJECT, FILE) and set(draft.enclaves) <= set(cause.enclaves):
+                    cause.effects.append(
+                        Effect(
+                            what=draft.what,
+                            direction=draft.direction,
+                            enclaves=draft.enclaves,
+                            channels=draft.channels,
+                            profiles=draft.profiles,
+                        )
+                    )
+                    self._drafts.remove(draft)
+                    break
+
+    def _insider(self, pair: Pair, path: str) -> None:
+        """What peers accept from an enclave, and what its keys let it do beyond that."""
+        views = pair.old, pair.new
+        numbers = [view.numbers[path] for view in views]
+        rights = self._of_enclave.get(path, [])
+        written, read = 0, 0  # by right before or after: no more than that shows in what keys make possible
+        for operation in _OPERATIONS:
+            before, after = (view.accepted(number, operation) for view, number in zip(views, numbers, strict=True))
+            written |= before | after if operation is Operation.PUBLISH else 0
+            read |= before | after if operation is Operation.SUBSCRIBE else 0
+            for gained, channels in self._both_ways(before, after):
+                left = channels
+                for draft in rights:
+                    same = draft.operation == operation.value and draft.direction.gains == gained
+                    if draft.layer is Layer.GRANTS and same:
+                        left &= ~draft.channels
+                what = f"{_with(gained)} {WORDS[operation.value]}, as peers have it,"
+                self._attribute(pair, Layer.ACCESS, what, gained, left, path, operation.value)
+        heard = [_overheard(view, number) for view, number in zip(views, numbers, strict=True)]
+        forged = [_forged(view, number) for view, number in zip(views, numbers, strict=True)]
+        for what, (before, after), by_right in (
+            ("read without a right to", heard, read),
+            ("pass for a writer of", forged, written),
+        ):
+            for gained, channels in self._both_ways(before & ~by_right, after & ~by_right):
+                self._attribute(pair, Layer.ATTACKERS, f"{_can(gained)} {what}", gained, channels, path, None)
+
+    def _outsiders(self, pair: Pair) -> None:
+        """What somebody without any key can do."""
+        before, after = _outside(pair.old), _outside(pair.new)
+        for what, channels in before.items():
+            for gained, changed in self._both_ways(channels, after[what]):
+                self._attribute(pair, Layer.ATTACKERS, f"{_can(gained)} {what}", gained, changed, None, None)
+
+    def _newcomers(self, pair: Pair, draft: Draft) -> None:
+        """What enclaves that one keystore alone has may do there."""
+        gained = draft.kind == ADDED
+        view = pair.new if gained else pair.old
+        for path in draft.enclaves:
+            number = view.numbers.get(path)
+            for operation in _OPERATIONS if number is not None else ():
+                channels = view.accepted(number, operation) & self._sides.mask if number is not None else 0
+                if channels:
+                    what = f"{_with(gained)} {WORDS[operation.value]}, as peers have it,"
+                    self._note(pair, _Key(draft, Layer.ACCESS, what, gained, operation.value), path, channels)
+
+    def _both_ways(self, before: int, after: int) -> Iterator[tuple[bool, int]]:
+        for gained, channels in ((True, after & ~before), (False, before & ~after)):
+            if channels & self._sides.mask:
+                yield gained, channels & self._sides.mask
+
+    def _attribute(
+        self, pair: Pair, layer: Layer, what: str, gained: bool, channels: int, path: str | None, operation: str | None
+    ) -> None:
+        """Give the channels to the changes that account for them, the nearest first."""
+        for draft, part in self._causes(path, channels):
+            if part & channels:
+                self._note(pair, _Key(draft, layer, what, gained, operation), path, part & channels)
+                channels &= ~part
+        if channels:
+            self._note(pair, _Key(None, layer, what, gained, operation), path, channels)
+
+    def _causes(self, path: str | None, channels: int) -> Iterator[tuple[Draft, int]]:
+        """Changes that may account for a difference of this enclave (None: of outsiders) on these channels."""
+        for draft in self._rows:
+            yield draft, draft.channels
+        rights = [each for each in self._of_enclave.get(path, ()) if each.layer is Layer.GRANTS] if path else []
+        for draft in rights:
+            yield draft, draft.channels
+        for draft in self._everybody:
+            if path is None or path in draft.enclaves:
+                yield draft, channels
+        for draft in self._everybody:
+            yield draft, channels
+        for draft in rights:
+            yield draft, self._in_domains_of(draft.channels)
+        for draft in self._drafts if path is None else ():
+            if draft.layer is Layer.GRANTS:
+                yield draft, self._in_domains_of(draft.channels) if draft.operation == "join" else draft.channels
+
+    def _in_domains_of(self, channels: int) -> int:
+        found = 0
+        for domain, within in enumerate(self._sides.pairs[0].old.decisions.channels_in):
+            del domain
+            if within & channels:
+                found |= within
+        return found
+
+    def _note(self, pair: Pair, key: _Key, path: str | None, channels: int) -> None:
+        by_profile = self._found.setdefault((key, path), {})
+        for profile in pair.profiles:
+            by_profile[profile] = by_profile.get(profile, 0) | channels
+
+    def _folded(self) -> list[Draft]:
+        """Hands out the consequences, those of several enclaves together; returns what has no cause."""
+        folds: dict[tuple[_Key, tuple[tuple[str, int], ...]], list[str]] = {}
+        for (key, path), by_profile in self._found.items():
+            folds.setdefault((key, tuple(sorted(by_profile.items()))), []).extend([] if path is None else [path])
+        own = []
+        for (key, by_profile_items), paths in folds.items():
+            union = 0
+            for _profile, channels in by_profile_items:
+                union |= channels
+            profiles = in_order((profile for profile, _channels in by_profile_items), self._sides)
+            direction = Direction.GAINED if key.gained else Direction.LOST
+            if key.draft is None:
+                own.append(
+                    Draft(
+                        layer=key.layer,
+                        kind="accepted" if key.operation else "capability",
+                        direction=direction,
+                        what=key.what,
+                        enclaves=tuple(paths),
+                        profiles=profiles,
+                        operation=key.operation,
+                        channels=union,
+                        varies=len({channels for _profile, channels in by_profile_items}) > 1,
+                    )
+                )
+            else:
+                key.draft.effects.append(
+                    Effect(what=key.what, direction=direction, enclaves=tuple(paths), channels=union, profiles=profiles)
+                )
+        return own
+
+    def _starts(self) -> list[Draft]:
+        """Enclaves whose participants start no longer, or now do: a change of its own where nothing accounts for it."""
+        old, new = self._sides.usability
+        found: dict[tuple[Draft | None, bool | None, tuple[str, ...]], dict[str, list[str]]] = {}
+        for path in self._sides.compared:
+            directories = [by_path[path].files.directory for by_path in self._sides.enclaves]
+            cause = next(iter([*self._of_enclave.get(path, ()), *self._rows]), None)
+            for profile in self._sides.profiles:
+                before, after = old[directories[0], profile.name], new[directories[1], profile.name]
+                if before.usable is not after.usable and None not in (before.usable, after.usable):
+                    reasons = before.reasons if after.usable else after.reasons
+                    paths = found.setdefault((cause, after.usable, reasons), {})
+                    paths.setdefault(path, []).append(profile.name)
+        return list(self._start_drafts(found))
+
+    def _start_drafts(
+        self, found: dict[tuple[Draft | None, bool | None, tuple[str, ...]], dict[str, list[str]]]
+    ) -> Iterator[Draft]:
+        for (cause, starts, reasons), paths in found.items():
+            groups: dict[tuple[str, ...], list[str]] = {}
+            for path, names in paths.items():
+                groups.setdefault(tuple(names), []).append(path)
+            direction = Direction.GAINED if starts else Direction.LOST
+            what = "starts now" if starts else "no longer starts"
+            for profiles, several in groups.items():
+                if cause is None:
+                    yield Draft(
+                        layer=Layer.ACCESS,
+                        kind="start",
+                        direction=direction,
+                        what=what,
+                        enclaves=tuple(several),
+                        profiles=profiles,
+                        reasons=reasons,
+                    )
+                else:
+                    cause.effects.append(
+                        Effect(
+                            what=what,
+                            direction=direction,
+                            enclaves=tuple(several),
+                            channels=0,
+                            profiles=profiles,
+                            reasons=reasons,
+                        )
+                    )
+
+
+def _with(gained: bool) -> str:
+    return "may" if gained else "may no longer"
+
+
+def _can(gained: bool) -> str:
+    return "can" if gained else "can no longer"
+
+
+def _overheard(view: View, enclave: int) -> int:
+    found = 0
+    for realm in view.realms:
+        found |= realm.abilities(enclave).overhears
+    return found
+
+
+def _forged(view: View, enclave: int) -> int:
+    found = 0
+    for realm in view.realms:
+        found |= realm.abilities(enclave).forges
+    return found
+
+
+def _outside(view: View) -> dict[str, int]:
+    """By verb phrase, the channels: as the properties of the engines have it (docs/model.md)."""
+    found = dict.fromkeys(("read", "inject samples into", "learn the names of", "replay", "forge the liveliness of"), 0)
+    for realm in view.realms:
+        p = realm.protection
+        written, read = 0, 0
+        for number in range(len(view.system.enclaves)):
+            able = realm.abilities(number)
+            written |= able.may_write
+            read |= able.may_read
+        found["read"] |= realm.readable & written
+        found["inject samples into"] |= realm.injectable & read
+        found["learn the names of"] |= p.governed & ~(p.rtps_encrypts | p.discovery_hidden) & (written | read)
+        found["replay"] |= realm.unauthenticated & ~p.metadata_authenticates & read
+        found["forge the liveliness of"] |= realm.unauthenticated & ~p.liveliness_authenticates & read
+    return found

@@ -1,0 +1,205 @@
+"""Two keystores side by side: the same channels, the same views of documents, enclaves matched by their paths."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from functools import cached_property
+from zoneinfo import ZoneInfo
+
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.channels import document_channels
+from keystore_audit.model.comparison import Name, Names, Unread
+from keystore_audit.model.domains import Interval, contains
+from keystore_audit.model.doubt import keystore_doubts
+from keystore_audit.model.interpret import usability_by_profile
+from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.permission import Decisions, Permissions, bits, members
+from keystore_audit.model.profiles import Profile
+from keystore_audit.model.system import Reading, RuleAtom, System
+from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.model.usability import Usabilities
+
+MAX_SHOWN = 3
+"""Names that stand for a change; the rest are counted."""
+
+
+class View:
+    """One keystore under one system, what could not be read left out."""
+
+    def __init__(self, system: System, decisions: Decisions) -> None:
+        self.system = system
+        self.decisions = decisions
+        self.permissions = Permissions(system, None, decisions)
+        self.numbers: dict[str, int] = {}
+        for number, enclave in enumerate(system.enclaves):
+            self.numbers.setdefault(enclave.label, number)
+
+    @cached_property
+    def realms(self) -> list[RealmView]:
+        """How the peers of each realm see every enclave."""
+        return [RealmView(self.system, realm, self.permissions) for realm in range(len(self.system.realms))]
+
+    @cached_property
+    def rules_of(self) -> dict[int, list[RuleAtom]]:
+        """The rules of each grant, in order."""
+        found: dict[int, list[RuleAtom]] = {}
+        for rule in self.system.rules:
+            found.setdefault(rule.grant, []).append(rule)
+        return found
+
+    def own_grant(self, path: str) -> int | None:
+        """The grant of the enclave's own document that counts."""
+        enclave = self.system.enclaves[self.numbers[path]]
+        if enclave.permissions is None:
+            return None
+        return next(iter(self.permissions.chosen(enclave.identity, frozenset({enclave.permissions}))), None)
+
+    def accepted(self, enclave: int, operation: Operation) -> int:
+        """The channels on which some peer accepts the operation from the enclave."""
+        found = 0
+        for realm in self.realms:
+            able = realm.abilities(enclave)
+            if operation is Operation.PUBLISH:
+                found |= able.may_write
+            else:
+                found |= able.may_read if operation is Operation.SUBSCRIBE else able.may_relay
+        return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pair:
+    """Both keystores as some profiles read them. `lead`: one of the profiles."""
+
+    profiles: tuple[str, ...]
+    lead: Profile
+    old: View
+    new: View
+
+
+class Sides:
+    """The old and the new keystore under `profiles` at `at` (aware UTC); `zone`: where the robots are.
+
+    `domain`: the only one that counts; None: all. Raises errors.BudgetExceeded where there are too many classes of
+    names.
+    """
+
+    def __init__(
+        self,
+        old: Keystore,
+        new: Keystore,
+        profiles: Sequence[Profile],
+        at: datetime,
+        zone: ZoneInfo | None,
+        domain: int | None,
+    ) -> None:
+        documents = (*documents_of(old), *documents_of(new))
+        self.at = at
+        self.profiles = profiles
+        self.keystores = (old, new)
+        self.accesses = AccessViews(documents, at, zone)
+        rows = {self.accesses.row(profile.access) for profile in profiles}
+        files = [document.file for document in documents if document.file is not None]
+        read = {row: [self.accesses.read(file, row) for file in files] for row in rows}
+        self.channels = document_channels(read, ungoverned=True)
+        self.enclaves = (_by_path(old), _by_path(new))
+        usabilities = [Usabilities(domain, self.accesses) for _ in self.keystores]
+        self.usability = tuple(
+            usability_by_profile(keystore, profiles, at, each)
+            for keystore, each in zip(self.keystores, usabilities, strict=True)
+        )
+        self.mask = bits(
+            number
+            for number, channel in enumerate(self.channels.channels)
+            if domain is None or contains(self.channels.domains[channel.domain].intervals, domain)
+        )
+        self._domain = domain
+        views = [self._views(keystore) for keystore in self.keystores]
+        pairs: dict[tuple[int, int], list[Profile]] = {}
+        for profile in profiles:
+            key = id(views[0][profile.name]), id(views[1][profile.name])
+            pairs.setdefault(key, []).append(profile)
+        self.pairs = [
+            Pair(
+                profiles=tuple(profile.name for profile in alike),
+                lead=alike[0],
+                old=views[0][alike[0].name],
+                new=views[1][alike[0].name],
+            )
+            for alike in pairs.values()
+        ]
+        self.unknown = tuple(dict.fromkeys(self._unread()))
+        self._doubtful = {each.enclave for each in self.unknown}
+
+    def _views(self, keystore: Keystore) -> dict[str, View]:
+        """By profile. What could not be read is told apart: it is not compared."""
+        builder = SystemBuilder(keystore, self.profiles, self.at, self.accesses, channels=self.channels)
+        shared: dict[tuple[int, int], Decisions] = {}
+        found: dict[str, View] = {}
+        systems = builder.systems()
+        for system in sorted(systems, key=lambda each: each.reading is Reading.MUST):
+            key = (id(system.grants), id(system.rules))
+            if key not in shared:
+                shared[key] = Decisions(system)
+            view = View(system, shared[key])
+            found.update(dict.fromkeys(system.profiles, view))
+        return found
+
+    def _unread(self) -> Iterable[Unread]:
+        kinds = {(each.trust, self.accesses.row(each.access)): each for each in self.profiles}
+        for side, keystore in zip(("old", "new"), self.keystores, strict=True):
+            for profile in kinds.values():
+                for doubt in keystore_doubts(keystore, profile, self.accesses):
+                    yield Unread(side=side, enclave=doubt.enclave, location=doubt.location, reason=doubt.reason)
+
+    @cached_property
+    def common(self) -> list[str]:
+        """The paths of enclaves of both."""
+        return [path for path in self.enclaves[0] if path in self.enclaves[1]]
+
+    @cached_property
+    def compared(self) -> list[str]:
+        """Those of which everything could be read on both sides."""
+        return [path for path in self.common if path not in self._doubtful]
+
+    def names(self, channels: int) -> Names:
+        """The names of a set of channels, by witnesses."""
+        found: dict[tuple[str, str], tuple[list[Interval], list[bool]]] = {}
+        infinite = False
+        for number in members(channels):
+            channel = self.channels.channels[number]
+            intervals, several = found.setdefault((channel.topic, channel.partition), ([], []))
+            intervals += self.channels.domains[channel.domain].intervals
+            several.append(channel.infinite or channel.topic not in self._literals)
+            infinite = infinite or channel.infinite
+        names = [
+            Name(topic=topic, partition=partition, domains=self._joined(intervals), several=any(several))
+            for (topic, partition), (intervals, several) in found.items()
+        ]
+        names.sort(key=lambda name: (name.several, name.partition, name.topic))
+        return Names(shown=tuple(names[:MAX_SHOWN]), more=max(0, len(names) - MAX_SHOWN), infinite=infinite)
+
+    def _joined(self, intervals: Iterable[Interval]) -> tuple[Interval, ...]:
+        if self._domain is not None:
+            return ((self._domain, self._domain),)
+        joined: list[Interval] = []
+        for low, high in sorted(intervals):
+            if joined and low <= joined[-1][1] + 1:
+                joined[-1] = joined[-1][0], max(high, joined[-1][1])
+            else:
+                joined.append((low, high))
+        return tuple(joined)
+
+    @cached_property
+    def _literals(self) -> frozenset[str]:
+        """Names that some expression spells out: their channels hold no other topic."""
+        return frozenset(text for _matcher, region in self.channels.regions for area in region for text in area.topics)
+
+
+def _by_path(keystore: Keystore) -> dict[str, Enclave]:
+    first = {enclave.path: enclave for enclave in reversed(keystore.enclaves)}
+    return {path: first[path] for path in sorted(first)}

@@ -1,0 +1,327 @@
+"""What changed in what trust rests on: enclaves, identities, authorities, signatures, revocations, dates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from datetime import datetime
+from typing import Final, NamedTuple
+
+from keystore_audit.findings import Location
+from keystore_audit.keystore.certificate import Certificate, CertificateFile
+from keystore_audit.keystore.crl import RevocationList
+from keystore_audit.keystore.files import Status
+from keystore_audit.keystore.governance import GovernanceFile
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.layout import Role
+from keystore_audit.keystore.permissions import PermissionsFile
+from keystore_audit.model.comparison import Aspect, Direction, Layer, direction_of
+from keystore_audit.model.comparison_drafts import Draft
+from keystore_audit.model.comparison_sides import Sides
+from keystore_audit.model.trust import Verdict, envelope, may_have_issued
+
+ADDED: Final = "enclave-added"
+REMOVED: Final = "enclave-removed"
+SUBJECT: Final = "identity-subject"
+FILE: Final = "file"
+PERMISSIONS_CA: Final = "permissions CA"
+_IDENTITY_CA: Final = "identity CA"
+
+_EVERYBODY: Final = frozenset(
+    {ADDED, REMOVED, SUBJECT, FILE, "identity-key", "identity-issuer", "identity-authority", "authority", "signer"}
+    | {"signature", "revocation"}
+)
+"""Kinds of changes that bear on what peers accept from any enclave."""
+
+_PRESENCE: Final = {
+    Role.IDENTITY_CA: "identity CA file",
+    Role.CERTIFICATE: "identity certificate",
+    Role.PERMISSIONS_CA: "permissions CA file",
+    Role.GOVERNANCE: "governance",
+}
+"""Files whose absence is a change of its own. Without permissions there are no rights, which is one already."""
+
+
+class _Fact(NamedTuple):
+    """A change of one enclave; equal ones are told once. The places are not compared."""
+
+    kind: str
+    direction: Direction
+    what: str
+    aspects: tuple[Aspect, ...]
+
+
+_Placed = tuple[_Fact, Location | None, Location | None]
+
+
+def trust_changes(sides: Sides) -> list[Draft]:
+    """One draft for each change, of all enclaves that have it."""
+    found: dict[_Fact, tuple[list[str], Location | None, Location | None]] = {}
+    for path in sides.common:
+        old, new = (by_path[path] for by_path in sides.enclaves)
+        for fact, one, other in _facts(old, new, sides.at):
+            found.setdefault(fact, ([], one, other))[0].append(path)
+    drafts = [*_of_keystores(*sides.keystores), *_of_enclaves(sides)]
+    drafts += [_draft(fact, tuple(paths), one, other) for fact, (paths, one, other) in found.items()]
+    for draft in drafts:
+        draft.profiles = tuple(profile.name for profile in sides.profiles)
+    return drafts
+
+
+def _draft(fact: _Fact, paths: tuple[str, ...], one: Location | None, other: Location | None) -> Draft:
+    return Draft(
+        layer=Layer.TRUST,
+        kind=fact.kind,
+        direction=fact.direction,
+        what=fact.what,
+        enclaves=paths,
+        profiles=(),
+        aspects=fact.aspects,
+        everybody=fact.kind in _EVERYBODY,
+        old=one,
+        new=other,
+    )
+
+
+def _of_keystores(old: Keystore, new: Keystore) -> Iterator[Draft]:
+    """The layout, and whether the authorities' private keys are there."""
+    kinds = old.layout.kind.value, new.layout.kind.value
+    if kinds[0] != kinds[1]:
+        aspect = Aspect(what="layout", old=kinds[0], new=kinds[1], direction=Direction.CHANGED)
+        yield _draft(_Fact("layout", Direction.CHANGED, "the layout", (aspect,)), (), None, None)
+    before, after = bool(old.authority_keys), bool(new.authority_keys)
+    if before != after:
+        direction = Direction.GAINED if after else Direction.LOST
+        there = [Location(path=k.authority_keys[0].file.place) if k.authority_keys else None for k in (old, new)]
+        word = "is there" if after else "is no longer there"
+        yield _draft(_Fact("authority-key", direction, f"the private key of an authority {word}", ()), (), *there)
+
+
+def _of_enclaves(sides: Sides) -> Iterator[Draft]:
+    """Enclaves of one keystore alone."""
+    for kind, direction, here, there in (
+        (ADDED, Direction.GAINED, sides.enclaves[1], sides.enclaves[0]),
+        (REMOVED, Direction.LOST, sides.enclaves[0], sides.enclaves[1]),
+    ):
+        paths = tuple(path for path in here if path not in there)
+        if paths:
+            place = Location(path=here[paths[0]].files.directory)
+            places = (None, place) if kind == ADDED else (place, None)
+            yield _draft(_Fact(kind, direction, "was added" if kind == ADDED else "was removed", ()), paths, *places)
+
+
+def _facts(old: Enclave, new: Enclave, at: datetime) -> Iterator[_Placed]:
+    """Everything that changed of an enclave."""
+    yield from _presences(old, new)
+    authorities = list(_authorities(old, new))
+    yield from authorities
+    changed = {each.what for fact, _one, _other in authorities for each in fact.aspects}
+    yield from _identity(old, new, reissued=_IDENTITY_CA in changed)
+    yield from _signatures(old, new, moved=PERMISSIONS_CA in changed)
+    yield from _revocations(old, new, at)
+
+
+def _presences(old: Enclave, new: Enclave) -> Iterator[_Placed]:
+    for role, word in _PRESENCE.items():
+        files = old.files.files[role], new.files.files[role]
+        before, after = (file.status is Status.PRESENT for file in files)
+        if before != after and not any(file.status.unknown for file in files):
+            direction = Direction.GAINED if after else Direction.LOST
+            what = f"its {word} {'is there' if after else 'is no longer there'}"
+            yield _Fact(FILE, direction, what, ()), Location(path=files[0].path), Location(path=files[1].path)
+
+
+def _first(file: CertificateFile | None) -> Certificate | None:
+    return file.first if file is not None else None
+
+
+def _place(certificate: Certificate | None) -> Location | None:
+    return None if certificate is None else Location(path=certificate.path, line=certificate.line)
+
+
+def _identity(old: Enclave, new: Enclave, *, reissued: bool) -> Iterator[_Placed]:
+    """The identity certificate. `reissued`: its CA is another, so that it had to be."""
+    one, other = _first(old.certificate), _first(new.certificate)
+    if one is None or other is None or one.sha256 == other.sha256:
+        return
+    places = _place(one), _place(other)
+    facts = list(_identity_facts(one, other))
+    if not reissued:
+        facts += _issuer_facts(old, new)
+    if not facts and not reissued:
+        facts.append(_Fact("reissued", Direction.INFO, "its identity certificate was issued again, with its key", ()))
+    for fact in facts:
+        yield fact, *places
+
+
+def _identity_facts(one: Certificate, other: Certificate) -> Iterator[_Fact]:
+    if one.key != other.key:
+        yield _Fact("identity-key", Direction.CHANGED, "its identity has another key", ())
+    if one.subject != other.subject:
+        aspect = Aspect(what="subject", old=one.subject, new=other.subject, direction=Direction.CHANGED)
+        yield _Fact(SUBJECT, Direction.CHANGED, "its identity has another subject", (aspect,))
+    if bool(one.is_ca) != bool(other.is_ca):
+        direction = Direction.GAINED if other.is_ca else Direction.LOST
+        word = "is an authority" if other.is_ca else "is no longer an authority"
+        yield _Fact("identity-authority", direction, f"its identity {word}", ())
+    yield from _dates("identity-validity", "its identity certificate is valid", _validity(one), _validity(other))
+
+
+def _issuer_facts(old: Enclave, new: Enclave) -> Iterator[_Fact]:
+    """Whether another authority of the same CA file issued the identity, or none of them."""
+    issuers = []
+    for enclave in (old, new):
+        certificate = _first(enclave.certificate)
+        pool = enclave.identity_ca.certificates if enclave.identity_ca else ()
+        issuers.append([c for c in pool if certificate is not None and may_have_issued(c, certificate)])
+    if {c.key for c in issuers[0]} != {c.key for c in issuers[1]}:
+        aspect = Aspect(what="issuer", old=_told(issuers[0]), new=_told(issuers[1]), direction=Direction.CHANGED)
+        yield _Fact("identity-issuer", Direction.CHANGED, "its identity was issued by another authority", (aspect,))
+
+
+_Dates = tuple[datetime | None, datetime | None]
+
+
+def _validity(certificate: Certificate) -> _Dates:
+    return certificate.not_before, certificate.not_after
+
+
+def _dates(kind: str, what: str, old: _Dates, new: _Dates) -> Iterator[_Fact]:
+    """Other dates: neither more nor less, since everything is decided at one instant."""
+    aspects = tuple(
+        Aspect(what=word, old=_date(before), new=_date(after), direction=Direction.CHANGED)
+        for word, before, after in zip(("from", "until"), old, new, strict=True)
+        if before != after
+    )
+    if aspects:
+        yield _Fact(kind, Direction.CHANGED, f"{what} at other times", aspects)
+
+
+def _date(moment: datetime | None) -> str | None:
+    return None if moment is None else moment.strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def _authorities(old: Enclave, new: Enclave) -> Iterator[_Placed]:
+    """The CA files; one file for both roles is one change."""
+    files = {
+        _IDENTITY_CA: (old.identity_ca, new.identity_ca),
+        PERMISSIONS_CA: (old.permissions_ca, new.permissions_ca),
+    }
+    found: dict[tuple[tuple[str, ...], tuple[str, ...]], list[str]] = {}
+    for role, (before, after) in files.items():
+        if before is not None and after is not None:
+            one, other = (tuple(c.sha256 for c in file.certificates) for file in (before, after))
+            if one != other:
+                found.setdefault((one, other), []).append(role)
+    for roles in found.values():
+        before, after = files[roles[0]]
+        if before is not None and after is not None:
+            for fact in _authority_facts(" and ".join(roles), roles, before, after):
+                yield fact, _place(before.first), _place(after.first)
+
+
+def _authority_facts(words: str, roles: list[str], before: CertificateFile, after: CertificateFile) -> Iterator[_Fact]:
+    old = {certificate.key: certificate for certificate in before.certificates}
+    new = {certificate.key: certificate for certificate in after.certificates}
+    gone, come = (
+        [certificate for key, certificate in one.items() if key not in other] for one, other in ((old, new), (new, old))
+    )
+    if gone or come:
+        direction = direction_of(gains=bool(come), losses=bool(gone))
+        verb = "are others" if gone and come else ("have more keys" if come else "have fewer keys")
+        if len(roles) == 1:
+            verb = {"are others": "is another", "have more keys": "has more keys", "have fewer keys": "has fewer keys"}[
+                verb
+            ]
+        told = _told(gone), _told(come)
+        aspects = tuple(Aspect(what=role, old=told[0], new=told[1], direction=direction) for role in roles)
+        yield _Fact("authority", direction, f"the {words} {verb}", aspects)
+        return
+    start = len(list(_validity_facts(words, old, new)))
+    yield from _validity_facts(words, old, new)
+    if [c.key for c in before.certificates] != [c.key for c in after.certificates]:
+        yield _Fact("authority-order", Direction.CHANGED, f"the {words} have another order", ())
+    elif not start:
+        yield _Fact("reissued", Direction.INFO, f"the {words}: issued again, with the same key", ())
+
+
+def _validity_facts(words: str, old: dict[str, Certificate], new: dict[str, Certificate]) -> Iterator[_Fact]:
+    for key, one in old.items():
+        if one.sha256 != new[key].sha256:
+            yield from _dates("authority-validity", f"the {words}: valid", _validity(one), _validity(new[key]))
+
+
+def _told(certificates: Iterable[Certificate]) -> str | None:
+    """Subjects with the beginning of the key's hash: all authorities of sros2 have one name."""
+    return ", ".join(f"{c.subject} (key {c.key[:12]})" for c in certificates) or None
+
+
+def _signatures(old: Enclave, new: Enclave, *, moved: bool) -> Iterator[_Placed]:
+    """Who signed the documents, and whether the signatures hold. `moved`: the permissions CA is another."""
+    for word, one, other in (
+        ("governance", old.governance, new.governance),
+        ("permissions", old.permissions, new.permissions),
+    ):
+        if one is None or other is None:
+            continue
+        places = Location(path=one.signed.file.place), Location(path=other.signed.file.place)
+        before, after = envelope(one.signed), envelope(other.signed)
+        held, holds = (each.verdict is Verdict.ACCEPTED for each in (before, after))
+        if held != holds:
+            direction = Direction.GAINED if holds else Direction.LOST
+            verb = "holds" if holds else "no longer holds"
+            yield _Fact("signature", direction, f"the signature of its {word} {verb}", ()), *places
+            continue
+        signed_by = {c.key for c in before.signers}, {c.key for c in after.signers}
+        if signed_by[0] == signed_by[1] or (moved and _by_authority(one, old) and _by_authority(other, new)):
+            continue
+        told = _told(before.signers), _told(after.signers)
+        aspect = Aspect(what="signer", old=told[0], new=told[1], direction=Direction.MIXED)
+        yield _Fact("signer", Direction.MIXED, f"its {word} was signed by somebody else", (aspect,)), *places
+
+
+def _by_authority(document: GovernanceFile | PermissionsFile, enclave: Enclave) -> bool:
+    """Whether the enclave's permissions CA signed it."""
+    keys = {certificate.key for certificate in enclave.permissions_ca.certificates} if enclave.permissions_ca else set()
+    return all(signer.key in keys for signer in envelope(document.signed).signers)
+
+
+def _lists(enclave: Enclave) -> list[RevocationList]:
+    lists = list(enclave.crl.revocation_lists) if enclave.crl else []
+    return lists + (list(enclave.identity_ca.revocation_lists) if enclave.identity_ca else [])
+
+
+def _revocations(old: Enclave, new: Enclave, at: datetime) -> Iterator[_Placed]:
+    """What is taken back, by issuer and serial number, and until when the lists count."""
+    one, other = _lists(old), _lists(new)
+    places = _place_of(one), _place_of(other)
+    before, after = ({(each.issuer, n) for each in lists for n in each.revoked} for lists in (one, other))
+    if before != after:
+        direction = direction_of(gains=bool(before - after), losses=bool(after - before))
+        aspects = tuple(
+            Aspect(what="revoked", old=_serials(was), new=_serials(now), direction=direction)
+            for was, now in ((before - after, after - before),)
+        )
+        yield _Fact("revocation", direction, "its revocation lists take back others", aspects), *places
+    elif bool(one) != bool(other):
+        word = "it has a revocation list" if other else "it has no revocation list any more"
+        yield _Fact("revocation", Direction.LOST if other else Direction.GAINED, word, ()), *places
+    elif one and other:
+        dates = tuple((max(e.this_update for e in lists), _last(lists)) for lists in (one, other))
+        for fact in _dates("revocation-validity", "its revocation lists count", *dates):
+            in_time = all(start <= at and (end is None or at <= end) for start, end in dates)
+            newer = in_time and all(aspect.what == "from" for aspect in fact.aspects)
+            info = fact._replace(direction=Direction.INFO, what="its revocation lists were issued again")
+            yield info if newer else fact, *places
+
+
+def _place_of(lists: list[RevocationList]) -> Location | None:
+    return Location(path=lists[0].path, line=lists[0].line) if lists else None
+
+
+def _last(lists: list[RevocationList]) -> datetime | None:
+    ends = [each.next_update for each in lists if each.next_update is not None]
+    return min(ends, default=None)
+
+
+def _serials(revoked: Iterable[tuple[str, int]]) -> str | None:
+    return ", ".join(f"{issuer} {number:x}" for issuer, number in sorted(revoked)) or None

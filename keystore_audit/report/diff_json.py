@@ -1,0 +1,102 @@
+"""What changed between two keystores as JSON: `schemas/diff.schema.json`."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from keystore_audit import __version__
+from keystore_audit.findings import Location
+from keystore_audit.model.comparison import Change, Comparison, Consequence, FailOn, Names
+from keystore_audit.model.domains import describe
+from keystore_audit.model.names import parse_dds_name, ros_name
+from keystore_audit.report.encoded import encoded, instant
+
+SCHEMA_VERSION: Final = 1
+
+
+def json(comparison: Comparison, fail_on: FailOn) -> str:
+    """A line for each change; ends in a newline."""
+    failing = set(map(id, comparison.failing(fail_on)))
+    head = {
+        "schema_version": SCHEMA_VERSION,
+        "tool": {"name": "keystore-audit", "version": __version__},
+        "old": {"path": comparison.old, "digest": comparison.old_digest},
+        "new": {"path": comparison.new, "digest": comparison.new_digest},
+        "at": instant(comparison.at),
+        "domain": comparison.domain,
+        "profiles": list(comparison.profiles),
+        "fail_on": fail_on.value,
+        "complete": not comparison.unknown,
+        "failing": len(failing),
+        "common_enclaves": comparison.common,
+    }
+    parts = [f"  {encoded(key)}: {encoded(value)}" for key, value in head.items()]
+    unknown = [
+        {"side": each.side, "enclave": each.enclave, "location": _location(each.location), "reason": each.reason}
+        for each in comparison.unknown
+    ]
+    parts.append(_array("unknown", unknown))
+    parts.append(_array("changes", [_change(change, fails=id(change) in failing) for change in comparison.changes]))
+    return "{\n" + ",\n".join(parts) + "\n}\n"
+
+
+def _array(key: str, items: list[dict[str, Any]]) -> str:
+    inner = ",\n".join(f"    {encoded(item)}" for item in items)
+    return f"  {encoded(key)}: [\n{inner}\n  ]" if items else f"  {encoded(key)}: []"
+
+
+def _change(change: Change, *, fails: bool) -> dict[str, Any]:
+    return {
+        "layer": change.layer.value,
+        "kind": change.kind,
+        "direction": change.direction.value,
+        "fails": fails,
+        "what": change.what,
+        "enclaves": list(change.enclaves),
+        "operation": change.operation,
+        "aspects": [
+            {"what": each.what, "old": each.old, "new": each.new, "direction": each.direction.value}
+            for each in change.aspects
+        ],
+        "names": _names(change.names),
+        "profiles": list(change.profiles),
+        "profiles_differ": change.varies,
+        "reasons": list(change.reasons),
+        "old": _location(change.old),
+        "new": _location(change.new),
+        "consequences": [_consequence(each) for each in change.consequences],
+    }
+
+
+def _consequence(each: Consequence) -> dict[str, Any]:
+    return {
+        "what": each.what,
+        "direction": each.direction.value,
+        "enclaves": list(each.enclaves),
+        "names": _names(each.names),
+        "profiles": list(each.profiles),
+        "reasons": list(each.reasons),
+    }
+
+
+def _names(names: Names | None) -> dict[str, Any] | None:
+    if names is None:
+        return None
+    return {
+        "witnesses": [
+            {
+                "topic": name.topic,
+                "ros": ros_name(name.topic) if parse_dds_name(name.topic) is not None else None,
+                "partition": name.partition,
+                "domains": describe(name.domains),
+                "one": not name.several,
+            }
+            for name in names.shown
+        ],
+        "more": names.more,
+        "infinite": names.infinite,
+    }
+
+
+def _location(location: Location | None) -> dict[str, Any] | None:
+    return None if location is None else {"path": location.path, "line": location.line}

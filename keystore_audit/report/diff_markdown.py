@@ -1,0 +1,63 @@
+"""What changed between two keystores, for a comment on a pull request: the verdict first, consequences folded away."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+from keystore_audit.model.comparison import Change, Comparison, FailOn, Layer
+from keystore_audit.report import diff_words as words
+from keystore_audit.report.encoded import instant
+from keystore_audit.text import markdown as escaped
+
+MAX_LENGTH: Final = 60_000
+"""Characters of the whole; the comments of code hosting services take 65,536."""
+
+
+def markdown(comparison: Comparison, fail_on: FailOn) -> str:
+    """Headings and lists; what does not fit is counted."""
+    lines = [f"## keystore-audit diff: {escaped(words.verdict(comparison, fail_on))}", ""]
+    lines += [f"{escaped(comparison.old)} → {escaped(comparison.new)} at {instant(comparison.at)}", ""]
+    used = sum(map(len, lines))
+    left_out = 0
+    for item in _items(comparison):
+        used += len(item) + 1
+        if used > MAX_LENGTH:
+            left_out += 1
+        else:
+            lines.append(item)
+    if left_out:
+        lines += ["", f"{left_out} more lines are in the full report."]
+    return "\n".join(lines) + "\n"
+
+
+def _items(comparison: Comparison) -> Iterator[str]:
+    """Lines, or whole items where a part of them would break what is around it."""
+    if comparison.unknown:
+        yield "### Not compared, since it could not be read"
+        yield ""
+        for each in comparison.unknown:
+            yield f"- {escaped(words.unread(each))}"
+        yield ""
+    for layer in Layer:
+        changes = [change for change in comparison.changes if change.layer is layer]
+        if changes:
+            yield f"### {words.TITLES[layer]}"
+            yield ""
+            for change in changes:
+                yield _item(change, comparison)
+            yield ""
+
+
+def _item(change: Change, comparison: Comparison) -> str:
+    places = [words.place(location) for location in (change.old, change.new)]
+    named = [f"{side} {escaped(place)}" for side, place in zip(("old", "new"), places, strict=True) if place]
+    where = f" ({', '.join(named)})" if named else ""
+    lines = [f"- **{change.direction.value}** {escaped(words.sentence(change, comparison))}{where}"]
+    lines += [
+        f"  - so *{each.direction.value}*: {escaped(words.consequence(each, comparison))}"
+        for each in change.consequences[: words.MAX_CONSEQUENCES]
+    ]
+    if len(change.consequences) > words.MAX_CONSEQUENCES:
+        lines.append(f"  - and {len(change.consequences) - words.MAX_CONSEQUENCES} more consequences")
+    return "\n".join(lines)

@@ -1,0 +1,58 @@
+"""What changed between two keystores, for people."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from textwrap import fill
+from typing import Final
+
+from keystore_audit.model.comparison import Change, Comparison, FailOn, Layer
+from keystore_audit.report import diff_words as words
+from keystore_audit.report.encoded import instant
+from keystore_audit.text import terminal
+
+WIDTH: Final = 80
+MAX_UNREAD: Final = 10
+
+
+def text(comparison: Comparison, fail_on: FailOn) -> str:
+    """Lines of 80 columns at most, as far as names allow: unknown first, then the changes by layer."""
+    lines = [terminal(words.verdict(comparison, fail_on))]
+    lines.append(_wrapped(f"{comparison.old} → {comparison.new}, at {instant(comparison.at)}", "", "  "))
+    if comparison.unknown:
+        lines += ["", "Not compared, since it could not be read:"]
+        lines += [_wrapped(words.unread(each), "  ? ", "    ") for each in comparison.unknown[:MAX_UNREAD]]
+        if len(comparison.unknown) > MAX_UNREAD:
+            lines.append(f"    and {len(comparison.unknown) - MAX_UNREAD} more")
+    for layer in Layer:
+        changes = [change for change in comparison.changes if change.layer is layer]
+        if changes:
+            lines += ["", words.TITLES[layer]]
+        for change in changes:
+            lines += _change(change, comparison)
+    if comparison.changes:
+        lines += ["", "+ gained   - lost   ± both   ~ changed   i no difference to anybody"]
+    return "\n".join(lines) + "\n"
+
+
+def _change(change: Change, comparison: Comparison) -> Iterator[str]:
+    yield _wrapped(words.sentence(change, comparison), f"  {words.MARKS[change.direction]} ", "    ")
+    for side, location in (("old", change.old), ("new", change.new)):
+        where = words.place(location)
+        if where is not None:
+            yield terminal(f"      {side} {where}")
+    for each in change.consequences[: words.MAX_CONSEQUENCES]:
+        yield _wrapped(words.consequence(each, comparison), f"      {words.MARKS[each.direction]} so ", "        ")
+    if len(change.consequences) > words.MAX_CONSEQUENCES:
+        yield f"      and {len(change.consequences) - words.MAX_CONSEQUENCES} more consequences (--format json)"
+
+
+def _wrapped(sentence: str, first: str, rest: str) -> str:
+    return fill(
+        terminal(sentence),
+        WIDTH,
+        initial_indent=first,
+        subsequent_indent=rest,
+        break_on_hyphens=False,
+        break_long_words=False,
+    )
