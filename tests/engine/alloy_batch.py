@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import re
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -44,10 +44,10 @@ def decide_batch(systems: Sequence[System]) -> list[dict[str, bool]]:
         return [_decide(Path(directory), modules, system) for system in systems]
 
 
-def decide_claims(systems: Sequence[System]) -> list[dict[str, Status]]:
-    """For each system, the answer to each claim (by id); properties are left out."""
+def decide_claims(systems: Sequence[System], changed: Mapping[str, str] | None = None) -> list[dict[str, Status]]:
+    """For each system, the answer to each claim (by id); properties are left out. `changed`: modules to use instead."""
     with tempfile.TemporaryDirectory(prefix="alloy-batch-") as directory:
-        modules = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+        modules = {path.name: path.read_text() for path in resources.alloy().glob("*.als")} | dict(changed or {})
         return [_decide_claims(Path(directory), modules, system) for system in systems]
 
 

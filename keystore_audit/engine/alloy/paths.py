@@ -72,10 +72,10 @@ def ends(path: Sequence[Hop]) -> tuple[Witness, ...]:
     return ({role: enclave for role, enclave in found.items() if enclave is not None},)
 
 
-def read_path(solutions: Path, number: int, system: System, instant: int | None) -> tuple[Hop, ...]:
+def read_path(solutions: Path, number: int, system: System, moment: int | None) -> tuple[Hop, ...]:
     """Return the path of the claim of this index from the trace that the Analyzer left in `solutions`.
 
-    `instant`: at which the data goes; None for the audit instant.
+    `moment`: at which the data goes (`moments.later`); None for the audit instant.
 
     Raises EngineFailed if the trace is not there or names no known atoms.
     """
@@ -85,7 +85,7 @@ def read_path(solutions: Path, number: int, system: System, instant: int | None)
     holder: int | None = None
     last: int | None = None
     out: int | None = None
-    when = system.now if instant is None else instant
+    when = system.now if moment is None else moment // 2
     for state, instance in enumerate(read_instances(solutions / f"{name}-solution-0.xml", name)):
         before, holder = holder, trace.participant(instance)
         channel = trace.channel(instance, "over")

@@ -67,7 +67,7 @@ def examine(
     analyzer = Analyzer(java=java, jar=jar, timeout=timeout, memory_mb=memory_mb)
     for system in systems:
         _check_scale(system)
-    cases = [_Case(number=number, system=system, instant=None) for number, system in enumerate(systems)]
+    cases = [_Case(number=number, system=system, moment=None) for number, system in enumerate(systems)]
     cases += [case for number, system in enumerate(systems) for case in _later(number, system)]
     decisions = run([_audit(case) for case in cases], analyzer, lambda job, *answer: _read(cases[job], *answer))
     decisions = _with_paths(cases, decisions, analyzer)
@@ -78,13 +78,13 @@ def examine(
 class _Case:
     """One state of the system of this number.
 
-    `instant`: None at the audit instant; else the index of a later one, or of the one before the moment between two,
-    and `system` is what it is then, with the claims that must hold until then.
+    `moment`: None at the audit instant; else a later one (`moments.later`), and `system` is what it is then, with the
+    claims that must hold until then.
     """
 
     number: int
     system: System
-    instant: int | None
+    moment: int | None
 
 
 def _later(number: int, system: System) -> Iterator[_Case]:
@@ -97,14 +97,14 @@ def _later(number: int, system: System) -> Iterator[_Case]:
             )
         lasting = tuple(c for c in system.claims if c.until is not None and moment <= 2 * c.until)
         then = moments.at(replace(system, claims=lasting), moment)
-        yield _Case(number=number, system=then, instant=moment // 2)
+        yield _Case(number=number, system=then, moment=moment)
 
 
 def _over_time(number: int, cases: Sequence[_Case], decisions: Sequence[Decision]) -> Decision:
     """The decision on a system: of each claim the first violation, at whatever moment it is."""
     answers = dict(decisions[number].answers)
     for case, decision in zip(cases, decisions, strict=True):
-        if case.number == number and case.instant is not None:
+        if case.number == number and case.moment is not None:
             for claim in case.system.claims:
                 if answers[claim.id].status is Status.HOLDS:
                     answers[claim.id] = decision.answers[claim.id]
@@ -113,7 +113,7 @@ def _over_time(number: int, cases: Sequence[_Case], decisions: Sequence[Decision
 
 def _audit(case: _Case) -> Job:
     system = case.system
-    properties = PROPERTIES if case.instant is None else ()
+    properties = PROPERTIES if case.moment is None else ()
     asked = [Command(kind="check", name=prop.assertion) for prop in properties]
     files = {**_modules(MODULES), KEYSTORE: facts(system), MAIN: commands(properties, system)}
     return Job(
@@ -129,7 +129,7 @@ def _read(case: _Case, found: Mapping[str, bool], solutions: Path) -> Decision:
         raise EngineFailed("The model contradicts itself, so that every property would hold of it.")
     system, sizes = case.system, _sizes(case.system)
     answers: dict[str, Answer] = {}
-    for prop in PROPERTIES if case.instant is None else ():
+    for prop in PROPERTIES if case.moment is None else ():
         violated = found[prop.assertion]
         answers[prop.id] = Answer(
             property_id=prop.id,
@@ -139,8 +139,10 @@ def _read(case: _Case, found: Mapping[str, bool], solutions: Path) -> Decision:
     for number, claim in enumerate(system.claims):
         name = claims.command_of(claim, number).name
         status, roles = claims.status(claim, found[name]), claims.roles_of(claim)
-        told = (witness(solutions, name, roles, sizes),) if roles and status is Status.VIOLATED else ()
-        answers[claim.id] = Answer(property_id=claim.id, status=status, witnesses=told)
+        violated = status is Status.VIOLATED
+        told = (witness(solutions, name, roles, sizes),) if roles and violated else ()
+        moment = (2 * system.now if case.moment is None else case.moment) if violated else None
+        answers[claim.id] = Answer(property_id=claim.id, status=status, witnesses=told, moment=moment)
     exercised = {**EXERCISED, **(claims.EXERCISED if system.claims else {})}
     return Decision(answers=answers, idle=frozenset(family for family, run in exercised.items() if not found[run]))
 
@@ -166,7 +168,7 @@ def _with_paths(cases: Sequence[_Case], decisions: Sequence[Decision], analyzer:
             if not found[f"Path{number}"]:
                 raise EngineFailed("The Alloy Analyzer finds no path for a flow that there must be.")
             claim = case.system.claims[number]
-            path = paths.read_path(solutions, number, case.system, case.instant)
+            path = paths.read_path(solutions, number, case.system, case.moment)
             answers[claim.id] = replace(answers[claim.id], witnesses=paths.ends(path), path=path)
         told[place] = replace(told[place], answers=answers)
 

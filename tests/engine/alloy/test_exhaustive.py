@@ -41,10 +41,10 @@ OUTCOMES = {
     "outsiders-cannot-inject": "injectable_outside",
     "outsiders-cannot-replay": "replayable_outside",
     "grants-are-enforced": "unenforced",
-    "nobody-writes-without-a-grant": "{ e: Enclave, c: Channel | some r: Realm | c in e.(writes_without_a_grant[r]) }",
-    "nobody-reads-without-a-grant": "{ e: Enclave, c: Channel | some r: Realm | c in e.(reads_without_a_grant[r]) }",
-    "readers-cannot-forge": "{ e: Enclave, c: Channel | some r: Realm | c in e.(forged_by_readers[r]) }",
-    "relays-cannot-read": "{ e: Enclave, c: Channel | some r: Realm | c in e.(read_by_relays[r]) }",
+    "nobody-writes-without-a-grant": "writes_without_a_grant[Realm]",
+    "nobody-reads-without-a-grant": "reads_without_a_grant[Realm]",
+    "readers-cannot-forge": "forged_by_readers[Realm]",
+    "relays-cannot-read": "read_by_relays[Realm]",
 }
 """For each property what the model says it is about: channels of the realm, or of enclaves."""
 
@@ -72,7 +72,7 @@ def test_all_governance_rows_have_the_same_outcomes_in_both_engines(tmp_path: Pa
     assert (len(legal), len(vectors)) == (OF_LEGAL_ROWS, OF_ALL_ROWS)
 
 
-OF_LEGAL_ROWS, OF_ALL_ROWS = 0, 0
+OF_LEGAL_ROWS, OF_ALL_ROWS = 74, 106
 """Different outcomes, of nine properties and by whom, that the 3,600 legal rows have, and all 6,000."""
 
 

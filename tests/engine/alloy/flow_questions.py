@@ -1,0 +1,155 @@
+"""Questions about flows and claims whose answers are known: keystores that differ by one change at a time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from keystore_audit.findings import Location
+from keystore_audit.keystore.governance import ProtectionKind
+from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
+from tests.engine.systems import (
+    CHATTER,
+    IDENTITY_CA,
+    LISTENER,
+    OTHER_TOPIC,
+    PERMISSIONS_CA,
+    TALKER,
+    TALKER_IDENTITY,
+    Builder,
+    healthy_builder,
+)
+
+Question = tuple[Builder, ClaimAtom, bool]
+"""A keystore, a claim about it, and whether the claim is violated."""
+
+THIRD = 2
+"""An enclave that subscribes to what the listener passes on."""
+
+
+def chain() -> Builder:
+    """The talker writes to the listener, and the listener to a third."""
+    b = healthy_builder()
+    identity = b.certificate([IDENTITY_CA], label="/third")
+    document = b.document([PERMISSIONS_CA])
+    b.enclave(0, identity, document, label="/third")
+    b.rule(b.grant(document, [identity]), [0], subscribe=[OTHER_TOPIC])
+    b.rule(1, [0], publish=[OTHER_TOPIC])
+    return b
+
+
+def claim(
+    source: Place,
+    target: Place,
+    attacker: Attacker = Attacker.RELAYS,
+    *,
+    kind: ClaimKind = ClaimKind.NO_FLOW,
+    through: tuple[int, ...] = (),
+    left_out: tuple[int, ...] = (),
+    until: int | None = None,
+) -> ClaimAtom:
+    return ClaimAtom(
+        id="asked",
+        kind=kind,
+        attacker=attacker,
+        source=source,
+        target=target,
+        through=frozenset(through),
+        left_out=frozenset(left_out),
+        until=until,
+        location=Location(path="keystore-audit.toml", line=3),
+    )
+
+
+def at(*enclaves: int) -> Place:
+    return Place(enclaves=frozenset(enclaves))
+
+
+def on_channel(*channels: int) -> Place:
+    return Place(channels=frozenset(channels))
+
+
+OUT = Place(outsider=True)
+
+
+def questions() -> list[Question]:
+    """One change flips each answer; the base is a chain from talker over listener to a third."""
+    none, sign = ProtectionKind.NONE, ProtectionKind.SIGN
+
+    def weak(**kinds: ProtectionKind) -> Builder:
+        b = chain()
+        rtps = kinds.pop("rtps", b.domain_rules[0].rtps_protection_kind)
+        b.domain_rules[0] = replace(b.domain_rules[0], rtps_protection_kind=rtps)
+        b.topic_rules[0] = replace(b.topic_rules[0], **{f"{k}_protection_kind": v for k, v in kinds.items()})
+        return b
+
+    def with_second_reader(b: Builder) -> Builder:
+        b.rule(0, [0], subscribe=[OTHER_TOPIC])
+        return b
+
+    def one_key() -> Builder:
+        b = chain()
+        key = b.certificates[TALKER_IDENTITY].key
+        b.certificates[-1] = replace(b.certificates[-1], key=key)
+        return b
+
+    def expired() -> Builder:
+        b = chain()
+        b.grants[0] = replace(b.grants[0], not_after=1)
+        return b
+
+    honest, source, relays = Attacker.HONEST, Attacker.SOURCE, Attacker.RELAYS
+    shared = {"rtps": ProtectionKind.ENCRYPT, "metadata": ProtectionKind.ENCRYPT}
+    return [
+        (chain(), claim(at(TALKER), at(THIRD)), True),
+        (chain(), claim(at(TALKER), at(THIRD), honest), True),
+        (chain(), claim(at(TALKER), at(THIRD), through=(LISTENER,)), False),
+        (chain(), claim(at(TALKER), at(THIRD), through=(TALKER, THIRD)), True),
+        (chain(), claim(at(TALKER), at(THIRD), left_out=(CHATTER,)), False),
+        (chain(), claim(at(THIRD), at(TALKER)), False),
+        (expired(), claim(at(TALKER), at(THIRD)), False),
+        # readers that hold the writer's keys write back where they are taken for it
+        (weak(**shared), claim(at(THIRD), at(TALKER)), False),
+        (with_second_reader(weak(**shared)), claim(at(THIRD), at(TALKER)), True),
+        (with_second_reader(weak(**shared)), claim(at(THIRD), at(TALKER), source), True),
+        (with_second_reader(weak(**shared)), claim(at(THIRD), at(TALKER), honest), False),
+        (with_second_reader(chain()), claim(at(THIRD), at(TALKER)), False),
+        # channels as places
+        (chain(), claim(on_channel(CHATTER), on_channel(OTHER_TOPIC)), True),
+        (chain(), claim(on_channel(CHATTER), at(THIRD), through=(LISTENER,)), False),
+        (chain(), claim(on_channel(CHATTER), at(LISTENER), through=(LISTENER,)), True),
+        (chain(), claim(at(TALKER), on_channel(OTHER_TOPIC), through=(LISTENER,)), False),
+        (chain(), claim(at(LISTENER), on_channel(OTHER_TOPIC), through=(LISTENER,)), True),
+        (chain(), claim(on_channel(CHATTER), on_channel(OTHER_TOPIC), left_out=(CHATTER, OTHER_TOPIC)), True),
+        # the outsider
+        (chain(), claim(at(TALKER), OUT), False),
+        (weak(rtps=none, metadata=sign, data=none), claim(at(TALKER), OUT), True),
+        (weak(rtps=none, metadata=sign, data=none), claim(at(TALKER), OUT, honest), False),
+        (weak(rtps=none, metadata=none, data=none), claim(OUT, at(THIRD)), True),
+        (weak(rtps=none, metadata=none, data=none), claim(OUT, at(THIRD), source), True),
+        (weak(rtps=none, metadata=none, data=none), claim(OUT, at(THIRD), honest), False),
+        (weak(rtps=sign, metadata=none, data=none), claim(OUT, at(THIRD)), False),
+        # keys of two enclaves
+        (chain(), claim(at(TALKER), at(THIRD), left_out=(OTHER_TOPIC,)), False),
+        (one_key(), claim(at(LISTENER), at(TALKER), relays), True),
+        (one_key(), claim(at(LISTENER), at(TALKER), source), False),
+        (one_key(), claim(at(THIRD), at(LISTENER), source), True),
+        # the other kinds
+        (chain(), claim(at(TALKER), at(THIRD), honest, kind=ClaimKind.ABLE), False),
+        (expired(), claim(at(TALKER), at(THIRD), honest, kind=ClaimKind.ABLE), True),
+        (chain(), claim(at(TALKER), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH), False),
+        (chain(), claim(at(THIRD), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH), True),
+        (chain(), claim(Place(), on_channel(CHATTER), Attacker.OUTSIDER, kind=ClaimKind.ENCRYPTED), False),
+        (weak(rtps=sign, data=none), claim(Place(), on_channel(0), Attacker.INSIDER, kind=ClaimKind.ENCRYPTED), False),
+        (
+            weak(metadata=sign, data=none),
+            claim(Place(), on_channel(CHATTER), Attacker.INSIDER, kind=ClaimKind.ENCRYPTED),
+            True,
+        ),
+        (
+            weak(rtps=sign, metadata=sign, data=none),
+            claim(Place(), on_channel(CHATTER), Attacker.OUTSIDER, kind=ClaimKind.ENCRYPTED),
+            True,
+        ),
+        (chain(), claim(at(TALKER), at(THIRD), kind=ClaimKind.SEPARATE_DOMAINS), True),
+        (expired(), claim(at(TALKER), at(THIRD), kind=ClaimKind.SEPARATE_DOMAINS), False),
+    ]
