@@ -47,7 +47,7 @@ def test_every_command_has_help(command: list[str], option: str, capsys: pytest.
     assert err == ""
 
 
-@pytest.mark.parametrize("command", ["flow", "diff", "baseline"])
+@pytest.mark.parametrize("command", ["diff", "baseline"])
 def test_what_is_not_built_is_absent(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert command not in COMMANDS
     assert run(["--help"]) == 0

@@ -17,8 +17,8 @@ from keystore_audit.cli.program import run
     ("args", "words"),
     [
         ([], "Name a keystore"),
-        (["--format", "jsn", "x"], "'jsn' is not one of text, json. Did you mean 'json'?"),
-        (["--format", "sarif", "x"], "'sarif' is not one of text, json."),
+        (["--format", "jsn", "x"], "'jsn' is not one of text, json, sarif, junit, markdown, statement, svr. Did you mean 'json'?"),
+        (["--format", "html", "x"], "'html' is not one of text, json, sarif, junit, markdown, statement, svr."),
         (["--fail-on", "hgih", "x"], "Did you mean 'high'?"),
         (["--min-severity", "never", "x"], "'never' is not one of critical, high, medium, low, info."),
         (["--engine", "allow", "x"], "Did you mean 'alloy'?"),
