@@ -47,13 +47,6 @@ def test_every_command_has_help(command: list[str], option: str, capsys: pytest.
     assert err == ""
 
 
-@pytest.mark.parametrize("command", ["diff", "baseline"])
-def test_what_is_not_built_is_absent(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert command not in COMMANDS
-    assert run(["--help"]) == 0
-    assert f"\n  {command} " not in capsys.readouterr().out
-
-
 def test_the_manual_holds_the_real_help(repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
     manual = (repository / "docs/usage.md").read_text()
     for command in (
