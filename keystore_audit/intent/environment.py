@@ -1,7 +1,9 @@
 """The environment that a robot's processes start with, as far as security hangs on it: `--env FILE`.
 
 The file is one of assignments, as a shell's `export`, systemd's EnvironmentFile or a container's env file has them.
-Nothing is expanded or run. Source of what the variables mean: rcl's `security.c` and rmw_dds_common's `security.cpp`.
+Nothing is expanded or run, and a line that these read differently is an error: one that goes on after a backslash, a
+carriage return (a shell takes it into the value), a comment behind a value without `export` (systemd and containers
+take it into the value). Source of what the variables mean: rcl's `security.c` and rmw_dds_common's `security.cpp`.
 """
 
 from __future__ import annotations
@@ -28,9 +30,14 @@ VARIABLES: Final = (
 )
 """Those that are looked at; others are passed over."""
 
-_ASSIGNMENT: Final = re.compile(r"(?:export\s+)?([A-Za-z_][A-Za-z0-9_]*)=(.*)", re.DOTALL)
-_QUOTED: Final = re.compile(r"""(?:'([^']*)'|"([^"\\$`]*)")\s*(?:#.*)?""")
-_BARE: Final = re.compile(r"([^\s'\"\\$`#;&|<>()]*)\s*(?:\s#.*)?")
+_ASSIGNMENT: Final = re.compile(r"(export[ \t]+)?([A-Za-z_][A-Za-z0-9_]*)=(.*)", re.DOTALL)
+_COMMENT: Final = re.compile(r"[ \t]+#.*|[ \t]*")
+_QUOTED: Final = re.compile(r"""'([^']*)'|"([^"\\$`]*)\"""")
+_BARE: Final = re.compile(r"""[^\s'"\\$`#;&|<>()]*""")
+_OPEN: Final = re.compile(r"""(?:[^\s'"\\]|\s(?!#)|\\.|'[^']*'|"(?:[^"\\]|\\.)*")*(?:\s#.*)?""")
+"""A value whose quotes end in the line, as a shell reads it."""
+_TEXT: Final = re.compile(r"""'[^']*'|"(?:[^"\\]|\\.)*"|\\.""")
+_COMMAND: Final = re.compile(r"[;&|][ \t]")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,26 +91,55 @@ def read_environment(path: Path) -> Environment:
         raise UsageError(f"{path}:{line}: not UTF-8; expected lines of NAME=VALUE.") from error
     found: dict[str, Setting] = {}
     for number, content in enumerate(text.split("\n"), 1):
-        stripped = content.strip()
+        place = f"{path}:{number}"
+        stripped = _line(content, place)
         if not stripped or stripped.startswith("#"):
             continue
         match = _ASSIGNMENT.fullmatch(stripped)
         if match is None:
-            raise UsageError(f"{path}:{number}: no assignment; expected NAME=VALUE.")
-        name, value = match.groups()
+            raise UsageError(f"{place}: no assignment; expected NAME=VALUE.")
+        export, name, value = match.groups()
         if name in VARIABLES:
             found[name] = Setting(
-                value=_value(value, f"{path}:{number}"), location=Location(path=str(path), line=number, beside=True)
+                value=_value(value, place, commented=export is not None),
+                location=Location(path=str(path), line=number, beside=True),
             )
+        else:
+            _pass_over(value, place)
     return Environment(path=str(path), settings=found)
 
 
-def _value(text: str, place: str) -> str:
-    """The value without its quotes; raises UsageError for one that only a shell could tell."""
-    quoted = _QUOTED.fullmatch(text)
-    if quoted is not None:
-        return quoted[1] if quoted[1] is not None else quoted[2]
-    bare = _BARE.fullmatch(text)
-    if bare is None:
+def _line(content: str, place: str) -> str:
+    """The line without blanks around it; raises UsageError for one that is not read alike by all."""
+    if "\r" in content:
+        raise UsageError(
+            f"{place}: a carriage return, which a shell takes into the value; expected lines that end in LF."
+        )
+    if content.endswith("\\"):
+        raise UsageError(f"{place}: a line that goes on after a backslash; expected one assignment a line.")
+    return content.strip(" \t")
+
+
+def _value(text: str, place: str, *, commented: bool) -> str:
+    """The value without its quotes, and without a comment where one may stand.
+
+    Raises UsageError for one that only a shell could tell.
+    """
+    match = _QUOTED.match(text) or _BARE.match(text)
+    rest = text[match.end() :] if match is not None else text
+    if match is None or _COMMENT.fullmatch(rest) is None:
         raise UsageError(f"{place}: a value that only a shell could work out; expected a plain or quoted one.")
-    return bare[1]
+    if rest.strip(" \t") and not commented:
+        raise UsageError(f"{place}: a comment behind a value, which only a shell takes for one; expected it above.")
+    return next((group for group in match.groups() if group is not None), match[0])
+
+
+def _pass_over(text: str, place: str) -> None:
+    """Raises UsageError where the value of another variable may set, hide or take back one of `VARIABLES`."""
+    if _OPEN.fullmatch(text) is None:
+        raise UsageError(f"{place}: a quote that does not end in its line; expected a plain or quoted value.")
+    bare = re.sub(r"\s#.*", "", _TEXT.sub("", text))
+    named = next((name for name in VARIABLES if name in bare), None)
+    if named is not None or _COMMAND.search(bare):
+        also = f" It names {named}." if named else ""
+        raise UsageError(f"{place}: more than one assignment, or a command; expected NAME=VALUE.{also}")
