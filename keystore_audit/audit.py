@@ -30,15 +30,16 @@ from keystore_audit.model.usability import Usabilities
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineStatus
 from keystore_audit.report.content import EnclaveEntry, Report, Scope, SettingsFile, Verdict
-from keystore_audit.rules import RULES
+from keystore_audit.rules import BY_CODE, RULES
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import Judgement, judge
+from keystore_audit.suppressions import MAX_DAYS, Acceptance, accepted_by, check_codes, check_dates, first_end
 
 if TYPE_CHECKING:
     from keystore_audit.intent.policy import Policy
     from keystore_audit.model.drift import Drift
     from keystore_audit.model.observed import Observation
-    from keystore_audit.settings import Settings
+    from keystore_audit.settings import Baseline, Settings
 
 ASSUMPTIONS = (
     (
@@ -101,6 +102,7 @@ class Options:
     select: tuple[str, ...] = field(default=())
     ignore: tuple[str, ...] = field(default=())
     settings: Settings | None = None
+    baseline: Baseline | None = None
     environment: Path | None = None
     """The file of variables that the robots start with: profile and domain are taken from it where not given."""
     graphs: tuple[Path, ...] = ()
@@ -117,13 +119,15 @@ def audit(
 ) -> Report:
     """Audits the keystore at `path`; `elsewhere`: the identities of other keystores, to be compared with its own.
 
-    Raises errors.NothingToAudit where there is none, errors.UsageError for an unknown profile, or for a graph or
-    launch file that is none. Whatever is wrong with the keystore or an engine is in the report.
+    Raises errors.NothingToAudit where there is none, errors.UsageError for an unknown profile, for a graph or launch
+    file that is none, or for findings that are accepted for too long. Whatever is wrong with the keystore or an engine
+    is in the report.
     """
     environment = read_environment(options.environment) if options.environment is not None else None
     if environment is not None:
         options = _as_started(options, environment)
     profiles = resolve(options.profiles)
+    acceptances = _acceptances(options)
     policy = _policy(options)
     intents = _observed(options)
     claims = options.settings.claims if options.settings else ()
@@ -157,10 +161,28 @@ def audit(
         elsewhere=tuple(elsewhere),
         environment=environment,
         observed=_compared(intents, keystore, profiles, accesses, options),
+        acceptances=acceptances,
     )
     judgement = judge(context, RULES, select=options.select, ignore=options.ignore)
     safe = horizon(keystore, native, profiles, options.at, accesses, usabilities, meaning.usability)
-    return _report(context, judgement, safe, options)
+    return _report(context, judgement, _while_accepted(safe, judgement, options.fail_on), options)
+
+
+def _while_accepted(safe: Horizon, judgement: Judgement, fail_on: Severity | None) -> Horizon:
+    """The horizon, sooner where a finding that would fail this gate is accepted until then."""
+    ends = first_end(finding for finding in judgement.findings if fail_on and finding.severity.at_least(fail_on))
+    if ends is None or (safe.instant is not None and safe.instant <= ends):
+        return safe
+    return replace(safe, instant=ends, why="a finding that is accepted until then counts again")
+
+
+def _acceptances(options: Options) -> tuple[Acceptance, ...]:
+    """The findings that the settings and the baseline accept; raises errors.UsageError for what cannot be accepted."""
+    given = options.settings.acceptances if options.settings else ()
+    check_codes(given, BY_CODE)
+    acceptances = (*given, *(options.baseline.acceptances if options.baseline else ()))
+    check_dates(acceptances, options.at, options.settings.max_suppression_days if options.settings else MAX_DAYS)
+    return acceptances
 
 
 def _as_started(options: Options, environment: Environment) -> Options:
@@ -217,7 +239,7 @@ def _report(context: Context, judgement: Judgement, safe: Horizon, options: Opti
         verdict=verdict,
         exit_code=exit_code,
         fail_on=options.fail_on,
-        weakened=_weakened(options, context.profiles),
+        weakened=(*_weakened(options, context.profiles), *accepted_by(judgement.findings)),
         assumptions=ASSUMPTIONS,
         engines=context.engines,
         engines_agree=agree if len(answered) > 1 else None,
@@ -227,7 +249,8 @@ def _report(context: Context, judgement: Judgement, safe: Horizon, options: Opti
         outcomes=judgement.outcomes,
         scope=_scope(context),
         files=context.keystore.contents,
-        settings=_settings(options),
+        settings=_settings(options.settings),
+        baseline=_settings(options.baseline),
     )
 
 
@@ -249,8 +272,7 @@ def _drift(
     return drift(keystore, policy, profiles, options.at, accesses, options.domain)
 
 
-def _settings(options: Options) -> SettingsFile | None:
-    given = options.settings
+def _settings(given: Settings | Baseline | None) -> SettingsFile | None:
     return None if given is None else SettingsFile(path=given.path, sha256=given.sha256)
 
 
@@ -288,6 +310,8 @@ def _weakened(options: Options, profiles: Sequence[Profile]) -> tuple[str, ...]:
         weakened += [f"--profile {name}" for name in options.profiles]
     if options.expires_within < DEFAULT_NOTICE:
         weakened.append(f"--expires-within {options.expires_within.days}")
+    if options.settings is not None and options.settings.max_suppression_days > MAX_DAYS:
+        weakened.append(f"max_suppression_days = {options.settings.max_suppression_days} in {options.settings.path}")
     if options.at_given:
         weakened.append(f"--at {options.at:%Y-%m-%dT%H:%M:%SZ}")
     return tuple(weakened)

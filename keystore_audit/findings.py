@@ -9,7 +9,10 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from enum import Enum
-from typing import NamedTuple
+from typing import Final, NamedTuple
+
+MAX_PLACES: Final = 50
+"""Locations of one finding: enough to mend by hand, and ten thousand wildcards make no report of ten thousand lines."""
 
 
 class Severity(str, Enum):
@@ -64,7 +67,8 @@ class Finding:
     """One defect of the keystore, or of the audit itself (KA9).
 
     `locations` has the primary place first. `profiles` are the canonical variants it holds for
-    (empty: all). `explained_by` holds fingerprints of the findings that are its cause.
+    (empty: all). `explained_by` holds fingerprints of the findings that are its cause. `undecided`: something stays
+    unknown because of it, so the audit is incomplete.
     """
 
     code: str
@@ -78,6 +82,7 @@ class Finding:
     profiles: tuple[str, ...] = ()
     explained_by: tuple[str, ...] = ()
     fingerprint: str
+    undecided: bool = False
     suppressed: Suppression | None = None
 
 

@@ -13,23 +13,45 @@ from keystore_audit.findings import Severity
 from keystore_audit.model.claim import Attacker, ClaimKind
 from keystore_audit.model.claims import Claim, Globs
 from keystore_audit.properties import BY_ID
+from keystore_audit.settings_acceptances import read_accepted, read_suppressions
 from keystore_audit.settings_table import OUTSIDER, Table, globs, read_table
+from keystore_audit.suppressions import MAX_DAYS, Acceptance
 
 FILE_NAME: Final = "keystore-audit.toml"
 
 MAX_BYTES: Final = 1_000_000
 """A settings file is written by people."""
 
+MAX_BASELINE_BYTES: Final = 10_000_000
+"""Of a baseline, which is written by this program: 20,000 findings."""
+
+MOST_DAYS: Final = 3650
+"""Of `max_suppression_days`: ten years, after which nobody knows why."""
+
 _NAME: Final = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """What a settings file says. `path` as it was given or found; `sha256` of its bytes, in hexadecimal."""
+    """What a settings file says. `path` as it was given or found; `sha256` of its bytes, in hexadecimal.
+
+    `acceptances` may last so many days from the audit instant.
+    """
 
     path: str
     sha256: str
     claims: tuple[Claim, ...] = ()
+    acceptances: tuple[Acceptance, ...] = ()
+    max_suppression_days: int = MAX_DAYS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Baseline:
+    """Findings that were accepted one by one. `path` as it was given; `sha256` of its bytes, in hexadecimal."""
+
+    path: str
+    sha256: str
+    acceptances: tuple[Acceptance, ...] = ()
 
 
 def read_settings(path: Path, keystores: Iterable[str | Path] = ()) -> Settings:
@@ -40,8 +62,22 @@ def read_settings(path: Path, keystores: Iterable[str | Path] = ()) -> Settings:
     """
     file = read_table(path, keystores, MAX_BYTES)
     root = file.root
-    root.only("property")
-    return Settings(path=file.path, sha256=file.sha256, claims=_claims(root))
+    root.only("property", "suppression", "max_suppression_days")
+    return Settings(
+        path=file.path,
+        sha256=file.sha256,
+        claims=_claims(root),
+        acceptances=read_suppressions(root),
+        max_suppression_days=root.number("max_suppression_days", MAX_DAYS, 1, MOST_DAYS),
+    )
+
+
+def read_baseline(path: Path, keystores: Iterable[str | Path] = ()) -> Baseline:
+    """The baseline in the file at `path`; raises errors.UsageError as `read_settings` does."""
+    file = read_table(path, keystores, MAX_BASELINE_BYTES)
+    root = file.root
+    root.only("accepted")
+    return Baseline(path=file.path, sha256=file.sha256, acceptances=read_accepted(root))
 
 
 def _claims(root: Table) -> tuple[Claim, ...]:

@@ -10,7 +10,6 @@ import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from datetime import date, datetime, time, timezone
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
@@ -118,6 +117,8 @@ class Table:
         """Refuse other keys: a misspelt one would be without effect."""
         for key in self.values:
             if key not in known:
+                from difflib import get_close_matches  # for mistakes alone
+
                 nearest = get_close_matches(key, known, n=1)
                 hint = f"; did you mean {nearest[0]!r}?" if nearest else ""
                 self.wrong(key, f"unknown key {key!r}; expected {', '.join(known)}{hint}".rstrip("?"))
@@ -163,6 +164,13 @@ class Table:
         value = self.values.get(key, False)
         if not isinstance(value, bool):
             self.wrong(key, "expected true or false")
+        return value
+
+    def number(self, key: str, default: int, least: int, most: int) -> int:
+        """An integer from `least` to `most`."""
+        value = self.values.get(key, default)
+        if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
+            self.wrong(key, f"expected {key} = a number from {least} to {most}")
         return value
 
     def day(self, key: str) -> date:

@@ -102,6 +102,7 @@ WORST_FIRST: Final = (EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, 1, 0)
     help="The policy may include files from below DIR (default: from beside it).",
 )
 @settings.option
+@settings.baseline_option
 @click.option("--deployed", is_flag=True, help="This tree goes on a robot: CA private keys in it are critical.")
 @click.option(
     "--select", type=opt.rule_code, multiple=True, metavar="CODE", help="Only this rule or family (repeatable)."
@@ -182,6 +183,7 @@ def _options(given: dict[str, Any], keystores: Sequence[str]) -> Options:
         launches=given["launches"],
         launch_arguments=dict(given["launch_arguments"]),
         settings=settings.chosen(given, keystores),
+        baseline=settings.baseline(given, keystores),
     )
 
 

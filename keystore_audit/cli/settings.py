@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 if TYPE_CHECKING:
-    from keystore_audit.settings import Settings
+    from keystore_audit.settings import Baseline, Settings
 
 FILE_NAME: Final = "keystore-audit.toml"
 """What is read from the working directory where no file is named."""
@@ -21,6 +21,30 @@ option = click.option(
     metavar="FILE",
     help=f"What is asserted of the keystore (else ./{FILE_NAME}, save in CI and with --deployed).",
 )
+
+
+baseline_option = click.option(
+    "--baseline",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Findings that are accepted one by one, as `keystore-audit baseline create` writes them.",
+)
+
+
+def baseline(given: dict[str, Any], keystores: Sequence[str]) -> Baseline | None:
+    """The baseline named.
+
+    Raises errors.UsageError for a file that is none, and for several keystores: what is accepted in one may look the
+    same in another.
+    """
+    path: Path | None = given["baseline"]
+    if path is None:
+        return None
+    if len(keystores) > 1:
+        raise click.UsageError("--baseline is of one keystore: name one KEYSTORE.")
+    from keystore_audit.settings import read_baseline
+
+    return read_baseline(path, keystores)
 
 
 def chosen(given: dict[str, Any], keystores: Sequence[str]) -> Settings | None:

@@ -49,7 +49,10 @@ class Scope:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SettingsFile:
-    """The settings that the audit was made with: `path` as it was given or found, `sha256` of its bytes in hex."""
+    """The settings, or the baseline, that the audit was made with.
+
+    `path` as it was given or found, `sha256` of its bytes in hex.
+    """
 
     path: str
     sha256: str
@@ -96,6 +99,7 @@ class Report:
     outcomes: tuple[Outcome, ...]
     scope: Scope
     settings: SettingsFile | None = None
+    baseline: SettingsFile | None = None
     files: tuple[tuple[str, str], ...] = ()
     """Path (relative to the keystore) and SHA-256, in hexadecimal, of every file that was read, by path."""
 

@@ -11,7 +11,7 @@ from typing import Any, Final
 from keystore_audit.findings import Finding, Location, Outcome, Result, Severity, Suppression
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.result import EngineRun, ProfileResult, PropertyResult
-from keystore_audit.report.content import EnclaveEntry, Report
+from keystore_audit.report.content import EnclaveEntry, Report, SettingsFile
 from keystore_audit.report.encoded import encoded, instant
 
 SCHEMA_VERSION: Final = 1
@@ -63,9 +63,8 @@ def _report(report: Report) -> dict[str, Any]:
         "schema_version": SCHEMA_VERSION,
         "tool": {"name": TOOL, "version": report.version},
         "keystore": {"path": report.keystore, "layout": report.layout, "digest": report.digest},
-        "settings": None
-        if report.settings is None
-        else {"path": report.settings.path, "sha256": report.settings.sha256},
+        "settings": _file(report.settings),
+        "baseline": _file(report.baseline),
         "at": instant(report.at),
         "safe_until": None if report.safe_until is None else instant(report.safe_until),
         "verdict": report.verdict.value,
@@ -170,6 +169,10 @@ def _finding(finding: Finding) -> dict[str, Any]:
 
 def _location(location: Location) -> dict[str, Any]:
     return {"path": location.path, "line": location.line, "message": location.message}
+
+
+def _file(file: SettingsFile | None) -> dict[str, Any] | None:
+    return None if file is None else {"path": file.path, "sha256": file.sha256}
 
 
 def _suppression(suppression: Suppression) -> dict[str, Any]:

@@ -96,9 +96,8 @@ def _properties(report: Report) -> Iterable[str]:
 
 def _configuration(report: Report) -> list[dict[str, Any]]:
     """What the gate was set by, as resource descriptors."""
-    if report.settings is None:
-        return []
-    return [{"name": report.settings.path, "digest": {"sha256": report.settings.sha256}}]
+    files = (report.settings, report.baseline)
+    return [{"name": file.path, "digest": {"sha256": file.sha256}} for file in files if file is not None]
 
 
 def _details(report: Report) -> dict[str, Any]:

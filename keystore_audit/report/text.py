@@ -219,17 +219,19 @@ def _consequences(page: Page, consequences: Iterable[tuple[Finding, str]]) -> No
 
 
 def _suppressed(page: Page, findings: Sequence[Finding]) -> None:
+    """What somebody accepts, with who, why and until when."""
     if not findings:
         return
     page.blank()
-    page.put(("Accepted findings, not counted", "bold underline"))
+    page.put((f"Accepted findings, not counted: {len(findings)}", "bold underline"))
     for finding in findings:
         if (accepted := finding.suppressed) is not None:
-            page.put(
-                f"{finding.severity.value.upper()}  {finding.code} {finding.name}: {finding.message} "
-                f"Accepted until {accepted.until} by {accepted.owner} ({accepted.source}): {accepted.reason}",
-                indent=2,
-            )
+            severity = finding.severity
+            page.put((severity.value.upper(), _SEVERITY_STYLE[severity]), f"  {finding.code} {finding.name}", indent=2)
+            page.put(finding.message, indent=4)
+            until = f"until {accepted.until} by {accepted.owner} ({accepted.source})"
+            page.labelled("accepted", until, indent=4, column=14)
+            page.labelled("reason", accepted.reason, indent=4, column=14)
 
 
 def _chosen_profiles(report: Report) -> tuple[str, ...]:
@@ -361,6 +363,8 @@ def _checked(page: Page, report: Report) -> None:
 def _verdict(page: Page, report: Report, view: View) -> None:
     """The last paragraph: the verdict, its exit code, the counts and what is not shown."""
     counts = ", ".join(f"{count} {severity.value}" for severity, count in report.summary.items())
+    accepted = sum(finding.suppressed is not None for finding in report.findings)
+    counts += f"; {accepted} accepted" if accepted else ""
     least = report.fail_on
     gate = "never fails on findings" if least is None else f"fails at {least.value} or worse"
     page.put(

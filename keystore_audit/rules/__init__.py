@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from keystore_audit.rules.accepted import ACCEPTED
 from keystore_audit.rules.algorithm import ALGORITHM
 from keystore_audit.rules.anomaly import ANOMALY
 from keystore_audit.rules.anomaly_names import ANOMALY_NAMES
@@ -73,6 +74,7 @@ RULES: tuple[Rule[Any], ...] = tuple(
             *FORMAL,
             *ASSERTED,
             *AUDIT,
+            *ACCEPTED,
         ),
         key=lambda rule: rule.code,
     )

@@ -12,6 +12,7 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.profiles import Profile
 from keystore_audit.properties.result import EngineRun, PropertyResult
+from keystore_audit.suppressions import Acceptance
 
 if TYPE_CHECKING:  # an audit without a policy, a graph or a launch file needs none of it
     from keystore_audit.model.drift import Drift
@@ -43,3 +44,5 @@ class Context:
     drift: Drift | None = None
     """The keystore compared with the policy; None where none was named."""
     observed: Observation | None = None
+    acceptances: tuple[Acceptance, ...] = ()
+    """Findings that settings and a baseline accept, in the order in which they are looked for."""

@@ -23,6 +23,7 @@ from keystore_audit.rules.subjects import (
     revocation_uses,
     stray_uses,
 )
+from keystore_audit.suppressions import accepted, uses
 from keystore_audit.text import shorten
 
 MAX_MESSAGE: Final = 2000
@@ -60,7 +61,7 @@ def judge(
     run.over(chosen, [*run.crashes(), *run.unspoken(), *run.refusals()])
     order = {rule.code: number for number, rule in enumerate(chosen)}
     return Judgement(
-        findings=_findings(run.found),
+        findings=_accepted(run, chosen, context) if context.acceptances else _findings(run.found),
         outcomes=tuple(sorted(run.outcomes, key=lambda outcome: order[outcome.rule])),
     )
 
@@ -157,6 +158,14 @@ class _Run:
                 yield enclave.path, Refusal(enclave=enclave, profiles=reasons)
 
 
+def _accepted(run: _Run, chosen: Sequence[Rule[Any]], context: Context) -> tuple[Finding, ...]:
+    """The findings, those that somebody accepts marked, and what the rules say of how they are accepted."""
+    profiles = [profile.name for profile in context.profiles]
+    files = uses(_findings(run.found), context.acceptances, context.at, profiles, {rule.code for rule in chosen})
+    run.over(chosen, [(file.path, file) for file in files])
+    return accepted(_findings(run.found), files)
+
+
 def _findings(found: Sequence[_Found]) -> tuple[Finding, ...]:
     """Findings with fingerprints of their own, the causes of violated properties named, worst first."""
     made = sorted(
@@ -222,4 +231,5 @@ def _finding(rule: Rule[Any], violation: Violation, mark: str, causes: tuple[str
         profiles=violation.profiles,
         explained_by=causes,
         fingerprint=mark,
+        undecided=violation.undecided,
     )

@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from datetime import datetime
 from typing import Final
 
-from keystore_audit.findings import Location, Severity
+from keystore_audit.findings import MAX_PLACES, Location, Severity
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.model.profiles import Profile
@@ -22,9 +22,6 @@ MAX_QUOTED: Final = 160
 
 MAX_LISTED: Final = 5
 """Names in a list before it says how many more there are; the locations hold them all."""
-
-MAX_PLACES: Final = 50
-"""Locations of one finding: enough to mend by hand, and ten thousand wildcards make no report of ten thousand lines."""
 
 
 def quoted(text: str) -> str:

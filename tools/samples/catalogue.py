@@ -23,6 +23,7 @@ from . import (
     ros_stories,
     signature_stories,
     stock,
+    suppression_stories,
     unknown_stories,
 )
 from .story import Story
@@ -46,6 +47,7 @@ FAMILIES = (
     ros_stories,
     formal_stories,
     flow_stories,
+    suppression_stories,
 )
 
 

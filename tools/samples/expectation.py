@@ -42,9 +42,13 @@ def audit_directory(directory: Path, *, at: str, options: tuple[str, ...] = ()) 
 
 
 def finding_line(finding: Mapping[str, Any]) -> str:
-    """`CODE severity enclave path:line` of a finding of the JSON report; `-` for what it has not."""
+    """`CODE severity enclave path:line` of a finding of the JSON report; `-` for what it has not.
+
+    ` accepted` follows where settings or a baseline accept it.
+    """
     path, line = "-", None
     if finding["locations"]:
         path, line = finding["locations"][0]["path"], finding["locations"][0]["line"]
     place = f"{path}:{'-' if line is None else line}"
-    return f"{finding['code']} {finding['severity']} {finding['enclave'] or '-'} {place}"
+    accepted = " accepted" if finding["suppressed"] else ""
+    return f"{finding['code']} {finding['severity']} {finding['enclave'] or '-'} {place}{accepted}"

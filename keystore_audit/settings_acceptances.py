@@ -1,0 +1,126 @@
+"""Accepted findings in settings (`[[suppression]]`) and in baselines (`[[accepted]]`), table by table."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+from keystore_audit.findings import Severity
+from keystore_audit.settings_table import Table
+from keystore_audit.suppressions import ALL, NEVER, Acceptance
+
+MAX_REASON: Final = 1000
+MAX_OWNER: Final = 200
+"""Characters."""
+
+_CODE: Final = re.compile(r"KA[0-9]{3}")
+_FINGERPRINT: Final = re.compile(r"[0-9a-f]{64}")
+_SEVERITIES: Final = tuple(severity.value for severity in Severity)
+
+
+def read_suppressions(root: Table) -> tuple[Acceptance, ...]:
+    """The `[[suppression]]` tables of settings. Raises errors.UsageError."""
+    return tuple(_suppression(table) for table in root.tables("suppression"))
+
+
+def _suppression(table: Table) -> Acceptance:
+    table.only("code", "where", "fingerprint", "severity", "reason", "owner", "until")
+    if ("where" in table.values) == ("fingerprint" in table.values):
+        table.wrong(None, "expected exactly one of where, fingerprint")
+    by_place = "where" in table.values
+    return _acceptance(
+        table,
+        where=_where(table) if by_place else (),
+        fingerprint=None if by_place else _fingerprint(table),
+        severity=Severity(table.choice("severity", _SEVERITIES)) if "severity" in table.values else None,
+    )
+
+
+def read_accepted(root: Table) -> tuple[Acceptance, ...]:
+    """The `[[accepted]]` tables of a baseline. Raises errors.UsageError."""
+    seen: dict[str | None, str] = {}
+    read = []
+    for table in root.tables("accepted"):
+        accepted = _accepted(table)
+        if accepted.fingerprint in seen:
+            table.wrong("fingerprint", f"this one is accepted already, at {seen[accepted.fingerprint]}")
+        seen[accepted.fingerprint] = accepted.place
+        read.append(accepted)
+    return tuple(read)
+
+
+def _accepted(table: Table) -> Acceptance:
+    table.only("code", "fingerprint", "severity", "profiles", "causes", "finding", "reason", "owner", "until")
+    if "finding" in table.values:
+        table.text("finding")
+    if "severity" not in table.values:
+        table.wrong(None, f"expected severity = one of {', '.join(_SEVERITIES)}, the worst that is accepted")
+    return _acceptance(
+        table,
+        fingerprint=_fingerprint(table),
+        severity=Severity(table.choice("severity", _SEVERITIES)),
+        profiles=frozenset(table.texts("profiles")) if "profiles" in table.values else None,
+        causes=frozenset(_causes(table)),
+    )
+
+
+def _acceptance(
+    table: Table,
+    *,
+    where: tuple[str, ...] = (),
+    fingerprint: str | None,
+    severity: Severity | None,
+    profiles: frozenset[str] | None = None,
+    causes: frozenset[str] | None = None,
+) -> Acceptance:
+    code = table.text("code")
+    if not _CODE.fullmatch(code):
+        table.wrong("code", f"{code!r} is no rule's code; expected one rule, e.g. KA203, and no family")
+    if code.startswith(NEVER):
+        table.wrong("code", f"{code} is about the audit itself, which nothing accepts")
+    return Acceptance(
+        code=code,
+        where=where,
+        fingerprint=fingerprint,
+        severity=severity,
+        profiles=profiles,
+        causes=causes,
+        reason=_sentence(table, "reason", MAX_REASON),
+        owner=_sentence(table, "owner", MAX_OWNER),
+        until=table.day("until"),
+        location=table.location,
+        place=table.place(),
+    )
+
+
+def _where(table: Table) -> tuple[str, ...]:
+    globs = table.texts("where")
+    if ALL in globs and len(globs) > 1:
+        table.wrong("where", f'"{ALL}" is everything: expected it alone')
+    for glob in globs:
+        if glob.startswith("./") or "//" in glob or ".." in glob.split("/"):
+            table.wrong("where", f'{glob!r}: expected an enclave ("/arm/*"), or a path in the keystore ("public/*")')
+    return globs
+
+
+def _fingerprint(table: Table) -> str:
+    value = table.text("fingerprint")
+    if not _FINGERPRINT.fullmatch(value):
+        table.wrong("fingerprint", "expected 64 digits 0 to 9 and a to f, as in the JSON report")
+    return value
+
+
+def _causes(table: Table) -> tuple[str, ...]:
+    causes = table.texts("causes") if "causes" in table.values else ()
+    if not all(_FINGERPRINT.fullmatch(cause) for cause in causes):
+        table.wrong("causes", "expected fingerprints, each of 64 digits 0 to 9 and a to f")
+    return causes
+
+
+def _sentence(table: Table, key: str, most: int) -> str:
+    text = table.text(key)
+    if not text.strip():
+        table.wrong(key, f"expected {key} = words, and found only spaces")
+    if len(text) > most:
+        table.wrong(key, f"expected at most {most} characters, found {len(text)}")
+    return text

@@ -1,0 +1,232 @@
+"""Accepted findings: which ones somebody accepts, why and until when, and which of them an audit finds.
+
+They stand in keystore-audit.toml (`[[suppression]]`) and in baselines (`[[accepted]]`); docs/settings.md.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
+from datetime import date, datetime, time, timedelta, timezone
+from enum import Enum
+from typing import Final
+
+from keystore_audit.errors import UsageError
+from keystore_audit.findings import MAX_PLACES, Finding, Location, Severity, Suppression
+from keystore_audit.model.expression import Matcher, parse
+
+MAX_DAYS: Final = 180
+"""How long an acceptance may last, from the audit instant, unless settings say otherwise (`max_suppression_days`)."""
+
+NEVER: Final = "KA9"
+"""The family that nothing accepts: what the audit says of itself."""
+
+_FORMAL: Final = "KA7"
+ALL: Final = "*"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Acceptance:
+    """Findings that somebody accepts: of the rule `code`, and at a place or with a fingerprint.
+
+    `where`: globs on enclave paths (they begin with /) or on paths in the keystore, or `*` for all findings of the
+    rule. `severity`: the worst that is accepted; `profiles`, `causes`: no others than these (None: any). `until`: the
+    last day, UTC. `location`, `place`: where it stands, for findings and for people.
+    """
+
+    code: str
+    where: tuple[str, ...] = ()
+    fingerprint: str | None = None
+    severity: Severity | None = None
+    profiles: frozenset[str] | None = None
+    causes: frozenset[str] | None = None
+    reason: str
+    owner: str
+    until: date
+    location: Location
+    place: str
+
+    @property
+    def end(self) -> datetime:
+        """The last second, aware UTC."""
+        return datetime.combine(self.until, time(23, 59, 59), timezone.utc)
+
+    @property
+    def what(self) -> str:
+        """What it accepts, in words."""
+        return f"{self.code} {f'with fingerprint {self.fingerprint[:12]}' if self.fingerprint else self._at()}"
+
+    def _at(self) -> str:
+        return "everywhere" if ALL in self.where else f"at {', '.join(self.where)}"
+
+
+class Fate(str, Enum):
+    """What became of an acceptance in an audit."""
+
+    USED = "used"
+    ENDED = "ended"
+    UNUSED = "unused"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Use:
+    """An acceptance and the findings that it speaks of; `why`: of one that is not used, why, in words."""
+
+    acceptance: Acceptance
+    fate: Fate
+    findings: tuple[Finding, ...] = ()
+    why: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FileOfUses:
+    """What became of the acceptances of one file."""
+
+    path: str
+    uses: tuple[Use, ...]
+
+
+def check_codes(acceptances: Iterable[Acceptance], codes: Collection[str]) -> None:
+    """Raises errors.UsageError for one of a rule that there is not."""
+    for acceptance in acceptances:
+        if acceptance.code not in codes:
+            from difflib import get_close_matches  # for mistakes alone
+
+            nearest = get_close_matches(acceptance.code, codes, n=1)
+            hint = f" Did you mean {nearest[0]}?" if nearest else ""
+            raise UsageError(f"{acceptance.place}: {acceptance.code} is no rule's code.{hint}")
+
+
+def check_dates(acceptances: Iterable[Acceptance], at: datetime, days: int = MAX_DAYS) -> None:
+    """Raises errors.UsageError for one that lasts longer than so many days from the audit instant `at`."""
+    latest = (at + timedelta(days=days)).date()
+    for acceptance in acceptances:
+        if acceptance.until > latest:
+            raise UsageError(
+                f"{acceptance.place}: until = {acceptance.until} is too far away: expected {latest} or sooner, "
+                f"{days} days after the audit's time (max_suppression_days in the settings changes that)."
+            )
+
+
+def uses(
+    findings: Iterable[Finding],
+    acceptances: Iterable[Acceptance],
+    at: datetime,
+    profiles: Collection[str],
+    codes: Collection[str] | None = None,
+) -> tuple[FileOfUses, ...]:
+    """What becomes of each acceptance at the instant `at`, by file.
+
+    `profiles`: the names of those chosen, which a finding without any of its own is about. `codes`: of the rules that
+    were asked (None: all); an acceptance of another is neither used nor unused.
+    """
+    by_code: dict[str, list[Finding]] = {}
+    by_fingerprint: dict[str, Finding] = {}
+    for finding in findings:
+        by_code.setdefault(finding.code, []).append(finding)
+        by_fingerprint[finding.fingerprint] = finding
+    files: dict[str, list[Use]] = {}
+    for acceptance in acceptances:
+        if acceptance.fingerprint is None:
+            candidates: Sequence[Finding] = by_code.get(acceptance.code, ())
+        else:
+            found = by_fingerprint.get(acceptance.fingerprint)
+            candidates = () if found is None or found.code != acceptance.code else (found,)
+        use = _use(acceptance, candidates, at, profiles)
+        mine = files.setdefault(acceptance.location.path, [])
+        if use.fate is not Fate.UNUSED or codes is None or acceptance.code in codes:
+            mine.append(use)
+    return tuple(FileOfUses(path=path, uses=tuple(mine)) for path, mine in files.items())
+
+
+def _use(acceptance: Acceptance, candidates: Sequence[Finding], at: datetime, profiles: Collection[str]) -> Use:
+    refusals = {finding.fingerprint: _refusal(acceptance, finding, profiles) for finding in candidates}
+    taken = tuple(finding for finding in candidates if refusals[finding.fingerprint] is None)
+    if at > acceptance.end:
+        return Use(acceptance=acceptance, fate=Fate.ENDED, findings=taken, why=f"until {acceptance.until}")
+    if taken:
+        return Use(acceptance=acceptance, fate=Fate.USED, findings=taken)
+    why = next((refusal for refusal in refusals.values() if refusal), "nothing of the kind was found")
+    return Use(acceptance=acceptance, fate=Fate.UNUSED, why=why)
+
+
+def acceptable(finding: Finding) -> bool:
+    """Whether anybody may accept it: not what the audit says of itself, nor what leaves it undecided."""
+    return not finding.code.startswith(NEVER) and not finding.undecided
+
+
+def _refusal(acceptance: Acceptance, finding: Finding, profiles: Collection[str]) -> str | None:
+    """Why the acceptance does not speak of a finding of its rule; None: it does."""
+    if not acceptable(finding):
+        return "what it names is undecided, and nothing accepts that"
+    if acceptance.fingerprint is None and not _within(acceptance.where, finding):
+        return (
+            "a property is one of the whole keystore: name it by its fingerprint"
+            if finding.code.startswith(_FORMAL)
+            else "what was found is not, or not only, there"
+        )
+    if acceptance.severity is not None and not acceptance.severity.at_least(finding.severity):
+        return f"it is {finding.severity.value} now, and {acceptance.severity.value} was accepted"
+    others = {*(finding.profiles or profiles)} - acceptance.profiles if acceptance.profiles is not None else ()
+    if others:
+        return f"it holds under {', '.join(sorted(others))} too"
+    if acceptance.causes is not None and not acceptance.causes.issuperset(finding.explained_by):
+        return "it has other causes now"
+    return None
+
+
+def _within(where: tuple[str, ...], finding: Finding) -> bool:
+    """Whether the finding is at these places and nowhere else."""
+    if ALL in where:
+        return True
+    if finding.code.startswith(_FORMAL):  # its enclave is that of an example
+        return False
+    enclaves = [glob for glob in where if glob.startswith("/")]
+    if finding.enclave is not None and _matches(enclaves, finding.enclave):
+        return True
+    paths = [glob for glob in where if not glob.startswith("/")]
+    places = [location.path for location in finding.locations if not location.beside]
+    if not 0 < len(finding.locations) < MAX_PLACES:  # there may be more of them than a finding lists
+        return False
+    return bool(places) and all(_matches(paths, path) for path in places)
+
+
+def _matches(globs: Iterable[str], name: str) -> bool:
+    return any(parse(glob, Matcher.POSIX).matches(name) for glob in globs)
+
+
+def accepted(findings: Iterable[Finding], files: Iterable[FileOfUses]) -> tuple[Finding, ...]:
+    """The findings, those that are accepted marked with why and by whom: the first acceptance that speaks of them."""
+    marks: dict[str, Suppression] = {}
+    for file in files:
+        for use in file.uses:
+            for finding in use.findings if use.fate is Fate.USED else ():
+                marks.setdefault(finding.fingerprint, _mark(use.acceptance))
+    return tuple(
+        replace(finding, suppressed=marks[finding.fingerprint]) if finding.fingerprint in marks else finding
+        for finding in findings
+    )
+
+
+def accepted_by(findings: Iterable[Finding]) -> tuple[str, ...]:
+    """How many findings each file accepts, in words: what makes this gate laxer."""
+    marks = [finding.suppressed for finding in findings if finding.suppressed is not None]
+    counts = Counter(mark.source.rpartition(":")[0] for mark in marks)
+    return tuple(f"{count} finding{'' if count == 1 else 's'} accepted by {file}" for file, count in counts.items())
+
+
+def first_end(findings: Iterable[Finding]) -> datetime | None:
+    """The first instant at which one of them is accepted no longer, aware UTC; None: none is accepted."""
+    days = [date.fromisoformat(finding.suppressed.until) for finding in findings if finding.suppressed is not None]
+    return datetime.combine(min(days) + timedelta(days=1), time(), timezone.utc) if days else None
+
+
+def _mark(acceptance: Acceptance) -> Suppression:
+    line = acceptance.location.line
+    return Suppression(
+        reason=acceptance.reason,
+        until=acceptance.until.isoformat(),
+        owner=acceptance.owner,
+        source=f"{acceptance.location.path}:{line}",
+    )

@@ -1,0 +1,291 @@
+"""KA909, KA910: what is accepted, what is not, and that nothing hides behind it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from datetime import date, timedelta
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from keystore_audit.errors import UsageError
+from keystore_audit.findings import MAX_PLACES, Finding, Location, Result, Severity
+from keystore_audit.keystore.files import Status as FileStatus
+from keystore_audit.rules import RULES
+from keystore_audit.rules.judge import Judgement, judge
+from keystore_audit.suppressions import Acceptance, Fate, accepted, accepted_by, check_dates, first_end, uses
+from tests.rules.evidence import AT, DAY, absent, certificates, context, enclave, healthy, judged, keystore, pem
+
+PROFILES = ("spec", "fastdds-3.6")
+
+
+def acceptance(code: str = "KA205", **more: Any) -> Acceptance:
+    """One until the day after the audit's."""
+    if "fingerprint" not in more:
+        more = {"where": ("*",), **more}
+    more = {"reason": "it is so", "owner": "Ada", "until": (AT + DAY).date(), **more}
+    line = more.pop("line", 3)
+    file = more.pop("file", "keystore-audit.toml")
+    return Acceptance(code=code, location=Location(path=file, line=line, beside=True), place=f"{file}:{line}:1", **more)
+
+
+def expiring(*paths: str) -> Any:
+    """A keystore in which the identities of these enclaves end soon (KA205)."""
+    soon = AT + 5 * DAY
+    return keystore(
+        *(
+            enclave(path, certificate=certificates(f"enclaves{path}/cert.pem", pem(path, end=soon)))
+            if path in paths
+            else enclave(path)
+            for path in ("/talker", "/listener")
+        )
+    )
+
+
+CASES: dict[str, dict[str, Any]] = {
+    "KA909": {"acceptances": (acceptance(until=date(2026, 11, 20)),)},
+    "KA910": {"acceptances": (acceptance(),)},
+}
+
+
+@pytest.mark.parametrize("code", CASES)
+def test_each_speaks_at_its_lines_and_leaves_the_audit_complete(code: str) -> None:
+    judgement = judged(**CASES[code])
+    (finding,) = judgement.findings
+    assert finding.code == code
+    assert [(place.path, place.line, place.beside) for place in finding.locations] == [("keystore-audit.toml", 3, True)]
+    assert not any(outcome.outcome is Result.OPEN for outcome in judgement.outcomes)
+
+
+def marked(judgement: Judgement) -> list[tuple[str, str | None, bool]]:
+    return [(f.code, f.enclave, f.suppressed is not None) for f in judgement.findings if f.code in ("KA205", *CASES)]
+
+
+def test_a_place_is_accepted_and_the_same_elsewhere_is_not() -> None:
+    store = expiring("/talker", "/listener")
+    for where in ("/talker", "/t*", "enclaves/talker/*"):
+        judgement = judged(store, acceptances=(acceptance(where=(where,)),))
+        assert marked(judgement) == [("KA205", "/listener", False), ("KA205", "/talker", True)]
+    for where in ("/", "/talke", "talker", "enclaves/talker", "/talker/*", "cert.pem"):
+        judgement = judged(store, acceptances=(acceptance(where=(where,)),))
+        assert [code for code, _enclave, hidden in marked(judgement) if hidden] == []
+        assert ("KA910", None, False) in marked(judgement)
+
+
+def test_the_accepted_stay_and_their_rule_still_fails() -> None:
+    plain = judged(expiring("/talker"))
+    judgement = judged(expiring("/talker"), acceptances=(acceptance(),))
+    assert [replace(f, suppressed=None) for f in judgement.findings] == list(plain.findings)
+    (finding,) = (f for f in judgement.findings if f.code == "KA205")
+    assert finding.suppressed is not None
+    assert (finding.suppressed.until, finding.suppressed.source) == ("2026-11-22", "keystore-audit.toml:3")
+    failed = {(o.rule, o.subject) for o in judgement.outcomes if o.outcome is Result.FAIL}
+    assert {rule for rule, _subject in failed} >= {"KA205"}
+
+
+@pytest.mark.parametrize(("days", "hidden"), [(-1, False), (0, True), (1, True)])
+def test_the_last_day_counts_and_the_next_does_not(days: int, hidden: bool) -> None:
+    judgement = judged(expiring("/talker"), acceptances=(acceptance(until=(AT + days * DAY).date()),))
+    assert marked(judgement) == (
+        [("KA205", "/talker", True)] if hidden else [("KA909", None, False), ("KA205", "/talker", False)]
+    )
+
+
+def test_one_that_ended_takes_nothing_from_one_that_holds() -> None:
+    ended, holds = acceptance(until=date(2026, 1, 1), line=1), acceptance(line=9)
+    judgement = judged(expiring("/talker"), acceptances=(ended, holds))
+    assert marked(judgement) == [("KA909", None, False), ("KA205", "/talker", True)]
+    (mark,) = (f.suppressed for f in judgement.findings if f.suppressed)
+    assert mark.source.endswith(":9")
+
+
+def test_many_of_one_file_are_one_finding_with_all_lines() -> None:
+    unused = tuple(acceptance("KA203", line=n) for n in range(1, 8))
+    (finding,) = judged(acceptances=(*unused,)).findings
+    assert [place.line for place in finding.locations] == list(range(1, 8))
+    assert "7 entries accept nothing: the first, KA203 everywhere" in finding.message
+    both = judged(acceptances=(acceptance("KA203"), acceptance("KA203", file="baseline.toml"))).findings
+    assert [f.locations[0].path for f in both] == ["baseline.toml", "keystore-audit.toml"]
+
+
+def test_nothing_accepts_what_the_audit_says_of_itself() -> None:
+    case = {"acceptances": tuple(acceptance(code, until=date(2026, 1, 1)) for code in ("KA909", "KA910", "KA901"))}
+    judgement = judged(**case)
+    assert {f.code for f in judgement.findings} == {"KA909"}
+    assert all(f.suppressed is None for f in judgement.findings)
+    unused = judged(acceptances=(acceptance("KA910"), acceptance("KA909")))
+    assert [(f.code, f.suppressed) for f in unused.findings] == [("KA910", None)]
+
+
+def test_nothing_accepts_what_is_undecided() -> None:
+    store = healthy()
+    link = absent("enclaves/more", FileStatus.DIRECTORY, "to /opt")
+    linked = replace(store, layout=replace(store.layout, directory_links=(link,)))
+    (plain,) = judged(linked).findings
+    assert plain.undecided
+    for entry in (acceptance(plain.code), acceptance(plain.code, fingerprint=plain.fingerprint)):
+        judgement = judged(linked, acceptances=(entry,))
+        assert [(f.code, f.suppressed) for f in judgement.findings] == [(plain.code, None), ("KA910", None)]
+        assert "undecided, and nothing accepts that" in judgement.findings[1].message
+        assert any(outcome.outcome is Result.OPEN for outcome in judgement.outcomes)
+
+
+def test_rules_that_were_left_out_leave_nothing_unused_and_what_ended_is_said_all_the_same() -> None:
+    case = context(expiring("/talker"), acceptances=(acceptance("KA203"),))
+    assert not [f for f in judge(case, RULES, ignore=["KA2"]).findings if f.code == "KA910"]
+    assert not [f for f in judge(case, RULES, select=["KA3"]).findings if f.code == "KA910"]
+    ended = context(acceptances=(acceptance("KA203", until=date(2026, 1, 1)),))
+    assert [f.code for f in judge(ended, RULES, select=["KA3"]).findings] == ["KA909"]
+
+
+# What findings mean: by hand
+
+
+def finding(code: str = "KA205", mark: str = "a", **more: Any) -> Finding:
+    more = {
+        "name": "x", "severity": Severity.HIGH, "message": "", "remedy": "", "clause": "", "enclave": None,
+        "locations": (Location(path="enclaves/talker/cert.pem"),), **more,
+    }  # fmt: skip
+    return Finding(code=code, fingerprint=mark * 64, **more)
+
+
+def fate(entry: Acceptance, *findings: Finding) -> tuple[Fate, str]:
+    ((use,),) = (file.uses for file in uses(findings, [entry], AT, PROFILES))
+    assert bool(use.findings) is (use.fate is Fate.USED)
+    return use.fate, use.why
+
+
+def test_a_fingerprint_is_one_finding_of_its_rule() -> None:
+    entry = acceptance(fingerprint="a" * 64)
+    assert fate(entry, finding()) == (Fate.USED, "")
+    assert fate(entry, finding(mark="b"))[0] is Fate.UNUSED
+    assert fate(acceptance("KA203", fingerprint="a" * 64), finding())[0] is Fate.UNUSED
+
+
+@pytest.mark.parametrize(
+    ("limits", "changed", "why"),
+    [
+        ({"severity": Severity.HIGH}, {"severity": Severity.CRITICAL}, "it is critical now, and high was accepted"),
+        ({"profiles": frozenset({"spec"})}, {"profiles": PROFILES}, "it holds under fastdds-3.6 too"),
+        ({"profiles": frozenset({"spec"})}, {"profiles": ()}, "it holds under fastdds-3.6 too"),
+        ({"causes": frozenset()}, {"explained_by": ("c" * 64,)}, "it has other causes now"),
+    ],
+)
+def test_one_that_became_worse_or_another_is_not_accepted(
+    limits: dict[str, Any], changed: dict[str, Any], why: str
+) -> None:
+    entry = acceptance(fingerprint="a" * 64, **limits)
+    assert fate(entry, finding(profiles=("spec",))) == (Fate.USED, "")
+    assert fate(entry, finding(**{"profiles": ("spec",), **changed})) == (Fate.UNUSED, why)
+
+
+def test_one_that_became_less_is_accepted() -> None:
+    entry = acceptance(fingerprint="a" * 64, severity=Severity.HIGH, profiles=frozenset(PROFILES))
+    assert fate(entry, finding(severity=Severity.LOW, profiles=("spec",)))[0] is Fate.USED
+    assert fate(entry, finding(profiles=()))[0] is Fate.USED  # all that were asked
+
+
+def test_every_place_of_a_finding_must_be_accepted() -> None:
+    """A finding that folds several files is hidden by no acceptance of one of them."""
+    here, there = Location(path="enclaves/talker/cert.pem"), Location(path="enclaves/listener/cert.pem")
+    entry = acceptance(where=("enclaves/talker/*",))
+    assert fate(entry, finding(locations=(here,)))[0] is Fate.USED
+    assert fate(entry, finding(locations=(here, there))) == (Fate.UNUSED, "what was found is not, or not only, there")
+    beside = Location(path="policy.xml", beside=True)
+    assert fate(entry, finding(locations=(here, beside)))[0] is Fate.USED
+    assert fate(entry, finding(locations=()))[0] is Fate.UNUSED
+    assert fate(entry, finding(locations=(beside,)))[0] is Fate.UNUSED
+    cut = tuple(Location(path=f"enclaves/talker/{n}") for n in range(MAX_PLACES))
+    assert fate(entry, finding(locations=cut))[0] is Fate.UNUSED, "there may be more places than are listed"
+
+
+def test_a_property_is_one_of_the_whole_keystore() -> None:
+    """Its enclave and lines are those of an example, which another may replace tomorrow."""
+    violated = finding("KA711", enclave="/talker")
+    for where in (("/talker",), ("enclaves/talker/*",)):
+        assert fate(acceptance("KA711", where=where), violated)[0] is Fate.UNUSED
+    assert fate(acceptance("KA711"), violated)[0] is Fate.USED
+
+
+def test_dates_too_far_away() -> None:
+    check_dates([acceptance(until=(AT + 180 * DAY).date())], AT)
+    far = acceptance(until=(AT + 181 * DAY).date())
+    with pytest.raises(UsageError, match=r"^keystore-audit\.toml:3:1: until = 2027-05-21 .* 2027-05-20 or sooner"):
+        check_dates([far], AT)
+    check_dates([far], AT, days=181)
+
+
+def test_what_is_counted_and_when_it_ends() -> None:
+    found = [finding(mark=mark) for mark in "abc"]
+    entries = [
+        acceptance(fingerprint="a" * 64, file="b.toml"),
+        acceptance(fingerprint="b" * 64, file="b.toml", until=date(2026, 12, 31)),
+        acceptance("KA206"),
+    ]
+    shown = accepted(found, uses(found, entries, AT, PROFILES))
+    assert accepted_by(shown) == ("2 findings accepted by b.toml",)
+    end = first_end(shown)
+    assert end is not None
+    assert end.isoformat() == "2026-11-23T00:00:00+00:00"
+    assert (accepted_by(found), first_end(found)) == ((), None)
+
+
+# Against a definition of its own
+
+
+PLACES = st.sampled_from(["enclaves/a/cert.pem", "enclaves/b/cert.pem", "public/ca.pem"])
+GLOBS = st.sampled_from(["*", "/a", "/*", "/b*", "enclaves/*", "enclaves/a/*", "*.pem", "public/ca.pem"])
+FINDINGS = st.builds(
+    lambda mark, **more: finding(mark=mark, **more),
+    mark=st.sampled_from("abc"),
+    code=st.sampled_from(["KA205", "KA711", "KA901"]),
+    enclave=st.sampled_from([None, "/a", "/b"]),
+    severity=st.sampled_from(Severity),
+    locations=st.lists(PLACES.map(lambda path: Location(path=path)), max_size=2).map(tuple),
+    undecided=st.booleans(),
+)
+ENTRIES = st.builds(
+    acceptance,
+    code=st.sampled_from(["KA205", "KA711", "KA901"]),
+    where=st.lists(GLOBS, min_size=1, max_size=2).map(tuple),
+    severity=st.none() | st.sampled_from(Severity),
+    until=st.integers(-1, 1).map(lambda days: (AT + timedelta(days=days)).date()),
+) | st.builds(
+    lambda mark, **more: acceptance(fingerprint=mark * 64, **more),
+    mark=st.sampled_from("abc"),
+    code=st.sampled_from(["KA205", "KA711", "KA901"]),
+)
+
+
+def speaks(entry: Acceptance, one: Finding) -> bool:
+    def like(name: str, *globs: str) -> bool:
+        return any(re.fullmatch(re.escape(glob).replace(r"\*", ".*"), name) for glob in globs)
+
+    if entry.code != one.code or one.code[:3] == "KA9" or one.undecided or entry.until < AT.date():
+        return False
+    if entry.severity and list(Severity).index(one.severity) < list(Severity).index(entry.severity):
+        return False
+    if entry.fingerprint:
+        return entry.fingerprint == one.fingerprint
+    if "*" in entry.where:
+        return True
+    by_path = one.locations and all(like(place.path, *entry.where) for place in one.locations)
+    by_enclave = one.enclave and like(one.enclave, *(glob for glob in entry.where if glob[0] == "/"))
+    return one.code != "KA711" and bool(by_path or by_enclave)
+
+
+@settings(max_examples=300, derandomize=True, deadline=None)
+@given(st.lists(FINDINGS, max_size=4, unique_by=lambda f: f.fingerprint), st.lists(ENTRIES, max_size=4))
+def test_accepted_is_what_some_entry_speaks_of(found: list[Finding], entries: list[Acceptance]) -> None:
+    files = uses(found, entries, AT, PROFILES)
+    for before, after in zip(found, accepted(found, files), strict=True):
+        assert (after.suppressed is not None) is any(speaks(entry, before) for entry in entries)
+        assert replace(after, suppressed=None) == before
+    told = [use for file in files for use in file.uses]
+    assert len(told) == len(entries)
+    for use in told:
+        if use.fate is not Fate.ENDED:
+            assert (use.fate is Fate.USED) is any(speaks(use.acceptance, one) for one in found)
