@@ -15,11 +15,9 @@ from keystore_audit.flow import FlowQuestion, questions
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.claims import with_claims
-from keystore_audit.model.interpret import usability_by_profile
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.profiles import resolve
 from keystore_audit.model.systems import SystemBuilder
-from keystore_audit.model.usability import Usabilities
 
 if __package__:
     from benchmarks.keystores import build
@@ -38,17 +36,16 @@ def measure(enclaves: int, profiles_named: list[str]) -> str:
     claims = questions(FlowQuestion(source=first, target=last))
     builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims)
     classes = time.process_time() - begin
-    usability = usability_by_profile(keystore, profiles, at, Usabilities(None, accesses))
-    native = NativeEngine(with_claims(builder.systems(), claims, builder.channels, keystore, usability))
+    native = NativeEngine(with_claims(builder.systems(), claims, builder.channels, keystore, {}))
     facts = time.process_time() - begin
     answers = native.claim_answers()
     done = time.process_time() - begin
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     found = [{answer.property_id: answer.status.value for answer in each.values()} for each in answers]
     return (
-        f"{enclaves} enclaves, {len(builder.channels.channels)} classes, {len(answers)} kinds of implementation: classes "
-        f"{classes:.1f} s, facts {facts - classes:.1f} s, three flows for each {done - facts:.1f} s CPU, together "
-        f"{done:.1f} s, {memory:.0f} MB\n{found}"
+        f"{enclaves} enclaves, {len(builder.channels.channels)} classes, {len(answers)} kinds of implementation: "
+        f"classes {classes:.1f} s, facts {facts - classes:.1f} s, three flows for each {done - facts:.1f} s CPU, "
+        f"together {done:.1f} s, {memory:.0f} MB\n{found}"
     )
 
 

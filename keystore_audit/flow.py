@@ -19,11 +19,9 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.claim import Attacker, ClaimKind
 from keystore_audit.model.claims import Claim, with_claims
 from keystore_audit.model.doubt import keystore_doubts
-from keystore_audit.model.interpret import usability_by_profile
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.systems import SystemBuilder
-from keystore_audit.model.usability import Usabilities
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus
 from keystore_audit.settings import place
@@ -94,8 +92,7 @@ def find_flow(
     keystore = read_keystore(path)
     accesses = AccessViews(documents_of(keystore), at, zone)
     builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims)
-    usability = usability_by_profile(keystore, profiles, at, Usabilities(None, accesses))
-    native = NativeEngine(with_claims(builder.systems(), claims, builder.channels, keystore, usability))
+    native = NativeEngine(with_claims(builder.systems(), claims, builder.channels, keystore, {}))
     runs, answers = _decide(native, engines or Engines())
     results = combine_claims(claims, native.systems, answers, [profile.name for profile in profiles])
     doubts = (doubt.location for profile in profiles for doubt in keystore_doubts(keystore, profile, accesses))

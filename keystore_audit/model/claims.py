@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta, timezone
+from functools import cached_property
 from typing import Final
 
 from keystore_audit.errors import UsageError
@@ -100,7 +101,8 @@ def with_claims(
     keystore: Keystore,
     usability: Mapping[tuple[str, str], Usability],
 ) -> tuple[System, ...]:
-    """The systems with the claims as facts. `usability`: by directory and profile, as in `Meaning`.
+    """The systems with the claims as facts. `usability`: by directory and profile, as in `Meaning`;
+    only claims of ability need it.
 
     Raises errors.UsageError for a claim of something that is not in the keystore: it would hold for want of it.
     """
@@ -176,13 +178,19 @@ class _Resolution:
         self._channels = channels
         self._known = {enclave.path for enclave in keystore.enclaves}
         self._labels = [enclave.label for enclave in system.enclaves]
-        certain = system.reading is Reading.MUST or not system.has_doubt
+        self._keystore = keystore
+        self._usability = usability
+
+    @cached_property
+    def _stopped(self) -> frozenset[int]:
+        """Enclaves that do not start under some profile of the system, or (MUST, or without doubt) may not."""
+        certain = self._system.reading is Reading.MUST or not self._system.has_doubt
         stopped = set()
-        for enclave in keystore.enclaves:
-            starts = [usability[enclave.files.directory, profile].usable for profile in system.profiles]
+        for enclave in self._keystore.enclaves:
+            starts = [self._usability[enclave.files.directory, profile].usable for profile in self._system.profiles]
             if not all(True if each is None and not certain else each for each in starts):
                 stopped.add(enclave.path)
-        self._stopped = frozenset(n for n, label in enumerate(self._labels) if label in stopped)
+        return frozenset(n for n, label in enumerate(self._labels) if label in stopped)
 
     def resolved(self, claims: Iterable[Claim]) -> System:
         """The system with the claims."""
