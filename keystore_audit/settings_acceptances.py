@@ -51,8 +51,6 @@ def read_accepted(root: Table) -> tuple[Acceptance, ...]:
 
 def _accepted(table: Table) -> Acceptance:
     table.only("code", "fingerprint", "severity", "profiles", "causes", "finding", "reason", "owner", "until")
-    if "finding" in table.values:
-        table.text("finding")
     if "severity" not in table.values:
         table.wrong(None, f"expected severity = one of {', '.join(_SEVERITIES)}, the worst that is accepted")
     return _acceptance(
@@ -61,6 +59,7 @@ def _accepted(table: Table) -> Acceptance:
         severity=Severity(table.choice("severity", _SEVERITIES)),
         profiles=frozenset(table.texts("profiles")) if "profiles" in table.values else None,
         causes=frozenset(_causes(table)),
+        finding=table.text("finding") if "finding" in table.values else "",
     )
 
 
@@ -72,6 +71,7 @@ def _acceptance(
     severity: Severity | None,
     profiles: frozenset[str] | None = None,
     causes: frozenset[str] | None = None,
+    finding: str = "",
 ) -> Acceptance:
     code = table.text("code")
     if not _CODE.fullmatch(code):
@@ -90,6 +90,7 @@ def _acceptance(
         until=table.day("until"),
         location=table.location,
         place=table.place(),
+        finding=finding,
     )
 
 

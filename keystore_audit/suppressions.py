@@ -32,7 +32,8 @@ class Acceptance:
 
     `where`: globs on enclave paths (they begin with /) or on paths in the keystore, or `*` for all findings of the
     rule. `severity`: the worst that is accepted; `profiles`, `causes`: no others than these (None: any). `until`: the
-    last day, UTC. `location`, `place`: where it stands, for findings and for people.
+    last day, UTC. `location`, `place`: where it stands, for findings and for people. `finding`: what a baseline notes
+    of the finding, for people alone.
     """
 
     code: str
@@ -46,6 +47,7 @@ class Acceptance:
     until: date
     location: Location
     place: str
+    finding: str = ""
 
     @property
     def end(self) -> datetime:

@@ -152,12 +152,13 @@ def command(keystores: tuple[str, ...], **given: Any) -> int:
     if len(keystores) > 1 and (given["graphs"] or given["launches"]):
         raise click.UsageError("--graph and --launch show the nodes of one keystore: name one KEYSTORE.")
     output.check(given["targets"], keystores)
-    reports, code = _audit_all(keystores, _options(given, keystores), quiet=given["quiet"], verbose=given["verbose"])
+    reports, code = _audit_all(keystores, chosen(given, keystores), quiet=given["quiet"], verbose=given["verbose"])
     _deliver(reports, given, several=len(keystores) > 1)
     return code
 
 
-def _options(given: dict[str, Any], keystores: Sequence[str]) -> Options:
+def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Options:
+    """Return what the options mean, settings and baseline read. Raises errors.UsageError for files that are none."""
     from keystore_audit.audit import Options
 
     at: datetime | None = given["at"]

@@ -18,7 +18,19 @@ from keystore_audit.text import terminal
 
 NAME: Final = "keystore-audit"
 DEFAULT_COMMAND: Final = "audit"
-COMMANDS: Final = ("audit", "can", "access", "flow", "diff", "suggest", "rules", "explain", "engine", "model")
+COMMANDS: Final = (
+    "audit",
+    "can",
+    "access",
+    "flow",
+    "diff",
+    "suggest",
+    "baseline",
+    "rules",
+    "explain",
+    "engine",
+    "model",
+)
 """Each is the module of this package of that name, imported only when it is asked for."""
 
 

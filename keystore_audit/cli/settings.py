@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -31,7 +31,7 @@ baseline_option = click.option(
 )
 
 
-def baseline(given: dict[str, Any], keystores: Sequence[str]) -> Baseline | None:
+def baseline(given: Mapping[str, Any], keystores: Sequence[str]) -> Baseline | None:
     """The baseline named.
 
     Raises errors.UsageError for a file that is none, and for several keystores: what is accepted in one may look the
@@ -47,7 +47,7 @@ def baseline(given: dict[str, Any], keystores: Sequence[str]) -> Baseline | None
     return read_baseline(path, keystores)
 
 
-def chosen(given: dict[str, Any], keystores: Sequence[str]) -> Settings | None:
+def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Settings | None:
     """The settings named, else those in the working directory, but never where the directory may be anybody's.
 
     Raises errors.UsageError for a file that is none.

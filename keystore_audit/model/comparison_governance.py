@@ -10,7 +10,7 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.model.comparison import Aspect, Direction, Layer, direction_of
 from keystore_audit.model.comparison_drafts import Draft, in_order
-from keystore_audit.model.comparison_sides import Pair, Sides, View
+from keystore_audit.model.comparison_sides import Pair, Sides, View, is_void
 from keystore_audit.model.permission import bits
 from keystore_audit.model.system import DomainRuleAtom, TopicRuleAtom
 
@@ -151,11 +151,7 @@ def _strengths(kind: ProtectionKind) -> frozenset[str]:
 
 def _is_refused(sides: Sides, pair: Pair, path: str) -> bool:
     """Whether the implementations take one of the documents for none."""
-    documents = [by_path[path].governance for by_path in sides.enclaves]
-    return any(
-        document is not None and sides.accesses.read(document, pair.lead.access).refusal is not None
-        for document in documents
-    )
+    return any(is_void(by_path[path].governance, pair.lead, sides.accesses) for by_path in sides.enclaves)
 
 
 def _document(view: View, path: str) -> int | None:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from datetime import datetime
 from typing import Final, NamedTuple
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.comparison import Aspect, Direction, Layer
+from keystore_audit.model.comparison_dates import Dates, other_dates, spanned
 from keystore_audit.model.comparison_drafts import Draft, in_order
-from keystore_audit.model.comparison_sides import Pair, Sides, View
+from keystore_audit.model.comparison_sides import Pair, Sides, View, is_void
 from keystore_audit.model.permission import members
 from keystore_audit.model.system import GrantAtom, RuleAtom
 
@@ -27,7 +27,13 @@ WORDS: Final = {
 _PARTS: Final = (Operation.PUBLISH, Operation.SUBSCRIBE, Operation.RELAY)
 
 
-_FORM: Final = "%Y-%m-%dT%H:%M:%SZ"
+class _Moved(NamedTuple):
+    """An enclave whose grant has other dates."""
+
+    path: str
+    aspects: tuple[Aspect, ...]
+    old: Location
+    new: Location
 
 
 class _Right(NamedTuple):
@@ -132,41 +138,36 @@ def validity_changes(sides: Sides, rights: list[Draft]) -> list[Draft]:
     Not where the new dates take all rights away, or give them: `rights` has that.
     """
     told = {path for draft in rights for path in draft.enclaves}
-    found: dict[tuple[tuple[datetime, datetime], ...], list[tuple[str, Location, Location]]] = {}
+    found: dict[str, list[_Moved]] = {}
     pair = sides.pairs[0]
     for path in sides.compared:
         flips = (pair.old.own_grant(path) is None) != (pair.new.own_grant(path) is None)
         one, other = _naming(pair.old, path), _naming(pair.new, path)
         if one is None or other is None or (flips and path in told):
             continue
-        dates = tuple(
-            (view.system.instants[grant.not_before], view.system.instants[grant.not_after])
-            for view, grant in ((pair.old, one), (pair.new, other))
-        )
+        dates = _dates(pair.old, one), _dates(pair.new, other)
         if dates[0] != dates[1]:
-            found.setdefault(dates, []).append((path, one.location, other.location))
-    return [_validity_draft(sides, dates, holders) for dates, holders in found.items()]
+            words, aspects = other_dates(*dates)
+            found.setdefault(words, []).append(_Moved(path, aspects, one.location, other.location))
+    return [_validity_draft(sides, words, moved) for words, moved in found.items()]
 
 
-def _validity_draft(
-    sides: Sides, dates: tuple[tuple[datetime, datetime], ...], holders: list[tuple[str, Location, Location]]
-) -> Draft:
-    aspects = tuple(
-        Aspect(what=word, old=before.strftime(_FORM), new=after.strftime(_FORM), direction=Direction.CHANGED)
-        for word, before, after in zip(("from", "until"), *dates, strict=True)
-        if before != after
-    )
+def _validity_draft(sides: Sides, words: str, moved: list[_Moved]) -> Draft:
     return Draft(
         layer=Layer.TRUST,
         kind="grant-validity",
         direction=Direction.CHANGED,
-        what="its grant is in force at other times",
-        enclaves=tuple(path for path, _one, _other in holders),
-        profiles=in_order((profile.name for profile in sides.profiles), sides),
-        aspects=aspects,
-        old=holders[0][1],
-        new=holders[0][2],
+        what=f"its grant {words}",
+        enclaves=tuple(each.path for each in moved),
+        profiles=tuple(profile.name for profile in sides.profiles),
+        aspects=spanned([each.aspects for each in moved]),
+        old=moved[0].old,
+        new=moved[0].new,
     )
+
+
+def _dates(view: View, grant: GrantAtom) -> Dates:
+    return view.system.instants[grant.not_before], view.system.instants[grant.not_after]
 
 
 def _naming(view: View, path: str) -> GrantAtom | None:
@@ -195,11 +196,7 @@ def given(view: View, grant: int | None) -> Given:
 
 
 def _is_refused(sides: Sides, pair: Pair, path: str) -> bool:
-    documents = [by_path[path].permissions for by_path in sides.enclaves]
-    return any(
-        document is not None and sides.accesses.read(document, pair.lead.access).refusal is not None
-        for document in documents
-    )
+    return any(is_void(by_path[path].permissions, pair.lead, sides.accesses) for by_path in sides.enclaves)
 
 
 def whole(view: View, grant: int | None) -> Location | None:

@@ -8,8 +8,9 @@ from datetime import datetime
 from functools import cached_property
 from zoneinfo import ZoneInfo
 
+from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.permissions import Operation, PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.channels import document_channels
@@ -22,6 +23,7 @@ from keystore_audit.model.permission import Decisions, Permissions, bits, member
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.system import Reading, RuleAtom, System
 from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.model.trust import Verdict, envelope
 from keystore_audit.model.usability import Usabilities
 
 MAX_SHOWN = 3
@@ -198,6 +200,14 @@ class Sides:
     def _literals(self) -> frozenset[str]:
         """Names that some expression spells out: their channels hold no other topic."""
         return frozenset(text for _matcher, region in self.channels.regions for area in region for text in area.topics)
+
+
+def is_void(document: GovernanceFile | PermissionsFile | None, profile: Profile, accesses: AccessViews) -> bool:
+    """Whether an implementation takes the document for none, whoever signed it: then it says nothing."""
+    if document is None:
+        return False
+    refused = accesses.read(document, profile.access).refusal is not None
+    return refused or envelope(document.signed).verdict is Verdict.REFUSED
 
 
 def _by_path(keystore: Keystore) -> dict[str, Enclave]:

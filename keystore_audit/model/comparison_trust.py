@@ -15,6 +15,7 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.comparison import Aspect, Direction, Layer, direction_of
+from keystore_audit.model.comparison_dates import Dates, other_dates, spanned
 from keystore_audit.model.comparison_drafts import Draft
 from keystore_audit.model.comparison_sides import Sides
 from keystore_audit.model.trust import Verdict, envelope, may_have_issued
@@ -42,7 +43,7 @@ _PRESENCE: Final = {
 
 
 class _Fact(NamedTuple):
-    """A change of one enclave; equal ones are told once. The places are not compared."""
+    """A change of one enclave; equal ones are told once, and so are dates that moved the same way."""
 
     kind: str
     direction: Direction
@@ -55,13 +56,17 @@ _Placed = tuple[_Fact, Location | None, Location | None]
 
 def trust_changes(sides: Sides) -> list[Draft]:
     """One draft for each change, of all enclaves that have it."""
-    found: dict[_Fact, tuple[list[str], Location | None, Location | None]] = {}
+    found: dict[_Fact, tuple[list[str], list[tuple[Aspect, ...]], Location | None, Location | None]] = {}
     for path in sides.common:
         old, new = (by_path[path] for by_path in sides.enclaves)
         for fact, one, other in _facts(old, new, sides.at):
-            found.setdefault(fact, ([], one, other))[0].append(path)
+            key = fact._replace(aspects=()) if fact.kind.endswith("-validity") else fact
+            held = found.setdefault(key, ([], [], one, other))
+            held[0].append(path)
+            held[1].append(fact.aspects)
     drafts = [*_of_keystores(*sides.keystores), *_of_enclaves(sides)]
-    drafts += [_draft(fact, tuple(paths), one, other) for fact, (paths, one, other) in found.items()]
+    for fact, (paths, aspects, one, other) in found.items():
+        drafts.append(_draft(fact._replace(aspects=spanned(aspects)), tuple(dict.fromkeys(paths)), one, other))
     for draft in drafts:
         draft.profiles = tuple(profile.name for profile in sides.profiles)
     return drafts
@@ -163,7 +168,7 @@ def _identity_facts(one: Certificate, other: Certificate) -> Iterator[_Fact]:
         direction = Direction.GAINED if other.is_ca else Direction.LOST
         word = "is an authority" if other.is_ca else "is no longer an authority"
         yield _Fact("identity-authority", direction, f"its identity {word}", ())
-    yield from _dates("identity-validity", "its identity certificate is valid", _validity(one), _validity(other))
+    yield from _dates("identity-validity", "its identity certificate", _validity(one), _validity(other))
 
 
 def _issuer_facts(old: Enclave, new: Enclave) -> Iterator[_Fact]:
@@ -178,26 +183,15 @@ def _issuer_facts(old: Enclave, new: Enclave) -> Iterator[_Fact]:
         yield _Fact("identity-issuer", Direction.CHANGED, "its identity was issued by another authority", (aspect,))
 
 
-_Dates = tuple[datetime | None, datetime | None]
-
-
-def _validity(certificate: Certificate) -> _Dates:
+def _validity(certificate: Certificate) -> Dates:
     return certificate.not_before, certificate.not_after
 
 
-def _dates(kind: str, what: str, old: _Dates, new: _Dates) -> Iterator[_Fact]:
+def _dates(kind: str, what: str, old: Dates, new: Dates) -> Iterator[_Fact]:
     """Other dates: neither more nor less, since everything is decided at one instant."""
-    aspects = tuple(
-        Aspect(what=word, old=_date(before), new=_date(after), direction=Direction.CHANGED)
-        for word, before, after in zip(("from", "until"), old, new, strict=True)
-        if before != after
-    )
-    if aspects:
-        yield _Fact(kind, Direction.CHANGED, f"{what} at other times", aspects)
-
-
-def _date(moment: datetime | None) -> str | None:
-    return None if moment is None else moment.strftime("%Y-%m-%dT%H:%M:%SZ")
+    if old != new:
+        words, aspects = other_dates(old, new)
+        yield _Fact(kind, Direction.CHANGED, f"{what} {words}", aspects)
 
 
 def _authorities(old: Enclave, new: Enclave) -> Iterator[_Placed]:
@@ -247,7 +241,7 @@ def _authority_facts(words: str, roles: list[str], before: CertificateFile, afte
 def _validity_facts(words: str, old: dict[str, Certificate], new: dict[str, Certificate]) -> Iterator[_Fact]:
     for key, one in old.items():
         if one.sha256 != new[key].sha256:
-            yield from _dates("authority-validity", f"the {words}: valid", _validity(one), _validity(new[key]))
+            yield from _dates("authority-validity", f"the {words}", _validity(one), _validity(new[key]))
 
 
 def _told(certificates: Iterable[Certificate]) -> str | None:
@@ -307,7 +301,7 @@ def _revocations(old: Enclave, new: Enclave, at: datetime) -> Iterator[_Placed]:
         yield _Fact("revocation", Direction.LOST if other else Direction.GAINED, word, ()), *places
     elif one and other:
         dates = tuple((max(e.this_update for e in lists), _last(lists)) for lists in (one, other))
-        for fact in _dates("revocation-validity", "its revocation lists count", *dates):
+        for fact in _dates("revocation-validity", "its revocation lists", *dates):
             in_time = all(start <= at and (end is None or at <= end) for start, end in dates)
             newer = in_time and all(aspect.what == "from" for aspect in fact.aspects)
             info = fact._replace(direction=Direction.INFO, what="its revocation lists were issued again")

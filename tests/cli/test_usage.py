@@ -17,7 +17,10 @@ from keystore_audit.cli.program import run
     ("args", "words"),
     [
         ([], "Name a keystore"),
-        (["--format", "jsn", "x"], "'jsn' is not one of text, json, sarif, junit, markdown, statement, svr. Did you mean 'json'?"),
+        (
+            ["--format", "jsn", "x"],
+            "'jsn' is not one of text, json, sarif, junit, markdown, statement, svr. Did you mean 'json'?",
+        ),
         (["--format", "html", "x"], "'html' is not one of text, json, sarif, junit, markdown, statement, svr."),
         (["--fail-on", "hgih", "x"], "Did you mean 'high'?"),
         (["--min-severity", "never", "x"], "'never' is not one of critical, high, medium, low, info."),

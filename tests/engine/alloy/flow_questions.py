@@ -9,8 +9,10 @@ from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
 from tests.engine.systems import (
     CHATTER,
+    GOVERNANCE,
     IDENTITY_CA,
     LISTENER,
+    LISTENER_PERMISSIONS,
     OTHER_TOPIC,
     PERMISSIONS_CA,
     TALKER,
@@ -97,6 +99,25 @@ def questions() -> list[Question]:
         b.grants[0] = replace(b.grants[0], not_after=1)
         return b
 
+    def two_realms() -> Builder:
+        """The listener's document counts in its own realm only, the talker's in both."""
+        b = chain()
+        authority = b.certificate(authority=True)
+        b.realm([IDENTITY_CA], [PERMISSIONS_CA, authority], GOVERNANCE)
+        b.enclaves[LISTENER] = replace(b.enclaves[LISTENER], realm=1)
+        b.documents[LISTENER_PERMISSIONS] = replace(b.documents[LISTENER_PERMISSIONS], signers=frozenset({authority}))
+        return b
+
+    def unasked_writers() -> Builder:
+        b = chain()
+        b.topic_rules[0] = replace(b.topic_rules[0], enable_write_access_control=False)
+        return b
+
+    def in_the_document_of_another() -> Builder:
+        b = chain()
+        b.grants[0] = replace(b.grants[0], document=LISTENER_PERMISSIONS)
+        return b
+
     honest, source, relays = Attacker.HONEST, Attacker.SOURCE, Attacker.RELAYS
     shared = {"rtps": ProtectionKind.ENCRYPT, "metadata": ProtectionKind.ENCRYPT}
     return [
@@ -113,6 +134,12 @@ def questions() -> list[Question]:
         (with_second_reader(weak(**shared)), claim(at(THIRD), at(TALKER), source), True),
         (with_second_reader(weak(**shared)), claim(at(THIRD), at(TALKER), honest), False),
         (with_second_reader(chain()), claim(at(THIRD), at(TALKER)), False),
+        # packets whose payload every member of the domain can open
+        (weak(metadata=sign, data=none), claim(at(TALKER), at(THIRD), left_out=(OTHER_TOPIC,)), True),
+        (weak(metadata=sign, data=none), claim(at(TALKER), at(THIRD), honest, left_out=(OTHER_TOPIC,)), False),
+        # realms that trust differently
+        (two_realms(), claim(at(TALKER), at(LISTENER), honest), False),
+        (two_realms(), claim(at(TALKER), at(LISTENER), source), True),
         # channels as places
         (chain(), claim(on_channel(CHATTER), on_channel(OTHER_TOPIC)), True),
         (chain(), claim(on_channel(CHATTER), at(THIRD), through=(LISTENER,)), False),
@@ -136,6 +163,9 @@ def questions() -> list[Question]:
         # the other kinds
         (chain(), claim(at(TALKER), at(THIRD), honest, kind=ClaimKind.ABLE), False),
         (expired(), claim(at(TALKER), at(THIRD), honest, kind=ClaimKind.ABLE), True),
+        (in_the_document_of_another(), claim(at(TALKER), at(LISTENER), honest), True),
+        (in_the_document_of_another(), claim(at(TALKER), at(LISTENER), honest, kind=ClaimKind.ABLE), True),
+        (unasked_writers(), claim(at(TALKER), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH), True),
         (chain(), claim(at(TALKER), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH), False),
         (chain(), claim(at(THIRD), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH), True),
         (chain(), claim(Place(), on_channel(CHATTER), Attacker.OUTSIDER, kind=ClaimKind.ENCRYPTED), False),

@@ -1,0 +1,257 @@
+"""Keystores that differ in one thing: written from a description, with the same keys and bytes each time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from datetime import datetime, timezone
+from functools import lru_cache
+from pathlib import Path
+
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.serialization import Encoding
+
+from keystore_audit.keystore.keystore import read_keystore
+from keystore_audit.model.comparison import Comparison
+from keystore_audit.model.comparison_run import compare
+from keystore_audit.model.profiles import Profile, resolve
+from tests.keystore.builder import END, Signed, certificate, crl, signed_document
+
+AT = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
+FLAGS = {
+    "allow_unauthenticated_participants": "false",
+    "enable_join_access_control": "true",
+    "discovery_protection_kind": "ENCRYPT",
+    "liveliness_protection_kind": "ENCRYPT",
+    "rtps_protection_kind": "SIGN",
+}
+TOPIC_FLAGS = {
+    "enable_discovery_protection": "true",
+    "enable_liveliness_protection": "true",
+    "enable_read_access_control": "true",
+    "enable_write_access_control": "true",
+    "metadata_protection_kind": "ENCRYPT",
+    "data_protection_kind": "ENCRYPT",
+}
+
+
+def _elements(values: Mapping[str, str]) -> str:
+    return "".join(f"<{name}>{value}</{name}>" for name, value in values.items())
+
+
+def topic_rule(expression: str = "*", **changed: str) -> str:
+    flags = {**TOPIC_FLAGS, **changed}
+    return f"<topic_rule><topic_expression>{expression}</topic_expression>{_elements(flags)}</topic_rule>"
+
+
+def domain_rule(domains: str = "<id>0</id>", topics: str = topic_rule(), **changed: str) -> str:
+    flags = _elements({**FLAGS, **changed})
+    return (
+        f"<domain_rule><domains>{domains}</domains>{flags}<topic_access_rules>{topics}</topic_access_rules>"
+        "</domain_rule>"
+    )
+
+
+def governance(*rules: str) -> str:
+    return f"<dds><domain_access_rules>{''.join(rules or (domain_rule(),))}</domain_access_rules></dds>"
+
+
+def criterion(operation: str, *topics: str, partitions: tuple[str, ...] = ()) -> str:
+    listed = "".join(f"<topic>{topic}</topic>" for topic in topics)
+    names = "".join(f"<partition>{name}</partition>" for name in partitions)
+    where = f"<partitions>{names}</partitions>" if partitions else ""
+    return f"<{operation}>{where}<topics>{listed}</topics></{operation}>"
+
+
+def rule(*criteria: str, allow: bool = True, domains: str = "<id>0</id>") -> str:
+    kind = "allow_rule" if allow else "deny_rule"
+    return f"<{kind}><domains>{domains}</domains>{''.join(criteria)}</{kind}>"
+
+
+def grant(
+    subject: str,
+    *rules: str,
+    default: str = "DENY",
+    start: str = "2024-01-01T00:00:00",
+    end: str = "2034-01-01T00:00:00",
+) -> str:
+    return (
+        f'<grant name="g"><subject_name>CN={subject}</subject_name><validity><not_before>{start}</not_before>'
+        f"<not_after>{end}</not_after></validity>{''.join(rules)}<default>{default}</default></grant>"
+    )
+
+
+def permissions(*grants: str) -> str:
+    return f"<dds><permissions>{''.join(grants)}</permissions></dds>"
+
+
+@lru_cache(maxsize=256)
+def key(name: str) -> ec.EllipticCurvePrivateKey:
+    """The key of that name: a new one for each name, the same for each call."""
+    del name
+    return ec.generate_private_key(ec.SECP256R1())
+
+
+@lru_cache(maxsize=256)
+def authority(name: str, *, end: datetime = END, serial: int = 7) -> Signed:
+    return certificate(name, ca=True, key=key(name), serial=serial, end=end)
+
+
+@lru_cache(maxsize=1024)
+def _issued(subject: str, key_name: str, issuer: Signed, serial: int, end: datetime, *, ca: bool) -> Signed:
+    return certificate(subject, issuer, key=key(key_name), serial=serial, end=end, ca=ca)
+
+
+@lru_cache(maxsize=4096)
+def _signed(content: str, signer: Signed) -> bytes:
+    return signed_document(content.encode(), signer)
+
+
+@lru_cache(maxsize=64)
+def _revoked(issuer: Signed, serials: tuple[int, ...], end: datetime) -> bytes:
+    return crl(issuer, serials, end=end).public_bytes(Encoding.PEM)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Member:
+    """An enclave: what its permissions say, and what is special about its identity."""
+
+    permissions: str
+    subject: str | None = None
+    key: str | None = None
+    private_key: str | None = None
+    serial: int = 100
+    end: datetime = END
+    ca: bool = False
+    issuer: Signed | None = None
+    signer: Signed | None = None
+    governance: str | None = None
+    tampered: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Store:
+    """A keystore of two authorities."""
+
+    members: Mapping[str, Member]
+    governance: str = field(default_factory=governance)
+    identity: tuple[Signed, ...] = field(default_factory=lambda: (authority("identityCA"),))
+    permissions: tuple[Signed, ...] = field(default_factory=lambda: (authority("permissionsCA"),))
+    revoked: tuple[int, ...] | None = None
+    crl_end: datetime = END
+    governance_signer: Signed | None = None
+    strays: Mapping[str, str] = field(default_factory=dict)
+
+    def member(self, path: str, **changed: object) -> Store:
+        """The same with another member of this path."""
+        return replace(self, members={**self.members, path: replace(self.members[path], **changed)})  # type: ignore[arg-type]
+
+    def without(self, path: str) -> Store:
+        return replace(self, members={name: member for name, member in self.members.items() if name != path})
+
+    def write(self, root: Path) -> Path:
+        for path, member in self.members.items():
+            directory = root / "enclaves" / path.strip("/")
+            directory.mkdir(parents=True)
+            for name, content in self._files(path, member).items():
+                (directory / name).write_bytes(content)
+        for name, document in self.strays.items():
+            (root / name).write_bytes(_signed(document, self.permissions[0]))
+        return root
+
+    def _files(self, path: str, member: Member) -> dict[str, bytes]:
+        own = _issued(
+            member.subject or path,
+            member.key or path,
+            member.issuer or self.identity[0],
+            member.serial,
+            member.end,
+            ca=member.ca,
+        )
+        document = _signed(member.permissions, member.signer or self.permissions[0])
+        files = {
+            "cert.pem": own.pem,
+            "key.pem": replace(own, key=key(member.private_key)).key_pem if member.private_key else own.key_pem,
+            "identity_ca.cert.pem": b"".join(each.pem for each in self.identity),
+            "permissions_ca.cert.pem": b"".join(each.pem for each in self.permissions),
+            "permissions.p7s": document.replace(b"chatter", b"changed") if member.tampered else document,
+            "governance.p7s": _signed(
+                member.governance or self.governance, self.governance_signer or self.permissions[0]
+            ),
+        }
+        if self.revoked is not None:
+            files["crl.pem"] = _revoked(self.identity[0], self.revoked, self.crl_end)
+        return files
+
+
+def compared(
+    old: Store,
+    new: Store,
+    root: Path,
+    profiles: tuple[str, ...] = (),
+    *,
+    domain: int | None = None,
+) -> Comparison:
+    """What the program finds, both ways round: one has to be the mirror of the other."""
+    there, back = _written(old, root / "old"), _written(new, root / "new")
+    chosen: tuple[Profile, ...] = tuple(resolve(profiles))
+    one, other = read_keystore(there), read_keystore(back)
+    found = compare(one, other, chosen, AT, domain=domain)
+    assert mirrored(found) == shapes(compare(other, one, chosen, AT, domain=domain))
+    return found
+
+
+def _written(store: Store, root: Path) -> Path:
+    return store.write(root)
+
+
+Shape = tuple[object, ...]
+_OTHER_WAY = {"gained": "lost", "lost": "gained"}
+
+
+def shapes(found: Comparison) -> list[Shape]:
+    """Everything about the changes but their wording, in order."""
+    return sorted(
+        (
+            (
+                change.layer.value,
+                change.kind,
+                change.direction.value,
+                change.enclaves,
+                change.operation or "",
+                repr(change.names),
+                change.profiles,
+                repr((change.old, change.new)),
+                sorted((a.what, a.old or "", a.new or "", a.direction.value) for a in change.aspects),
+                sorted((c.direction.value, c.enclaves, repr(c.names), c.profiles) for c in change.consequences),
+            )
+            for change in found.changes
+        ),
+        key=repr,
+    )
+
+
+def mirrored(found: Comparison) -> list[Shape]:
+    """What the other way round has to be found."""
+
+    def turned(direction: str) -> str:
+        return _OTHER_WAY.get(direction, direction)
+
+    return sorted(
+        (
+            (
+                change.layer.value,
+                {"enclave-added": "enclave-removed", "enclave-removed": "enclave-added"}.get(change.kind, change.kind),
+                turned(change.direction.value),
+                change.enclaves,
+                change.operation or "",
+                repr(change.names),
+                change.profiles,
+                repr((change.new, change.old)),
+                sorted((a.what, a.new or "", a.old or "", turned(a.direction.value)) for a in change.aspects),
+                sorted((turned(c.direction.value), c.enclaves, repr(c.names), c.profiles) for c in change.consequences),
+            )
+            for change in found.changes
+        ),
+        key=repr,
+    )

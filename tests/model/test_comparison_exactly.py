@@ -1,0 +1,179 @@
+"""Changes of grants and governance against all short names in all partitions and domains, decided one by one.
+
+By the letters of DDS-Security 1.1 (9.4.1.2, 9.4.1.3), from the XML, without the code under test.
+"""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from keystore_audit.keystore.governance import ProtectionKind
+from keystore_audit.model.comparison import Change, Comparison, Direction
+from tests.model.comparing import (
+    Member,
+    Store,
+    compared,
+    criterion,
+    domain_rule,
+    governance,
+    grant,
+    permissions,
+    rule,
+    topic_rule,
+)
+
+NAMES = tuple("".join(letters) for length in (1, 2, 3, 4) for letters in product("abc", repeat=length))
+DOMAINS = (0, 1, 2, 232)
+PARTITIONS = ("", "p", "q")
+OPERATIONS = ("publish", "subscribe")
+
+expressions = st.text("ab*", min_size=1, max_size=3)
+domains = st.sampled_from(["<id>0</id>", "<id>1</id>", "<id_range><min>0</min><max>1</max></id_range>"])
+criteria = st.builds(
+    lambda operation, topics, partitions: criterion(operation, *topics, partitions=partitions),
+    st.sampled_from(OPERATIONS),
+    st.lists(expressions, min_size=1, max_size=2),
+    st.sampled_from([(), (), ("p",), ("*",), ("p", "q")]),
+)
+rules = st.builds(
+    lambda several, allow, where: rule(*sorted(several, key=lambda text: text[:5]), allow=allow, domains=where),
+    st.lists(criteria, min_size=1, max_size=2),
+    st.booleans(),
+    domains,
+)
+documents = st.builds(
+    lambda several, default: permissions(grant("/a", *several, default=default)),
+    st.lists(rules, max_size=3),
+    st.sampled_from(["DENY", "DENY", "ALLOW"]),
+)
+kinds = st.sampled_from([kind.value for kind in ProtectionKind])
+topic_rules = st.builds(
+    lambda expression, reads, data: topic_rule(expression, enable_read_access_control=reads, data_protection_kind=data),
+    expressions,
+    st.sampled_from(["true", "false"]),
+    st.sampled_from(["NONE", "SIGN", "ENCRYPT"]),
+)
+governances = st.builds(
+    lambda several: governance(*several),
+    st.lists(
+        st.builds(
+            lambda where, topics, rtps: domain_rule(where, "".join(topics), rtps_protection_kind=rtps),
+            domains,
+            st.lists(topic_rules, min_size=1, max_size=3),
+            kinds,
+        ),
+        min_size=1,
+        max_size=2,
+    ),
+)
+BASE = Store(members={"/a": Member(permissions=permissions(grant("/a")))})
+
+
+def compare_stores(old: Store, new: Store) -> Comparison:
+    with tempfile.TemporaryDirectory() as root:
+        return compared(old, new, Path(root), ("spec",))
+
+
+def matches(expression: str, name: str) -> bool:
+    return re.fullmatch("".join(".*" if letter == "*" else letter for letter in expression), name) is not None
+
+
+def covers(element: ET.Element | None, domain: int) -> bool:
+    assert element is not None
+    return any(
+        int(each.text or "") == domain
+        if each.tag == "id"
+        else int(each.findtext("min") or "") <= domain <= int(each.findtext("max") or "")
+        for each in element
+    )
+
+
+def allows(document: ET.Element, operation: str, name: str, partition: str, domain: int) -> bool:
+    """First match, then the default; without a list of partitions allow rules are about the unnamed one alone."""
+    (only,) = document.iter("grant")
+    for each in only:
+        if each.tag not in ("allow_rule", "deny_rule") or not covers(each.find("domains"), domain):
+            continue
+        for listed in each.findall(operation):
+            named = any(matches(topic.text or "", name) for topic in listed.findall("topics/topic"))
+            partitions = [where.text or "" for where in listed.findall("partitions/partition")]
+            inside = any(matches(where, partition) for where in partitions)
+            if named and (inside or (not partitions and (each.tag == "deny_rule" or partition == ""))):
+                return each.tag == "allow_rule"
+    return only.findtext("default") == "ALLOW"
+
+
+def protected(document: ET.Element, name: str, domain: int) -> dict[str, str] | None:
+    """Every flag and kind that applies; None: no rule for the domain."""
+    for each in document.iter("domain_rule"):
+        if covers(each.find("domains"), domain):
+            found = {part.tag: part.text or "" for part in each if len(part) == 0}
+            for topic in each.iter("topic_rule"):
+                if matches(topic.findtext("topic_expression") or "", name):
+                    flags = {part.tag: part.text or "" for part in topic if part.tag != "topic_expression"}
+                    return found | flags
+            return found
+    return None
+
+
+def witnesses(change: Change) -> Iterator[tuple[str, str, int]]:
+    assert change.names is not None
+    for name in change.names.shown:
+        for low, _high in name.domains:
+            yield name.topic, name.partition, low
+
+
+@given(old=documents, new=documents)
+@settings(max_examples=120, deadline=None, derandomize=True)
+def test_rights_change_where_single_decisions_do(old: str, new: str) -> None:
+    found = compare_stores(*(BASE.member("/a", permissions=document) for document in (old, new)))
+    before, after = ET.fromstring(old), ET.fromstring(new)
+    expected = {
+        (operation, after_allows)
+        for operation, name, partition, domain in product(OPERATIONS, NAMES, PARTITIONS, DOMAINS)
+        for after_allows in (allows(after, operation, name, partition, domain),)
+        if after_allows != allows(before, operation, name, partition, domain)
+    }
+    changes = [change for change in found.changes if change.operation in OPERATIONS]
+    told = {(change.operation, change.direction is Direction.GAINED) for change in changes}
+    assert len(told) == len(changes)
+    assert expected <= told
+    for change in changes:
+        for name, partition, domain in witnesses(change):
+            decisions = [allows(each, str(change.operation), name, partition, domain) for each in (before, after)]
+            assert decisions == [change.direction is Direction.LOST, change.direction is Direction.GAINED]
+
+
+@given(old=governances, new=governances)
+@settings(max_examples=80, deadline=None, derandomize=True)
+def test_protection_changes_where_single_rows_do(old: str, new: str) -> None:
+    found = compare_stores(*(replace(BASE, governance=document) for document in (old, new)))
+    before, after = ET.fromstring(old), ET.fromstring(new)
+    changes = [change for change in found.changes if change.kind == "protection"]
+    told = {aspect.what for change in changes for aspect in change.aspects}
+    expected: set[str] = set()
+    for name, domain in product(NAMES, DOMAINS):
+        expected |= differing(protected(before, name, domain), protected(after, name, domain))
+    assert expected <= told
+    for change in changes:
+        for name, _partition, domain in witnesses(change):
+            rows = protected(before, name, domain), protected(after, name, domain)
+            assert {aspect.what for aspect in change.aspects} <= differing(*rows)
+
+
+def differing(one: dict[str, str] | None, other: dict[str, str] | None) -> set[str]:
+    """The names of what differs; where one has no rule, that alone."""
+    if one is None or other is None:
+        return set() if one is other else {"domain_rule"}
+    found: set[Any] = {tag for tag in one if tag in other and one[tag] != other[tag]}
+    return found if len(one) == len(other) else {*found, "topic_rule"}
