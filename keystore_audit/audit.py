@@ -33,7 +33,7 @@ from keystore_audit.report.content import EnclaveEntry, Report, Scope, SettingsF
 from keystore_audit.rules import BY_CODE, RULES
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import Judgement, judge
-from keystore_audit.suppressions import MAX_DAYS, Acceptance, accepted_by, check_codes, check_dates, first_end
+from keystore_audit.suppressions import MAX_DAYS, Acceptance, accepted_by, check_codes, check_dates, first_end, limited
 
 if TYPE_CHECKING:
     from keystore_audit.intent.policy import Policy
@@ -180,6 +180,7 @@ def _acceptances(options: Options) -> tuple[Acceptance, ...]:
     """The findings that the settings and the baseline accept; raises errors.UsageError for what cannot be accepted."""
     given = options.settings.acceptances if options.settings else ()
     check_codes(given, BY_CODE)
+    given = limited(given, {code: rule.severity for code, rule in BY_CODE.items()})
     acceptances = (*given, *(options.baseline.acceptances if options.baseline else ()))
     check_dates(acceptances, options.at, options.settings.max_suppression_days if options.settings else MAX_DAYS)
     return acceptances

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from datetime import date
+from itertools import chain
 from typing import Final
 
 from keystore_audit.audit import Options, Progress, audit
@@ -125,7 +126,7 @@ def _lines(entry: Acceptance) -> Iterator[str]:
     if entry.severity is not None:
         yield f"severity = {_quoted(entry.severity.value)}"
     for key, values in (("profiles", entry.profiles), ("causes", entry.causes)):
-        if values:
+        if values is not None and (values or key == "profiles"):
             yield f"{key} = [{', '.join(map(_quoted, sorted(values)))}]"
     if entry.finding:
         yield f"finding = {_quoted(entry.finding)}"
@@ -140,8 +141,9 @@ def _quoted(text: str) -> str:
 
 
 def _profiles(report: Report) -> frozenset[str]:
-    """The profiles that the audit judged under."""
-    return frozenset(name for entry in report.enclaves for name in entry.profiles)
+    """The profiles that the audit judged under: of a keystore without enclaves, those of its properties."""
+    judged = [[*entry.profiles] for entry in report.enclaves] + [[*result.profiles] for result in report.properties]
+    return frozenset(chain.from_iterable(judged))
 
 
 def _acceptance(entry: Acceptance, finding: Finding, chosen: frozenset[str]) -> Acceptance:

@@ -6,6 +6,7 @@ import re
 from typing import Final
 
 from keystore_audit.findings import Severity
+from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.settings_table import Table
 from keystore_audit.suppressions import ALL, NEVER, Acceptance
 
@@ -24,7 +25,7 @@ def read_suppressions(root: Table) -> tuple[Acceptance, ...]:
 
 
 def _suppression(table: Table) -> Acceptance:
-    table.only("code", "where", "fingerprint", "severity", "reason", "owner", "until")
+    table.only("code", "where", "fingerprint", "severity", "profiles", "reason", "owner", "until")
     if ("where" in table.values) == ("fingerprint" in table.values):
         table.wrong(None, "expected exactly one of where, fingerprint")
     by_place = "where" in table.values
@@ -33,6 +34,7 @@ def _suppression(table: Table) -> Acceptance:
         where=_where(table) if by_place else (),
         fingerprint=None if by_place else _fingerprint(table),
         severity=Severity(table.choice("severity", _SEVERITIES)) if "severity" in table.values else None,
+        profiles=_profiles(table),
     )
 
 
@@ -57,7 +59,7 @@ def _accepted(table: Table) -> Acceptance:
         table,
         fingerprint=_fingerprint(table),
         severity=Severity(table.choice("severity", _SEVERITIES)),
-        profiles=frozenset(table.texts("profiles")) if "profiles" in table.values else None,
+        profiles=_profiles(table),
         causes=frozenset(_causes(table)),
         finding=table.text("finding") if "finding" in table.values else "",
     )
@@ -109,6 +111,17 @@ def _fingerprint(table: Table) -> str:
     if not _FINGERPRINT.fullmatch(value):
         table.wrong("fingerprint", "expected 64 digits 0 to 9 and a to f, as in the JSON report")
     return value
+
+
+def _profiles(table: Table) -> frozenset[str] | None:
+    """Variants by their canonical names, as in reports: what an alias stands for changes from version to version."""
+    if "profiles" not in table.values:
+        return None
+    names = table.texts("profiles")
+    for name in names:
+        if name not in VARIANTS:
+            table.wrong("profiles", f"{name!r} is no profile; expected names as in reports, e.g. fastdds-3.6")
+    return frozenset(names)
 
 
 def _causes(table: Table) -> tuple[str, ...]:

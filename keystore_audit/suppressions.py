@@ -6,7 +6,7 @@ They stand in keystore-audit.toml (`[[suppression]]`) and in baselines (`[[accep
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import date, datetime, time, timedelta, timezone
 from enum import Enum
@@ -98,6 +98,14 @@ def check_codes(acceptances: Iterable[Acceptance], codes: Collection[str]) -> No
             nearest = get_close_matches(acceptance.code, codes, n=1)
             hint = f" Did you mean {nearest[0]}?" if nearest else ""
             raise UsageError(f"{acceptance.place}: {acceptance.code} is no rule's code.{hint}")
+
+
+def limited(acceptances: Iterable[Acceptance], worst: Mapping[str, Severity]) -> tuple[Acceptance, ...]:
+    """The acceptances; one that names no severity accepts its rule's own, `worst`, and no worse one."""
+    return tuple(
+        replace(acceptance, severity=worst[acceptance.code]) if acceptance.severity is None else acceptance
+        for acceptance in acceptances
+    )
 
 
 def check_dates(acceptances: Iterable[Acceptance], at: datetime, days: int = MAX_DAYS) -> None:

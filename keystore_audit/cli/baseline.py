@@ -27,6 +27,7 @@ MAX_OWNER: Final = 200
 
 _NOT_HERE: Final = {
     "keystores", "kind", "targets", "fail_on", "min_severity", "baseline", "select", "ignore", "quiet", "color",
+    "verbose",
 }  # fmt: skip
 """Parameters of `audit` that decide which findings are shown, not which there are."""
 
@@ -36,7 +37,7 @@ _UNSET: Final = {"fail_on": audit.NEVER, "select": (), "ignore": (), "baseline":
 def audit_options(command: F) -> F:
     """Add the options of `audit` on which it depends which findings there are."""
     taken = [param for param in audit.command.params if param.name not in _NOT_HERE]
-    vars(command).setdefault("__click_params__", [])[:0] = reversed(taken)
+    vars(command).setdefault("__click_params__", []).extend(reversed(taken))
     return command
 
 
@@ -80,6 +81,7 @@ def command() -> None:
     help="The least severity that is accepted.",
 )
 @audit_options
+@opt.verbose_option("Say where a fault is.")
 def create_command(keystore: str, file: Path, reason: str, owner: str, until: date, least: str, **given: Any) -> int:
     """Accept every finding of an audit of KEYSTORE, each by its fingerprint.
 
@@ -121,6 +123,7 @@ def create_command(keystore: str, file: Path, reason: str, owner: str, until: da
 @click.argument("file", metavar="FILE", type=click.Path(path_type=Path))
 @click.argument("keystore", metavar="KEYSTORE", type=opt.keystore_path)
 @audit_options
+@opt.verbose_option("Say where a fault is.")
 def prune_command(file: Path, keystore: str, **given: Any) -> int:
     """Drop the entries of FILE that have ended, or that accept nothing in an audit of KEYSTORE, and say which.
 

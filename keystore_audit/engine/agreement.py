@@ -89,6 +89,7 @@ def _asserted(
         profiles=by_profile,
         severity=claim.severity,
         location=claim.location,
+        meaning=claim.meaning,
         forgers=tuple(dict.fromkeys(n for s in systems for n in forgers(s, s.claims[number]))) if only else (),
     )
 

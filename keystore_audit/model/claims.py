@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta, timezone
 from functools import cached_property
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
@@ -18,6 +19,9 @@ from keystore_audit.model.meaning import Usability
 from keystore_audit.model.semantics import Area
 from keystore_audit.model.system import Reading, System
 from keystore_audit.model.validity import ANY_ZONE
+
+if TYPE_CHECKING:
+    from keystore_audit.model.labels import Labelling
 
 AMBIENT: Final = ("rt/clock", "rt/parameter_events", "rt/rosout", "ros_discovery_info")
 """DDS topics that nearly every node has a right to: no flow takes them unless a claim includes them."""
@@ -43,12 +47,23 @@ class Globs:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class LabelPair:
+    """Two labels between which nothing may flow. `id`: of all claims that say so; `labelling`: where they come from."""
+
+    id: str
+    source: str
+    target: str
+    labelling: Labelling
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Claim:
     """A property that a user asserts, or a question about a flow.
 
     `id`: unique, `[a-z0-9-]+`. `statement`: a sentence. `until`: aware UTC, None: at the audit instant alone.
     `location`: where it stands, `beside` the keystore; `place`: the same for people, `FILE:LINE:COLUMN`,
-    empty for a question of the command line.
+    empty for a question of the command line. `labels`: where labels make it. `sole`: (ONLY_PUBLISH) that one enclave
+    alone may publish, whichever it is; `source` is empty then.
     """
 
     id: str
@@ -63,6 +78,15 @@ class Claim:
     until: datetime | None = None
     location: Location
     place: str
+    labels: LabelPair | None = None
+    sole: bool = False
+
+    @property
+    def meaning(self) -> str:
+        """What is claimed, apart from its name, its words, its severity and its end: equal for equal claims."""
+        places = (self.source, self.target, Globs(enclaves=self.through))
+        sides = [[sorted(place.enclaves), sorted(place.topics), place.outsider] for place in places]
+        return json.dumps([self.kind.value, self.attacker.value, sides, self.include_ambient])
 
 
 def lasting(claims: Iterable[Claim], local: Iterable[datetime]) -> tuple[Claim, ...]:
@@ -84,13 +108,23 @@ def claim_regions(claims: Iterable[Claim]) -> tuple[Named, ...]:
     for claim in claims:
         for globs in (claim.source, claim.target):
             if globs.topics:
-                regions[_named(globs.topics)] = None
+                regions[named(globs.topics)] = None
         if not claim.include_ambient:
-            regions[_named(AMBIENT)] = None
+            regions[named(AMBIENT)] = None
+    for labelling in _labellings(claims):
+        from keystore_audit.model.labels import label_regions  # most settings have no labels
+
+        regions.update(dict.fromkeys(label_regions(labelling)))
     return tuple(regions)
 
 
-def _named(topics: tuple[str, ...]) -> Named:
+def _labellings(claims: Iterable[Claim]) -> list[Labelling]:
+    """What the settings say of labels, once."""
+    return list({id(claim.labels.labelling): claim.labels.labelling for claim in claims if claim.labels}.values())
+
+
+def named(topics: tuple[str, ...]) -> Named:
+    """The region of globs on DDS topics, in every partition."""
     return Matcher.POSIX, (Area(topics=topics, partitions=None),)
 
 
@@ -115,13 +149,17 @@ def with_claims(
 def _check(claims: Sequence[Claim], systems: Sequence[System], channels: Channels, keystore: Keystore) -> None:
     """Raises errors.UsageError for globs that find nothing, and for places that must differ and do not."""
     paths = [enclave.path for enclave in keystore.enclaves]
-    used = _granted_channels(systems)
+    used = granted_channels(systems)
+    for labelling in _labellings(claims):
+        from keystore_audit.model.labels import check_labels
+
+        check_labels(labelling, paths, channels, used)
     for claim in claims:
         for glob in (*claim.source.enclaves, *claim.target.enclaves, *claim.through):
             if not matching(glob, paths):
-                raise UsageError(f"{_at(claim)}{glob!r} names no enclave of this keystore{_nearest(glob, paths)}.")
+                raise UsageError(f"{_at(claim)}{glob!r} names no enclave of this keystore{nearest(glob, paths)}.")
         for globs in (claim.source, claim.target):
-            if globs.topics and not channels.regions[_named(globs.topics)] & used:
+            if globs.topics and not channels.regions[named(globs.topics)] & used:
                 names = ", ".join(map(repr, globs.topics))
                 raise UsageError(f"{_at(claim)}no permissions document grants anything on the DDS topic {names}.")
         if claim.kind is ClaimKind.SEPARATE_DOMAINS:
@@ -134,14 +172,15 @@ def _at(claim: Claim) -> str:
     return f"{claim.place}: " if claim.place else ""
 
 
-def _nearest(glob: str, paths: Sequence[str]) -> str:
+def nearest(glob: str, paths: Sequence[str]) -> str:
+    """A hint for a glob that finds nothing, or nothing."""
     from difflib import get_close_matches  # for mistakes alone
 
     found = get_close_matches(glob, paths, n=1)
     return f"; the nearest is {found[0]!r}" if found else ""
 
 
-def _granted_channels(systems: Sequence[System]) -> frozenset[int]:
+def granted_channels(systems: Sequence[System]) -> frozenset[int]:
     """Channels that some document, as some implementation reads it, allows something on, or that may be one."""
     everything = frozenset(range(len(systems[0].channels)))
     granted: set[int] = set()
@@ -207,7 +246,7 @@ class _Resolution:
             source=self._place(claim.source, away, unread=not allowed),
             target=self._place(claim.target, away),
             through=self._enclaves(claim.through, unread=False) | away,
-            left_out=frozenset() if claim.include_ambient else self._channels.regions[_named(AMBIENT)],
+            left_out=frozenset() if claim.include_ambient else self._channels.regions[named(AMBIENT)],
             until=None if claim.until is None else self._until(claim.until),
             location=claim.location,
         )
@@ -215,7 +254,7 @@ class _Resolution:
     def _place(self, globs: Globs, away: frozenset[int], *, unread: bool = True) -> Place:
         return Place(
             enclaves=self._enclaves(globs.enclaves, unread=unread) - away,
-            channels=self._channels.regions[_named(globs.topics)] if globs.topics else frozenset(),
+            channels=self._channels.regions[named(globs.topics)] if globs.topics else frozenset(),
             outsider=globs.outsider,
         )
 

@@ -73,9 +73,11 @@ class PropertyResult:
 class AssertedResult(PropertyResult):
     """A property that a user asserts, and its answers. `location`: where it is asserted, beside the keystore.
 
-    `forgers`: where only some may publish a topic, enclaves that could pass for one of them with the keys they hold.
+    `meaning`: what is asserted, apart from its name and its words. `forgers`: where only some may publish a topic,
+    enclaves that could pass for one of them with the keys they hold.
     """
 
     severity: Severity
     location: Location
+    meaning: str = ""
     forgers: tuple[str, ...] = ()

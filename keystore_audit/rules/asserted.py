@@ -21,7 +21,7 @@ from keystore_audit.rules.wording import listed, quoted
     Severity.HIGH,
     on=AssertedResult,
     clause="keystore-audit, docs/settings.md: what is asserted in keystore-audit.toml",
-    remedy="Take away one of the rights at the lines named, or change what is asserted.",
+    remedy="Change what lets it through at one of the lines named, or change what is asserted.",
 )
 def asserted_property_violated(result: AssertedResult, _context: Context) -> Iterator[Violation]:
     """A property that the settings assert is violated, with the shortest way found.
@@ -40,7 +40,7 @@ def asserted_property_violated(result: AssertedResult, _context: Context) -> Ite
         locations=(replace(result.location, message="asserted here"), *(steps(example) if example else ())),
         severity=result.severity,
         profiles=() if len(answers) == len(result.profiles) else tuple(answers),
-        key=result.prop.id,
+        key=f"{result.prop.id}\0{result.meaning}",
     )
 
 

@@ -5,6 +5,7 @@ Messages hold untrusted text as it is, bounded but not escaped: whoever renders 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -167,17 +168,22 @@ def _accepted(run: _Run, chosen: Sequence[Rule[Any]], context: Context) -> tuple
 
 
 def _findings(found: Sequence[_Found]) -> tuple[Finding, ...]:
-    """Findings with fingerprints of their own, the causes of violated properties named, worst first."""
+    """Findings with fingerprints of their own, the causes of violated properties named, worst first.
+
+    Those that nothing tells apart are numbered, with how many there are: were one of them mended, the rest would
+    otherwise take its place, and with it whoever accepted it.
+    """
     made = sorted(
         ((rule, violation, _fingerprint(rule, violation)) for rule, violation in found),
         key=lambda item: _order(item[0], item[1]),
     )
-    seen: dict[str, int] = {}
+    alike = Counter(mark for _rule, _violation, mark in made)
+    seen: Counter[str] = Counter()
     named: list[tuple[Rule[Any], Violation, str]] = []
     for rule, violation, mark in made:
-        seen[mark] = seen.get(mark, 0) + 1
-        again = f"{violation.key}\0{seen[mark]}"
-        named.append((rule, violation, mark if seen[mark] == 1 else _fingerprint(rule, violation, again)))
+        seen[mark] += 1
+        number = f"{violation.key}\0{seen[mark]} of {alike[mark]}"
+        named.append((rule, violation, mark if alike[mark] == 1 else _fingerprint(rule, violation, number)))
     return tuple(_finding(rule, violation, mark, _causes(rule, violation, named)) for rule, violation, mark in named)
 
 

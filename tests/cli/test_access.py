@@ -34,7 +34,7 @@ else:
     import tomli as tomllib
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
-EXPECTATIONS = sorted(path for path in SAMPLES.rglob("*.toml") if path.parent.name != "settings")
+EXPECTATIONS = sorted(path for path in SAMPLES.rglob("*.toml") if path.with_suffix("").is_dir())
 NOON = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
 
 
