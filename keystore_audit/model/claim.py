@@ -57,3 +57,16 @@ class ClaimAtom:
     left_out: frozenset[int]
     until: int | None
     location: Location
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlaceAtom:
+    """What a user calls `name`: enclaves, or channels (the other is None).
+
+    `unread`: (MAY only) there are enclaves of which nobody knows what they are called, so that some may be among them.
+    """
+
+    name: str
+    enclaves: frozenset[int] | None
+    channels: frozenset[int] | None
+    unread: bool = False

@@ -16,6 +16,7 @@ from keystore_audit.model.divergence import divergences
 from keystore_audit.model.doubt import keystore_doubts
 from keystore_audit.model.meaning import Doubt, Meaning, UngovernedTopics, Usability
 from keystore_audit.model.permission import Permissions, members
+from keystore_audit.model.places import NamedPlace, place_regions, with_places
 from keystore_audit.model.profiles import SPEC, Profile
 from keystore_audit.model.protection import protection
 from keystore_audit.model.ros_patterns import ros_patterns
@@ -32,12 +33,13 @@ def interpret(
     usabilities: Usabilities,
     domain: int | None = None,
     claims: Sequence[Claim] = (),
+    places: Sequence[NamedPlace] = (),
 ) -> Meaning:
     """The meaning of a keystore under the profiles at `at` (aware UTC).
 
     `domain`: the one in which enclaves are to start, as in `usabilities`; None: some domain of 0..232.
 
-    `claims`: what users claim; errors.UsageError for one of something that is not there.
+    `claims`: what users claim, `places`: what they have names for; errors.UsageError for something that is not there.
 
     Topic classes over budget leave `systems` empty and say why: nothing is decided then.
     """
@@ -47,8 +49,9 @@ def interpret(
     systems: tuple[System, ...] = ()
     usability = usability_by_profile(keystore, profiles, at, usabilities)
     try:
-        builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims)
+        builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims, named=place_regions(places))
         systems = with_claims(builder.systems(), claims, builder.channels, keystore, usability)
+        systems = with_places(systems, places, builder.channels, keystore)
     except BudgetExceeded as exceeded:
         over_budget = exceeded.message
     return Meaning(

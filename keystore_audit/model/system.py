@@ -16,7 +16,7 @@ from enum import Enum
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import ProtectionKind
-from keystore_audit.model.claim import ClaimAtom
+from keystore_audit.model.claim import ClaimAtom, PlaceAtom
 
 
 class Reading(str, Enum):
@@ -208,6 +208,7 @@ class System:
     grants: tuple[GrantAtom, ...]
     rules: tuple[RuleAtom, ...]
     claims: tuple[ClaimAtom, ...] = ()
+    places: tuple[PlaceAtom, ...] = ()
 
     @property
     def has_doubt(self) -> bool:

@@ -14,7 +14,7 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.issuer import fit_to_sign
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.access_view import AccessViews, ReadDocument
-from keystore_audit.model.channels import Channels, Point, document_channels
+from keystore_audit.model.channels import Channels, Named, Point, document_channels
 from keystore_audit.model.claims import Claim, claim_regions
 from keystore_audit.model.doubt import identity_doubt, realm_doubt
 from keystore_audit.model.inventory import (
@@ -47,7 +47,7 @@ class SystemBuilder:
 
     `accesses`: how they read its documents. `points`: only these names are channels; None: all names, in classes.
     `claims`: the names and instants that they speak of take part. `channels`: these, which tell apart all that the
-    keystore's documents do.
+    keystore's documents do. `named`: sets of names that are told apart as well.
     Raises errors.BudgetExceeded where the classes are too many.
     """
 
@@ -60,6 +60,7 @@ class SystemBuilder:
         points: Sequence[Point] | None = None,
         claims: Sequence[Claim] = (),
         channels: Channels | None = None,
+        named: Sequence[Named] = (),
     ) -> None:
         self._keystore = keystore
         self._profiles = profiles
@@ -73,7 +74,7 @@ class SystemBuilder:
         ends = {claim.until for claim in claims if claim.until is not None and claim.until > at}
         self._instants = tuple(sorted({*instants_of(self._certificates, grants, at), *ends}))
         if channels is None:
-            channels = document_channels(self._read, points, claim_regions(claims) if claims else ())
+            channels = document_channels(self._read, points, (*claim_regions(claims), *named))
         self.channels = channels
         self._rule_atoms = RuleAtoms(self.channels, self._instants)
         self._issuers = self._issue()

@@ -1,0 +1,69 @@
+"""Names that users give to enclaves and topics of their own, and what they are in one system."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from keystore_audit.errors import UsageError
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.model.channels import Channels, Named
+from keystore_audit.model.claim import PlaceAtom
+from keystore_audit.model.claims import Globs, granted_channels, matching, named, nearest
+from keystore_audit.model.system import System
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NamedPlace:
+    """A name for enclaves, or for topics (`globs`). `place`: where a user gave it, `FILE:LINE:COLUMN`."""
+
+    name: str
+    globs: Globs
+    place: str
+
+
+def place_regions(places: Iterable[NamedPlace]) -> tuple[Named, ...]:
+    """The sets of topics that have names: they take part in the classes, so that a name is exact."""
+    return tuple(dict.fromkeys(named(place.globs.topics) for place in places if place.globs.topics))
+
+
+def with_places(
+    systems: Sequence[System], places: Sequence[NamedPlace], channels: Channels, keystore: Keystore
+) -> tuple[System, ...]:
+    """The systems with the places as facts.
+
+    Raises errors.UsageError for a name of something that is not in the keystore: whatever is said of it would be true.
+    """
+    if not places or not systems:
+        return tuple(systems)
+    _check(places, systems, channels, keystore)
+    known = {enclave.path for enclave in keystore.enclaves}
+    return tuple(
+        replace(system, places=tuple(_atom(place, system, channels, known) for place in places)) for system in systems
+    )
+
+
+def _check(places: Sequence[NamedPlace], systems: Sequence[System], channels: Channels, keystore: Keystore) -> None:
+    paths = [enclave.path for enclave in keystore.enclaves]
+    used = granted_channels(systems)
+    for place in places:
+        for glob in place.globs.enclaves:
+            if not matching(glob, paths):
+                raise UsageError(f"{place.place}: {glob!r} names no enclave of this keystore{nearest(glob, paths)}.")
+        topics = place.globs.topics
+        if topics and not channels.regions[named(topics)] & used:
+            listed = ", ".join(map(repr, topics))
+            raise UsageError(f"{place.place}: no permissions document grants anything on the DDS topic {listed}.")
+
+
+def _atom(place: NamedPlace, system: System, channels: Channels, known: set[str]) -> PlaceAtom:
+    """`known`: the paths of enclaves; a label that is none (MAY) is of an enclave that may be called anything."""
+    labels = [enclave.label for enclave in system.enclaves]
+    of_name = {label for glob in place.globs.enclaves for label in matching(glob, labels)} & known
+    unread = bool(place.globs.enclaves) and any(label not in known for label in labels)
+    return PlaceAtom(
+        name=place.name,
+        enclaves=frozenset(n for n, label in enumerate(labels) if label in of_name) if place.globs.enclaves else None,
+        channels=channels.regions[named(place.globs.topics)] if place.globs.topics else None,
+        unread=unread,
+    )
