@@ -5,7 +5,7 @@ Each difference is a consequence of the change that accounts for it; a change of
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Final, NamedTuple
 
 from keystore_audit.keystore.permissions import Operation
@@ -15,6 +15,7 @@ from keystore_audit.model.comparison_grants import WORDS
 from keystore_audit.model.comparison_sides import Pair, Sides, View
 from keystore_audit.model.comparison_trust import ADDED, FILE, REMOVED, SUBJECT
 
+_LAYERS: Final = list(Layer)
 _OPERATIONS: Final = (Operation.PUBLISH, Operation.SUBSCRIBE, Operation.RELAY)
 
 
@@ -33,18 +34,18 @@ class Reach:
 
     def __init__(self, sides: Sides, drafts: list[Draft]) -> None:
         self._sides = sides
-        self._drafts = drafts
+        self._drafts = _without_rights_of_others(sorted(drafts, key=_either_way_round))
         self._found: dict[tuple[_Key, str | None], dict[str, int]] = {}
         self._of_enclave: dict[str, list[Draft]] = {}
-        for draft in drafts:
+        for draft in self._drafts:
             for path in draft.enclaves:
                 self._of_enclave.setdefault(path, []).append(draft)
-        self._rows = [draft for draft in drafts if draft.kind == "protection"]
-        self._everybody = [draft for draft in drafts if draft.everybody]
+        self._rows = _agreeing(draft for draft in self._drafts if draft.kind == "protection")
+        self._everybody = _agreeing(draft for draft in self._drafts if draft.everybody)
+        self._grants = _agreeing(draft for draft in self._drafts if draft.layer is Layer.GRANTS)
 
     def work_out(self) -> list[Draft]:
         """The changes with their consequences."""
-        self._fold_rights_of_others()
         for pair in self._sides.pairs:
             self._outsiders(pair)
             for path in self._sides.compared:
@@ -55,23 +56,6 @@ class Reach:
         own = self._folded()
         own += self._starts()
         return [*self._drafts, *own]
-
-    def _fold_rights_of_others(self) -> None:
-        """Rights that an enclave has or lost since its identity is another's, or gone, follow from that."""
-        for draft in [each for each in self._drafts if each.kind in ("right", "grant-validity")]:
-            for cause in self._drafts:
-                if cause.kind in (SUBJECT, FILE) and set(draft.enclaves) <= set(cause.enclaves):
-                    cause.effects.append(
-                        Effect(
-                            what=draft.what,
-                            direction=draft.direction,
-                            enclaves=draft.enclaves,
-                            channels=draft.channels,
-                            profiles=draft.profiles,
-                        )
-                    )
-                    self._drafts.remove(draft)
-                    break
 
     def _insider(self, pair: Pair, path: str) -> None:
         """What peers accept from an enclave, and what its keys let it do beyond that."""
@@ -128,30 +112,34 @@ class Reach:
         self, pair: Pair, layer: Layer, what: str, gained: bool, channels: int, path: str | None, operation: str | None
     ) -> None:
         """Give the channels to the changes that account for them, the nearest first."""
-        for draft, part in self._causes(path, channels):
+        for draft, part in self._causes(path, channels, gained=gained):
             if part & channels:
                 self._note(pair, _Key(draft, layer, what, gained, operation), path, part & channels)
                 channels &= ~part
         if channels:
             self._note(pair, _Key(None, layer, what, gained, operation), path, channels)
 
-    def _causes(self, path: str | None, channels: int) -> Iterator[tuple[Draft, int]]:
-        """Changes that may account for a difference of this enclave (None: of outsiders) on these channels."""
-        for draft in self._rows:
+    def _causes(self, path: str | None, channels: int, *, gained: bool) -> Iterator[tuple[Draft, int]]:
+        """Changes that may account for a difference of this enclave (None: of outsiders) on these channels.
+
+        Of several alike, those first that are gains where this is one.
+        """
+        for draft in self._rows[gained]:
             yield draft, draft.channels
-        rights = [each for each in self._of_enclave.get(path, ()) if each.layer is Layer.GRANTS] if path else []
+        own = self._of_enclave.get(path, ()) if path else ()
+        rights = _agreeing(each for each in own if each.layer is Layer.GRANTS)[gained]
         for draft in rights:
             yield draft, draft.channels
-        for draft in self._everybody:
+        everybody = self._everybody[gained]
+        for draft in everybody:
             if path is None or path in draft.enclaves:
                 yield draft, channels
-        for draft in self._everybody:
+        for draft in everybody:
             yield draft, channels
         for draft in rights:
             yield draft, self._in_domains_of(draft.channels)
-        for draft in self._drafts if path is None else ():
-            if draft.layer is Layer.GRANTS:
-                yield draft, self._in_domains_of(draft.channels) if draft.operation == "join" else draft.channels
+        for draft in self._grants[gained] if path is None else ():
+            yield draft, self._in_domains_of(draft.channels) if draft.operation == "join" else draft.channels
 
     def _in_domains_of(self, channels: int) -> int:
         found = 0
@@ -204,11 +192,12 @@ class Reach:
         found: dict[tuple[Draft | None, bool | None, tuple[str, ...]], dict[str, list[str]]] = {}
         for path in self._sides.compared:
             directories = [by_path[path].files.directory for by_path in self._sides.enclaves]
-            cause = next(iter([*self._of_enclave.get(path, ()), *self._rows]), None)
+            causes = _agreeing(draft for draft in self._of_enclave.get(path, ()))
             for profile in self._sides.profiles:
                 before, after = old[directories[0], profile.name], new[directories[1], profile.name]
                 if before.usable is not after.usable and None not in (before.usable, after.usable):
                     reasons = before.reasons if after.usable else after.reasons
+                    cause = next(iter(causes[bool(after.usable)]), None)
                     paths = found.setdefault((cause, after.usable, reasons), {})
                     paths.setdefault(path, []).append(profile.name)
         return list(self._start_drafts(found))
@@ -244,6 +233,43 @@ class Reach:
                             reasons=reasons,
                         )
                     )
+
+
+def _without_rights_of_others(drafts: list[Draft]) -> list[Draft]:
+    """Rights that an enclave has or lost since its identity is another's, or gone, follow from that."""
+    causes = [draft for draft in drafts if draft.kind in (SUBJECT, FILE)]
+    kept = []
+    for draft in drafts:
+        follows = draft.kind in ("right", "grant-validity")
+        cause = next((each for each in causes if set(draft.enclaves) <= set(each.enclaves)), None) if follows else None
+        if cause is None:
+            kept.append(draft)
+            continue
+        cause.effects.append(
+            Effect(
+                what=draft.what,
+                direction=draft.direction,
+                enclaves=draft.enclaves,
+                channels=draft.channels,
+                profiles=draft.profiles,
+            )
+        )
+    return kept
+
+
+def _either_way_round(draft: Draft) -> tuple[int, str, tuple[str, ...], str, str, int]:
+    """An order of changes that is the same for NEW and OLD as for OLD and NEW."""
+    kind = ADDED if draft.kind == REMOVED else draft.kind
+    aspects = " ".join(sorted(aspect.what for aspect in draft.aspects))
+    return _LAYERS.index(draft.layer), kind, draft.enclaves, draft.operation or "", aspects, draft.channels
+
+
+def _agreeing(drafts: Iterable[Draft]) -> tuple[list[Draft], list[Draft]]:
+    """In the order in which they account for a loss, and for a gain: those last that are the other way."""
+    several = list(drafts)
+    loss = sorted(several, key=lambda draft: (draft.direction is Direction.GAINED, draft.direction is Direction.INFO))
+    gain = sorted(several, key=lambda draft: (draft.direction is Direction.LOST, draft.direction is Direction.INFO))
+    return loss, gain
 
 
 def _with(gained: bool) -> str:

@@ -9,9 +9,10 @@ import re
 import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 from hypothesis import given, settings
@@ -84,46 +85,91 @@ def compare_stores(old: Store, new: Store) -> Comparison:
         return compared(old, new, Path(root), ("spec",))
 
 
+@cache
 def matches(expression: str, name: str) -> bool:
     return re.fullmatch("".join(".*" if letter == "*" else letter for letter in expression), name) is not None
 
 
-def covers(element: ET.Element | None, domain: int) -> bool:
+def covered(element: ET.Element | None) -> frozenset[int]:
+    """The domain ids that are looked at, of those that the element lists."""
     assert element is not None
-    return any(
-        int(each.text or "") == domain
-        if each.tag == "id"
-        else int(each.findtext("min") or "") <= domain <= int(each.findtext("max") or "")
-        for each in element
-    )
+    found: set[int] = set()
+    for each in element:
+        bounds = [each.text] * 2 if each.tag == "id" else [each.findtext("min"), each.findtext("max")]
+        low, high = (int(bound or "") for bound in bounds)
+        found.update(domain for domain in DOMAINS if low <= domain <= high)
+    return frozenset(found)
 
 
-def allows(document: ET.Element, operation: str, name: str, partition: str, domain: int) -> bool:
-    """First match, then the default; without a list of partitions allow rules are about the unnamed one alone."""
-    (only,) = document.iter("grant")
-    for each in only:
-        if each.tag not in ("allow_rule", "deny_rule") or not covers(each.find("domains"), domain):
-            continue
-        for listed in each.findall(operation):
-            named = any(matches(topic.text or "", name) for topic in listed.findall("topics/topic"))
-            partitions = [where.text or "" for where in listed.findall("partitions/partition")]
-            inside = any(matches(where, partition) for where in partitions)
-            if named and (inside or (not partitions and (each.tag == "deny_rule" or partition == ""))):
-                return each.tag == "allow_rule"
-    return only.findtext("default") == "ALLOW"
+class Part(NamedTuple):
+    """Topics and partitions that a rule is about, for one operation in some domains."""
+
+    allow: bool
+    operation: str
+    domains: frozenset[int]
+    topics: list[str]
+    partitions: list[str]
+
+    def decides(self, operation: str, name: str, partition: str, domain: int) -> bool:
+        """Without a list of partitions allow rules are about the unnamed one alone, deny rules about all."""
+        if operation != self.operation or domain not in self.domains:
+            return False
+        if not self.partitions and self.allow and partition:
+            return False
+        inside = not self.partitions or any(matches(each, partition) for each in self.partitions)
+        return inside and any(matches(each, name) for each in self.topics)
 
 
-def protected(document: ET.Element, name: str, domain: int) -> dict[str, str] | None:
-    """Every flag and kind that applies; None: no rule for the domain."""
-    for each in document.iter("domain_rule"):
-        if covers(each.find("domains"), domain):
-            found = {part.tag: part.text or "" for part in each if len(part) == 0}
-            for topic in each.iter("topic_rule"):
-                if matches(topic.findtext("topic_expression") or "", name):
-                    flags = {part.tag: part.text or "" for part in topic if part.tag != "topic_expression"}
-                    return found | flags
-            return found
-    return None
+class Permissions:
+    """The only grant of a document."""
+
+    def __init__(self, document: str) -> None:
+        (grant_element,) = ET.fromstring(document).iter("grant")
+        self._parts = [
+            Part(
+                rule_element.tag == "allow_rule",
+                listed.tag,
+                covered(rule_element.find("domains")),
+                [topic.text or "" for topic in listed.findall("topics/topic")],
+                [partition.text or "" for partition in listed.findall("partitions/partition")],
+            )
+            for rule_element in grant_element
+            for listed in rule_element
+            if listed.tag in OPERATIONS
+        ]
+        self._default = grant_element.findtext("default") == "ALLOW"
+
+    def allows(self, operation: str, name: str, partition: str, domain: int) -> bool:
+        """First match, then the default."""
+        deciding = (part.allow for part in self._parts if part.decides(operation, name, partition, domain))
+        return next(deciding, self._default)
+
+
+class Governance:
+    """Domain rules with their topic rules, as flags and kinds by name."""
+
+    def __init__(self, document: str) -> None:
+        self._rules = [
+            (
+                covered(each.find("domains")),
+                {part.tag: part.text or "" for part in each if len(part) == 0},
+                [
+                    (
+                        topic.findtext("topic_expression") or "",
+                        {part.tag: part.text or "" for part in topic if part.tag != "topic_expression"},
+                    )
+                    for topic in each.iter("topic_rule")
+                ],
+            )
+            for each in ET.fromstring(document).iter("domain_rule")
+        ]
+
+    def protected(self, name: str, domain: int) -> dict[str, str] | None:
+        """Every flag and kind that applies; None: no rule for the domain."""
+        for ids, flags, topics in self._rules:
+            if domain in ids:
+                return flags | next((row for expression, row in topics if matches(expression, name)), {})
+        return None
 
 
 def witnesses(change: Change) -> Iterator[tuple[str, str, int]]:
@@ -137,12 +183,12 @@ def witnesses(change: Change) -> Iterator[tuple[str, str, int]]:
 @settings(max_examples=120, deadline=None, derandomize=True)
 def test_rights_change_where_single_decisions_do(old: str, new: str) -> None:
     found = compare_stores(*(BASE.member("/a", permissions=document) for document in (old, new)))
-    before, after = ET.fromstring(old), ET.fromstring(new)
+    before, after = Permissions(old), Permissions(new)
     expected = {
         (operation, after_allows)
         for operation, name, partition, domain in product(OPERATIONS, NAMES, PARTITIONS, DOMAINS)
-        for after_allows in (allows(after, operation, name, partition, domain),)
-        if after_allows != allows(before, operation, name, partition, domain)
+        for after_allows in (after.allows(operation, name, partition, domain),)
+        if after_allows != before.allows(operation, name, partition, domain)
     }
     changes = [change for change in found.changes if change.operation in OPERATIONS]
     told = {(change.operation, change.direction is Direction.GAINED) for change in changes}
@@ -150,7 +196,7 @@ def test_rights_change_where_single_decisions_do(old: str, new: str) -> None:
     assert expected <= told
     for change in changes:
         for name, partition, domain in witnesses(change):
-            decisions = [allows(each, str(change.operation), name, partition, domain) for each in (before, after)]
+            decisions = [each.allows(str(change.operation), name, partition, domain) for each in (before, after)]
             assert decisions == [change.direction is Direction.LOST, change.direction is Direction.GAINED]
 
 
@@ -158,16 +204,16 @@ def test_rights_change_where_single_decisions_do(old: str, new: str) -> None:
 @settings(max_examples=80, deadline=None, derandomize=True)
 def test_protection_changes_where_single_rows_do(old: str, new: str) -> None:
     found = compare_stores(*(replace(BASE, governance=document) for document in (old, new)))
-    before, after = ET.fromstring(old), ET.fromstring(new)
+    before, after = Governance(old), Governance(new)
     changes = [change for change in found.changes if change.kind == "protection"]
     told = {aspect.what for change in changes for aspect in change.aspects}
     expected: set[str] = set()
     for name, domain in product(NAMES, DOMAINS):
-        expected |= differing(protected(before, name, domain), protected(after, name, domain))
+        expected |= differing(before.protected(name, domain), after.protected(name, domain))
     assert expected <= told
     for change in changes:
         for name, _partition, domain in witnesses(change):
-            rows = protected(before, name, domain), protected(after, name, domain)
+            rows = before.protected(name, domain), after.protected(name, domain)
             assert {aspect.what for aspect in change.aspects} <= differing(*rows)
 
 
@@ -175,5 +221,5 @@ def differing(one: dict[str, str] | None, other: dict[str, str] | None) -> set[s
     """The names of what differs; where one has no rule, that alone."""
     if one is None or other is None:
         return set() if one is other else {"domain_rule"}
-    found: set[Any] = {tag for tag in one if tag in other and one[tag] != other[tag]}
+    found = {tag for tag in one if tag in other and one[tag] != other[tag]}
     return found if len(one) == len(other) else {*found, "topic_rule"}
