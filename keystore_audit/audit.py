@@ -29,7 +29,15 @@ from keystore_audit.model.profiles import DEFAULT, Evidence, Profile, resolve, r
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineStatus
-from keystore_audit.report.content import EnclaveEntry, Report, Scope, SettingsFile, Verdict
+from keystore_audit.report.content import (
+    ASSUMPTIONS,
+    NOT_CHECKED,
+    EnclaveEntry,
+    Report,
+    Scope,
+    SettingsFile,
+    Verdict,
+)
 from keystore_audit.rules import BY_CODE, RULES
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import Judgement, judge
@@ -40,28 +48,6 @@ if TYPE_CHECKING:
     from keystore_audit.model.drift import Drift
     from keystore_audit.model.observed import Observation
     from keystore_audit.settings import Baseline, Settings
-
-ASSUMPTIONS = (
-    (
-        "ROS_SECURITY_ENABLE=true and ROS_SECURITY_STRATEGY=Enforce on every robot: with Permissive, an enclave "
-        "that fails to load starts unsecured."
-    ),
-    (
-        "Every participant announces its enclave's name in clear, and the handshake shows its whole permissions "
-        "document to anybody who listens (DDS-Security 1.1, 8.3 and 9.3.2)."
-    ),
-)
-"""What every verdict rests on; said first in every report."""
-
-NOT_CHECKED = (
-    (
-        "Signed documents that are kept elsewhere than in this directory, though peers take whatever valid document is "
-        "presented to them."
-    ),
-    "Flows that no settings ask about, and flows by timing, acknowledgements or matching.",
-)
-"""What this version does not look at."""
-
 
 DEFAULT_NOTICE = timedelta(days=30)
 """How long before it ends a validity is a finding."""
@@ -81,7 +67,8 @@ class Progress(Protocol):
 class Options:
     """What an audit is asked (interface contract: docs/reference.md).
 
-    `at` is aware UTC; `fail_on` None: never. `launch_arguments`: values of arguments of the launch files.
+    `at` is aware UTC; `fail_on` None: never. `launch_arguments`: values of arguments of the launch files. `overview`:
+    whether the report is to hold what pictures show.
     """
 
     at: datetime
@@ -108,6 +95,7 @@ class Options:
     graphs: tuple[Path, ...] = ()
     launches: tuple[Path, ...] = ()
     launch_arguments: Mapping[str, str] = field(default_factory=dict)
+    overview: bool = False
 
 
 def audit(
@@ -165,7 +153,13 @@ def audit(
     )
     judgement = judge(context, RULES, select=options.select, ignore=options.ignore)
     safe = horizon(keystore, native, profiles, options.at, accesses, usabilities, meaning.usability)
-    return _report(context, judgement, _while_accepted(safe, judgement, options.fail_on), options)
+    report = _report(context, judgement, _while_accepted(safe, judgement, options.fail_on), options)
+    if not options.overview:
+        return report
+    from keystore_audit.model.overview import overview  # half as much work again
+
+    seen = overview(keystore, profiles, options.at, accesses, options.domain, meaning.systems)
+    return replace(report, overview=seen)
 
 
 def _while_accepted(safe: Horizon, judgement: Judgement, fail_on: Severity | None) -> Horizon:

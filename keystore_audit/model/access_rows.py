@@ -22,7 +22,7 @@ from keystore_audit.model.names import (
     dds_channels,
     parse_dds_name,
 )
-from keystore_audit.model.permission import members
+from keystore_audit.model.permission import bits, members
 from keystore_audit.model.safeguard import Safeguard
 
 
@@ -59,6 +59,7 @@ class Row:
 
     `safeguards`: what protects its topics. `dds_only`: ROS 2 has no such name. `several`: it is about all names of a
     kind, save those that other rows are about; `excepted`: it is one of those. Only these may be without cells.
+    `names`: the places in the table that it is about, as a bit set.
     """
 
     sort: Sort
@@ -68,6 +69,7 @@ class Row:
     excepted: bool
     safeguards: frozenset[Safeguards]
     cells: Mapping[str, tuple[str, ...]]
+    names: int
 
 
 def decision_rows(table: AccessTable, group: Group) -> tuple[Row, ...]:
@@ -138,6 +140,7 @@ def _plain(table: AccessTable, group: Group, name: int, cells: Mapping[str, list
         excepted=name != table.rest,
         safeguards=frozenset({group.safeguards[name]}),
         cells={path: tuple(operation.value for operation in operations) for path, operations in cells.items()},
+        names=1 << name,
     )
 
 
@@ -188,6 +191,7 @@ def _folded(
             excepted=True,
             safeguards=frozenset(group.safeguards[name] for name in by_name),
             cells={path: whole for path, whole in words.items() if whole},
+            names=bits(by_name),
         )
     for name, cells in by_name.items():
         left = {
@@ -229,9 +233,12 @@ def _joined(rows: Iterable[Row]) -> Iterable[Row]:
     for bundle in bundles.values():
         first = bundle[0][0]
         if first.sort is Sort.AMBIENT:
-            yield replace(first, label=", ".join(sorted(text for _row, text in bundle)))
+            together = ", ".join(sorted(text for _row, text in bundle))
+            yield replace(first, label=together, names=_union(row for row, _text in bundle))
         elif len(bundle) == len(PARAMETER_SERVICES):
-            parameters.append(replace(first, sort=Sort.PARAMETERS, label=f"{bundle[0][1]} (parameters)"))
+            node = f"{bundle[0][1]} (parameters)"
+            whole = _union(row for row, _node in bundle)
+            parameters.append(replace(first, sort=Sort.PARAMETERS, label=node, names=whole))
         else:
             yield from (row for row, _node in bundle)
     yield from _own_parameters(parameters)
@@ -239,13 +246,13 @@ def _joined(rows: Iterable[Row]) -> Iterable[Row]:
 
 def _own_parameters(rows: Iterable[Row]) -> Iterable[Row]:
     """Those that one enclave answers and no other asks, as one row for all enclaves."""
-    own: dict[frozenset[Safeguards], dict[str, tuple[str, ...]]] = {}
+    own: dict[frozenset[Safeguards], list[Row]] = {}
     for row in rows:
         if len(row.cells) == 1 and "reply" in next(iter(row.cells.values())):
-            own.setdefault(row.safeguards, {}).update(row.cells)
+            own.setdefault(row.safeguards, []).append(row)
         else:
             yield row
-    for protected, cells in own.items():
+    for protected, each in own.items():
         yield Row(
             sort=Sort.PARAMETERS,
             label=OWN_PARAMETERS,
@@ -253,8 +260,17 @@ def _own_parameters(rows: Iterable[Row]) -> Iterable[Row]:
             several=False,
             excepted=False,
             safeguards=protected,
-            cells=cells,
+            cells={path: words for row in each for path, words in row.cells.items()},
+            names=_union(each),
         )
+
+
+def _union(rows: Iterable[Row]) -> int:
+    """The names that any of the rows is about."""
+    names = 0
+    for row in rows:
+        names |= row.names
+    return names
 
 
 def folded_by_owner(rows: Iterable[Row]) -> tuple[Row, ...]:
@@ -273,7 +289,9 @@ def folded_by_owner(rows: Iterable[Row]) -> tuple[Row, ...]:
             kept.append(row)
     for bundle in private.values():
         cells = {path: words for row, _own in bundle for path, words in row.cells.items()}
-        kept.append(replace(bundle[0][0], label=bundle[0][1], cells=cells, excepted=any(r.excepted for r, _ in bundle)))
+        excepted = any(row.excepted for row, _own in bundle)
+        names = _union(row for row, _own in bundle)
+        kept.append(replace(bundle[0][0], label=bundle[0][1], cells=cells, excepted=excepted, names=names))
     return tuple(sorted(kept, key=_place))
 
 

@@ -13,9 +13,7 @@ from datetime import datetime
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews, ReadDocument
-from keystore_audit.model.channels import Channels
 from keystore_audit.model.decision import LocalRights
-from keystore_audit.model.domains import contains
 from keystore_audit.model.effective import EffectiveRights
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.inventory import documents_of
@@ -23,10 +21,11 @@ from keystore_audit.model.named import Named, names_of
 from keystore_audit.model.permission import bits, members
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.question import Ruling
-from keystore_audit.model.safeguard import Safeguard, safeguards
-from keystore_audit.model.system import Reading, System
+from keystore_audit.model.safeguard import Safeguard
+from keystore_audit.model.system import Reading
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.usability import Usabilities
+from keystore_audit.model.window import Window
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -176,7 +175,7 @@ class _Table:
             for profile in profiles
         }
         self._several = bits(number for number, name in enumerate(names) if name.several)
-        self._window = _Window(builder.channels, domain, len(names))
+        self._window = Window(builder.channels, domain, len(names))
         self._systems = {
             name: system for system in systems if system.reading is Reading.MAY for name in system.profiles
         }
@@ -226,26 +225,3 @@ class _Table:
         any_name = replace(profile, local=replace(profile.local, topic_names=None))
         by_rules = self._window.of(self._local.allowed(enclave, any_name, operation))
         return allowed & ~self._several | by_rules & self._several
-
-
-class _Window:
-    """The channels of one domain, name by name."""
-
-    def __init__(self, channels: Channels, domain: int, names: int) -> None:
-        self._start = channels.of_point(domain, 0)
-        self._governed = channels.of_point(domain, names - 1) - self._start == names - 1
-        self._domain = next(n for n, atom in enumerate(channels.domains) if contains(atom.intervals, domain))
-        self._names = names
-        self.all = (1 << names) - 1
-
-    def of(self, channels: int) -> int:
-        """The names among the channels; an ungoverned domain has one channel for all names."""
-        if self._governed:
-            return channels >> self._start & self.all
-        return self.all if channels >> self._start & 1 else 0
-
-    def safeguards(self, system: System) -> tuple[tuple[Safeguard, ...], ...]:
-        """What protects each name."""
-        if self._governed:
-            return safeguards(system, range(self._start, self._start + self._names), self._domain)
-        return safeguards(system, range(self._start, self._start + 1), self._domain) * self._names

@@ -6,10 +6,35 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from enum import Enum
+from typing import TYPE_CHECKING, Final
 
 from keystore_audit.findings import Finding, Outcome, Severity
 from keystore_audit.model.meaning import Usability
 from keystore_audit.properties.result import EngineRun, PropertyResult
+
+if TYPE_CHECKING:  # most reports draw nothing
+    from keystore_audit.model.overview import Overview
+
+ASSUMPTIONS: Final = (
+    (
+        "ROS_SECURITY_ENABLE=true and ROS_SECURITY_STRATEGY=Enforce on every robot: with Permissive, an enclave "
+        "that fails to load starts unsecured."
+    ),
+    (
+        "Every participant announces its enclave's name in clear, and the handshake shows its whole permissions "
+        "document to anybody who listens (DDS-Security 1.1, 8.3 and 9.3.2)."
+    ),
+)
+"""What every verdict rests on; said first in every report."""
+
+NOT_CHECKED: Final = (
+    (
+        "Signed documents that are kept elsewhere than in this directory, though peers take whatever valid document is "
+        "presented to them."
+    ),
+    "Flows that no settings ask about, and flows by timing, acknowledgements or matching.",
+)
+"""What this version does not look at."""
 
 
 class Verdict(str, Enum):
@@ -102,6 +127,8 @@ class Report:
     baseline: SettingsFile | None = None
     files: tuple[tuple[str, str], ...] = ()
     """Path (relative to the keystore) and SHA-256, in hexadecimal, of every file that was read, by path."""
+    overview: Overview | None = None
+    """What pictures show; None where the audit was not asked for it."""
 
     @property
     def summary(self) -> dict[Severity, int]:

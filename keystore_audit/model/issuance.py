@@ -1,0 +1,107 @@
+"""Who vouches for whom: the certificates of a keystore, what each issued and which documents each signed.
+
+Names and signatures alone count here, as in `CertificateAtom.issuers`; whether a run time accepts a chain at an instant
+is `model.trust`'s and the properties' question.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+from keystore_audit.findings import Location
+from keystore_audit.keystore.certificate import Certificate
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.model.inventory import certificates_of, documents_of
+from keystore_audit.model.system import System
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IssuedCertificate:
+    """A certificate and what hangs on it. Names are raw text, dates aware UTC.
+
+    `key_kind` as in `Certificate`. `identity_of`: enclaves whose identity it is; `identity_ca_of`, `permissions_ca_of`:
+    how many enclaves trust it as that. `issued`: places among all certificates; `is_root`: no other one issued it.
+    `signed`: documents (paths) whose signature it made. `revoked`: some enclave's revocation list takes it back.
+    """
+
+    subject: str
+    location: Location
+    key_kind: str
+    signature_algorithm: str
+    not_before: datetime
+    not_after: datetime
+    identity_of: tuple[str, ...]
+    identity_ca_of: int
+    permissions_ca_of: int
+    issued: tuple[int, ...]
+    signed: tuple[str, ...]
+    is_root: bool
+    revoked: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Issuance:
+    """`certificates` by place. `unsigned`: documents (paths) whose signature none of them made."""
+
+    certificates: tuple[IssuedCertificate, ...]
+    unsigned: tuple[str, ...]
+
+
+def issuance(keystore: Keystore, system: System) -> Issuance:
+    """Of the keystore whose `system` this is (its certificates are all systems')."""
+    certificates = certificates_of(keystore, documents_of(keystore))
+    issued: list[list[int]] = [[] for _ in certificates]
+    roots = [True] * len(certificates)
+    for number, atom in enumerate(system.certificates):
+        for issuer in atom.issuers - {number}:
+            issued[issuer].append(number)
+            roots[number] = False
+    signed: list[list[str]] = [[] for _ in certificates]
+    for document in system.documents:
+        for signer in document.signers:
+            signed[signer].append(document.location.path)
+    revoked = {certificate for realm in system.realms for certificate in realm.revoked}
+    roles = _Roles(keystore)
+    return Issuance(
+        certificates=tuple(
+            IssuedCertificate(
+                subject=certificate.subject,
+                location=Location(path=certificate.path, line=certificate.line),
+                key_kind=certificate.key_kind,
+                signature_algorithm=certificate.signature_algorithm,
+                not_before=certificate.not_before,
+                not_after=certificate.not_after,
+                identity_of=tuple(roles.identities.get(certificate.sha256, ())),
+                identity_ca_of=roles.identity_cas.get(certificate.sha256, 0),
+                permissions_ca_of=roles.permissions_cas.get(certificate.sha256, 0),
+                issued=tuple(sorted(issued[number], key=lambda n: (certificates[n].subject, n))),
+                signed=tuple(sorted(signed[number])),
+                is_root=roots[number],
+                revoked=number in revoked,
+            )
+            for number, certificate in enumerate(certificates)
+        ),
+        unsigned=tuple(document.location.path for document in system.documents if not document.signers),
+    )
+
+
+class _Roles:
+    """What the certificates of a keystore are for, by the SHA-256 of each."""
+
+    def __init__(self, keystore: Keystore) -> None:
+        self.identities: dict[str, list[str]] = {}
+        self.identity_cas: dict[str, int] = {}
+        self.permissions_cas: dict[str, int] = {}
+        for enclave in keystore.enclaves:
+            first = enclave.certificate.first if enclave.certificate else None
+            if first is not None:
+                self.identities.setdefault(first.sha256, []).append(enclave.path)
+            _count(self.identity_cas, enclave.identity_ca.certificates if enclave.identity_ca else ())
+            _count(self.permissions_cas, enclave.permissions_ca.certificates if enclave.permissions_ca else ())
+
+
+def _count(counts: dict[str, int], certificates: Sequence[Certificate]) -> None:
+    for sha256 in {certificate.sha256 for certificate in certificates}:
+        counts[sha256] = counts.get(sha256, 0) + 1

@@ -1,0 +1,96 @@
+"""What the pictures of a report show, beside its findings: who may do what, flows, certificates and dates.
+
+No verdict rests on it, so it is worked out only where a report draws it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Final
+
+from keystore_audit.errors import BudgetExceeded
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.model.access_lines import Allowance, allowances
+from keystore_audit.model.access_table import AccessTable, access_table
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.claims import AMBIENT
+from keystore_audit.model.decision import LocalRights
+from keystore_audit.model.issuance import Issuance, issuance
+from keystore_audit.model.neighbours import Neighbourhood, neighbourhoods
+from keystore_audit.model.periods import Period, periods
+from keystore_audit.model.permission import bits
+from keystore_audit.model.profiles import Profile
+from keystore_audit.model.system import System
+from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.model.window import Window
+
+MAX_NEIGHBOURHOODS: Final = 400
+"""Enclaves whose neighbours are looked for: each is held against each, and nobody looks at more pictures."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Overview:
+    """`access`: in one domain; None where that could not be worked out, and `refused` says why (a sentence).
+
+    `allowances`: by enclave path, under the profiles of the table's last group, as `neighbourhoods` are, of which there
+    are at most MAX_NEIGHBOURHOODS. `ambient`: names (bit set) that those leave out.
+    """
+
+    access: AccessTable | None
+    refused: str
+    allowances: Mapping[str, tuple[Allowance, ...]]
+    neighbourhoods: tuple[Neighbourhood, ...]
+    ambient: int
+    issuance: Issuance
+    periods: tuple[Period, ...]
+
+
+def overview(
+    keystore: Keystore,
+    profiles: Sequence[Profile],
+    at: datetime,
+    accesses: AccessViews,
+    domain: int | None,
+    systems: Sequence[System],
+) -> Overview:
+    """Of a keystore at `at` (aware UTC), as the profiles read it.
+
+    `domain`: that of the table, None: the lowest that some governance covers. `systems`: the keystore's; where there
+    are none, nothing could be worked out.
+    """
+    if not systems:
+        return _nothing("The classes of names are too many.")
+    issued = issuance(keystore, systems[0])
+    dates = periods(keystore, systems[0], issued)
+    try:
+        table = access_table(keystore, profiles, at, accesses, domain)
+    except BudgetExceeded as exceeded:
+        return _nothing(exceeded.message, issued, dates)
+    shown = next(profile for profile in profiles if profile.name == table.groups[-1].profiles[0])
+    points = [(name.topic, name.partition) for name in table.names]
+    builder = SystemBuilder(keystore, [shown], at, accesses, points)
+    window = Window(builder.channels, table.domain, len(points))
+    ambient = bits(number for number, name in enumerate(table.names) if name.topic in AMBIENT and not name.several)
+    return Overview(
+        access=table,
+        refused="",
+        allowances=allowances(keystore.enclaves, shown, LocalRights(accesses, builder.channels, at), window),
+        neighbourhoods=neighbourhoods(builder.systems()[0], window, ambient, MAX_NEIGHBOURHOODS),
+        ambient=ambient,
+        issuance=issued,
+        periods=dates,
+    )
+
+
+def _nothing(why: str, issued: Issuance | None = None, dates: tuple[Period, ...] = ()) -> Overview:
+    return Overview(
+        access=None,
+        refused=why,
+        allowances={},
+        neighbourhoods=(),
+        ambient=0,
+        issuance=issued or Issuance(certificates=(), unsigned=()),
+        periods=dates,
+    )
