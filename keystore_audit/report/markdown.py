@@ -18,6 +18,17 @@ MAX_LENGTH: Final = 60_000
 MAX_OPEN: Final = 10
 """Findings that are shown without unfolding."""
 
+MAX_PROPERTIES: Final = 30
+MAX_WEAKENED: Final = 20
+MAX_KEYSTORES: Final = 100
+MAX_TOLD: Final = 10
+"""Properties, reasons, keystores in a list and keystores told in full: so many, and the rest is counted."""
+
+MAX_NAME: Final = 120
+"""Characters of a name or a reason in the head."""
+
+_WORST: Final = (Verdict.INCOMPLETE, Verdict.FAIL, Verdict.PASS)
+
 _VERDICTS: Final = {
     Verdict.PASS: "PASS",
     Verdict.FAIL: "FAIL",
@@ -26,50 +37,84 @@ _VERDICTS: Final = {
 
 
 def render(reports: Sequence[Report], min_severity: Severity) -> str:
-    """Return the reports one after the other; findings below `min_severity` are counted and not shown."""
+    """Return the reports one after the other; findings below `min_severity` are counted and not shown.
+
+    Of more reports than a comment holds all are listed and the worst are told, as many as fit.
+    """
     budget = MAX_LENGTH // max(len(reports), 1)
-    return "\n".join(_report(report, min_severity, budget) for report in reports)
+    told = [_report(report, min_severity, budget) for report in reports]
+    if sum(map(len, told)) + len(told) <= MAX_LENGTH:
+        return "\n".join(told)
+    return _worst(reports, min_severity)
+
+
+def _worst(reports: Sequence[Report], least: Severity) -> str:
+    """A list of all reports, and those that fit, the worst first."""
+    worst_first = sorted(reports, key=lambda report: (_WORST.index(report.verdict), report.keystore))
+    lines = [f"## keystore-audit: {len(reports)} keystores", "", "| keystore | verdict | findings |", "|---|---|---|"]
+    for report in worst_first[:MAX_KEYSTORES]:
+        where = markdown(shorten(report.keystore, MAX_NAME))
+        lines.append(f"| {where} | {report.verdict.value} | {_counts(report)} |")
+    if len(reports) > MAX_KEYSTORES:
+        lines += ["", f"{len(reports) - MAX_KEYSTORES} more keystores are in the full report."]
+    text = "\n".join([*lines, ""])
+    for number, report in enumerate(worst_first):
+        told = _report(report, least, MAX_LENGTH // MAX_TOLD)
+        if number == MAX_TOLD or len(text) + len(told) > MAX_LENGTH:
+            return f"{text}\n{len(reports) - number} keystores are told in the full report alone.\n"
+        text += f"\n{told}"
+    return text
 
 
 def _report(report: Report, least: Severity, budget: int) -> str:
-    head = [*_head(report)]
-    body: list[str] = []
+    head, rest = [*_head(report)], [*_rest(report, budget // 4)]
     shown = [finding for finding in report.findings if finding.severity.at_least(least) and finding.suppressed is None]
-    used = sum(map(len, head))
-    told = 0
-    for number, finding in enumerate(shown):
-        if number == MAX_OPEN:
-            body += ["<details><summary>More findings</summary>", ""]
-        item = [*_finding(finding)]
-        used += sum(map(len, item)) + len(item)
-        if used > budget:
+    left = budget - sum(len(line) + 1 for line in (*head, *rest))
+    items: list[str] = []
+    for finding in shown:
+        item = "\n".join(_finding(finding))
+        left -= len(item) + 1
+        if left < 0:
             break
-        body += item
-        told += 1
-    if told > MAX_OPEN:
-        body += ["</details>", ""]
+        items.append(item)
+    if len(items) > MAX_OPEN:
+        items.insert(MAX_OPEN, "<details><summary>More findings</summary>\n")
+        items.append("</details>\n")
+        told = len(items) - 2
+    else:
+        told = len(items)
     if told < len(shown):
-        body += [f"{len(shown) - told} more findings are in the full report.", ""]
-    return "\n".join([*head, *body, *_rest(report)]) + "\n"
+        items.append(f"{len(shown) - told} more findings are in the full report.\n")
+    return "\n".join([*head, *items, *rest]) + "\n"
 
 
 def _head(report: Report) -> Iterator[str]:
     yield f"## keystore-audit: {_VERDICTS[report.verdict]}"
     yield ""
-    counts = ", ".join(f"{count} {severity.value}" for severity, count in report.summary.items() if count)
-    yield f"{markdown(report.keystore)} at {instant(report.at)}: {counts or 'no findings'}."
+    yield f"{markdown(shorten(report.keystore, MAX_NAME))} at {instant(report.at)}: {_counts(report)}."
     if report.weakened:
-        yield f"**This gate was weakened:** {markdown(', '.join(report.weakened))}."
+        weakened = ", ".join(shorten(reason, MAX_NAME) for reason in report.weakened[:MAX_WEAKENED])
+        more = f" and {len(report.weakened) - MAX_WEAKENED} more" if len(report.weakened) > MAX_WEAKENED else ""
+        yield f"**This gate was weakened:** {markdown(weakened)}{more}."
     for run in report.engines:
         if run.status not in (EngineStatus.OK, EngineStatus.NOT_RUN):
-            yield f"**Engine {markdown(run.name)}:** {run.status.value}. {markdown(run.reason)}"
+            yield f"**Engine {markdown(run.name)}:** {run.status.value}. {markdown(shorten(run.reason, MAX_NAME))}"
     yield ""
     if failed := [result for result in report.properties if result.status is not Status.HOLDS]:
         yield "| property | status |"
         yield "|---|---|"
-        for result in failed:
-            yield f"| {markdown(result.prop.statement)} | {result.status.value} |"
+        for result in failed[:MAX_PROPERTIES]:
+            yield f"| {markdown(shorten(result.prop.statement, MAX_NAME))} | {result.status.value} |"
         yield ""
+        if len(failed) > MAX_PROPERTIES:
+            yield f"{len(failed) - MAX_PROPERTIES} more properties do not hold."
+            yield ""
+
+
+def _counts(report: Report) -> str:
+    counts = [f"{count} {severity.value}" for severity, count in report.summary.items() if count]
+    accepted = sum(finding.suppressed is not None for finding in report.findings)
+    return ", ".join([*(counts or ["no findings"]), *([f"{accepted} accepted"] if accepted else [])])
 
 
 def _finding(finding: Finding) -> Iterator[str]:
@@ -86,26 +131,34 @@ def _places(locations: Sequence[Location]) -> str:
     return ", ".join(named) + more
 
 
-def _rest(report: Report) -> Iterator[str]:
-    """What was accepted, and what the verdict rests on."""
+def _rest(report: Report, budget: int) -> Iterator[str]:
+    """What was accepted, in so many characters, and what the verdict rests on."""
     yield "<details><summary>What this rests on</summary>"
     yield ""
     until = "never" if report.safe_until is None else instant(report.safe_until)
     yield f"- Safe until: {until}. {markdown(report.safe_until_why)}".rstrip()
     yield from _items("Assumed", report.assumptions)
     yield from _items("Not checked", report.scope.not_checked)
-    for finding in report.findings:
-        if finding.suppressed is not None:
-            reason = shorten(finding.suppressed.reason, 200)
-            yield (
-                f"- Accepted until {markdown(finding.suppressed.until)} by {markdown(finding.suppressed.owner)}: "
-                f"{finding.code} {markdown(shorten(finding.message, 200))} ({markdown(reason)})"
-            )
+    yield from _accepted([finding for finding in report.findings if finding.suppressed is not None], budget)
     answered = [run for run in report.engines if run.status is EngineStatus.OK]
     yield "- Engines: " + markdown(", ".join(f"{run.name} {run.version or ''}".rstrip() for run in answered))
     yield f"- Keystore: SHA-256 {report.digest}; keystore-audit {markdown(report.version)}"
     yield ""
     yield "</details>"
+
+
+def _accepted(findings: Sequence[Finding], budget: int) -> Iterator[str]:
+    for number, finding in enumerate(findings):
+        if (accepted := finding.suppressed) is not None:
+            line = (
+                f"- Accepted until {markdown(accepted.until)} by {markdown(shorten(accepted.owner, MAX_NAME))}: "
+                f"{finding.code} {markdown(shorten(finding.message, 200))} ({markdown(shorten(accepted.reason, 200))})"
+            )
+            budget -= len(line) + 1
+            if budget < 0:
+                yield f"- {len(findings) - number} more accepted findings are in the full report."
+                return
+            yield line
 
 
 def _items(label: str, sentences: Iterable[str]) -> Iterator[str]:

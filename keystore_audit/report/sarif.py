@@ -1,12 +1,14 @@
 """The report as SARIF 2.1.0 (OASIS, errata 01), as code scanning services take it.
 
 One run for each keystore. Pure ASCII, and the same bytes for the same value. What the services limit (results, places,
-lengths) is cut from the end, since findings come worst first, and the cut is said in the run's notifications.
+steps, bytes) is cut from the end, since findings come worst first, and the cut is said in the run's notifications.
 """
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
 from typing import Any, Final
 from urllib.parse import quote
 
@@ -23,8 +25,14 @@ KEYSTORE_BASE: Final = "KEYSTORE"
 
 MAX_RESULTS: Final = 25_000
 MAX_LOCATIONS: Final = 1_000
+MAX_STEPS: Final = 1_000
+MAX_RUNS: Final = 20
+MAX_COMPRESSED: Final = 10_000_000
 MAX_MESSAGE: Final = 1_000
-"""Limits of GitHub code scanning ("SARIF support for code scanning", validating your SARIF file)."""
+"""Limits of GitHub code scanning ("SARIF results exceed limits"), the last but one in bytes of the file after gzip."""
+
+_REST: Final = 200_000
+"""Compressed bytes that one run takes beside its results, at most, and that the packer may hold back."""
 
 _LEVELS: Final = {
     Severity.CRITICAL: "error",
@@ -45,16 +53,21 @@ _SECURITY_SEVERITY: Final = {
 
 def render(reports: Sequence[Report], rules: Sequence[RuleEntry]) -> str:
     """Return the log of all reports; `rules`: every registered rule, so that each result finds its own."""
-    runs = ",\n    ".join(_run(report, rules) for report in reports)
+    runs = ",\n    ".join(_run(report, rules, len(reports)) for report in reports)
     return f'{{\n  "$schema": {encoded(SCHEMA)},\n  "version": "2.1.0",\n  "runs": [\n    {runs}\n  ]\n}}\n'
 
 
-def _run(report: Report, rules: Sequence[RuleEntry]) -> str:
-    """One run, a line for each rule and result."""
+def _run(report: Report, rules: Sequence[RuleEntry], runs: int) -> str:
+    """One run of so many, a line for each rule and result."""
     index = {rule.code: number for number, rule in enumerate(rules)}
     paths = {result.prop.id: _violated(result) for result in report.properties}
-    shown = report.findings[:MAX_RESULTS]
     base = _Base(report.keystore)
+    results = [
+        encoded(_result(finding, index[finding.code], base, paths.get(finding.name, ())))
+        for finding in report.findings[:MAX_RESULTS]
+    ]
+    if runs <= MAX_RUNS:  # of more, services take nothing
+        results = results[: _fitting(results, MAX_COMPRESSED // runs - _REST)]
     driver = {
         "name": "keystore-audit",
         "semanticVersion": report.version,
@@ -64,7 +77,7 @@ def _run(report: Report, rules: Sequence[RuleEntry]) -> str:
     head = {
         "automationDetails": {"id": f"keystore-audit/{_uri(report.keystore)}/"},
         "columnKind": "utf16CodeUnits",
-        "invocations": [_invocation(report, cut=len(report.findings) - len(shown))],
+        "invocations": [_invocation(report, [*_left_out(report, len(results), runs)])],
         **base.declared(),
         "properties": {
             "verdict": report.verdict.value,
@@ -74,12 +87,39 @@ def _run(report: Report, rules: Sequence[RuleEntry]) -> str:
             "notChecked": list(report.scope.not_checked),
         },
     }
-    described = ",\n      ".join(encoded(_rule(rule)) for rule in rules)
-    results = ",\n      ".join(
-        encoded(_result(finding, index[finding.code], base, paths.get(finding.name, ()))) for finding in shown
-    )
-    tool = encoded(driver)[:-1] + f', "rules": [\n      {described}\n    ]}}'
-    return f'{{"tool": {{"driver": {tool}}}, {encoded(head)[1:-1]}, "results": [\n      {results}\n    ]}}'
+    tool = encoded(driver)[:-1] + f', "rules": [\n      {_described(tuple(rules))}\n    ]}}'
+    listed = ",\n      ".join(results)
+    return f'{{"tool": {{"driver": {tool}}}, {encoded(head)[1:-1]}, "results": [\n      {listed}\n    ]}}'
+
+
+@lru_cache(maxsize=1)
+def _described(rules: tuple[RuleEntry, ...]) -> str:
+    """The rules, the same in every run."""
+    return ",\n      ".join(encoded(_rule(rule)) for rule in rules)
+
+
+def _fitting(results: Sequence[str], room: int) -> int:
+    """How many of the results, from the first, take no more than so many bytes once they are compressed."""
+    if sum(map(len, results)) <= room:
+        return len(results)
+    packer = zlib.compressobj(1)  # the least that gzip does: services may pack it better
+    used = 0
+    for number, result in enumerate(results):
+        used += len(packer.compress(result.encode("ascii")))
+        if used > room:
+            return number
+    return len(results)
+
+
+def _left_out(report: Report, shown: int, runs: int) -> Iterable[str]:
+    """What is not in this log, or may not be taken from it, in sentences."""
+    if shown < len(report.findings):
+        yield f"{len(report.findings) - shown} more findings are left out; the text and JSON reports have all."
+    longest = max((len(path.steps) for result in report.properties for path in _violated(result)), default=0)
+    if longest > MAX_STEPS:
+        yield f"Of the ways in which properties are violated, the first {MAX_STEPS} steps are told."
+    if runs > MAX_RUNS:
+        yield f"This log has {runs} runs, and code scanning services take {MAX_RUNS}: audit fewer keystores at once."
 
 
 class _Base:
@@ -114,7 +154,7 @@ def _quoted(path: str) -> str:
     return quote(path.encode("utf-8", "backslashreplace"), safe="/%+,=@~")
 
 
-def _invocation(report: Report, *, cut: int) -> dict[str, Any]:
+def _invocation(report: Report, left_out: Iterable[str]) -> dict[str, Any]:
     """How the audit went. An incomplete one was not successful, whatever it found."""
     notes = [
         _notification(
@@ -127,8 +167,7 @@ def _invocation(report: Report, *, cut: int) -> dict[str, Any]:
         notes.append(_notification("error", "The audit is incomplete: something could not be decided."))
     if report.weakened:
         notes.append(_notification("warning", f"This gate was weakened: {', '.join(report.weakened)}."))
-    if cut:
-        notes.append(_notification("warning", f"{cut} more findings are left out; the text and JSON reports have all."))
+    notes += [_notification("warning", sentence) for sentence in left_out]
     return {
         "executionSuccessful": report.verdict is not Verdict.INCOMPLETE,
         "exitCode": report.exit_code,
@@ -231,7 +270,7 @@ def _code_flow(counterexample: Counterexample, base: _Base) -> Mapping[str, Any]
                 "message": {"text": f"{step.enclave or 'anybody'}: {step.channel or step.witness}"},
             }
         }
-        for step in counterexample.steps
+        for step in counterexample.steps[:MAX_STEPS]
         if step.path is not None
     )
     return {
