@@ -95,6 +95,16 @@ def signs_for_itself(system: System, realm: int, enclave: EnclaveAtom) -> Certif
     return identity if vouched and identity.fit_to_sign else None
 
 
+def holds_authority_key(system: System, realm: int, enclave: EnclaveAtom) -> bool:
+    """Whether the key of an enclave's identity is that of a permissions CA of a realm."""
+    if enclave.identity is None:
+        return False
+    certificates = system.certificates
+    return certificates[enclave.identity].key in {
+        certificates[each].key for each in system.realms[realm].permissions_ca
+    }
+
+
 def in_force(system: System, dated: CertificateAtom | GrantAtom) -> bool:
     """Whether the audit instant lies within the validity of a certificate or grant."""
     return dated.not_before <= system.now <= dated.not_after

@@ -8,11 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from keystore_audit.engine import causes
 from keystore_audit.engine import counterexample_identities as identities
 from keystore_audit.engine.causes import Operation
 from keystore_audit.engine.counterexample_case import Case
-from keystore_audit.findings import Location
+from keystore_audit.engine.counterexample_rights import beyond_grants
 from keystore_audit.model.system import System
 from keystore_audit.properties import access_control, encryption, flow
 from keystore_audit.properties.counterexample import Counterexample, Step
@@ -103,55 +102,20 @@ def _switched_off(case: Case) -> tuple[str, tuple[Step, ...]]:
 
 
 def _insider_writes(case: Case) -> Counterexample:
-    rule = case.topic_rule
-    if rule is not None and not case.is_open and not rule.enable_write_access_control:
-        why, steps = "enable_write_access_control is false", _steps(case, rule.location)
-    else:
-        why, steps = _conceded(case, "publish") or _by_keys(case)
+    way = beyond_grants(case, "publish")
     return Counterexample(
         text=f"{case.enclave.label} can get its samples taken on {case.topic} without a grant of the permissions CA: "
-        f"{why}.",
-        steps=steps,
+        f"{way.why}.",
+        steps=way.steps,
     )
 
 
 def _insider_reads(case: Case) -> Counterexample:
-    rule = case.topic_rule
-    if rule is not None and not case.is_open and not rule.enable_read_access_control:
-        why, steps = "enable_read_access_control is false", _steps(case, rule.location)
-    else:
-        why, steps = _conceded(case, "subscribe") or _by_keys(case)
+    way = beyond_grants(case, "subscribe")
     return Counterexample(
-        text=f"{case.enclave.label} can read {case.topic} without a grant of the permissions CA: {why}.", steps=steps
+        text=f"{case.enclave.label} can read {case.topic} without a grant of the permissions CA: {way.why}.",
+        steps=way.steps,
     )
-
-
-def _conceded(case: Case, operation: Operation) -> tuple[str, tuple[Step, ...]] | None:
-    """Say why peers concede a right that the permissions CA did not give, if they do."""
-    system, enclave = case.system, case.enclave
-    if case.is_open:
-        return case.kinds(), case.governance_steps()
-    if enclave.opaque:
-        return "its identity could not be read, so it may be anybody", (identities.identity_step(system, enclave),)
-    if causes.signs_for_itself(system, case.realm, enclave):
-        return "it can sign itself permissions that its peers accept", (identities.identity_step(system, enclave),)
-    for right in causes.rights(system, case.witness[Role.ENCLAVE], operation, case.witness[Role.CHANNEL]):
-        if not right.document.opaque and not causes.signed_by_ca(system, case.realm, right.document):
-            why = f"{right.document.label} grants it, which the permissions CA did not sign and peers accept"
-            return why, _steps(case, right.location)
-    if document := causes.opaque_document(system):
-        return f"{document.label} could not be read, so it may grant anything", _steps(case, document.location)
-    return None
-
-
-def _steps(case: Case, location: Location) -> tuple[Step, ...]:
-    """Return the one step that an enclave takes on a channel because of a line."""
-    return (case.step(location, case.enclave.label),)
-
-
-def _by_keys(case: Case) -> tuple[str, tuple[Step, ...]]:
-    """Say that an enclave uses keys that it holds as a participant, reader or relay."""
-    return f"with the keys that it holds, since {case.kinds()}", case.governance_steps()
 
 
 def _reader_forges(case: Case) -> Counterexample:

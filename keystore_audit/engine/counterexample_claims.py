@@ -9,8 +9,10 @@ from typing import Final
 from keystore_audit.engine import causes
 from keystore_audit.engine.causes import Operation
 from keystore_audit.engine.counterexample_case import Case, step_at
+from keystore_audit.engine.counterexample_rights import Way, way
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind
+from keystore_audit.model.claim import Place as ClaimPlace
 from keystore_audit.model.permission import Permissions, members
 from keystore_audit.model.system import System
 from keystore_audit.properties.counterexample import Counterexample, Step
@@ -20,7 +22,7 @@ MAX_FORGERS: Final = 5
 """Enclaves named that could forge; the rest are counted."""
 
 _UNDER: Final = {
-    Attacker.HONEST: "as long as nobody attacks",
+    Attacker.HONEST: "even if nobody attacks",
     Attacker.SOURCE: "if it attacks",
     Attacker.RELAYS: "if those on the way are compromised too",
 }
@@ -32,9 +34,10 @@ def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Countere
     if claim.kind is ClaimKind.ABLE:
         return Counterexample(text=f"Nothing gets there with the rights that enclaves have{when}.", steps=())
     if answer.path:
-        text = f"{_route(system, claim, answer.path)} ({_UNDER[claim.attacker]}{when})."
-        steps = tuple(step for hop in answer.path for step in hop_steps(system, claim, hop))
-        return Counterexample(text=text, steps=tuple(dict.fromkeys(steps)))
+        ways = [way for hop in answer.path for way in hop_ways(system, claim, hop)]
+        reasons = "".join(f" {why[0].upper()}{why[1:]}." for why in dict.fromkeys(way.why for way in ways if way.why))
+        text = f"{_route(system, claim, answer.path)} ({_UNDER[claim.attacker]}{when}).{reasons}"
+        return Counterexample(text=text, steps=tuple(dict.fromkeys(step for way in ways for step in way.steps)))
     witness = answer.witnesses[0] if answer.witnesses else {}
     if claim.kind is ClaimKind.SEPARATE_DOMAINS and Role.DOMAIN in witness:
         return _shared_domain(Case(system=system, witness=witness), when)
@@ -52,15 +55,27 @@ def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Countere
 
 
 def _then(system: System, answer: Answer) -> tuple[str, System]:
-    """Since when it is so, where that is not now, and the system as of that instant."""
-    instant = answer.moment // 2 if answer.moment is not None else None
-    if instant is None and answer.path:
-        instant = answer.path[0].instant
-    if instant is None or instant == system.now:
-        after = answer.moment is not None and answer.moment % 2 and instant == system.now
-        return (f", after {_time(system, system.now)}" if after else ""), system
-    later = "after" if answer.moment is not None and answer.moment % 2 else "from"
-    return f", {later} {_time(system, instant)} on", replace(system, now=instant)
+    """Since when it is so, where that is not now, and the system as it is then."""
+    moment = answer.moment
+    if moment is None:
+        moment = 2 * (answer.path[0].instant if answer.path else system.now)
+    instant, after = divmod(moment, 2)
+    if after:
+        return f", after {_time(system, instant)}", _just_after(system, instant)
+    return f", from {_time(system, instant)} on" if instant != system.now else "", replace(system, now=instant)
+
+
+def _just_after(system: System, instant: int) -> System:
+    """The system when everything that ends at an instant has ended, and nothing else has changed."""
+    ended = instant - 1
+    return replace(
+        system,
+        now=instant,
+        grants=tuple(replace(each, not_after=ended) if each.not_after == instant else each for each in system.grants),
+        certificates=tuple(
+            replace(each, not_after=ended) if each.not_after == instant else each for each in system.certificates
+        ),
+    )
 
 
 def _time(system: System, instant: int) -> str:
@@ -91,16 +106,29 @@ def _case(system: System, hop: Hop) -> Case:
 
 def hop_steps(system: System, claim: ClaimAtom, hop: Hop) -> tuple[Step, ...]:
     """The lines that let a sample over: of sender and receiver, else of the governance whose keys allow it."""
+    return tuple(step for way in hop_ways(system, claim, hop) for step in way.steps)
+
+
+def hop_ways(system: System, claim: ClaimAtom, hop: Hop) -> tuple[Way, ...]:
+    """Why a sample gets over: one way for the end that sends and one for the end that gets it.
+
+    A channel that the claim names is a place, where a flow begins or ends by itself.
+    """
     case = _case(system, hop)
-    ends: tuple[tuple[int | None, Operation], ...] = ((hop.sender, "publish"), (hop.receiver, "subscribe"))
-    found: list[Step] = []
-    missing = False
-    for enclave, operation in ends:
-        lines = () if enclave is None else case.right_steps(enclave, operation)
-        found += lines
-        missing = missing or (enclave is not None and not lines)
-    outside = (hop.sender is None and not claim.source.channels) or (hop.receiver is None and not claim.target.channels)
-    return (*found, *(case.governance_steps() if missing or outside or not found else ()))
+    ends: tuple[tuple[int | None, Operation, ClaimPlace], ...] = (
+        (hop.sender, "publish", claim.source),
+        (hop.receiver, "subscribe", claim.target),
+    )
+    ways = []
+    for enclave, operation, place in ends:
+        if enclave is not None:
+            found = way(case, enclave, operation)
+            who = system.enclaves[enclave].label
+            ways.append(replace(found, why=f"{who}: {found.why}" if found.why else ""))
+        elif not place.channels:
+            verb = "can send it" if operation == "publish" else "can read it"
+            ways.append(Way(why=f"anybody on the network {verb}: {case.kinds()}", steps=case.governance_steps()))
+    return tuple(ways)
 
 
 def _shared_domain(case: Case, when: str) -> Counterexample:

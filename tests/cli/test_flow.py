@@ -82,6 +82,53 @@ def test_each_hop_has_a_name_and_the_line_that_grants_it() -> None:
         assert "<allow_rule>" in line
 
 
+@pytest.mark.parametrize(
+    ("sample", "ends", "attacker", "profile", "said", "places"),
+    [
+        (
+            "vehicle_governance_flag",
+            MOTOR,
+            "honest",
+            "spec",
+            "/infotainment: enable_write_access_control is false.",
+            ["enclaves/governance.p7s", "enclaves/motor/permissions.p7s"],
+        ),
+        (
+            "vehicle_compromised_relay",
+            MOTOR,
+            "relays",
+            "spec",
+            "/gateway: with the keys that it holds, since rtps_protection_kind is SIGN",
+            ["enclaves/infotainment/permissions.p7s", "enclaves/gateway/permissions.p7s"],
+        ),
+        (
+            "turtlesim_shared_ca",
+            ("/random", "/turtlesim", "--through", "/multiplexer"),
+            "relays",
+            "cyclonedds-0.10",
+            "/random: it can sign itself permissions that its peers accept.",
+            ["enclaves/random/cert.pem", "enclaves/turtlesim/cert.pem"],
+        ),
+    ],
+)
+def test_what_is_no_grant_of_the_permissions_ca_is_said(
+    sample: str, ends: tuple[str, ...], attacker: str, profile: str, said: str, places: list[str]
+) -> None:
+    _code, answer = flow(sample, *ends)
+    path = answer["attackers"][attacker]["profiles"][profile]["path"]
+    assert said in path["text"]
+    assert [step["path"] for step in path["steps"]][: len(places)] == places
+
+
+def test_a_right_that_begins_later_is_told_by_the_line_that_gives_it_then() -> None:
+    done = run(
+        "flows/vehicle_expiring_grant", "--settings", "settings/vehicle.toml", "--engine", "native", *AT, "-f", "json"
+    )
+    told = next(each for each in json.loads(done.stdout)["findings"] if each["code"] == "KA740")
+    assert "after 2027-03-01T00:00:00Z)." in told["message"]
+    assert "enclaves/infotainment/permissions.p7s:83" in [f"{at['path']}:{at['line']}" for at in told["locations"]]
+
+
 def test_an_implementation_in_which_everybody_signs_rights_for_itself() -> None:
     ends = ("/random", "/turtlesim", "--through", "/multiplexer")
     profiles = ("--profile", "cyclonedds-0.10", "--profile", "cyclonedds-11")

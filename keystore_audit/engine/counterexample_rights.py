@@ -1,0 +1,107 @@
+"""Says why an enclave gets its samples taken on a channel, or reads it: by which right, flag, or keys."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from keystore_audit.engine import causes
+from keystore_audit.engine import counterexample_identities as identities
+from keystore_audit.engine.causes import Operation
+from keystore_audit.engine.counterexample_case import Case
+from keystore_audit.findings import Location
+from keystore_audit.properties.counterexample import Step
+from keystore_audit.properties.property import Role
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Way:
+    """Why an enclave can, in words that follow a colon (empty: by a grant of the permissions CA), and the lines."""
+
+    why: str
+    steps: tuple[Step, ...]
+
+
+def way(case: Case, enclave: int, operation: Operation) -> Way:
+    """How an enclave gets to the channel of `case`: by right, else as another whose key it has, else by its keys."""
+    own = _as_itself(case, enclave, operation)
+    if own is not None:
+        return own
+    system = case.system
+    for number in range(len(system.enclaves)):
+        if number != enclave and _same_key(case, enclave, number):
+            other = _as_itself(case, number, operation)
+            if other is not None:
+                who = system.enclaves[number].label
+                return replace(other, why=f"it has the key of {who}" + (f": {other.why}" if other.why else ""))
+    return by_keys(case)
+
+
+def beyond_grants(case: Case, operation: Operation) -> Way:
+    """How the enclave of `case` does what the permissions CA did not grant it: by a flag, a concession, or keys."""
+    enclave = case.witness[Role.ENCLAVE]
+    return _uncontrolled(case, enclave, operation) or _conceded(case, enclave, operation) or by_keys(case)
+
+
+def by_keys(case: Case) -> Way:
+    """By the keys that an enclave holds as a participant, reader or relay."""
+    return Way(why=f"with the keys that it holds, since {case.kinds()}", steps=case.governance_steps())
+
+
+def _as_itself(case: Case, enclave: int, operation: Operation) -> Way | None:
+    granted = [
+        right
+        for right in causes.rights(case.system, enclave, operation, case.witness[Role.CHANNEL])
+        if causes.signed_by_ca(case.system, case.realm, right.document)
+    ]
+    if granted and not case.is_open:
+        return Way(why="", steps=_steps(case, enclave, granted[0].location))
+    return _uncontrolled(case, enclave, operation) or _conceded(case, enclave, operation)
+
+
+def _uncontrolled(case: Case, enclave: int, operation: Operation) -> Way | None:
+    """By a topic rule that asks for no right."""
+    rule = case.topic_rule
+    if rule is None or case.is_open:
+        return None
+    if operation == "publish" and not rule.enable_write_access_control:
+        return Way(why="enable_write_access_control is false", steps=_steps(case, enclave, rule.location))
+    if operation == "subscribe" and not rule.enable_read_access_control:
+        return Way(why="enable_read_access_control is false", steps=_steps(case, enclave, rule.location))
+    return None
+
+
+def _conceded(case: Case, number: int, operation: Operation) -> Way | None:
+    """By a right that peers concede though the permissions CA did not give it."""
+    system, enclave = case.system, case.system.enclaves[number]
+    if case.is_open:
+        return Way(why=case.kinds(), steps=case.governance_steps())
+    identity = (identities.identity_step(system, enclave),)
+    if enclave.opaque:
+        return Way(why="its identity could not be read, so it may be anybody", steps=identity)
+    if causes.signs_for_itself(system, case.realm, enclave):
+        return Way(why="it can sign itself permissions that its peers accept", steps=identity)
+    if causes.holds_authority_key(system, case.realm, enclave):
+        return Way(why="its key is that of the permissions CA", steps=identity)
+    for right in causes.rights(system, number, operation, case.witness[Role.CHANNEL]):
+        if not right.document.opaque and not causes.signed_by_ca(system, case.realm, right.document):
+            why = f"{right.document.label} grants it, which the permissions CA did not sign and peers accept"
+            return Way(why=why, steps=_steps(case, number, right.location))
+    if document := causes.opaque_document(system):
+        why = f"{document.label} could not be read, so it may grant anything"
+        return Way(why=why, steps=_steps(case, number, document.location))
+    return None
+
+
+def _same_key(case: Case, one: int, other: int) -> bool:
+    first, second = (case.system.enclaves[number] for number in (one, other))
+    if first.opaque or second.opaque:
+        return True
+    if first.identity is None or second.identity is None:
+        return False
+    certificates = case.system.certificates
+    return certificates[first.identity].key == certificates[second.identity].key
+
+
+def _steps(case: Case, enclave: int, location: Location | None) -> tuple[Step, ...]:
+    """The one step that an enclave takes on a channel because of a line."""
+    return (case.step(location, case.system.enclaves[enclave].label),)
