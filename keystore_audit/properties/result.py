@@ -81,3 +81,15 @@ class AssertedResult(PropertyResult):
     location: Location
     meaning: str = ""
     forgers: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AlloyResult(PropertyResult):
+    """A property that a user asserts in Alloy, decided by Alloy alone. `location`: of the command, beside the keystore.
+
+    `reason`: why it is unknown, a sentence without its full stop; empty where it is not.
+    """
+
+    severity: Severity
+    location: Location
+    reason: str = ""

@@ -44,8 +44,13 @@ class Job:
     atoms: int
 
 
-def run(jobs: Sequence[Job], analyzer: Analyzer, read: Read[Result]) -> list[Result]:
-    """Return what `read` makes of each job, in their order.
+def run(
+    jobs: Sequence[Job],
+    analyzer: Analyzer,
+    read: Read[Result],
+    check: Callable[[Output], Output] | None = None,
+) -> list[Result]:
+    """Return what `read` makes of each job, in their order. `check` sees what the Analyzer wrote first, and may raise.
 
     Raises an EngineError if one of them was not answered completely; then the others are ended.
     """
@@ -60,7 +65,7 @@ def run(jobs: Sequence[Job], analyzer: Analyzer, read: Read[Result]) -> list[Res
             for number, process in tuple(running.items()):
                 output = process.poll(_POLL)
                 if output is not None:
-                    found = _verdicts(jobs[number], output, analyzer)
+                    found = _verdicts(jobs[number], check(output) if check else output, analyzer)
                     results[number] = read(number, found, process.directory / OUTPUT_DIRECTORY)
                     running.pop(number).close()
     return [results[number] for number in range(len(jobs))]

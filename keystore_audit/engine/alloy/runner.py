@@ -115,9 +115,9 @@ def _audit(case: _Case) -> Job:
     system = case.system
     properties = PROPERTIES if case.moment is None else ()
     asked = [Command(kind="check", name=prop.assertion) for prop in properties]
-    files = {**_modules(MODULES), KEYSTORE: facts(system), MAIN: commands(properties, system)}
+    files = {**module_texts(MODULES), KEYSTORE: facts(system), MAIN: commands(properties, system)}
     return Job(
-        files={**files, **_modules(claims.MODULES)} if system.claims else files,
+        files={**files, **module_texts(claims.MODULES)} if system.claims else files,
         main=MAIN,
         commands=(*_VACUITY, *asked, *claims.commands_of(system.claims)),
         atoms=count_atoms(system),
@@ -177,7 +177,7 @@ def _with_paths(cases: Sequence[_Case], decisions: Sequence[Decision], analyzer:
 
 
 def _search(system: System, numbers: Sequence[int]) -> Job:
-    modules = _modules((*MODULES, *claims.MODULES, *paths.MODULES))
+    modules = module_texts((*MODULES, *claims.MODULES, *paths.MODULES))
     return Job(
         files={**modules, KEYSTORE: facts(system), paths.MAIN: paths.write_paths(system, numbers)},
         main=paths.MAIN,
@@ -213,7 +213,7 @@ def count_atoms(system: System) -> int:
     return sum(map(len, sorts))
 
 
-def _modules(names: Sequence[str]) -> dict[str, str]:
+def module_texts(names: Sequence[str]) -> dict[str, str]:
     """Return the text of hand-written modules."""
     folder = resources.alloy()
     try:

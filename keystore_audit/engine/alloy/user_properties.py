@@ -1,0 +1,205 @@
+"""Users' own Alloy files, asked of every system: each in a process of its own, so that none can change our properties.
+
+A file is the main file of its run; beside it stand the modules, the facts, and the module `keystore_audit` with the
+names that it gives to enclaves and topics. The facts are constants: nothing that a file says can make them different,
+and what contradicts them leaves the run `CONSISTENT` without an instance, and everything undecided.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+from keystore_audit.engine.alloy import claims, install
+from keystore_audit.engine.alloy.atoms import name_atoms
+from keystore_audit.engine.alloy.facts import KEYSTORE, MODULES, facts
+from keystore_audit.engine.alloy.jobs import Analyzer, Job, run
+from keystore_audit.engine.alloy.process import Output
+from keystore_audit.engine.alloy.relations import Relations, function
+from keystore_audit.engine.alloy.runner import MAX_ATOMS, MEMORY_MB, count_atoms, module_texts
+from keystore_audit.engine.alloy.solution import Command
+from keystore_audit.engine.alloy.user_counterexample import describe_instance
+from keystore_audit.engine.alloy.user_file import CONSISTENT, VOCABULARY, Asked, UserFile
+from keystore_audit.errors import EngineError, EngineOutOfScale, UsageError
+from keystore_audit.model.system import Reading, System
+from keystore_audit.properties.counterexample import Counterexample
+from keystore_audit.properties.property import Property, Status
+from keystore_audit.properties.result import AlloyResult, EngineRun, EngineStatus, ProfileResult
+from keystore_audit.text import shorten
+
+MAIN: Final = "user_properties.als"
+"""What a user's file is called where the Analyzer reads it."""
+
+_COMPLAINT: Final = re.compile(
+    r"(?:\w+ error in (?:.*[/\\])?user_properties\.als at line (\d+) column (\d+):\s*([^\n]*))"
+    r"|(?:\d+\. line (\d+), column (\d+) .*?filename=(?:.*[/\\])?user_properties\.als ([^\n]*))"
+)
+"""An error, or a warning, about the user's file."""
+
+_WARNINGS: Final = re.compile(r"^Warnings?$", re.MULTILINE)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Told:
+    """The answer to one command in one system; `example` only where it is VIOLATED, `reason` where it is UNKNOWN."""
+
+    status: Status
+    example: Counterexample | None = None
+    reason: str = ""
+
+
+def decide_files(
+    files: Sequence[UserFile],
+    systems: Sequence[System],
+    profiles: Sequence[str],
+    engines: Iterable[EngineRun],
+    *,
+    jar: Path | None,
+    offline: bool,
+    timeout: float,
+    stage: Callable[[str], None] | None,
+) -> tuple[AlloyResult, ...]:
+    """The result of every command of the files under every profile; unknown wherever Alloy gave no answer.
+
+    `systems` have the places of all files, in order. `engines`: how Alloy fared about our own properties. `timeout`:
+    seconds for each system and file. Raises errors.UsageError, with line and column, for what Alloy refuses in a file.
+    """
+    first = 0
+    results: list[AlloyResult] = []
+    for file in files:
+        until = first + len(file.places)
+        mine = [replace(system, places=system.places[first:until], claims=()) for system in systems]
+        first = until
+        if stage:
+            stage(f"asking the Alloy Analyzer about {file.path}")
+        told = _told(file, mine, engines, jar=jar, offline=offline, timeout=timeout, stage=stage)
+        results += (_result(asked, mine, told[number], profiles) for number, asked in enumerate(file.commands))
+    return tuple(results)
+
+
+def _told(
+    file: UserFile,
+    systems: Sequence[System],
+    engines: Iterable[EngineRun],
+    *,
+    jar: Path | None,
+    offline: bool,
+    timeout: float,
+    stage: Callable[[str], None] | None,
+) -> list[list[Told]]:
+    """For each command, the answers parallel to the systems."""
+    alloy = next((engine for engine in engines if engine.name == "alloy"), None)
+    if alloy is None or alloy.status is not EngineStatus.OK:
+        why = alloy.reason if alloy else ""
+        return _undecided(file, systems, f"Alloy alone decides this, and it gave no answer ({why.rstrip('.')})")
+    try:
+        in_ci = os.environ.get("CI", "").lower() not in ("", "0", "false")
+        engine = install.locate(jar, offline=offline, ci=in_ci, progress=stage)
+        answers = ask(file, systems, Analyzer(java=engine.java, jar=engine.jar, timeout=timeout, memory_mb=MEMORY_MB))
+    except EngineError as error:
+        return _undecided(file, systems, f"Alloy alone decides this, and gave no answer: {error.message.rstrip('.')}")
+    return [[of_system[number] for of_system in answers] for number in range(len(file.commands))]
+
+
+def ask(file: UserFile, systems: Sequence[System], analyzer: Analyzer) -> list[list[Told]]:
+    """Return for each system the answers to the commands of the file.
+
+    Raises errors.UsageError for what Alloy refuses in it, and EngineError as `runner.examine` does.
+    """
+    for system in systems:
+        if count_atoms(system) > MAX_ATOMS:
+            raise EngineOutOfScale(f"its model has {count_atoms(system)} atoms, more than the {MAX_ATOMS} that it can")
+    jobs = [job(file, system) for system in systems]
+    return run(
+        jobs,
+        analyzer,
+        lambda number, found, solutions: [_answer(a, systems[number], found, solutions) for a in file.commands],
+        lambda output: _checked(file, output),
+    )
+
+
+def job(file: UserFile, system: System) -> Job:
+    """The run that asks a file about a system."""
+    written = {**module_texts((*MODULES, *claims.MODULES)), KEYSTORE: facts(system), MAIN: file.text}
+    asked = [Command(kind=asked.kind, name=asked.name) for asked in file.commands]
+    return Job(
+        files={**written, f"{VOCABULARY}.als": write_vocabulary(system)},
+        main=MAIN,
+        commands=(*asked, Command(kind="run", name=CONSISTENT)),
+        atoms=count_atoms(system),
+    )
+
+
+def write_vocabulary(system: System) -> str:
+    """Return the module that users' files open: the words of the model, and the names that `system` has places for."""
+    atoms, relations = name_atoms(system), Relations()
+    lines = []
+    for place in system.places:
+        sort, members = (atoms.enclaves, place.enclaves) if place.channels is None else (atoms.channels, place.channels)
+        body = relations.atoms(sort, [index in (members or ()) for index in range(len(sort.atoms))])
+        lines.append(function(place.name, f"set {sort.sig}", body))
+    head = f"/** What files of properties open: docs/alloy-properties.md. */\nmodule {VOCABULARY}\nopen claims\n"
+    return "\n".join([head, *relations.take_private(), *lines]) + "\n"
+
+
+def _checked(file: UserFile, output: Output) -> Output:
+    """What the Analyzer wrote, without warnings about other files. Raises UsageError for complaints about the user's.
+
+    A warning counts as an error: what is always empty, or never used, is a property that does not ask what it says.
+    """
+    complaint = _COMPLAINT.search(output.diagnostics) or _COMPLAINT.search(output.messages)
+    if complaint is not None:
+        line, column, message = (complaint[1], complaint[2], complaint[3]) if complaint[1] else complaint.groups()[3:]
+        raise UsageError(f"{file.path}:{line}:{column}: Alloy says: {shorten(message.strip(), 300)}")
+    return replace(output, diagnostics=_WARNINGS.split(output.diagnostics)[0])
+
+
+def _answer(asked: Asked, system: System, found: Mapping[str, bool], solutions: Path) -> Told:
+    """The answer to one command, or why there is none."""
+    if not found[CONSISTENT]:
+        reason = "what the file says contradicts what the keystore says, so that everything would be true"
+        return Told(status=Status.UNKNOWN, reason=reason)
+    if any(place.unread for place in system.places):
+        reason = "the file names enclaves, and there is one of which nobody knows what it is called"
+        return Told(status=Status.UNKNOWN, reason=reason)
+    if found[asked.name] == asked.instance:
+        return Told(status=Status.HOLDS)
+    if asked.instance:
+        return Told(status=Status.VIOLATED, example=Counterexample(text="There is no instance of it.", steps=()))
+    return Told(status=Status.VIOLATED, example=describe_instance(system, asked.name, solutions))
+
+
+def _undecided(file: UserFile, systems: Sequence[System], reason: str) -> list[list[Told]]:
+    return [[Told(status=Status.UNKNOWN, reason=reason) for _ in systems] for _ in file.commands]
+
+
+def _result(asked: Asked, systems: Sequence[System], told: Sequence[Told], profiles: Sequence[str]) -> AlloyResult:
+    """The result of one command: HOLDS or VIOLATED only where every reading says so."""
+    by_profile = {}
+    for profile in profiles:
+        mine = [(system, one) for system, one in zip(systems, told, strict=True) if profile in system.profiles]
+        statuses = {one.status for _system, one in mine}
+        status = statuses.pop() if len(statuses) == 1 else Status.UNKNOWN
+        certain_first = sorted(mine, key=lambda pair: pair[0].reading is Reading.MAY)
+        example = next((one.example for _system, one in certain_first if one.example is not None), None)
+        answered = bool(mine) and not any(one.reason for _system, one in mine)
+        engines = {"alloy": status} if answered else {}
+        by_profile[profile] = ProfileResult(status=status, engines=engines, counterexample=example)
+    return AlloyResult(
+        prop=Property(
+            id=asked.id,
+            statement=asked.statement,
+            attacker="as the file says",
+            clause=f"asserted in {asked.location.path}",
+            assertion=asked.name,
+            roles=(),
+        ),
+        profiles=by_profile,
+        severity=asked.severity,
+        location=asked.location,
+        reason=next((one.reason for one in told if one.reason), "" if told else "no right was decided"),
+    )
