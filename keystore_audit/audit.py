@@ -12,11 +12,10 @@ from zoneinfo import ZoneInfo
 
 from keystore_audit import __version__
 from keystore_audit.engine.agreement import combine, combine_claims
-from keystore_audit.engine.alloy.facts import write_model
 from keystore_audit.engine.engines import run_engines
 from keystore_audit.engine.horizon import Horizon, horizon
+from keystore_audit.engine.label_answers import with_label_answers
 from keystore_audit.engine.native import NativeEngine
-from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Finding, Result, Severity
 from keystore_audit.intent.environment import Environment, read_environment
 from keystore_audit.intent.intent import Intent
@@ -25,10 +24,11 @@ from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.profiles import DEFAULT, Evidence, Profile, resolve, running
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.properties import Status
-from keystore_audit.properties.result import EngineStatus
+from keystore_audit.properties.result import AlloyResult, EngineRun, EngineStatus
 from keystore_audit.report.content import (
     ASSUMPTIONS,
     NOT_CHECKED,
@@ -44,6 +44,7 @@ from keystore_audit.rules.judge import Judgement, judge
 from keystore_audit.suppressions import MAX_DAYS, Acceptance, accepted_by, check_codes, check_dates, first_end, limited
 
 if TYPE_CHECKING:
+    from keystore_audit.engine.alloy.user_file import UserFile
     from keystore_audit.intent.policy import Policy
     from keystore_audit.model.drift import Drift
     from keystore_audit.model.observed import Observation
@@ -95,6 +96,7 @@ class Options:
     graphs: tuple[Path, ...] = ()
     launches: tuple[Path, ...] = ()
     launch_arguments: Mapping[str, str] = field(default_factory=dict)
+    alloy_properties: tuple[UserFile, ...] = ()
     overview: bool = False
 
 
@@ -103,9 +105,11 @@ def audit(
     options: Options,
     *,
     progress: Progress | None = None,
-    elsewhere: Sequence[Identity] = (),
+    elsewhere: Sequence[Identity] | None = None,
 ) -> Report:
     """Audits the keystore at `path`; `elsewhere`: the identities of other keystores, to be compared with its own.
+
+    Of those, the ones that may be its own too are enough; None: there are no other keystores.
 
     Raises errors.NothingToAudit where there is none, errors.UsageError for an unknown profile, for a graph or launch
     file that is none, or for findings that are accepted for too long. Whatever is wrong with the keystore or an engine
@@ -124,7 +128,8 @@ def audit(
         progress.stage("working out what the documents mean")
     accesses = AccessViews(documents_of(keystore), options.at, options.time_zone)
     usabilities = Usabilities(options.domain, accesses)
-    meaning = interpret(keystore, profiles, options.at, accesses, usabilities, options.domain, claims)
+    places = [place for file in options.alloy_properties for place in file.places]
+    meaning = interpret(keystore, profiles, options.at, accesses, usabilities, options.domain, claims, places)
     native = NativeEngine(meaning.systems)
     runs, answers = run_engines(
         native,
@@ -135,18 +140,19 @@ def audit(
         stage=progress.stage if progress else None,
     )
     names = [profile.name for profile in profiles]
-    asserted = combine_claims(claims, meaning.systems, answers, names) if claims else ()
+    asserted = with_label_answers(claims, combine_claims(claims, meaning.systems, answers, names)) if claims else ()
+    in_alloy = _in_alloy(options, meaning, runs, names, progress)
     context = Context(
         keystore=keystore,
         meaning=meaning,
         drift=_drift(keystore, policy, options, profiles, accesses) if policy is not None else None,
-        results=(*combine(meaning.systems, answers, names), *asserted),
+        results=(*combine(meaning.systems, answers, names), *asserted, *in_alloy),
         engines=runs,
         at=options.at,
         expires_within=options.expires_within,
         deployed=options.deployed,
         profiles=profiles,
-        elsewhere=tuple(elsewhere),
+        elsewhere=None if elsewhere is None else tuple(elsewhere),
         environment=environment,
         observed=_compared(intents, keystore, profiles, accesses, options),
         acceptances=acceptances,
@@ -217,6 +223,26 @@ def _observed(options: Options) -> tuple[Intent, ...]:
 
         intents += (read_launch(path, options.launch_arguments, None) for path in options.launches)
     return tuple(intents)
+
+
+def _in_alloy(
+    options: Options, meaning: Meaning, engines: Sequence[EngineRun], names: Sequence[str], progress: Progress | None
+) -> tuple[AlloyResult, ...]:
+    """What Alloy says of the users' files; raises errors.UsageError for what it refuses."""
+    if not options.alloy_properties:
+        return ()
+    from keystore_audit.engine.alloy.user_properties import decide_files
+
+    return decide_files(
+        options.alloy_properties,
+        meaning.systems,
+        names,
+        engines,
+        jar=options.alloy_jar,
+        offline=options.offline,
+        timeout=options.timeout,
+        stage=progress.stage if progress else None,
+    )
 
 
 def _report(context: Context, judgement: Judgement, safe: Horizon, options: Options) -> Report:
@@ -371,18 +397,3 @@ def _untested(profiles: Sequence[Profile]) -> Iterator[str]:
         yield f"{', '.join(measured)}: by measurements on the releases, not asked again since (docs/profiles.md)."
     if read:
         yield f"{', '.join(read)}: by their source alone (docs/profiles.md)."
-
-
-def export_model(path: str | os.PathLike[str], directory: Path, options: Options) -> None:
-    """Writes the Alloy model of the keystore into `directory`, ready for the Alloy Analyzer.
-
-    Raises errors.NothingToAudit, errors.UsageError (unknown profile, directory not writable) or
-    errors.BudgetExceeded.
-    """
-    keystore = read_keystore(path)
-    accesses = AccessViews(documents_of(keystore), options.at, options.time_zone)
-    usabilities = Usabilities(options.domain, accesses)
-    meaning = interpret(keystore, resolve(options.profiles), options.at, accesses, usabilities)
-    if meaning.over_budget is not None:
-        raise BudgetExceeded(meaning.over_budget)
-    write_model(meaning.systems, directory)

@@ -21,8 +21,10 @@ from keystore_audit.text import terminal
 
 if TYPE_CHECKING:
     from keystore_audit.audit import Options
+    from keystore_audit.engine.alloy.user_file import UserFile
     from keystore_audit.keystore.identity import Identity
     from keystore_audit.report.content import Report
+    from keystore_audit.settings import Settings
 
 ENGINES: Final = ("auto", "both", "alloy", "native")
 SEVERITIES: Final = tuple(severity.value for severity in Severity)
@@ -101,6 +103,14 @@ WORST_FIRST: Final = (EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, 1, 0)
     metavar="DIR",
     help="The policy may include files from below DIR (default: from beside it).",
 )
+@click.option(
+    "--alloy-property",
+    "alloy_properties",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    metavar="FILE",
+    help="Properties of your own in Alloy, which Alloy alone decides (repeatable).",
+)
 @settings.option
 @settings.baseline_option
 @click.option("--deployed", is_flag=True, help="This tree goes on a robot: CA private keys in it are critical.")
@@ -162,6 +172,7 @@ def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Options:
     from keystore_audit.audit import Options
 
     at: datetime | None = given["at"]
+    asserted = settings.chosen(given, keystores)
     return Options(
         at=at or opt.now(),
         at_given=at is not None,
@@ -183,9 +194,19 @@ def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Options:
         graphs=given["graphs"],
         launches=given["launches"],
         launch_arguments=dict(given["launch_arguments"]),
-        settings=settings.chosen(given, keystores),
+        settings=asserted,
         baseline=settings.baseline(given, keystores),
+        alloy_properties=_alloy_properties(given["alloy_properties"], asserted),
     )
+
+
+def _alloy_properties(paths: Sequence[Path], asserted: Settings | None) -> tuple[UserFile, ...]:
+    """Return the users' files in Alloy, whose ids differ from those of the settings."""
+    if not paths:
+        return ()
+    from keystore_audit.engine.alloy.user_file import read_user_files
+
+    return read_user_files(paths, asserted.claims if asserted else ())
 
 
 def _audit_all(keystores: Sequence[str], options: Options, *, quiet: bool, verbose: bool) -> tuple[list[Report], int]:

@@ -38,13 +38,10 @@ def command(
     at: datetime | None,
 ) -> int:
     """Write the Alloy model of KEYSTORE, ready for the Alloy Analyzer."""
-    from keystore_audit.audit import Options, export_model
+    from keystore_audit.export import export_model
 
-    options = Options(
-        at=at or opt.now(), at_given=at is not None, profiles=profiles, domain=domain, time_zone=time_zone
-    )
     try:
-        export_model(keystore, directory, options)
+        export_model(keystore, directory, at=at or opt.now(), profiles=profiles, domain=domain, time_zone=time_zone)
     except OSError as error:
         raise UsageError(f"Cannot write the model to {directory}: {error.strerror or error}.") from error
     click.echo(f"The model is in {terminal(str(directory))}.", err=True)

@@ -1,4 +1,4 @@
-"""KA740: what users assert of their keystore in keystore-audit.toml (docs/settings.md)."""
+"""KA740, KA741: what users assert of their keystore, in keystore-audit.toml and in Alloy."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from keystore_audit.findings import Severity
 from keystore_audit.properties.property import Status
-from keystore_audit.properties.result import AssertedResult
+from keystore_audit.properties.result import AlloyResult, AssertedResult
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.formal import steps
 from keystore_audit.rules.registry import Rule, Violation, rule
@@ -44,4 +44,32 @@ def asserted_property_violated(result: AssertedResult, _context: Context) -> Ite
     )
 
 
-ASSERTED: tuple[Rule[Any], ...] = (asserted_property_violated,)
+@rule(
+    "KA741",
+    "asserted-alloy-property-violated",
+    Severity.HIGH,
+    on=AlloyResult,
+    clause="keystore-audit, docs/alloy-properties.md: what is asserted with --alloy-property",
+    remedy="Look at the places named; `keystore-audit model KEYSTORE -o DIR` has the model for the Analyzer's window.",
+)
+def asserted_alloy_property_violated(result: AlloyResult, _context: Context) -> Iterator[Violation]:
+    """A property that a user asserts in Alloy is violated: a check has a counterexample, or a run no instance.
+
+    Alloy alone decides it: no second engine has checked the answer, and what the file says is taken at its word. The
+    severity is the one given there, high where none is.
+    """
+    answers = {name: answer for name, answer in result.profiles.items() if answer.status is Status.VIOLATED}
+    if not answers:
+        return
+    example = next((a.counterexample for a in answers.values() if a.counterexample is not None), None)
+    said = f" {example.text}" if example else ""
+    yield Violation(
+        message=f"{quoted(result.prop.id)} is violated: {result.prop.statement}{said}",
+        locations=(replace(result.location, message="asserted here"), *(steps(example) if example else ())),
+        severity=result.severity,
+        profiles=() if len(answers) == len(result.profiles) else tuple(answers),
+        key=result.prop.id,
+    )
+
+
+ASSERTED: tuple[Rule[Any], ...] = (asserted_property_violated, asserted_alloy_property_violated)

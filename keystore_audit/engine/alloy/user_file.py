@@ -12,15 +12,17 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, NoReturn
+from pathlib import Path
+from typing import Final
 
 from keystore_audit import resources
 from keystore_audit.engine.alloy.user_tokens import NO_NUMBERS, Token, Wrong, tokens
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
-from keystore_audit.intent.source import Source
-from keystore_audit.model.claims import Globs
+from keystore_audit.intent.source import Source, read_source
+from keystore_audit.model.claims import Claim, Globs
 from keystore_audit.model.places import NamedPlace
+from keystore_audit.properties import BY_ID
 from keystore_audit.settings_table import dds_topic
 
 VOCABULARY: Final = "keystore_audit"
@@ -325,16 +327,18 @@ def vocabulary() -> frozenset[str]:
     return frozenset(declared)
 
 
-def unique(files: Sequence[UserFile], taken: Iterable[str]) -> None:
-    """Raise errors.UsageError where two properties have one id, or one that is `taken`."""
-    seen = dict.fromkeys(taken, "the name of a property that is decided anyway")
+def read_user_files(paths: Sequence[Path], claims: Sequence[Claim] = ()) -> tuple[UserFile, ...]:
+    """Return what the files say, beside the `claims` of settings.
+
+    Raises errors.UsageError for a file that is none, and where two properties have one id.
+    """
+    files = tuple(read_user_file(read_source(path)) for path in paths)
+    taken = dict.fromkeys(BY_ID, "that of a property which is always decided")
+    taken.update((claim.id, f"taken at {claim.place}") for claim in claims)
     for file in files:
         for asked in file.commands:
             place = f"{file.path}:{asked.location.line}"
-            if asked.id in seen:
-                _repeated(place, asked.id, seen[asked.id])
-            seen[asked.id] = f"taken at {place}"
-
-
-def _repeated(place: str, name: str, why: str) -> NoReturn:
-    raise UsageError(f"{place}: the id of this property, {name!r}, is {why}: give the command another name.")
+            if asked.id in taken:
+                raise UsageError(f"{place}: the id of this property, {asked.id!r}, is {taken[asked.id]}.")
+            taken[asked.id] = f"taken at {place}"
+    return files
