@@ -6,22 +6,14 @@ The first thing said is where implementations differ; then the table that most o
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from textwrap import fill
 from typing import Final
 
-from keystore_audit.model.access_rows import (
-    Row,
-    Surplus,
-    decision_rows,
-    folded_by_owner,
-    label,
-    left_open,
-    taken_besides,
-    taken_by_nobody,
-)
-from keystore_audit.model.access_table import AccessTable, EnclaveRights, Group
+from keystore_audit.model.access_rows import Row, decision_rows, folded_by_owner
+from keystore_audit.model.access_table import AccessTable, Group
+from keystore_audit.report.access_differences import differences, peers
 from keystore_audit.report.access_matrix import Matrix, matrices, shown_name
 from keystore_audit.report.access_words import protection_words
 from keystore_audit.text import shorten, terminal
@@ -37,9 +29,6 @@ MANY: Final = 12
 
 MAX_OF_NAMESPACE: Final = 3
 """Enclaves of one namespace that are named one by one."""
-
-MAX_NAMES: Final = 8
-"""Names in one sentence; JSON and CSV have all."""
 
 MAX_ROOT: Final = 50
 """Characters of the keystore's path in the title."""
@@ -82,7 +71,7 @@ def text(table: AccessTable, width: int) -> str:
     names = ", ".join(main.profiles)
     sheet.put(f"Under all others ({names})" if others else f"Under every profile ({names})")
     _group(sheet, main, rows)
-    for line in _peers(table, main):
+    for line in peers(table, main):
         sheet.put(line, hanging=2)
     return "\n".join(sheet.lines) + "\n"
 
@@ -149,97 +138,5 @@ def _difference(sheet: _Sheet, table: AccessTable, group: Group, main: Group, ro
     """What a group has that the largest one has not, and the other way round."""
     sheet.blank()
     sheet.put(f"Different under {', '.join(group.profiles)}")
-    own = _by_enclave(decision_rows(table, group))
-    shared = _by_enclave(rows)
-    said: dict[tuple[str, ...], list[str]] = {}
-    for path, enclave in group.enclaves.items():
-        other = main.enclaves[path]
-        found: list[str] = []
-        if enclave.usable is not other.usable:
-            found.append(_start(enclave))
-        if enclave.usable and other.usable is not None:
-            more = _without(own.get(path, {}), shared.get(path, {}))
-            less = _without(shared.get(path, {}), own.get(path, {}))
-            found += [f"may also {_listed(more)}"] if more else []
-            found += [f"may not {_listed(less)}"] if less else []
-        if found:
-            said.setdefault(tuple(found), []).append(path)
-    for sentences, paths in said.items():
-        sheet.put(f"{_listed(paths)}: {'; '.join(sentences)}.", indent=2, hanging=4)
-    peers = _peers(table, group)
-    known = set(_peers(table, main))
-    for line in peers:
-        if line not in known:
-            sheet.put(line, indent=2, hanging=4)
-    if known and not peers:
-        sheet.put("What is said of peers below does not hold here.", indent=2)
-    if group.safeguards != main.safeguards:
-        _safeguards(sheet, table, group, main)
-
-
-def _safeguards(sheet: _Sheet, table: AccessTable, group: Group, main: Group) -> None:
-    changed: dict[str, list[str]] = {}
-    for number, (own, other) in enumerate(zip(group.safeguards, main.safeguards, strict=True)):
-        if own != other:
-            changed.setdefault(protection_words(frozenset({own})), []).append(label(table, number))
-    for words, names in changed.items():
-        sheet.put(f"{_listed(names)}: {words}.", indent=2, hanging=4)
-
-
-def _start(enclave: EnclaveRights) -> str:
-    reasons = f" ({'; '.join(enclave.reasons)})" if enclave.reasons else ""
-    words = {True: "starts", False: "does not start", None: "whether it starts cannot be told"}
-    return words[enclave.usable] + reasons
-
-
-def _by_enclave(rows: Iterable[Row]) -> Mapping[str, Mapping[str, Sequence[str]]]:
-    """By enclave and label: what it may do."""
-    found: dict[str, dict[str, Sequence[str]]] = {}
-    for row in rows:
-        for path, words in row.cells.items():
-            found.setdefault(path, {})[row.label] = words
-    return found
-
-
-def _without(held: Mapping[str, Sequence[str]], other: Mapping[str, Sequence[str]]) -> list[str]:
-    """What is held and not by the other, in words."""
-    left = {name: [word for word in words if word not in other.get(name, ())] for name, words in held.items()}
-    return [f"{' and '.join(words)} {name}" for name, words in left.items() if words]
-
-
-_PEERS: Final = (
-    (taken_besides, "Should its own checks be skipped, as an attacker would, peers accept besides from"),
-    (left_open, "It cannot be told whether peers accept from"),
-    (taken_by_nobody, "Allowed, but accepted by no peer, from"),
-)
-
-
-def _peers(table: AccessTable, group: Group) -> list[str]:
-    """Where peers and the enclaves' own implementations do not agree."""
-    lines = []
-    for find, sentence in _PEERS:
-        said: dict[str, list[str]] = {}
-        for path, enclave in group.enclaves.items():
-            found = find(enclave)
-            if found:
-                said.setdefault(_surplus_words(table, found), []).append(path)
-        for words, paths in said.items():
-            whom = "every enclave" if len(paths) == len(group.enclaves) > 1 else _listed(paths)
-            lines.append(f"{sentence} {whom}: {words}.")
-    return lines
-
-
-def _surplus_words(table: AccessTable, found: Sequence[Surplus]) -> str:
-    whole = [each.operation.value for each in found if each.everything]
-    words = [f"{', '.join(whole)} every topic"] if whole else []
-    words += [
-        f"{each.operation.value} {_listed([label(table, name) for name in each.names])}"
-        for each in found
-        if not each.everything
-    ]
-    return "; ".join(words)
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
-    return ", ".join(names[:MAX_NAMES]) + more
+    for line in differences(table, group, main, rows):
+        sheet.put(line, indent=2, hanging=4)
