@@ -93,7 +93,7 @@ class _Questions:
         self._realms = [RealmView(system, realm, self._permissions) for realm in range(len(system.realms))]
 
     def answers(self) -> dict[str, Answer]:
-        return {prop.id: self._answer(prop) for prop in PROPERTIES} | self.claims()
+        return {prop.id: self._answer(prop) for prop in PROPERTIES} | self.claims() | self.determinism()
 
     def statuses(self) -> dict[str, Status]:
         found = {prop.id: _status(next(_QUESTIONS[prop.id](self), None)) for prop in PROPERTIES}
@@ -109,6 +109,14 @@ class _Questions:
         return {
             claim.id: answer(self._system, claim, now, self._moment, self._decisions) for claim in self._system.claims
         }
+
+    def determinism(self) -> dict[str, Answer]:
+        """The answers about declared behaviour."""
+        if not self._system.determinism:
+            return {}
+        from keystore_audit.engine.native_determinism import answer  # most audits have none
+
+        return {asked.id: answer(asked) for asked in self._system.determinism}
 
     def _answer(self, prop: Property) -> Answer:
         witnesses = tuple(islice(_QUESTIONS[prop.id](self), MAX_WITNESSES))

@@ -28,7 +28,7 @@ class Leg(NamedTuple):
     receiver: int | None
 
 
-class _Lane:
+class Lane:
     """What each participant puts in and gets out. `puts` may name few of them."""
 
     def __init__(self, puts: Sequence[int], gets: Sequence[int]) -> None:
@@ -81,13 +81,13 @@ class Flows:
         self._realms = realms
         self._member = [enclave.realm for enclave in system.enclaves]
         self.outsider = len(system.enclaves)
-        self._lanes: dict[tuple[Attacker, bool], list[_Lane]] = {}
+        self._lanes: dict[tuple[Attacker, bool], list[Lane]] = {}
 
     def shortest(self, search: Search) -> tuple[Leg, ...] | None:
         """A shortest flow, None where there is none."""
         return _Walk(self, self._system, search).shortest()
 
-    def lanes(self, search: Search) -> list[_Lane]:
+    def lanes(self, search: Search) -> list[Lane]:
         """The ways in which hops are possible under the attacker."""
         key = (Attacker.HONEST if search.attacker is Attacker.SOURCE else search.attacker, search.own)
         if key not in self._lanes:
@@ -96,7 +96,7 @@ class Flows:
         lanes = self._lanes[key]
         return [*lanes, *self._of_sources(search.source)] if search.attacker is Attacker.SOURCE else lanes
 
-    def _honest(self, *, own: bool) -> list[_Lane]:
+    def _honest(self, *, own: bool) -> list[Lane]:
         """By realm of sender and receiver: what may be written and read by right, on both sides."""
         rights: Sequence[RealmView | OwnRights]
         rights = [OwnRights(self._system, view) for view in self._realms] if own else self._realms
@@ -113,23 +113,23 @@ class Flows:
                 puts = written
                 if len(used) > 1:
                     puts = [one if self._member[e] == here else 0 for e, one in enumerate(written)]
-                lanes.append(_Lane([*puts, 0], [*shared, 0]))
+                lanes.append(Lane([*puts, 0], [*shared, 0]))
         return lanes
 
-    def _attacked(self) -> list[_Lane]:
+    def _attacked(self) -> list[Lane]:
         """Everybody sends and takes as anybody whose key it has, with all that keys allow, and so does the outsider."""
         lanes = []
         for realm in sorted(set(self._member)):
             view = self._realms[realm]
             forged = [self._forged(view, enclave) for enclave in range(self.outsider)]
             taken = [view.abilities(e).may_read if m == realm else 0 for e, m in enumerate(self._member)]
-            lanes.append(_Lane([*self._as_any(forged), view.injectable], [*self._as_any(taken), 0]))
+            lanes.append(Lane([*self._as_any(forged), view.injectable], [*self._as_any(taken), 0]))
             written = [view.abilities(e).may_write if m == realm else 0 for e, m in enumerate(self._member)]
             heard = [view.abilities(enclave).overhears for enclave in range(self.outsider)]
-            lanes.append(_Lane([*self._as_any(written), 0], [*self._as_any(heard), view.readable]))
+            lanes.append(Lane([*self._as_any(written), 0], [*self._as_any(heard), view.readable]))
         return lanes
 
-    def _of_sources(self, source: Place) -> list[_Lane]:
+    def _of_sources(self, source: Place) -> list[Lane]:
         """The source attacks, honest enclaves take."""
         lanes = []
         for realm in sorted(set(self._member)):
@@ -140,10 +140,10 @@ class Flows:
                 for enclave in source.enclaves:
                     for each in self._acting(enclave):
                         puts[enclave] |= self._forged(view, each)
-                lanes.append(_Lane(puts, [*taken, 0]))
+                lanes.append(Lane(puts, [*taken, 0]))
             if source.outsider:
                 puts = [*([0] * self.outsider), view.injectable]
-                lanes.append(_Lane(puts, [*taken, 0]))
+                lanes.append(Lane(puts, [*taken, 0]))
         return lanes
 
     @staticmethod

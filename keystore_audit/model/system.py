@@ -16,6 +16,7 @@ from enum import Enum
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import ProtectionKind
+from keystore_audit.model.behaviour import DeterminismAtom
 from keystore_audit.model.claim import ClaimAtom, PlaceAtom
 
 
@@ -208,6 +209,7 @@ class System:
     grants: tuple[GrantAtom, ...]
     rules: tuple[RuleAtom, ...]
     claims: tuple[ClaimAtom, ...] = ()
+    determinism: tuple[DeterminismAtom, ...] = ()
     places: tuple[PlaceAtom, ...] = ()
 
     @property

@@ -65,11 +65,31 @@ class Hop:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Acts:
+    """What one of two runs does in a round (`model.behaviour`).
+
+    `sent`: by writer, which of two values it publishes, None for nothing. `taken`: the slots that forwards emptied.
+    """
+
+    sent: tuple[int | None, ...]
+    taken: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Round:
+    """The same round of two runs that are compared."""
+
+    one: Acts
+    other: Acts
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
     """One engine's answer about one system. `witnesses` is empty exactly where a property holds.
 
-    An engine may give one witness or several, the most telling first; never UNKNOWN: within one reading
-    everything is decided. Of a claim (`model.claim`): `path` is a shortest flow that violates it, where its kind has
+    An engine may give one witness or several, the most telling first; UNKNOWN only of determinism: within one reading
+    everything else is decided. Of determinism: `rounds` are two runs that differ in the last one, in the behaviour of
+    this index. Of a claim (`model.claim`): `path` is a shortest flow that violates it, where its kind has
     flows, and `moment`, where the engine says so, the first at which it is violated: twice the index of an instant,
     plus one for the time between it and the next.
     """
@@ -79,3 +99,5 @@ class Answer:
     witnesses: tuple[Witness, ...] = ()
     path: tuple[Hop, ...] = ()
     moment: int | None = None
+    rounds: tuple[Round, ...] = ()
+    behaviour: int = 0

@@ -71,7 +71,13 @@ def examine(
     cases += [case for number, system in enumerate(systems) for case in _later(number, system)]
     decisions = run([_audit(case) for case in cases], analyzer, lambda job, *answer: _read(cases[job], *answer))
     decisions = _with_paths(cases, decisions, analyzer)
-    return tuple(_over_time(number, cases, decisions) for number in range(len(systems)))
+    found = tuple(_over_time(number, cases, decisions) for number in range(len(systems)))
+    if not any(system.determinism for system in systems):
+        return found
+    from keystore_audit.engine.alloy.determinism import decide as decide_behaviour  # most audits have none
+
+    told = decide_behaviour(systems, analyzer)
+    return tuple(replace(each, answers={**each.answers, **more}) for each, more in zip(found, told, strict=True))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

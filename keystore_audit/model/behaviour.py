@@ -1,0 +1,109 @@
+"""Declared behaviour as facts for both engines: forwards, what comes in, what is seen (docs/model.md, Determinism).
+
+Everything goes in rounds. In each, every forward with samples that wait takes one and publishes it, and inputs come;
+at its end all that was published stands in the slots that it reaches, the newest alone. Neither engine is told an
+answer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from keystore_audit.findings import Location
+
+
+class Scheduler(str, Enum):
+    """Which of the samples that wait a forward takes: that of the first topic in its list, or any of them."""
+
+    PRIORITY = "priority"
+    ANY = "any"
+
+
+class Differs(str, Enum):
+    """Whether an input may be another one in the other run.
+
+    PERHAPS: an enclave of which nobody says what it does, and which something high can reach, may let it differ.
+    """
+
+    NEVER = "never"
+    PERHAPS = "perhaps"
+    ALWAYS = "always"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SlotAtom:
+    """Where the newest sample of a topic waits for a forward. Slots of one forward stand in the order of its list."""
+
+    forward: int
+    topic: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForwardAtom:
+    """One declared forward. `enclave`: index in the system. `reaches`: slots that take what it publishes."""
+
+    enclave: int
+    scheduler: Scheduler
+    targets: frozenset[int]
+    reaches: frozenset[int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InputAtom:
+    """What an enclave without declared forwards may publish on a topic.
+
+    `enclave`: index in the system; None: whoever it is, on a topic that is high. Several that are alike are one or two,
+    which show all that more would show.
+    """
+
+    enclave: int | None
+    topic: int
+    differs: Differs
+    reaches: frozenset[int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Behaviour:
+    """What can come to the low topics, in one domain class. `topics`: their DDS names; `low`: those that are seen."""
+
+    domain: int
+    topics: tuple[str, ...]
+    forwards: tuple[ForwardAtom, ...]
+    slots: tuple[SlotAtom, ...]
+    inputs: tuple[InputAtom, ...]
+    low: frozenset[int]
+
+    @property
+    def writers(self) -> int:
+        """How many publish; inputs come first, forwards after them."""
+        return len(self.inputs) + len(self.forwards)
+
+    def free(self, *, perhaps: bool) -> frozenset[int]:
+        """The inputs that may differ; `perhaps`: with those that perhaps do."""
+        counted = {Differs.ALWAYS, Differs.PERHAPS} if perhaps else {Differs.ALWAYS}
+        return frozenset(number for number, each in enumerate(self.inputs) if each.differs in counted)
+
+    def seen(self) -> frozenset[int]:
+        """The writers that publish on a low topic."""
+        from_outside = {number for number, each in enumerate(self.inputs) if each.topic in self.low}
+        forwarded = {len(self.inputs) + n for n, each in enumerate(self.forwards) if each.targets & self.low}
+        return frozenset(from_outside | forwarded)
+
+    def slots_of(self, forward: int) -> tuple[int, ...]:
+        """The slots of a forward, in the order of its list."""
+        return tuple(number for number, slot in enumerate(self.slots) if slot.forward == forward)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeterminismAtom:
+    """That what is seen on low topics is decided by inputs that are not high alone.
+
+    `id`: unique, `[a-z0-9-]+`. `behaviours`: one for each domain class in which every declared forward is possible.
+    `undecided`: why nothing can be said; empty where something can.
+    """
+
+    id: str
+    behaviours: tuple[Behaviour, ...]
+    undecided: str
+    location: Location

@@ -1,0 +1,241 @@
+"""What comes to the topics that a claim of determinism is about, in one system, as long as nobody attacks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.behaviour import Behaviour, DeterminismAtom, Differs, ForwardAtom, InputAtom, SlotAtom
+from keystore_audit.model.channels import Channels
+from keystore_audit.model.claim import Attacker, Place
+from keystore_audit.model.claims import matching
+from keystore_audit.model.flow import Flows, Lane, Search
+from keystore_audit.model.forwards import Declared, Determinism, Forward, ambient, anywhere, by_default, leading_to
+from keystore_audit.model.meaning import Usability
+from keystore_audit.model.own_rights import OwnRights
+from keystore_audit.model.permission import Permissions, bits
+from keystore_audit.model.system import System
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Plan:
+    """What is asked about in one domain; `holders`: by slot, whose it is."""
+
+    domain: int
+    topics: tuple[str, ...]
+    slots: tuple[SlotAtom, ...]
+    holders: tuple[int, ...]
+
+
+class Forwarding:
+    """The declared forwards in the atoms of one system."""
+
+    def __init__(
+        self,
+        system: System,
+        declared: Declared,
+        channels: Channels,
+        keystore: Keystore,
+        usability: Mapping[tuple[str, str], Usability],
+    ) -> None:
+        self.system = system
+        self._declared = declared
+        self._usability = usability
+        self._directories = {enclave.path: enclave.files.directory for enclave in keystore.enclaves}
+        self._number = {enclave.label: number for number, enclave in enumerate(system.enclaves)}
+        self._doing = {forward.enclave for forward in declared.forwards}
+        permissions = Permissions(system)
+        self._within = permissions.channels_in
+        views = [RealmView(system, realm, permissions) for realm in range(len(system.realms))]
+        self._own = [OwnRights(system, view) for view in views]
+        nowhere = Search(attacker=Attacker.HONEST, source=Place(), target=Place())
+        self._lanes = Flows(system, views).lanes(nowhere)
+        regions = channels.regions
+        topics = {t for f in declared.forwards for t in (*f.sources, *f.targets)}
+        topics |= {t for claim in declared.claims for t in (*claim.low, *claim.high.topics)}
+        self._anywhere = {topic: bits(regions[anywhere(topic)]) for topic in topics}
+        self._by_default = {topic: bits(regions[by_default(topic)]) for topic in topics}
+        self._ambient = bits(regions[ambient()])
+
+    def atom(self, claim: Determinism) -> DeterminismAtom:
+        """The claim as facts."""
+        forwards = leading_to(claim.low, self._declared.forwards)
+        undecided = next(filter(None, map(self._stopped, forwards)), "")
+        domains: list[int] = []
+        if not undecided:
+            domains = [d for d in range(len(self._within)) if all(self._lacking(f, d) is None for f in forwards)]
+            if not domains:
+                undecided = self._impossible(forwards)
+        tainted = self._tainted(claim)
+        behaviours = (self._behaviour(claim, forwards, domain, tainted) for domain in domains)
+        found = tuple(each for each in behaviours if each.writers)
+        if not undecided and not any(each.seen() for each in found):
+            undecided = f"nobody may publish {', '.join(claim.low)}"
+        return DeterminismAtom(
+            id=claim.id,
+            behaviours=() if undecided else tuple(each for each in found if each.seen()),
+            undecided=undecided,
+            location=claim.location,
+        )
+
+    def told(self, atom: DeterminismAtom) -> object:
+        """The atom with names for indices, which readings of one keystore have in common."""
+
+        def name(enclave: int | None) -> str | None:
+            return None if enclave is None else self.system.enclaves[enclave].label
+
+        inputs = [[(name(i.enclave), i.topic, i.differs, i.reaches) for i in b.inputs] for b in atom.behaviours]
+        forwards = [[(name(f.enclave), f.targets, f.reaches) for f in b.forwards] for b in atom.behaviours]
+        return (atom.undecided, inputs, forwards, [(b.domain, b.topics, b.slots) for b in atom.behaviours])
+
+    def _stopped(self, forward: Forward) -> str:
+        """Why the forward cannot be, whatever the domain; empty where it can."""
+        if forward.enclave not in self._number:
+            return f"{forward.enclave} could not be read"
+        starts = [self._usability[self._directories[forward.enclave], p].usable for p in self.system.profiles]
+        return "" if all(starts) else f"{forward.enclave}, whose forwards are declared, may not start"
+
+    def _lacking(self, forward: Forward, domain: int) -> str | None:
+        """A topic that the forward's enclave may not use in the domain by its own permissions; None where it may."""
+        number = self._number[forward.enclave]
+        able = self._own[self.system.enclaves[number].realm].abilities(number)
+        here = self._within[domain]
+        for topic in forward.sources:
+            if not able.may_read & self._by_default[topic] & here:
+                return f"subscribe to {topic}"
+        for topic in forward.targets:
+            if not able.may_write & self._by_default[topic] & here:
+                return f"publish {topic}"
+        return None
+
+    def _impossible(self, forwards: Sequence[Forward]) -> str:
+        for forward in forwards:
+            missing = [self._lacking(forward, domain) for domain in range(len(self._within))]
+            if missing and all(missing):
+                return f"what is declared cannot be: {forward.enclave} may not {missing[0]}"
+        return "the forwards that are declared are possible in no common domain"
+
+    def _behaviour(
+        self, claim: Determinism, forwards: Sequence[Forward], domain: int, tainted: frozenset[int]
+    ) -> Behaviour:
+        """What comes to the low topics in one domain."""
+        topics = tuple(dict.fromkeys([*claim.low, *(t for f in forwards for t in f.sources)]))
+        slots = tuple(
+            SlotAtom(forward=place, topic=topics.index(topic))
+            for place, forward in enumerate(forwards)
+            for topic in forward.sources
+        )
+        holders = tuple(self._number[forwards[slot.forward].enclave] for slot in slots)
+        plan = _Plan(domain=domain, topics=topics, slots=slots, holders=holders)
+        return Behaviour(
+            domain=domain,
+            topics=topics,
+            forwards=tuple(self._forward(forward, plan) for forward in forwards),
+            slots=slots,
+            inputs=tuple(_few(self._inputs(claim, plan, tainted))),
+            low=frozenset(topics.index(topic) for topic in claim.low),
+        )
+
+    def _forward(self, forward: Forward, plan: _Plan) -> ForwardAtom:
+        sender = self._number[forward.enclave]
+        targets = [topic for topic in forward.targets if topic in plan.topics]
+        reaches = [self._reached(sender, topic, self._by_default[topic], plan) for topic in targets]
+        return ForwardAtom(
+            enclave=sender,
+            scheduler=forward.scheduler,
+            targets=frozenset(map(plan.topics.index, targets)),
+            reaches=frozenset[int]().union(*reaches),
+        )
+
+    def _inputs(self, claim: Determinism, plan: _Plan, tainted: frozenset[int]) -> Iterator[InputAtom]:
+        """What enclaves without declared forwards may publish on the topics, and anybody on those that are high."""
+        for place, topic in enumerate(plan.topics):
+            if topic in claim.high.topics:
+                everywhere = frozenset(n for n, slot in enumerate(plan.slots) if slot.topic == place)
+                yield InputAtom(enclave=None, topic=place, differs=Differs.ALWAYS, reaches=everywhere)
+                continue
+            for sender, enclave in enumerate(self.system.enclaves):
+                if enclave.label in self._doing:
+                    continue
+                reaches = self._reached(sender, topic, self._anywhere[topic], plan)
+                if reaches or (topic in claim.low and self._puts(sender, topic, plan.domain)):
+                    differs = self._differs(claim, sender, tainted)
+                    yield InputAtom(enclave=sender, topic=place, differs=differs, reaches=reaches)
+
+    def _reached(self, sender: int, topic: str, put: int, plan: _Plan) -> frozenset[int]:
+        """The slots that get what the enclave puts on these channels of the topic."""
+        got = self._by_default[topic]
+        return frozenset(
+            place
+            for place, (slot, holder) in enumerate(zip(plan.slots, plan.holders, strict=True))
+            if plan.topics[slot.topic] == topic and self._hops(sender, put, holder, got, plan.domain)
+        )
+
+    def _differs(self, claim: Determinism, enclave: int, tainted: frozenset[int]) -> Differs:
+        label = self.system.enclaves[enclave].label
+        if any(matching(glob, [label]) for glob in claim.high.enclaves):
+            return Differs.ALWAYS
+        return Differs.PERHAPS if enclave in tainted else Differs.NEVER
+
+    def _hops(self, sender: int, put: int, receiver: int, got: int, domain: int) -> bool:
+        """Whether a sample of these channels goes over, in the domain."""
+        here = self._within[domain]
+        return any(lane.puts[sender] & put & here and lane.gets[receiver] & got & here for lane in self._lanes)
+
+    def _puts(self, sender: int, topic: str, domain: int) -> bool:
+        here = self._anywhere[topic] & self._within[domain]
+        return any(lane.puts[sender] & here for lane in self._lanes)
+
+    def _tainted(self, claim: Determinism) -> frozenset[int]:
+        """The enclaves without declared forwards that something high can reach, whatever they do, in any domain."""
+        left_out = 0 if claim.include_ambient else self._ambient
+        labels = [enclave.label for enclave in self.system.enclaves]
+        high = {n for n, label in enumerate(labels) if any(matching(glob, [label]) for glob in claim.high.enclaves)}
+        reached, passing = set(high), set[int]()
+        put = [union(self._anywhere[topic] for topic in claim.high.topics) for _lane in self._lanes]
+        while True:
+            for number, lane in enumerate(self._lanes):
+                put[number] |= union(lane.puts[enclave] for enclave in reached) & ~left_out
+                put[number] |= union(self._passed_on(lane, place) for place in passing)
+            arrived = {n for lane, sent in zip(self._lanes, put, strict=True) for n in lane.getting(sent)}
+            more = {n for n in arrived if n < len(labels) and labels[n] not in self._doing}
+            through = set(self._passing(put))
+            if more <= reached and through <= passing:
+                return frozenset(reached - high)
+            reached |= more
+            passing |= through
+
+    def _passed_on(self, lane: Lane, place: int) -> int:
+        """What the forward of this place puts into the lane."""
+        forward = self._declared.forwards[place]
+        return lane.puts[self._number[forward.enclave]] & union(self._by_default[t] for t in forward.targets)
+
+    def _passing(self, puts: Sequence[int]) -> Iterator[int]:
+        """The forwards that take what is put into the lanes."""
+        for place, forward in enumerate(self._declared.forwards):
+            number = self._number.get(forward.enclave)
+            asked = union(self._by_default[topic] for topic in forward.sources)
+            if number is not None and any(
+                lane.gets[number] & put & asked for lane, put in zip(self._lanes, puts, strict=True)
+            ):
+                yield place
+
+
+def union(sets: Iterable[int]) -> int:
+    """The union of bit sets."""
+    found = 0
+    for each in sets:
+        found |= each
+    return found
+
+
+def _few(inputs: Iterable[InputAtom]) -> Iterator[InputAtom]:
+    """Of inputs that are alike, one where it may differ anyhow, else two, of which either may be the newest."""
+    seen: dict[InputAtom, int] = {}
+    for each in inputs:
+        kind = replace(each, enclave=None)
+        seen[kind] = seen.get(kind, 0) + 1
+        if seen[kind] <= (1 if each.differs is Differs.ALWAYS else 2):
+            yield each

@@ -1,0 +1,163 @@
+"""What users say that their nodes forward, and what follows for one system (docs/model.md, Determinism)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+from keystore_audit.errors import UsageError
+from keystore_audit.findings import Location, Severity
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.model.behaviour import DeterminismAtom, Scheduler
+from keystore_audit.model.channels import Channels, Named
+from keystore_audit.model.claims import AMBIENT, Globs, granted_channels, matching
+from keystore_audit.model.expression import Matcher
+from keystore_audit.model.meaning import Usability
+from keystore_audit.model.semantics import DEFAULT_PARTITION, Area
+from keystore_audit.model.system import System
+
+UNREAD: Final = "it depends on what could not be read"
+"""Why a claim is undecided where the readings of a system differ."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Forward:
+    """A node of an enclave publishes on each of `targets` what it got of `sources` (DDS topics), as it came.
+
+    `sources` in the order of their priority. An enclave with forwards does nothing else. `location`, `place`: where it
+    is declared, as in `claims.Claim`.
+    """
+
+    enclave: str
+    sources: tuple[str, ...]
+    targets: tuple[str, ...]
+    scheduler: Scheduler
+    location: Location
+    place: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Determinism:
+    """That two runs show the same on `low` (DDS topics), whatever comes from `high`, if all other inputs are the same.
+
+    `id`, `statement`, `severity`, `include_ambient`, `location` and `place` as in `claims.Claim`.
+    """
+
+    id: str
+    statement: str
+    severity: Severity
+    high: Globs
+    low: tuple[str, ...]
+    include_ambient: bool
+    location: Location
+    place: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Declared:
+    """The forwards that are declared, and what is claimed of them."""
+
+    forwards: tuple[Forward, ...] = ()
+    claims: tuple[Determinism, ...] = ()
+
+    def regions(self) -> tuple[Named, ...]:
+        """The sets of names that take part in the classes, so that the claims are exact."""
+        topics: dict[str, None] = {}
+        for forward in self.forwards:
+            topics.update(dict.fromkeys((*forward.sources, *forward.targets)))
+        for claim in self.claims:
+            topics.update(dict.fromkeys((*claim.low, *claim.high.topics)))
+        if not self.claims:
+            return ()
+        return (ambient(), *(region for topic in topics for region in (anywhere(topic), by_default(topic))))
+
+
+def anywhere(topic: str) -> Named:
+    """The topic in every partition."""
+    return Matcher.POSIX, (Area(topics=(topic,), partitions=None),)
+
+
+def by_default(topic: str) -> Named:
+    """The topic in the default partition, where the nodes of ROS 2 are."""
+    return Matcher.POSIX, (Area(topics=(topic,), partitions=DEFAULT_PARTITION),)
+
+
+def ambient() -> Named:
+    """The topics that nearly every node has a right to."""
+    return Matcher.POSIX, (Area(topics=AMBIENT, partitions=None),)
+
+
+def leading_to(low: Iterable[str], forwards: Sequence[Forward]) -> tuple[Forward, ...]:
+    """The forwards on which what is on these topics depends, in their order."""
+    topics = set(low)
+    found: set[int] = set()
+    while True:
+        more = {n for n, forward in enumerate(forwards) if n not in found and topics.intersection(forward.targets)}
+        if not more:
+            return tuple(forwards[number] for number in sorted(found))
+        found |= more
+        topics.update(source for number in more for source in forwards[number].sources)
+
+
+def with_determinism(
+    systems: Sequence[System],
+    declared: Declared,
+    channels: Channels,
+    keystore: Keystore,
+    usability: Mapping[tuple[str, str], Usability],
+) -> tuple[System, ...]:
+    """The systems with the claims of determinism as facts. `usability`: by directory and profile.
+
+    Raises errors.UsageError for what is declared of something that is not in the keystore.
+    """
+    if not declared.claims or not systems:
+        return tuple(systems)
+    from keystore_audit.model.forwarding import Forwarding  # most audits have none
+
+    _check(declared, systems, channels, keystore)
+    resolved = [Forwarding(system, declared, channels, keystore, usability) for system in systems]
+    atoms = [[each.atom(claim) for claim in declared.claims] for each in resolved]
+    for number in range(len(declared.claims)):
+        read: dict[tuple[str, ...], object] = {}
+        for each, found in zip(resolved, atoms, strict=True):
+            told = each.told(found[number])
+            if read.setdefault(each.system.profiles, told) != told:
+                read[each.system.profiles] = None
+        for each, found in zip(resolved, atoms, strict=True):
+            if read[each.system.profiles] is None:
+                found[number] = replace(found[number], behaviours=(), undecided=UNREAD)
+    return tuple(_given(each.system, found) for each, found in zip(resolved, atoms, strict=True))
+
+
+def _given(system: System, atoms: Iterable[DeterminismAtom]) -> System:
+    return replace(system, determinism=tuple(atoms))
+
+
+def _check(declared: Declared, systems: Sequence[System], channels: Channels, keystore: Keystore) -> None:
+    """Raises errors.UsageError for names that find nothing, and for an enclave that is high and has forwards."""
+    paths = [enclave.path for enclave in keystore.enclaves]
+    used = granted_channels(systems)
+    for forward in declared.forwards:
+        if forward.enclave not in paths:
+            raise UsageError(f"{forward.place}: {forward.enclave!r} is no enclave of this keystore.")
+        for topic in (*forward.sources, *forward.targets):
+            _check_topic(forward.place, topic, channels, used)
+    for claim in declared.claims:
+        for topic in (*claim.low, *claim.high.topics):
+            _check_topic(claim.place, topic, channels, used)
+        for glob in claim.high.enclaves:
+            found = matching(glob, paths)
+            if not found:
+                raise UsageError(f"{claim.place}: {glob!r} names no enclave of this keystore.")
+            for forward in declared.forwards:
+                if forward.enclave in found:
+                    raise UsageError(
+                        f"{claim.place}: {forward.enclave!r} is high, and what it does is declared at {forward.place}: "
+                        "name the topics that it gets instead."
+                    )
+
+
+def _check_topic(place: str, topic: str, channels: Channels, used: frozenset[int]) -> None:
+    if not channels.regions[anywhere(topic)] & used:
+        raise UsageError(f"{place}: no permissions document grants anything on the DDS topic {topic!r}.")
