@@ -53,7 +53,7 @@ def check(story: Story, samples: Path = SAMPLES) -> list[str]:
     return lines
 
 
-HAND_WRITTEN = ("environments", "graphs", "launch", "policies", "settings", "suppressions")
+HAND_WRITTEN = ("alloy_properties", "environments", "graphs", "launch", "policies", "settings", "suppressions")
 """Folders beside the keystores: what systems are meant to be, compared with the keystores by tests/intent."""
 
 

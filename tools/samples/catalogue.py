@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from fnmatch import fnmatchcase
 
 from . import (
+    alloy_stories,
     anomaly_stories,
     certificate_stories,
     divergence_stories,
@@ -16,6 +17,7 @@ from . import (
     governance_stories,
     healthy,
     identity_stories,
+    label_stories,
     layout_stories,
     observed_stories,
     permissions_stories,
@@ -47,6 +49,8 @@ FAMILIES = (
     ros_stories,
     formal_stories,
     flow_stories,
+    alloy_stories,
+    label_stories,
     suppression_stories,
 )
 
