@@ -12,8 +12,11 @@ from keystore_audit.errors import UsageError
 from keystore_audit.findings import Severity
 from keystore_audit.model.claim import Attacker, ClaimKind
 from keystore_audit.model.claims import Claim, Globs
+from keystore_audit.model.labels import Labelling
 from keystore_audit.properties import BY_ID
 from keystore_audit.settings_acceptances import read_accepted, read_suppressions
+from keystore_audit.settings_labels import KEYS as LABEL_KEYS
+from keystore_audit.settings_labels import read_labels, read_single_writers
 from keystore_audit.settings_table import OUTSIDER, Table, globs, read_table
 from keystore_audit.suppressions import MAX_DAYS, Acceptance
 
@@ -35,12 +38,14 @@ _NAME: Final = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
 class Settings:
     """What a settings file says. `path` as it was given or found; `sha256` of its bytes, in hexadecimal.
 
+    `claims`: all that it asserts, what `labels` and single writers come to among it.
     `acceptances` may last so many days from the audit instant.
     """
 
     path: str
     sha256: str
     claims: tuple[Claim, ...] = ()
+    labels: Labelling | None = None
     acceptances: tuple[Acceptance, ...] = ()
     max_suppression_days: int = MAX_DAYS
 
@@ -62,11 +67,13 @@ def read_settings(path: Path, keystores: Iterable[str | Path] = ()) -> Settings:
     """
     file = read_table(path, keystores, MAX_BYTES)
     root = file.root
-    root.only("property", "suppression", "max_suppression_days")
+    root.only("property", *LABEL_KEYS, "suppression", "max_suppression_days")
+    labels = read_labels(root)
     return Settings(
         path=file.path,
         sha256=file.sha256,
-        claims=_claims(root),
+        claims=_unique((*_claims(root), *(labels.claims() if labels else ()), *read_single_writers(root))),
+        labels=labels,
         acceptances=read_suppressions(root),
         max_suppression_days=root.number("max_suppression_days", MAX_DAYS, 1, MOST_DAYS),
     )
@@ -88,6 +95,16 @@ def _claims(root: Table) -> tuple[Claim, ...]:
             table.wrong("name", f"there is a property {claim.id!r} already, at {claims[claim.id].place}")
         claims[claim.id] = claim
     return tuple(claims.values())
+
+
+def _unique(claims: tuple[Claim, ...]) -> tuple[Claim, ...]:
+    """The claims; raises errors.UsageError where two have one name, as labels may make them."""
+    seen: dict[str, Claim] = {}
+    for claim in claims:
+        other = seen.setdefault(claim.id, claim)
+        if other is not claim:
+            raise UsageError(f"{claim.place}: this makes the property {claim.id!r}, which is at {other.place} too.")
+    return claims
 
 
 def place(word: str) -> Globs:

@@ -62,8 +62,8 @@ class Claim:
 
     `id`: unique, `[a-z0-9-]+`. `statement`: a sentence. `until`: aware UTC, None: at the audit instant alone.
     `location`: where it stands, `beside` the keystore; `place`: the same for people, `FILE:LINE:COLUMN`,
-    empty for a question of the command line. `labels`: where labels make it. `sole`: (ONLY_PUBLISH) that one enclave
-    alone may publish, whichever it is; `source` is empty then.
+    empty for a question of the command line. `labels`: where labels make it. `source` may be empty for ONLY_PUBLISH
+    alone: one enclave may publish then, whichever it is.
     """
 
     id: str
@@ -79,7 +79,6 @@ class Claim:
     location: Location
     place: str
     labels: LabelPair | None = None
-    sole: bool = False
 
     @property
     def meaning(self) -> str:
@@ -243,13 +242,21 @@ class _Resolution:
             id=claim.id,
             kind=claim.kind,
             attacker=claim.attacker,
-            source=self._place(claim.source, away, unread=not allowed),
+            source=self._sole(claim) if claim.source == Globs() else self._place(claim.source, away, unread=not allowed),
             target=self._place(claim.target, away),
             through=self._enclaves(claim.through, unread=False) | away,
             left_out=frozenset() if claim.include_ambient else self._channels.regions[named(AMBIENT)],
             until=None if claim.until is None else self._until(claim.until),
             location=claim.location,
         )
+
+    def _sole(self, claim: Claim) -> Place:
+        """One enclave that may publish, where one alone may: that nobody else does is left to the engines."""
+        if claim.kind is not ClaimKind.ONLY_PUBLISH:
+            return Place()
+        from keystore_audit.model.single_writer import some_writer  # most settings ask for none
+
+        return Place(enclaves=some_writer(self._system, self._place(claim.target, frozenset()).channels))
 
     def _place(self, globs: Globs, away: frozenset[int], *, unread: bool = True) -> Place:
         return Place(

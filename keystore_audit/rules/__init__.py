@@ -21,6 +21,7 @@ from keystore_audit.rules.environment import ENVIRONMENT
 from keystore_audit.rules.formal import FORMAL
 from keystore_audit.rules.governance import GOVERNANCE
 from keystore_audit.rules.identity import IDENTITY
+from keystore_audit.rules.labels import LABELS
 from keystore_audit.rules.layout import LAYOUT
 from keystore_audit.rules.observed import OBSERVED
 from keystore_audit.rules.permissions import PERMISSIONS
@@ -73,6 +74,7 @@ RULES: tuple[Rule[Any], ...] = tuple(
             *ENVIRONMENT,
             *FORMAL,
             *ASSERTED,
+            *LABELS,
             *AUDIT,
             *ACCEPTED,
         ),

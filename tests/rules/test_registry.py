@@ -24,6 +24,7 @@ from tests.rules import (
     test_environment_rules,
     test_formal_and_audit_rules,
     test_governance_rules,
+    test_label_rules,
     test_layout_rules,
     test_observed_rules,
     test_permissions_rules,
@@ -39,7 +40,7 @@ CATALOGUE = {
     "KA4": range(401, 424),
     "KA5": range(501, 522),
     "KA6": (*range(601, 628), *range(630, 637), *range(640, 647), *range(650, 655), *range(660, 668), *range(670, 677)),
-    "KA7": (*range(701, 708), *range(711, 716), *range(721, 726), 731, 740),
+    "KA7": (*range(701, 708), *range(711, 716), *range(721, 726), 731, 740, 742),
     "KA9": range(901, 911),
 }
 
@@ -77,6 +78,7 @@ def test_causes_explain_properties_that_exist() -> None:
 
 def test_every_rule_has_a_test_that_makes_it_speak() -> None:
     tables = (
+        test_label_rules.CASES,
         test_layout_rules.CASES,
         test_certificate_rules.CASES,
         test_signature_rules.CASES,

@@ -24,9 +24,9 @@ def stories() -> Iterator[Story]:
         bad=Case(
             "The settings say that nothing gets from the listener to the talker; the listener may publish /answer, to "
             "which the talker subscribes.",
-            _answering("rt/answer"),
+            answering("rt/answer"),
         ),
-        good=Case("Nobody subscribes to what the listener publishes.", _answering("rt/question")),
+        good=Case("Nobody subscribes to what the listener publishes.", answering("rt/question")),
         options=ASSERTED["chatter"],
     )
     yield from _turtlesim()
@@ -34,7 +34,8 @@ def stories() -> Iterator[Story]:
     yield from _unknown()
 
 
-def _answering(subscribed: str) -> Store:
+def answering(subscribed: str) -> Store:
+    """Talker and listener, where the talker subscribes to this beside what it publishes."""
     talking = Permissions(grants=(grant("/talker", Node(name="talker", publish=("chatter",), common=False)),))
     heard = replace(talking.grants[0], rules=(Rule(publish=("rt/chatter",), subscribe=(subscribed,)),))
     said = replace(LISTENER_GRANT, rules=(Rule(publish=("rt/answer",), subscribe=("rt/chatter", "rt/question")),))

@@ -1,0 +1,21 @@
+"""Topics that one enclave alone may publish: which it is now."""
+
+from __future__ import annotations
+
+from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.permission import Permissions, bits
+from keystore_audit.model.system import System
+
+
+def some_writer(system: System, channels: frozenset[int]) -> frozenset[int]:
+    """One enclave that may write one of the channels at the audit instant, none where nobody may.
+
+    One that could be read is taken rather than one that may be anybody. That nobody else writes there is not said.
+    """
+    asked = bits(channels)
+    permissions = Permissions(system)
+    views = [RealmView(system, realm, permissions) for realm in range(len(system.realms))]
+    for number in sorted(range(len(system.enclaves)), key=lambda number: system.enclaves[number].opaque):
+        if any(view.abilities(number).may_write & asked for view in views):
+            return frozenset({number})
+    return frozenset()

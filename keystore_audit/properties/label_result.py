@@ -1,0 +1,22 @@
+"""What the engines said of two labels between which nothing may flow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from keystore_audit.findings import Location, Severity
+from keystore_audit.properties.result import PropertyResult
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabelResult(PropertyResult):
+    """Whether what is labelled `source` stays away from what is labelled `target`.
+
+    `location`: of the lattice, beside the keystore. `meaning`: what is claimed, equal where it is the same.
+    """
+
+    source: str
+    target: str
+    meaning: str
+    severity: Severity
+    location: Location

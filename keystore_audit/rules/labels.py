@@ -1,0 +1,46 @@
+"""KA742: what has one label reaches what has another, and the lattice of the settings lets nothing through."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+from keystore_audit.findings import Severity
+from keystore_audit.properties.label_result import LabelResult
+from keystore_audit.properties.property import Status
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.formal import steps
+from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.wording import quoted
+
+
+@rule(
+    "KA742",
+    "label-flow-violated",
+    Severity.HIGH,
+    on=LabelResult,
+    clause="keystore-audit, docs/settings.md: the lattice and the labels in keystore-audit.toml",
+    remedy="Change what lets it through at one of the lines named, or declare who is trusted to pass it on.",
+)
+def label_flow_violated(result: LabelResult, _context: Context) -> Iterator[Violation]:
+    """What has one label can reach what has another, though the lattice of the settings lets nothing through there.
+
+    One finding for each two labels, with the shortest way; others between the same labels may remain. The severity is
+    the one that the lattice gives, high where it gives none (Denning, A lattice model of secure information flow).
+    """
+    answers = {name: answer for name, answer in result.profiles.items() if answer.status is Status.VIOLATED}
+    if not answers:
+        return
+    example = next((a.counterexample for a in answers.values() if a.counterexample is not None), None)
+    said = f": {example.text}" if example else "."
+    yield Violation(
+        message=f"What is labelled {quoted(result.source)} can reach what is labelled {quoted(result.target)}{said}",
+        locations=(replace(result.location, message="the lattice"), *(steps(example) if example else ())),
+        severity=result.severity,
+        profiles=() if len(answers) == len(result.profiles) else tuple(answers),
+        key=f"{result.prop.id}\0{result.meaning}",
+    )
+
+
+LABELS: tuple[Rule[Any], ...] = (label_flow_violated,)

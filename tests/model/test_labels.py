@@ -1,0 +1,292 @@
+"""Labels: which flows violate them, counted out label by label, against the claims that they become."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterable, Mapping
+from itertools import combinations
+
+import pytest
+
+from keystore_audit.engine.native import NativeEngine
+from keystore_audit.findings import Location
+from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.claims import Claim, Globs
+from keystore_audit.model.labels import (
+    CyclicOrder,
+    Declassifier,
+    Labelled,
+    Labelling,
+    Lattice,
+    chain,
+    ordered,
+    powerset,
+)
+from keystore_audit.model.system import System
+from keystore_audit.properties import Status
+from tests.engine.systems import random_system
+from tests.engine.test_flows import OUTSIDER, Definitions
+
+HERE = Location(path="keystore-audit.toml", line=1, beside=True)
+LATTICES = (
+    chain(("public", "internal", "secret")),
+    chain(("low", "high")).turned,
+    powerset({"none": (), "a": ("a",), "b": ("b",), "both": ("a", "b")}),
+    ordered({"public": (), "left": ("public",), "right": ("public",), "apart": ()}),
+)
+
+
+def labelling(lattice: Lattice, labelled: Iterable[Labelled], attacker: Attacker, *trusted: Declassifier) -> Labelling:
+    return Labelling(
+        lattice=lattice,
+        labelled=tuple(labelled),
+        declassifiers=trusted,
+        attacker=attacker,
+        include_ambient=True,
+        location=HERE,
+        place="keystore-audit.toml:1:1",
+    )
+
+
+def atom(system: System, claim: Claim) -> ClaimAtom:
+    """The claim in the system, whose names the globs are."""
+
+    def place(globs: Globs) -> Place:
+        return Place(
+            enclaves=frozenset(n for n, e in enumerate(system.enclaves) if e.label in globs.enclaves),
+            channels=frozenset(n for n, c in enumerate(system.channels) if c.topic in globs.topics),
+        )
+
+    return ClaimAtom(
+        id=claim.id,
+        kind=claim.kind,
+        attacker=claim.attacker,
+        source=place(claim.source),
+        target=place(claim.target),
+        through=place(Globs(enclaves=claim.through)).enclaves,
+        left_out=frozenset(),
+        until=None,
+        location=HERE,
+    )
+
+
+def violated(system: System, given: Labelling) -> set[tuple[str, str]]:
+    """The pairs of labels that the engine finds violated."""
+    claims = {claim.id: claim for claim in given.claims()}
+    asked = System(**{**_fields(system), "claims": tuple(atom(system, claim) for claim in claims.values())})
+    answers = NativeEngine([asked]).claim_answers()[0]
+    return {
+        (claim.labels.source, claim.labels.target)
+        for name, claim in claims.items()
+        if claim.labels is not None and answers[name].status is Status.VIOLATED
+    }
+
+
+def _fields(system: System) -> dict[str, object]:
+    return {name: getattr(system, name) for name in system.__dataclass_fields__}
+
+
+class Tokens:
+    """Data of each label, followed from everywhere it comes from: what docs/model.md says of labels, word by word."""
+
+    def __init__(self, system: System, given: Labelling) -> None:
+        self.system, self.given, self.know = system, given, Definitions(system)
+        self.people = [*self.know.everybody, OUTSIDER]
+        self.trusted = {
+            number: declassifier
+            for declassifier in given.declassifiers
+            for number, enclave in enumerate(system.enclaves)
+            if enclave.label in declassifier.enclaves
+        }
+
+    def label(self, enclave: int) -> str | None:
+        if enclave == OUTSIDER:
+            return None
+        path = self.system.enclaves[enclave].label
+        return next((one.label for one in self.given.labelled if path in one.enclaves), None)
+
+    def takes(self, person: int) -> str | None:
+        return self.trusted[person].taken if person in self.trusted else self.label(person)
+
+    def gives(self, person: int) -> str | None:
+        return self.trusted[person].given if person in self.trusted else self.label(person)
+
+    def channels(self, label: str) -> set[int]:
+        names = {topic for one in self.given.labelled if one.label == label for topic in one.topics}
+        return {number for number, channel in enumerate(self.system.channels) if channel.topic in names}
+
+    def violations(self) -> set[tuple[str, str]]:
+        return {(source, target) for source in self.given.lattice.targets for target in self._wrong(source)}
+
+    def _wrong(self, label: str) -> set[str]:
+        """Labels of what data of this label gets to, though it may not."""
+        begun = {person for person in self.people if self.gives(person) == label}
+        claim = self._claim(begun)
+        got = {p for p in self.people if self.know.got(claim, p) & self.channels(label)}
+        reached, arrived = set(begun), set(got)
+        waiting = [*begun, *(p for p in got if p not in self.trusted and p not in begun)]
+        reached.update(waiting)
+        while waiting:
+            sender = waiting.pop()
+            for receiver in self.people:
+                if self.know.hop(claim, sender, receiver):
+                    arrived.add(receiver)
+                    if receiver not in reached and receiver not in self.trusted:
+                        reached.add(receiver)
+                        waiting.append(receiver)
+        found = {self.takes(person) for person in arrived}
+        for person in reached:
+            put = self.know.put(claim, person)
+            found |= {other for other in self.given.lattice.targets if put & self.channels(other)}
+        return {other for other in found if other is not None and not self.given.lattice.flows(label, other)}
+
+    def _claim(self, begun: set[int]) -> ClaimAtom:
+        """Who attacks: `source` means those at which data of the label begins."""
+        return ClaimAtom(
+            id="x",
+            kind=ClaimKind.NO_FLOW,
+            attacker=self.given.attacker,
+            source=Place(enclaves=frozenset(begun - {OUTSIDER})),
+            target=Place(),
+            through=frozenset(),
+            left_out=frozenset(),
+            until=None,
+            location=HERE,
+        )
+
+
+def chance(seed: int, attacker: Attacker) -> tuple[System, Labelling]:
+    """A system with labels on some of what is in it, each enclave and topic at most one."""
+    draw = random.Random(f"labels {seed}")
+    system = random_system(seed)
+    lattice = LATTICES[seed % len(LATTICES)]
+    labels = list(lattice.targets)
+    enclaves: dict[str, list[str]] = {label: [] for label in labels}
+    topics: dict[str, list[str]] = {label: [] for label in labels}
+    trusted = []
+    for path in sorted({enclave.label for enclave in system.enclaves}):
+        lot = draw.random()
+        if lot < 0.25:
+            taken, given = draw.sample(labels, 2)
+            trusted.append(Declassifier(enclaves=(path,), taken=taken, given=given, place="x:1:1"))
+        elif lot < 0.7:
+            enclaves[draw.choice(labels)].append(path)
+    for topic in sorted({channel.topic for channel in system.channels}):
+        if draw.random() < 0.4:
+            topics[draw.choice(labels)].append(topic)
+    marked = (
+        Labelled(label=label, enclaves=tuple(enclaves[label]), topics=tuple(topics[label]), place="x:1:1")
+        for label in labels
+    )
+    return system, labelling(lattice, marked, attacker, *trusted)
+
+
+@pytest.mark.parametrize("attacker", [Attacker.HONEST, Attacker.RELAYS])
+@pytest.mark.parametrize("start", range(0, 240, 80))
+def test_claims_say_what_labels_say(start: int, attacker: Attacker) -> None:
+    told = {True: 0, False: 0}
+    for seed in range(start, start + 80):
+        system, given = chance(seed, attacker)
+        found, expected = violated(system, given), Tokens(system, given).violations()
+        assert found == expected, seed
+        told[bool(found)] += 1
+    assert min(told.values()) > 5
+
+
+def test_an_attacking_source_is_everything_with_the_label() -> None:
+    found = 0
+    for seed in range(160):
+        system, given = chance(seed, Attacker.SOURCE)
+        plain = [one for one in given.labelled if one.enclaves]
+        apart = labelling(
+            given.lattice,
+            (Labelled(label=one.label, enclaves=one.enclaves, place=one.place) for one in plain),
+            Attacker.SOURCE,
+            *given.declassifiers,
+        )
+        expected = Tokens(system, apart).violations()
+        assert violated(system, apart) == expected, seed
+        found += bool(expected)
+    assert found > 10
+
+
+def test_with_labels_on_everything_every_violation_is_of_one_right() -> None:
+    """Bell and LaPadula: no read up, no write down; what is transitive is more only where something has no label."""
+    told = {True: 0, False: 0}
+    for seed in range(200):
+        system = random_system(seed)
+        draw = random.Random(f"everything {seed}")
+        lattice = LATTICES[seed % len(LATTICES)]
+        labels = list(lattice.targets)
+        enclaves = {e.label: draw.choice(labels) for e in system.enclaves}
+        topics = {c.topic: draw.choice(labels) for c in system.channels}
+        given = labelling(
+            lattice,
+            (
+                Labelled(label=mark, enclaves=keys(enclaves, mark), topics=keys(topics, mark), place="")
+                for mark in labels
+            ),
+            Attacker.HONEST,
+        )
+        know = Definitions(system)
+        bad = False
+        for number, enclave in enumerate(system.enclaves):
+            mine = enclaves[enclave.label]
+            written = {c for realm in know.realms for c in know.able("may_write", number, realm)}
+            bad = bad or any(not lattice.flows(mine, topics[system.channels[c].topic]) for c in written)
+            bad = bad or any(not lattice.flows(topics[system.channels[c].topic], mine) for c in know.takes(number))
+        assert bool(violated(system, given)) == bad, seed
+        told[bad] += 1
+    assert min(told.values()) > 20
+
+
+def keys(marks: Mapping[str, str], label: str) -> tuple[str, ...]:
+    return tuple(name for name, mark in marks.items() if mark == label)
+
+
+@pytest.mark.parametrize("lattice", [*LATTICES, *(one.turned for one in LATTICES)])
+def test_lattices_are_partial_orders(lattice: Lattice) -> None:
+    labels = list(lattice.targets)
+    for one in labels:
+        assert lattice.flows(one, one)
+        for other in labels:
+            assert one == other or not (lattice.flows(one, other) and lattice.flows(other, one))
+            for third in labels:
+                if lattice.flows(one, other) and lattice.flows(other, third):
+                    assert lattice.flows(one, third)
+
+
+def test_directions() -> None:
+    levels, sets = LATTICES[0], LATTICES[2]
+    assert levels.flows("public", "secret")
+    assert not levels.flows("secret", "public")
+    assert levels.turned.flows("secret", "public")
+    assert sets.flows("a", "both")
+    assert not any(sets.flows(one, other) for one, other in [("a", "b"), ("both", "a"), ("a", "none")])
+    order = LATTICES[3]
+    assert order.flows("public", "left")
+    assert not any(order.flows(one, other) for one, other in combinations(("left", "right", "apart"), 2))
+
+
+@pytest.mark.parametrize("below", [{"a": ("a",)}, {"a": ("b",), "b": ("c",), "c": ("a",), "d": ("a",)}])
+def test_an_order_in_a_circle_is_none(below: dict[str, tuple[str, ...]]) -> None:
+    with pytest.raises(CyclicOrder) as caught:
+        ordered(below)
+    assert set(caught.value.labels) == set(below) - {"d"}
+
+
+def test_labels_of_enclaves_and_topics() -> None:
+    given = labelling(
+        LATTICES[0],
+        (
+            Labelled(label="secret", enclaves=("/arm/*",), topics=("rt/map*",), place="x:1:1"),
+            Labelled(label="public", enclaves=("/screen",), place="x:2:1"),
+        ),
+        Attacker.RELAYS,
+        Declassifier(enclaves=("/gate",), taken="secret", given="public", place="x:3:1"),
+    )
+    asked = {path: given.of_enclave(path) for path in ("/arm/left", "/screen", "/gate", "/other")}
+    assert asked == {"/arm/left": "secret", "/screen": "public", "/gate": "public", "/other": None}
+    assert (given.of_topic("rt/map_static"), given.of_topic("rt/chatter")) == ("secret", None)
+    assert set(given.pairs()) == {("secret", "public")}
+    assert {claim.through for claim in given.claims()} == {("/gate",)}
