@@ -17,6 +17,7 @@ from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from tests.rules import (
     test_accepted_rules,
+    test_alloy_rules,
     test_anomaly_rules,
     test_certificate_rules,
     test_divergence_rules,
@@ -40,7 +41,7 @@ CATALOGUE = {
     "KA4": range(401, 424),
     "KA5": range(501, 522),
     "KA6": (*range(601, 628), *range(630, 637), *range(640, 647), *range(650, 655), *range(660, 668), *range(670, 677)),
-    "KA7": (*range(701, 708), *range(711, 716), *range(721, 726), 731, 740, 742),
+    "KA7": (*range(701, 708), *range(711, 716), *range(721, 726), 731, 740, 741, 742),
     "KA9": range(901, 911),
 }
 
@@ -79,6 +80,7 @@ def test_causes_explain_properties_that_exist() -> None:
 def test_every_rule_has_a_test_that_makes_it_speak() -> None:
     tables = (
         test_label_rules.CASES,
+        test_alloy_rules.CASES,
         test_layout_rules.CASES,
         test_certificate_rules.CASES,
         test_signature_rules.CASES,

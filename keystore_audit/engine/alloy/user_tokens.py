@@ -39,7 +39,7 @@ _TOKEN: Final = re.compile(
     r"|(?P<comment>(?://|--)[^\n]*|/\*(?!\*/).*?\*/)"
     r"|(?P<word>[A-Za-z_][A-Za-z0-9_]*)"
     r"|(?P<number>[0-9]+)"
-    r"|(?P<mark>[\[\]{}()|&+\-*~^.,:=<>!@/])",
+    r"|(?P<mark>[\[\]{}()|&+\-*~^.,:=<>!@]|/(?!\*))",
     re.DOTALL | re.ASCII,
 )
 

@@ -1,0 +1,185 @@
+"""Users' Alloy files are read as the Analyzer reads them, and refused where they could say something else."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import jpype
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from keystore_audit.engine.alloy.user_file import CONSISTENT, UserFile, read_user_file, read_user_files, vocabulary
+from keystore_audit.errors import UsageError
+from keystore_audit.findings import Severity
+from keystore_audit.intent.source import Source
+from tests.engine.alloy_batch import start_jvm
+
+HEAD = "module asked\nopen keystore_audit\n"
+
+
+def read(text: str, path: str = "dir/my_file.als") -> UserFile:
+    return read_user_file(Source(path=path, real="/dir/my_file.als", text=text))
+
+
+def refused(text: str) -> str:
+    with pytest.raises(UsageError) as caught:
+        read(text)
+    place, _, message = caught.value.message.partition(": ")
+    assert place.startswith("dir/my_file.als:")
+    assert len(message) > 15
+    return f"{place.removeprefix('dir/my_file.als:')} {message}"
+
+
+def test_commands_names_severities_and_statements_are_read() -> None:
+    file = read(
+        HEAD
+        + "//@ enclave Arm = /arm/*\n//@ enclave Arm = /hand\n//@ topic Force = /force\n//@ topic Raw = dds:any\n"
+        + "//@ severity NoForce = low\n//@ statement NoForce = Nothing – moves.\n"
+        + "assert NoForce { no Arm }\ncheck NoForce for 0\nrun someArm { some Arm } for 0\n"
+        + "run NoArm { no Arm } for 0 expect 0\ncheck OutsidersCannotRead for 0 expect 1"
+    )
+    assert [(a.id, a.kind, a.instance, a.severity, a.location.line) for a in file.commands] == [
+        ("my-file-no-force", "check", False, Severity.LOW, 10),
+        ("my-file-some-arm", "run", True, Severity.HIGH, 11),
+        ("my-file-no-arm", "run", False, Severity.HIGH, 12),
+        ("my-file-outsiders-cannot-read", "check", True, Severity.HIGH, 13),
+    ]
+    assert file.commands[0].statement == "Nothing – moves. (Alloy alone decides this.)"
+    assert [(p.name, p.globs.enclaves, p.globs.topics, p.place) for p in file.places] == [
+        ("Arm", ("/arm/*", "/hand"), (), "dir/my_file.als:3:1"),
+        ("Force", (), ("rt/force",), "dir/my_file.als:5:1"),
+        ("Raw", (), ("any",), "dir/my_file.als:6:1"),
+    ]
+
+
+def test_the_analyzer_is_given_the_users_own_lines() -> None:
+    text = HEAD + "-- für\r\nrun A {} for 0 expect 1 -- expect\r\n"
+    given_text = read(text).text
+    assert given_text.startswith(HEAD + "-- f?r\nrun A {} for 0          -- expect\n")
+    assert given_text.endswith(f"run {CONSISTENT} {{}} for 0\n")
+
+
+REFUSED = {
+    "fact { no Enclave }": "3:1 'fact'",
+    "sig Mine {}": "3:1 'sig'",
+    "one sig Mine extends Enclave {}": "3:5 'sig'",
+    "enum Colour { Red }": "3:1 'enum'",
+    "pred p { always some Enclave }": "3:10 'always'",
+    "let two = Enclave": "3:1 expected module, open",
+    "check A for 5": "3:7 expected `for 0`",
+    "check A": "3:7 expected `for 0`",
+    "check A for 0 but 3 Enclave": "3:15 'but'",
+    "check { no Enclave } for 0": "3:7 expected `check NAME`",
+    "A: check { no Enclave } for 0": "3:1 expected module",
+    "check A for 0 check A for 0": "3:21 a second command",
+    "check A for 0 expect 2": "3:22 expected `expect 0`",
+    "assert A { #Enclave = Realm }": "3:12 expected no numbers",
+    "assert A { some Enclave and 1 in Realm }": "3:29 expected no numbers",
+    "assert A { Int in none }": "3:12 'Int'",
+    'assert A { some "x" }': "3:17 expected no text",
+    "assert A { some Enclave' }": "3:24 nothing changes",
+    "assert A { some `x }": "3:17 expected Alloy, found '`'",
+    "assert A { some Enclave": "3:10 expected the end of what begins here",
+    "assert OutsidersCannotRead { }": "3:8 'OutsidersCannotRead' has a meaning",
+    "fun may_write: Enclave { Enclave }": "3:5 'may_write' has a meaning",
+    "fun acts_as: Enclave { Enclave }": "3:5 'acts_as' has a meaning",
+    f"pred {CONSISTENT} {{}}": f"3:6 '{CONSISTENT}' has a meaning",
+    "open keystore": "3:6 'keystore' is not among",
+    "open expiry": "3:6 'expiry' is not among",
+    "open propagation": "3:6 'propagation' is not among",
+    "open util/ordering": "3:6 'util/ordering' is not among",
+    "open util/integer": "3:6 'util/integer' is not among",
+    "open ../../etc/passwd": "3:6 expected the name of a module",
+    "open keystore_audit/../x": "3:21 expected the name of a module",
+    "module other/asked": "3:13 expected module, open",
+    "/**/ run A {} for 0": "3:1 expected a comment with something in it",
+    "/* run A {} for 0": "3:1 expected a comment",
+    "run A {} for 0 // x\rfact { no Enclave }": "3:20 expected no control character",
+    "run A {} for 0 // x\u2028fact { no Enclave }": "3:20 expected no control character",
+    "run A {} for 0\n//@ enclave Arm": "4:1 expected `//@ enclave Name",
+    "run A {} for 0\n//@ enclaves Arm = /x": "4:1 expected `//@ enclave Name",
+    "run A {} for 0\n//@ enclave Arm = x": "4:1 'x' is no enclave's path",
+    "run A {} for 0\n//@ topic Arm = x": "4:1 'x' is no topic",
+    "run A {} for 0\n//@ enclave arm = /x": "4:1 'arm' is no name",
+    "run A {} for 0\n//@ enclave E0_arm = /x": "4:1 'E0_arm' is no name",
+    "run A {} for 0\n//@ enclave Enclave = /x": "4:1 'Enclave' has a meaning",
+    "run A {} for 0\n//@ enclave ENCRYPT = /x": "4:1 'ENCRYPT' has a meaning",
+    "run A {} for 0\n//@ enclave X = /x\n//@ topic X = /x": "5:1 'X' has a meaning",
+    "run A {} for 0\n//@ severity B = low": "4:1 there is no command 'B'",
+    "run A {} for 0\n//@ severity A = worst": "4:1 'worst' is no severity",
+    "pred p {}": "3:9 expected a check or a run",
+}
+
+
+@pytest.mark.parametrize("text", REFUSED)
+def test_what_is_refused_is_said_with_line_and_column(text: str) -> None:
+    assert refused(HEAD + text).startswith(REFUSED[text]), refused(HEAD + text)
+
+
+def test_a_file_that_does_not_open_the_vocabulary_is_refused() -> None:
+    assert "open keystore_audit" in refused("run A {} for 0\n")
+    assert "expected a check or a run" in refused("")
+
+
+def test_limits() -> None:
+    many = "".join(f"run A{number} {{}} for 0\n" for number in range(51))
+    assert "more than 50 commands" in refused(HEAD + many)
+    with pytest.raises(UsageError, match="larger than"):
+        read(HEAD + "-" * 100_000)
+    names = "".join(f"//@ enclave Name{number} = /x\n" for number in range(101))
+    assert "more than 100 names" in refused(HEAD + "run A {} for 0\n" + names)
+
+
+def test_ids_are_unique_over_files(tmp_path: Path) -> None:
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "same.als").write_text(HEAD + "run Twice {} for 0\n")
+    with pytest.raises(UsageError, match=r"b/same.als:3: .*'same-twice', is taken at .*a/same.als:3"):
+        read_user_files([tmp_path / "a" / "same.als", tmp_path / "b" / "same.als"])
+    (tmp_path / "outsiders.als").write_text(HEAD + "run CannotRead {} for 0\n")
+    with pytest.raises(UsageError, match="always decided"):
+        read_user_files([tmp_path / "outsiders.als"])
+
+
+def test_every_word_of_the_modules_is_vocabulary() -> None:
+    words = vocabulary()
+    assert {"may_write", "Enclave", "NONE", "SIGN_WITH_ORIGIN_AUTHENTICATION", "OutsidersCannotRead"} <= words
+    assert {"written", "separated", "Outsider", "one_key", "GrantsAreEnforced"} <= words
+
+
+PIECES = (
+    "fact { no none }", "fact{}", "run A {} for 0", "run B {} for 0 expect 1", "/*", "*/", "/**", "/**/", "//", "--",
+    "-->", "\n", "\r", " ", "*", "/", '"', "'", "\\", "x", "pred p {}", "{", "}", "/***/", "/*/", "<!--", "```", "---",
+)  # fmt: skip
+
+
+@pytest.mark.alloy
+@pytest.mark.xdist_group("alloy")
+@settings(max_examples=150, derandomize=True, deadline=None, suppress_health_check=list(HealthCheck))
+@example(pieces=["/**/", "fact { no none }", "/* */", "run A {} for 0"])
+@example(pieces=["--", "\r", "fact { no none }", "\n", "run A {} for 0"])
+@example(pieces=["/*/", "run A {} for 0", "/*", "*/", "fact{}", "/**", "*/"])
+@given(pieces=st.lists(st.sampled_from(PIECES), max_size=12))
+def test_what_is_taken_for_a_comment_is_one_to_the_analyzer(pieces: list[str]) -> None:
+    """Whatever the reader takes, the Analyzer sees the same commands and no fact in it, or refuses it too."""
+    text = "module asked\n" + " ".join(pieces) + "\n"
+    try:
+        file = read(text.replace("module asked", "module asked open keystore_audit"))
+    except UsageError:
+        return
+    start_jvm()
+    parse = jpype.JClass("edu.mit.csail.sdg.parser.CompUtil").parseEverything_fromFile
+    with tempfile.TemporaryDirectory() as folder:
+        main = Path(folder) / "asked.als"
+        main.write_text(file.text.replace(" open keystore_audit", ""))
+        try:
+            world = parse(jpype.JClass("edu.mit.csail.sdg.alloy4.A4Reporter").NOP, None, str(main))
+        except jpype.JException:
+            return
+        assert [str(command.label) for command in world.getAllCommands()] == [
+            *(asked.name for asked in file.commands),
+            CONSISTENT,
+        ]
+        assert world.getAllFacts().size() == 0

@@ -1,0 +1,54 @@
+"""KA741: what users assert in Alloy, violated and undecided."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from keystore_audit.findings import Location, Severity
+from keystore_audit.properties import BY_ID, Status
+from keystore_audit.properties.counterexample import Counterexample, Step
+from keystore_audit.properties.result import AlloyResult, ProfileResult
+from tests.rules.evidence import judged
+
+EXAMPLE = Counterexample(
+    text="With enclave: /listener.",
+    steps=(Step(enclave="/listener", channel=None, witness="/listener", path="enclaves/listener", line=None),),
+)
+
+ASSERTED = AlloyResult(
+    prop=replace(BY_ID["outsiders-cannot-read"], id="chatter-nobody-else", statement="Nobody else. (Alloy alone.)"),
+    profiles={
+        "spec": ProfileResult(status=Status.VIOLATED, engines={"alloy": Status.VIOLATED}, counterexample=EXAMPLE)
+    },
+    severity=Severity.LOW,
+    location=Location(path="chatter.als", line=15, beside=True),
+)
+
+CASES: dict[str, dict[str, Any]] = {"KA741": {"results": (ASSERTED,)}}
+
+
+def test_a_violation_is_told_with_the_severity_and_the_place_that_its_user_gave() -> None:
+    (found,) = judged(**CASES["KA741"]).findings
+    assert (found.code, found.severity) == ("KA741", Severity.LOW)
+    assert (found.locations[0].path, found.locations[0].line) == ("chatter.als", 15)
+    assert found.message == "'chatter-nobody-else' is violated: Nobody else. (Alloy alone.) With enclave: /listener."
+
+
+def test_what_holds_is_no_finding_and_what_is_unknown_is_open_with_its_reason() -> None:
+    def told(status: Status, reason: str = "") -> list[tuple[str, str]]:
+        answer = ProfileResult(status=status, engines={}, counterexample=None)
+        result = replace(ASSERTED, profiles={"spec": answer}, reason=reason)
+        return [(finding.code, finding.message) for finding in judged(results=(result,)).findings]
+
+    assert told(Status.HOLDS) == []
+    ((code, message),) = told(Status.UNKNOWN, "Alloy was ended")
+    assert code == "KA906"
+    assert message == "Undecided, since Alloy was ended: Nobody else. (Alloy alone.)"
+
+
+def test_a_violation_under_some_profiles_names_them() -> None:
+    holds = ProfileResult(status=Status.HOLDS, engines={"alloy": Status.HOLDS}, counterexample=None)
+    result = replace(ASSERTED, profiles={**ASSERTED.profiles, "fastdds-3.6": holds})
+    (found,) = judged(results=(result,)).findings
+    assert found.profiles == ("spec",)
