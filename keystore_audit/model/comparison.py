@@ -20,6 +20,7 @@ class Layer(str, Enum):
     GRANTS = "grants"
     ACCESS = "access"
     ATTACKERS = "attackers"
+    INFLUENCE = "influence"
 
 
 class Direction(str, Enum):
@@ -79,6 +80,23 @@ class Names:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Hop:
+    """A sample handed from one enclave to another: their paths, and on which topic."""
+
+    sender: str
+    name: Name
+    receiver: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Influenced:
+    """Pairs of enclaves of which one reaches the other on one side alone. `way`: of one pair, how; never empty."""
+
+    pairs: int
+    way: tuple[Hop, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Aspect:
     """Something that a document says, before and after, in words. None: it said nothing."""
 
@@ -101,6 +119,7 @@ class Consequence:
     names: Names | None
     profiles: tuple[str, ...]
     reasons: tuple[str, ...] = ()
+    influenced: Influenced | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -124,6 +143,7 @@ class Change:
     names: Names | None = None
     varies: bool = False
     reasons: tuple[str, ...] = ()
+    influenced: Influenced | None = None
     old: Location | None = None
     new: Location | None = None
     consequences: tuple[Consequence, ...] = ()

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 from keystore_audit.findings import Location
-from keystore_audit.model.comparison import Aspect, Change, Consequence, Direction, Layer
+from keystore_audit.model.comparison import Aspect, Change, Consequence, Direction, Influenced, Layer
 from keystore_audit.model.comparison_sides import Sides
 
 K = TypeVar("K", bound=Hashable)
@@ -32,6 +32,7 @@ class Draft:
     varies: bool = False
     everybody: bool = False
     reasons: tuple[str, ...] = ()
+    influenced: Influenced | None = None
     old: Location | None = None
     new: Location | None = None
     effects: list[Effect] = field(default_factory=list)
@@ -50,6 +51,7 @@ class Draft:
             names=sides.names(self.channels) if self.channels else None,
             varies=self.varies,
             reasons=self.reasons,
+            influenced=self.influenced,
             old=self.old,
             new=self.new,
             consequences=tuple(effect.consequence(sides) for effect in self.effects),
@@ -66,6 +68,7 @@ class Effect:
     channels: int
     profiles: tuple[str, ...]
     reasons: tuple[str, ...] = ()
+    influenced: Influenced | None = None
 
     def consequence(self, sides: Sides) -> Consequence:
         """The same with names."""
@@ -76,6 +79,7 @@ class Effect:
             names=sides.names(self.channels) if self.channels else None,
             profiles=self.profiles,
             reasons=self.reasons,
+            influenced=self.influenced,
         )
 
 

@@ -5,15 +5,16 @@ Each difference is a consequence of the change that accounts for it; a change of
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.comparison import Direction, Layer
+from keystore_audit.model.comparison_causes import Causes, agreeing
 from keystore_audit.model.comparison_drafts import Draft, Effect, in_order
 from keystore_audit.model.comparison_grants import WORDS
 from keystore_audit.model.comparison_sides import Pair, Sides, View
-from keystore_audit.model.comparison_trust import ADDED, FILE, REMOVED, SUBJECT
+from keystore_audit.model.comparison_trust import ADDED, REMOVED
 
 _LAYERS: Final = list(Layer)
 _OPERATIONS: Final = (Operation.PUBLISH, Operation.SUBSCRIBE, Operation.RELAY)
@@ -30,38 +31,29 @@ class _Key(NamedTuple):
 
 
 class Reach:
-    """Adds to `drafts` what follows from them, and what nothing among them accounts for."""
+    """Works out what shows, and which of the changes accounts for it."""
 
-    def __init__(self, sides: Sides, drafts: list[Draft]) -> None:
+    def __init__(self, sides: Sides, causes: Causes) -> None:
         self._sides = sides
-        self._drafts = _without_rights_of_others(sorted(drafts, key=_either_way_round))
+        self._causes = causes
         self._found: dict[tuple[_Key, str | None], dict[str, int]] = {}
-        self._of_enclave: dict[str, list[Draft]] = {}
-        for draft in self._drafts:
-            for path in draft.enclaves:
-                self._of_enclave.setdefault(path, []).append(draft)
-        self._rows = _agreeing(draft for draft in self._drafts if draft.kind == "protection")
-        self._everybody = _agreeing(draft for draft in self._drafts if draft.everybody)
-        self._grants = _agreeing(draft for draft in self._drafts if draft.layer is Layer.GRANTS)
 
     def work_out(self) -> list[Draft]:
-        """The changes with their consequences."""
+        """Gives changes their consequences; returns what none of them accounts for."""
         for pair in self._sides.pairs:
             self._outsiders(pair)
             for path in self._sides.compared:
                 self._insider(pair, path)
-            for draft in self._drafts:
+            for draft in self._causes.drafts:
                 if draft.kind in (ADDED, REMOVED):
                     self._newcomers(pair, draft)
-        own = self._folded()
-        own += self._starts()
-        return [*self._drafts, *own]
+        return [*self._folded(), *self._starts()]
 
     def _insider(self, pair: Pair, path: str) -> None:
         """What peers accept from an enclave, and what its keys let it do beyond that."""
         views = pair.old, pair.new
         numbers = [view.numbers[path] for view in views]
-        rights = self._of_enclave.get(path, [])
+        rights = self._causes.of(path)
         written, read = 0, 0  # by right before or after: no more than that shows in what keys make possible
         for operation in _OPERATIONS:
             before, after = (view.accepted(number, operation) for view, number in zip(views, numbers, strict=True))
@@ -112,25 +104,25 @@ class Reach:
         self, pair: Pair, layer: Layer, what: str, gained: bool, channels: int, path: str | None, operation: str | None
     ) -> None:
         """Give the channels to the changes that account for them, the nearest first."""
-        for draft, part in self._causes(path, channels, gained=gained):
+        for draft, part in self._accounting(path, channels, gained=gained):
             if part & channels:
                 self._note(pair, _Key(draft, layer, what, gained, operation), path, part & channels)
                 channels &= ~part
         if channels:
             self._note(pair, _Key(None, layer, what, gained, operation), path, channels)
 
-    def _causes(self, path: str | None, channels: int, *, gained: bool) -> Iterator[tuple[Draft, int]]:
+    def _accounting(self, path: str | None, channels: int, *, gained: bool) -> Iterator[tuple[Draft, int]]:
         """Changes that may account for a difference of this enclave (None: of outsiders) on these channels.
 
         Of several alike, those first that are gains where this is one.
         """
-        for draft in self._rows[gained]:
+        for draft in self._causes.rows[gained]:
             yield draft, draft.channels
-        own = self._of_enclave.get(path, ()) if path else ()
-        rights = _agreeing(each for each in own if each.layer is Layer.GRANTS)[gained]
+        own = self._causes.of(path) if path else ()
+        rights = agreeing(each for each in own if each.layer is Layer.GRANTS)[gained]
         for draft in rights:
             yield draft, draft.channels
-        everybody = self._everybody[gained]
+        everybody = self._causes.everybody[gained]
         for draft in everybody:
             if path is None or path in draft.enclaves:
                 yield draft, channels
@@ -138,7 +130,7 @@ class Reach:
             yield draft, channels
         for draft in rights:
             yield draft, self._in_domains_of(draft.channels)
-        for draft in self._grants[gained] if path is None else ():
+        for draft in self._causes.grants[gained] if path is None else ():
             yield draft, self._in_domains_of(draft.channels) if draft.operation == "join" else draft.channels
 
     def _in_domains_of(self, channels: int) -> int:
@@ -192,7 +184,7 @@ class Reach:
         found: dict[tuple[Draft | None, bool | None, tuple[str, ...]], dict[str, list[str]]] = {}
         for path in self._sides.compared:
             directories = [by_path[path].files.directory for by_path in self._sides.enclaves]
-            causes = _agreeing(draft for draft in self._of_enclave.get(path, ()))
+            causes = agreeing(self._causes.of(path))
             for profile in self._sides.profiles:
                 before, after = old[directories[0], profile.name], new[directories[1], profile.name]
                 if before.usable is not after.usable and None not in (before.usable, after.usable):
@@ -233,43 +225,6 @@ class Reach:
                             reasons=reasons,
                         )
                     )
-
-
-def _without_rights_of_others(drafts: list[Draft]) -> list[Draft]:
-    """Rights that an enclave has or lost since its identity is another's, or gone, follow from that."""
-    causes = [draft for draft in drafts if draft.kind in (SUBJECT, FILE)]
-    kept = []
-    for draft in drafts:
-        follows = draft.kind in ("right", "grant-validity")
-        cause = next((each for each in causes if set(draft.enclaves) <= set(each.enclaves)), None) if follows else None
-        if cause is None:
-            kept.append(draft)
-            continue
-        cause.effects.append(
-            Effect(
-                what=draft.what,
-                direction=draft.direction,
-                enclaves=draft.enclaves,
-                channels=draft.channels,
-                profiles=draft.profiles,
-            )
-        )
-    return kept
-
-
-def _either_way_round(draft: Draft) -> tuple[int, str, tuple[str, ...], str, str, int]:
-    """An order of changes that is the same for NEW and OLD as for OLD and NEW."""
-    kind = ADDED if draft.kind == REMOVED else draft.kind
-    aspects = " ".join(sorted(aspect.what for aspect in draft.aspects))
-    return _LAYERS.index(draft.layer), kind, draft.enclaves, draft.operation or "", aspects, draft.channels
-
-
-def _agreeing(drafts: Iterable[Draft]) -> tuple[list[Draft], list[Draft]]:
-    """In the order in which they account for a loss, and for a gain: those last that are the other way."""
-    several = list(drafts)
-    loss = sorted(several, key=lambda draft: (draft.direction is Direction.GAINED, draft.direction is Direction.INFO))
-    gain = sorted(several, key=lambda draft: (draft.direction is Direction.LOST, draft.direction is Direction.INFO))
-    return loss, gain
 
 
 def _with(gained: bool) -> str:

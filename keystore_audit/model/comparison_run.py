@@ -10,9 +10,11 @@ from zoneinfo import ZoneInfo
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.comparison import Comparison, Direction, Layer
+from keystore_audit.model.comparison_causes import Causes
 from keystore_audit.model.comparison_drafts import Draft
 from keystore_audit.model.comparison_governance import governance_changes
 from keystore_audit.model.comparison_grants import grant_changes, validity_changes
+from keystore_audit.model.comparison_influence import influence_changes
 from keystore_audit.model.comparison_reach import Reach
 from keystore_audit.model.comparison_sides import Sides
 from keystore_audit.model.comparison_trust import trust_changes
@@ -37,7 +39,9 @@ def compare(
     sides = Sides(old, new, profiles, at, zone, domain)
     rights = grant_changes(sides)
     drafts = [*trust_changes(sides), *governance_changes(sides), *validity_changes(sides, rights), *rights]
-    found = Reach(sides, drafts).work_out()
+    causes = Causes(drafts)
+    unaccounted = [*Reach(sides, causes).work_out(), *influence_changes(sides, causes)]
+    found = [*causes.drafts, *unaccounted]
     found += _signed_again(sides, found)
     changes = [draft.change(sides) for draft in sorted(found, key=_order)]
     return Comparison(
@@ -68,7 +72,7 @@ def _signed_again(sides: Sides, found: Iterable[Draft]) -> Iterator[Draft]:
         for path in draft.enclaves
         if draft.kind in ("protection", "right", "grant-validity", "signature", "signer", "authority")
     }
-    others = any(draft.layer in (Layer.ACCESS, Layer.ATTACKERS) for draft in found)
+    others = any(draft.layer in (Layer.ACCESS, Layer.ATTACKERS, Layer.INFLUENCE) for draft in found)
     again: list[str] = []
     places: list[tuple[Location, Location]] = []
     for path in sides.compared:

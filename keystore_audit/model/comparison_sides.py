@@ -168,6 +168,21 @@ class Sides:
         """Those of which everything could be read on both sides."""
         return [path for path in self.common if path not in self._doubtful]
 
+    def alone(self, side: int) -> list[str]:
+        """The paths of enclaves that one side (0: old, 1: new) has alone, and of which everything could be read."""
+        other = self.enclaves[1 - side]
+        return [path for path in self.enclaves[side] if path not in other and path not in self._doubtful]
+
+    @property
+    def everything(self) -> int:
+        """All channels, those that are left out among them."""
+        return (1 << len(self.channels.channels)) - 1
+
+    def named(self, topics: Sequence[str]) -> int:
+        """The channels of these topics and of nothing else, in whatever partition and domain."""
+        wanted = self._literals.intersection(topics)
+        return bits(number for number, channel in enumerate(self.channels.channels) if channel.topic in wanted)
+
     def names(self, channels: int) -> Names:
         """The names of a set of channels, by witnesses."""
         found: dict[tuple[str, str], tuple[list[Interval], list[bool]]] = {}

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from keystore_audit import __version__
 from keystore_audit.findings import Location
-from keystore_audit.model.comparison import Change, Comparison, Consequence, FailOn, Names
+from keystore_audit.model.comparison import Change, Comparison, Consequence, FailOn, Influenced, Name, Names
 from keystore_audit.model.domains import describe
 from keystore_audit.model.names import parse_dds_name, ros_name
 from keystore_audit.report.encoded import encoded, instant
@@ -62,6 +62,7 @@ def _change(change: Change, *, fails: bool) -> dict[str, Any]:
         "profiles": list(change.profiles),
         "profiles_differ": change.varies,
         "reasons": list(change.reasons),
+        "influence": _influence(change.influenced),
         "old": _location(change.old),
         "new": _location(change.new),
         "consequences": [_consequence(each) for each in change.consequences],
@@ -76,6 +77,7 @@ def _consequence(each: Consequence) -> dict[str, Any]:
         "names": _names(each.names),
         "profiles": list(each.profiles),
         "reasons": list(each.reasons),
+        "influence": _influence(each.influenced),
     }
 
 
@@ -83,19 +85,27 @@ def _names(names: Names | None) -> dict[str, Any] | None:
     if names is None:
         return None
     return {
-        "witnesses": [
-            {
-                "topic": name.topic,
-                "ros": ros_name(name.topic) if parse_dds_name(name.topic) is not None else None,
-                "partition": name.partition,
-                "domains": describe(name.domains),
-                "one": not name.several,
-            }
-            for name in names.shown
-        ],
+        "witnesses": [_witness(name) for name in names.shown],
         "more": names.more,
         "infinite": names.infinite,
     }
+
+
+def _witness(name: Name) -> dict[str, Any]:
+    return {
+        "topic": name.topic,
+        "ros": ros_name(name.topic) if parse_dds_name(name.topic) is not None else None,
+        "partition": name.partition,
+        "domains": describe(name.domains),
+        "one": not name.several,
+    }
+
+
+def _influence(influenced: Influenced | None) -> dict[str, Any] | None:
+    if influenced is None:
+        return None
+    way = [{"from": hop.sender, "on": _witness(hop.name), "to": hop.receiver} for hop in influenced.way]
+    return {"pairs": influenced.pairs, "way": way}
 
 
 def _location(location: Location | None) -> dict[str, Any] | None:

@@ -12,6 +12,7 @@ from keystore_audit.model.comparison import (
     Consequence,
     Direction,
     FailOn,
+    Influenced,
     Layer,
     Name,
     Names,
@@ -28,6 +29,7 @@ TITLES: Final = {
     Layer.GRANTS: "Grants",
     Layer.ACCESS: "What peers accept",
     Layer.ATTACKERS: "What attackers can do",
+    Layer.INFLUENCE: "Where data can get",
 }
 MARKS: Final = {
     Direction.GAINED: "+",
@@ -53,6 +55,8 @@ _COVERAGE: Final = {
 def sentence(change: Change, comparison: Comparison) -> str:
     """The change as one sentence."""
     parts = [_subject(change)]
+    if change.influenced is not None:
+        parts.append(influence(change.influenced))
     if change.names is not None:
         parts.append(names(change.names))
     if change.aspects:
@@ -86,9 +90,21 @@ def enclaves(paths: Sequence[str]) -> str:
 
 def consequence(each: Consequence, comparison: Comparison) -> str:
     """What follows, without a full stop."""
+    if each.influenced is not None:
+        return f"{each.what} {influence(each.influenced)}{under(each.profiles, comparison)}"
     who = _joined(each.enclaves, each.what) if each.enclaves else f"anybody on the network {each.what}"
     about = f" {names(each.names)}" if each.names is not None else ""
     return f"{who}{about}{reasons(each.reasons)}{under(each.profiles, comparison)}"
+
+
+def influence(influenced: Influenced) -> str:
+    """One way with all its hops, and how many other pairs there are."""
+    way = influenced.way
+    hops = f" → {way[0].sender}" + "".join(f" → {ros_name(hop.name.topic)} → {hop.receiver}" for hop in way)
+    more = ""
+    if influenced.pairs > 1:
+        more = f", and between {_count(influenced.pairs - 1, 'more pair')} of enclaves"
+    return f"from {way[0].sender} to {way[-1].receiver} ({hops[3:]}){more}"
 
 
 def reasons(given: Iterable[str]) -> str:

@@ -223,7 +223,11 @@ def shapes(found: Comparison) -> list[Shape]:
                 change.profiles,
                 repr((change.old, change.new)),
                 sorted((a.what, a.old or "", a.new or "", a.direction.value) for a in change.aspects),
-                sorted((c.direction.value, c.enclaves, repr(c.names), c.profiles) for c in change.consequences),
+                repr(change.influenced),
+                sorted(
+                    (c.direction.value, c.enclaves, repr(c.names), c.profiles, repr(c.influenced))
+                    for c in change.consequences
+                ),
             )
             for change in found.changes
         ),
@@ -249,7 +253,11 @@ def mirrored(found: Comparison) -> list[Shape]:
                 change.profiles,
                 repr((change.new, change.old)),
                 sorted((a.what, a.new or "", a.old or "", turned(a.direction.value)) for a in change.aspects),
-                sorted((turned(c.direction.value), c.enclaves, repr(c.names), c.profiles) for c in change.consequences),
+                repr(change.influenced),
+                sorted(
+                    (turned(c.direction.value), c.enclaves, repr(c.names), c.profiles, repr(c.influenced))
+                    for c in change.consequences
+                ),
             )
             for change in found.changes
         ),

@@ -1,0 +1,133 @@
+"""Who can reach whom: all pairs of participants at once, where `flow` answers about two places (docs/model.md).
+
+Sets of participants are bit sets, so that a search takes whole sets of them in one step and every participant is left
+once: ten thousand that all reach each other cost no more than ten thousand that reach nobody.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from keystore_audit.model.permission import members
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lane:
+    """One way in which hops are possible: from who puts a channel in to who gets it out, by participant."""
+
+    puts: Sequence[int]
+    gets: Sequence[int]
+
+
+class Influence:
+    """Hops and flows between the participants of some lanes, which are equally many in each."""
+
+    def __init__(self, lanes: Sequence[Lane], participants: int) -> None:
+        self._lanes = lanes
+        self._all = (1 << participants) - 1
+        self._number = participants
+        self._getting = [_holders(lane.gets, _union(lane.puts)) for lane in lanes]
+        self.hops = self._hops()
+
+    def receivers(self, sender: int, channels: int) -> int:
+        """Who gets samples of these channels from the sender."""
+        found = 0
+        for lane, getting in zip(self._lanes, self._getting, strict=True):
+            for channel in members(lane.puts[sender] & channels):
+                found |= getting.get(channel, 0)
+        return found
+
+    def _hops(self) -> list[int]:
+        """By sender the receivers, itself perhaps among them."""
+        found = [0] * self._number
+        for lane, getting in zip(self._lanes, self._getting, strict=True):
+            known: dict[int, int] = {}
+            for sender, put in enumerate(lane.puts):
+                if put not in known:
+                    known[put] = _of_channels(getting, put)
+                found[sender] |= known[put]
+        return found
+
+    @cached_property
+    def flows(self) -> list[int]:
+        """By participant: itself, and all that are reached from it."""
+        components = list(self._components())
+        component_of = {node: number for number, nodes in enumerate(components) for node in members(nodes)}
+        reached = [0] * len(components)
+        for number in range(len(components) - 1, -1, -1):  # those that it reaches come after it
+            within = components[number]
+            left = 0
+            for node in members(within):
+                left |= self.hops[node]
+            found = within
+            left &= ~found
+            while left:
+                found |= reached[component_of[_lowest(left)]]
+                left &= ~found
+            reached[number] = found
+        return [reached[component_of[node]] for node in range(self._number)]
+
+    def _components(self) -> Iterator[int]:
+        """Sets of participants that all reach each other, from sources to sinks (Kosaraju's algorithm)."""
+        backward = Influence([Lane(puts=lane.gets, gets=lane.puts) for lane in self._lanes], self._number).hops
+        left = self._all
+        for root in reversed(self._finished()):
+            if not left >> root & 1:
+                continue
+            found, edge = 0, 1 << root
+            while edge:
+                left &= ~edge
+                found |= edge
+                ahead = 0
+                for node in members(edge):
+                    ahead |= backward[node]
+                edge = ahead & left
+            yield found
+
+    def _finished(self) -> list[int]:
+        """Participants in the order in which a search in depth is done with them."""
+        order: list[int] = []
+        left = self._all
+        while left:
+            way = [_lowest(left)]
+            left &= left - 1
+            while way:
+                ahead = self.hops[way[-1]] & left
+                if ahead:
+                    way.append(_lowest(ahead))
+                    left &= ~(1 << way[-1])
+                else:
+                    order.append(way.pop())
+        return order
+
+
+def _lowest(some: int) -> int:
+    return (some & -some).bit_length() - 1
+
+
+def _union(sets: Sequence[int]) -> int:
+    found = 0
+    for each in sets:
+        found |= each
+    return found
+
+
+def _holders(sets: Sequence[int], channels: int) -> dict[int, int]:
+    """By channel, of these: who has it."""
+    alike: dict[int, int] = {}
+    for holder, each in enumerate(sets):
+        alike[each] = alike.get(each, 0) | 1 << holder
+    found: dict[int, int] = {}
+    for each, holders in alike.items():
+        for channel in members(each & channels):
+            found[channel] = found.get(channel, 0) | holders
+    return found
+
+
+def _of_channels(holders: dict[int, int], channels: int) -> int:
+    found = 0
+    for channel in members(channels):
+        found |= holders.get(channel, 0)
+    return found
