@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 from zoneinfo import ZoneInfo
 
 from keystore_audit import __version__
-from keystore_audit.engine.agreement import combine, combine_claims
+from keystore_audit.engine.agreement import combine, combine_claims, combine_determinism
 from keystore_audit.engine.engines import run_engines
 from keystore_audit.engine.horizon import Horizon, horizon
 from keystore_audit.engine.label_answers import with_label_answers
@@ -123,13 +123,14 @@ def audit(
     policy = _policy(options)
     intents = _observed(options)
     claims = options.settings.claims if options.settings else ()
+    declared = options.settings.declared if options.settings else None
     keystore = read_keystore(path, progress=progress.enclaves if progress else None)
     if progress:
         progress.stage("working out what the documents mean")
     accesses = AccessViews(documents_of(keystore), options.at, options.time_zone)
     usabilities = Usabilities(options.domain, accesses)
     places = [place for file in options.alloy_properties for place in file.places]
-    meaning = interpret(keystore, profiles, options.at, accesses, usabilities, options.domain, claims, places)
+    meaning = interpret(keystore, profiles, options.at, accesses, usabilities, options.domain, claims, places, declared)
     native = NativeEngine(meaning.systems)
     runs, answers = run_engines(
         native,
@@ -141,12 +142,13 @@ def audit(
     )
     names = [profile.name for profile in profiles]
     asserted = with_label_answers(claims, combine_claims(claims, meaning.systems, answers, names)) if claims else ()
+    determined = combine_determinism(declared.claims, meaning.systems, answers, names) if declared else ()
     in_alloy = _in_alloy(options, meaning, runs, names, progress)
     context = Context(
         keystore=keystore,
         meaning=meaning,
         drift=_drift(keystore, policy, options, profiles, accesses) if policy is not None else None,
-        results=(*combine(meaning.systems, answers, names), *asserted, *in_alloy),
+        results=(*combine(meaning.systems, answers, names), *asserted, *determined, *in_alloy),
         engines=runs,
         at=options.at,
         expires_within=options.expires_within,

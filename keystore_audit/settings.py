@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,9 +12,11 @@ from keystore_audit.errors import UsageError
 from keystore_audit.findings import Severity
 from keystore_audit.model.claim import Attacker, ClaimKind
 from keystore_audit.model.claims import Claim, Globs
+from keystore_audit.model.forwards import Declared, Determinism, Forward
 from keystore_audit.model.labels import Labelling
 from keystore_audit.properties import BY_ID
 from keystore_audit.settings_acceptances import read_accepted, read_suppressions
+from keystore_audit.settings_forwards import FORM, read_determinism, read_forwards
 from keystore_audit.settings_labels import KEYS as LABEL_KEYS
 from keystore_audit.settings_labels import read_labels, read_single_writers
 from keystore_audit.settings_table import OUTSIDER, Table, globs, read_table
@@ -46,6 +48,7 @@ class Settings:
     sha256: str
     claims: tuple[Claim, ...] = ()
     labels: Labelling | None = None
+    declared: Declared = field(default_factory=Declared)
     acceptances: tuple[Acceptance, ...] = ()
     max_suppression_days: int = MAX_DAYS
 
@@ -67,13 +70,15 @@ def read_settings(path: Path, keystores: Iterable[str | Path] = ()) -> Settings:
     """
     file = read_table(path, keystores, MAX_BYTES)
     root = file.root
-    root.only("property", *LABEL_KEYS, "suppression", "max_suppression_days")
+    root.only("property", "forward", *LABEL_KEYS, "suppression", "max_suppression_days")
     labels = read_labels(root)
+    claims, declared = _properties(root)
     return Settings(
         path=file.path,
         sha256=file.sha256,
-        claims=_unique((*_claims(root), *(labels.claims() if labels else ()), *read_single_writers(root))),
+        claims=_unique((*claims, *(labels.claims() if labels else ()), *read_single_writers(root)), declared),
         labels=labels,
+        declared=declared,
         acceptances=read_suppressions(root),
         max_suppression_days=root.number("max_suppression_days", MAX_DAYS, 1, MOST_DAYS),
     )
@@ -87,19 +92,24 @@ def read_baseline(path: Path, keystores: Iterable[str | Path] = ()) -> Baseline:
     return Baseline(path=file.path, sha256=file.sha256, acceptances=read_accepted(root))
 
 
-def _claims(root: Table) -> tuple[Claim, ...]:
-    claims: dict[str, Claim] = {}
+def _properties(root: Table) -> tuple[tuple[Claim, ...], Declared]:
+    """What is asserted, and what is declared and asserted of behaviour."""
+    forwards = read_forwards(root)
+    claims: dict[str, Claim | Determinism] = {}
     for table in root.tables("property"):
-        claim = _claim(table)
+        claim = _claim(table, forwards)
         if claim.id in claims:
             table.wrong("name", f"there is a property {claim.id!r} already, at {claims[claim.id].place}")
         claims[claim.id] = claim
-    return tuple(claims.values())
+    return (
+        tuple(claim for claim in claims.values() if isinstance(claim, Claim)),
+        Declared(forwards=forwards, claims=tuple(claim for claim in claims.values() if isinstance(claim, Determinism))),
+    )
 
 
-def _unique(claims: tuple[Claim, ...]) -> tuple[Claim, ...]:
+def _unique(claims: tuple[Claim, ...], declared: Declared) -> tuple[Claim, ...]:
     """The claims; raises errors.UsageError where two have one name, as labels may make them."""
-    seen: dict[str, Claim] = {}
+    seen: dict[str, Claim | Determinism] = {claim.id: claim for claim in declared.claims}
     for claim in claims:
         other = seen.setdefault(claim.id, claim)
         if other is not claim:
@@ -115,20 +125,24 @@ def place(word: str) -> Globs:
         raise UsageError(f"{error}.") from error
 
 
-def _claim(table: Table) -> Claim:
-    table.only("name", "description", "severity", "until", *_FORMS)
-    forms = [form for form in _FORMS if form in table.values]
+def _claim(table: Table, forwards: tuple[Forward, ...]) -> Claim | Determinism:
+    known = (*_FORMS, FORM)
+    table.only("name", "description", "severity", "until", *known)
+    forms = [form for form in known if form in table.values]
     name = table.text("name")
     if not _NAME.fullmatch(name) or name in BY_ID:
         taken = "the name of a property that is always decided" if name in BY_ID else "no name"
         table.wrong("name", f'{name!r} is {taken}; expected letters a to z, digits and hyphens, e.g. "no-leak"')
     if len(forms) != 1:
-        table.wrong(None, f"expected exactly one of {', '.join(_FORMS)} in property {name!r}, found {len(forms)}")
+        table.wrong(None, f"expected exactly one of {', '.join(known)} in property {name!r}, found {len(forms)}")
+    severity = Severity(table.choice("severity", ("high", "critical", "medium", "low", "info")))
+    if forms[0] == FORM:
+        return read_determinism(table, name, severity, forwards)
     said = _FORMS[forms[0]](table, forms[0])
     return Claim(
         id=name,
         statement=table.text("description") if "description" in table.values else said.pop("statement"),
-        severity=Severity(table.choice("severity", ("high", "critical", "medium", "low", "info"))),
+        severity=severity,
         until=table.instant("until"),
         location=table.location,
         place=table.place(),

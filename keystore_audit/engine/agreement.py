@@ -10,6 +10,7 @@ from keystore_audit.engine.counterexample import describe
 from keystore_audit.engine.counterexample_claims import describe_claim, forgers
 from keystore_audit.model.claim import ClaimKind
 from keystore_audit.model.claims import Claim
+from keystore_audit.model.forwards import Determinism
 from keystore_audit.model.system import Reading, System
 from keystore_audit.properties import PROPERTIES, Answer, Status
 from keystore_audit.properties.counterexample import Counterexample
@@ -91,6 +92,48 @@ def _asserted(
         location=claim.location,
         meaning=claim.meaning,
         forgers=tuple(dict.fromkeys(n for s in systems for n in forgers(s, s.claims[number]))) if only else (),
+    )
+
+
+def combine_determinism(
+    claims: Sequence[Determinism], systems: Sequence[System], engines: Sequence[EngineAnswers], profiles: Sequence[str]
+) -> tuple[AssertedResult, ...]:
+    """The result of every claim of determinism under every profile, as for properties."""
+    return tuple(_deterministic(number, claim, systems, engines, profiles) for number, claim in enumerate(claims))
+
+
+def _deterministic(
+    number: int,
+    claim: Determinism,
+    systems: Sequence[System],
+    engines: Sequence[EngineAnswers],
+    profiles: Sequence[str],
+) -> AssertedResult:
+    from keystore_audit.engine.counterexample_determinism import describe_determinism, why_undecided
+
+    prop = Property(
+        id=claim.id,
+        statement=claim.statement,
+        attacker="nobody",
+        clause=f"asserted in {claim.location.path}",
+        assertion="",
+        roles=(),
+    )
+
+    def tell(at: int, answer: Answer) -> Counterexample:
+        return describe_determinism(systems[at], systems[at].determinism[number], answer)
+
+    kinds = {profile: _kind(systems, profile) for profile in profiles}
+    results = {kind: _result(prop, kind, systems, engines, tell) for kind in dict.fromkeys(kinds.values())}
+    undecided = [kind for kind, result in results.items() if result.status is Status.UNKNOWN and kind]
+    reason = why_undecided(systems[undecided[0][0]], systems[undecided[0][0]].determinism[number]) if undecided else ""
+    return AssertedResult(
+        prop=prop,
+        profiles={profile: results[kind] for profile, kind in kinds.items()},
+        severity=claim.severity,
+        location=claim.location,
+        meaning=claim.meaning,
+        reason=reason,
     )
 
 

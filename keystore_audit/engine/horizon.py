@@ -125,5 +125,6 @@ def _usability_change(before: Mapping[tuple[str, str], Usability], after: Mappin
 
 
 def _status_change(before: Mapping[str, Answer], after: Mapping[str, Status]) -> str:
-    changed = [property_id for property_id, answer in before.items() if after[property_id] is not answer.status]
+    # What behaviour rests on is the rights, whose changes are looked at by themselves.
+    changed = [property_id for property_id, status in after.items() if before[property_id].status is not status]
     return f"{changed[0]}: {after[changed[0]].value}" if changed else ""

@@ -12,7 +12,7 @@ from keystore_audit.model.channels import Channels
 from keystore_audit.model.claim import Attacker, Place
 from keystore_audit.model.claims import matching
 from keystore_audit.model.flow import Flows, Lane, Search
-from keystore_audit.model.forwards import Declared, Determinism, Forward, ambient, anywhere, by_default, leading_to
+from keystore_audit.model.forwards import Declared, Determinism, Forward, ambient, anywhere, by_default
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.own_rights import OwnRights
 from keystore_audit.model.permission import Permissions, bits
@@ -61,7 +61,7 @@ class Forwarding:
 
     def atom(self, claim: Determinism) -> DeterminismAtom:
         """The claim as facts."""
-        forwards = leading_to(claim.low, self._declared.forwards)
+        forwards = claim.forwards
         undecided = next(filter(None, map(self._stopped, forwards)), "")
         domains: list[int] = []
         if not undecided:

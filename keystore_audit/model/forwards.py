@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -41,7 +42,7 @@ class Forward:
 class Determinism:
     """That two runs show the same on `low` (DDS topics), whatever comes from `high`, if all other inputs are the same.
 
-    `id`, `statement`, `severity`, `include_ambient`, `location` and `place` as in `claims.Claim`.
+    `forwards`: those on which what is on `low` depends. The rest is as in `claims.Claim`.
     """
 
     id: str
@@ -49,9 +50,17 @@ class Determinism:
     severity: Severity
     high: Globs
     low: tuple[str, ...]
+    forwards: tuple[Forward, ...]
     include_ambient: bool
     location: Location
     place: str
+
+    @property
+    def meaning(self) -> str:
+        """What is claimed, and of which forwards, apart from names and words: equal for equal claims."""
+        forwards = [[f.enclave, f.sources, sorted(f.targets), f.scheduler.value] for f in self.forwards]
+        high = [sorted(self.high.enclaves), sorted(self.high.topics)]
+        return json.dumps(["deterministic", sorted(self.low), high, self.include_ambient, forwards])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

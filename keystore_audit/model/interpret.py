@@ -14,6 +14,7 @@ from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.claims import Claim, lasting, with_claims
 from keystore_audit.model.divergence import divergences
 from keystore_audit.model.doubt import keystore_doubts
+from keystore_audit.model.forwards import Declared, with_determinism
 from keystore_audit.model.meaning import Doubt, Meaning, UngovernedTopics, Usability
 from keystore_audit.model.permission import Permissions, members
 from keystore_audit.model.places import NamedPlace, place_regions, with_places
@@ -34,12 +35,14 @@ def interpret(
     domain: int | None = None,
     claims: Sequence[Claim] = (),
     places: Sequence[NamedPlace] = (),
+    declared: Declared | None = None,
 ) -> Meaning:
     """The meaning of a keystore under the profiles at `at` (aware UTC).
 
     `domain`: the one in which enclaves are to start, as in `usabilities`; None: some domain of 0..232.
 
-    `claims`: what users claim, `places`: what they have names for; errors.UsageError for something that is not there.
+    `claims`: what users claim, `places`: what they have names for, `declared`: what nodes forward;
+    errors.UsageError for something that is not there.
 
     Topic classes over budget leave `systems` empty and say why: nothing is decided then.
     """
@@ -48,10 +51,13 @@ def interpret(
     over_budget: str | None = None
     systems: tuple[System, ...] = ()
     usability = usability_by_profile(keystore, profiles, at, usabilities)
+    declared = declared or Declared()
+    named = (*place_regions(places), *declared.regions())
     try:
-        builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims, named=place_regions(places))
+        builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims, named=named)
         systems = with_claims(builder.systems(), claims, builder.channels, keystore, usability)
         systems = with_places(systems, places, builder.channels, keystore)
+        systems = with_determinism(systems, declared, builder.channels, keystore, usability)
     except BudgetExceeded as exceeded:
         over_budget = exceeded.message
     return Meaning(

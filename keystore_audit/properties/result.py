@@ -74,13 +74,15 @@ class AssertedResult(PropertyResult):
     """A property that a user asserts, and its answers. `location`: where it is asserted, beside the keystore.
 
     `meaning`: what is asserted, apart from its name and its words. `forgers`: where only some may publish a topic,
-    enclaves that could pass for one of them with the keys they hold.
+    enclaves that could pass for one of them with the keys they hold. `reason`: of determinism, why it is unknown, a
+    sentence without its full stop; empty where it is not.
     """
 
     severity: Severity
     location: Location
     meaning: str = ""
     forgers: tuple[str, ...] = ()
+    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

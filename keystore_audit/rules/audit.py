@@ -9,7 +9,14 @@ from keystore_audit.findings import Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.meaning import Doubt
 from keystore_audit.properties.property import Status
-from keystore_audit.properties.result import AlloyResult, EngineRun, EngineStatus, ProfileResult, PropertyResult
+from keystore_audit.properties.result import (
+    AlloyResult,
+    AssertedResult,
+    EngineRun,
+    EngineStatus,
+    ProfileResult,
+    PropertyResult,
+)
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import Crash
@@ -167,7 +174,7 @@ def property_undecided(result: PropertyResult, context: Context) -> Iterator[Vio
     if not profiles and result.profiles:
         return
     doubts = context.meaning.doubts
-    if isinstance(result, AlloyResult) and result.reason:
+    if isinstance(result, AlloyResult | AssertedResult) and result.reason:
         why = result.reason
     elif any(answer.engines for answer in result.profiles.values()) and doubts:
         why = f"it depends on what is in {listed(dict.fromkeys(doubt.location.path for doubt in doubts))}"
