@@ -4,26 +4,22 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from datetime import datetime, timedelta
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from keystore_audit.cli import formats, output, settings
+from keystore_audit.cli import delivery, formats, output, places, settings
 from keystore_audit.cli import options as opt
 from keystore_audit.cli.progress import Watch
-from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, AuditError, NothingToAudit, UsageError
+from keystore_audit.errors import AuditError, NothingToAudit, UsageError
 from keystore_audit.findings import Severity
 from keystore_audit.text import terminal
 
 if TYPE_CHECKING:
     from keystore_audit.audit import Options
     from keystore_audit.engine.alloy.user_file import UserFile
-    from keystore_audit.keystore.identity import Identity
-    from keystore_audit.report.content import Report
     from keystore_audit.settings import Settings
 
 ENGINES: Final = ("auto", "both", "alloy", "native")
@@ -31,14 +27,9 @@ SEVERITIES: Final = tuple(severity.value for severity in Severity)
 NEVER: Final = "never"
 COLORS: Final = ("auto", "always", "never")
 
-WIDTH: Final = 80
-"""Columns of a text report that goes to no terminal: the same bytes everywhere."""
 
-MAX_WIDTH: Final = 110
-"""Columns on a wide terminal; longer lines are hard to read."""
-
-WORST_FIRST: Final = (EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, 1, 0)
-"""How exit codes of several keystores combine: the first of these that occurs."""
+MAX_JOBS: Final = 1024
+"""Processes at a time: more than any machine has use for."""
 
 
 @click.command("audit", short_help="Audit keystores: the default command.", context_settings={"show_default": True})
@@ -59,7 +50,15 @@ WORST_FIRST: Final = (EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, 1, 0)
     type=output.target,
     multiple=True,
     metavar="FORMAT=FILE",
-    help="Write a report to a file as well (repeatable).",
+    help="Write a report to a file as well; to DIR/, one of each keystore (repeatable).",
+)
+@click.option("-r", "--recursive", is_flag=True, help="Audit every keystore below the directories named.")
+@click.option(
+    "-j",
+    "--jobs",
+    type=click.IntRange(1, MAX_JOBS),
+    metavar="N",
+    help="Of several keystores, audit so many at a time (default: as processors allow).",
 )
 @click.option(
     "--fail-on",
@@ -159,12 +158,15 @@ def command(keystores: tuple[str, ...], **given: Any) -> int:
         raise click.UsageError("Choose --quiet or --verbose.")
     if given["policy_include"] is not None and given["policy"] is None:
         raise click.UsageError("--policy-include is for the files that a --policy includes.")
-    if len(keystores) > 1 and (given["graphs"] or given["launches"]):
+    several = len(keystores) > 1 or given["recursive"]
+    if several and (given["graphs"] or given["launches"]):
         raise click.UsageError("--graph and --launch show the nodes of one keystore: name one KEYSTORE.")
+    if several or any(wanted.each for wanted in given["targets"]):
+        from keystore_audit.cli import fleet
+
+        return fleet.run(keystores, given, lambda found: chosen(given, found))
     output.check(given["targets"], keystores)
-    reports, code = _audit_all(keystores, chosen(given, keystores), quiet=given["quiet"], verbose=given["verbose"])
-    _deliver(reports, given, several=len(keystores) > 1)
-    return code
+    return _audit_one(keystores[0], chosen(given, keystores), given)
 
 
 def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Options:
@@ -213,89 +215,18 @@ def _audit_all(keystores: Sequence[str], options: Options, *, quiet: bool, verbo
     """Audit one keystore after the other; one that cannot be audited is said on stderr and hides no other."""
     from keystore_audit.audit import audit
 
-    reports: list[Report] = []
-    codes: list[int] = []
-    identities = _identities(keystores)
-    for keystore in keystores:
-        watch = Watch(visible=not quiet and sys.stderr.isatty())
-        try:
-            with watch:
-                report = audit(keystore, options, progress=watch, elsewhere=_elsewhere(keystore, identities))
-        except UsageError:
-            raise
-        except AuditError as error:
-            hint = _command_meant(keystore) if isinstance(error, NothingToAudit) else ""
-            click.echo(f"keystore-audit: {terminal(error.message)}{hint}", err=True)
-            codes.append(error.exit_code)
-        except Exception as error:
-            if len(keystores) == 1:
-                raise
-            from keystore_audit.cli.program import fault
-
-            click.echo(f"keystore-audit: {terminal(keystore)}: {fault(error, verbose=verbose)}", err=True)
-            codes.append(EXIT_INCOMPLETE)
-        else:
-            reports.append(report)
-            codes.append(report.exit_code)
-        for stage, seconds in watch.durations if verbose else ():
-            click.echo(f"{seconds:8.3f} s  {terminal(stage)}", err=True)
-    return reports, min(codes, key=WORST_FIRST.index)
-
-
-def _elsewhere(keystore: str, identities: Mapping[str, tuple[Identity, ...]]) -> tuple[Identity, ...]:
-    """Return the identities of the other keystores; one directory named twice is no other."""
-    here = Path(keystore).resolve()
-    return tuple(each for other, found in identities.items() if Path(other).resolve() != here for each in found)
-
-
-def _identities(keystores: Sequence[str]) -> dict[str, tuple[Identity, ...]]:
-    """Return the identities of several keystores; of one that cannot be read none: that is said when it is its turn."""
-    from keystore_audit.keystore.identity import read_identities
-
-    found: dict[str, tuple[Identity, ...]] = {}
-    for keystore in keystores if len(keystores) > 1 else ():
-        with suppress(Exception):  # its audit takes the same steps and meets the same fault
-            found[keystore] = read_identities(keystore)
-    return found
-
-
-def _command_meant(keystore: str) -> str:
-    """Return a hint where what is no directory looks like the misspelt name of a command."""
-    from keystore_audit.cli.program import COMMANDS
-
-    nearest = get_close_matches(keystore, COMMANDS, n=1)
-    return f" Did you mean the command {nearest[0]!r}?" if nearest and not Path(keystore).exists() else ""
-
-
-def _deliver(reports: Sequence[Report], given: dict[str, Any], *, several: bool) -> None:
-    """Write every report that was asked for; none where there was nothing to report on."""
-    if not reports:
-        for wanted in given["targets"]:
-            click.echo(f"keystore-audit: No report was written to {terminal(str(wanted.path))}.", err=True)
-        return
-    output.write_stdout(_render(given["kind"], reports, given, several=several, stdout=True))
-    for wanted in given["targets"]:
-        output.write(wanted, _render(wanted.format, reports, given, several=several, stdout=False))
-
-
-def _render(kind: str, reports: Sequence[Report], given: dict[str, Any], *, several: bool, stdout: bool) -> str:
-    from keystore_audit.report.text import View
-
-    view = View(
-        width=_width() if stdout else WIDTH,
-        color=stdout and opt.use_color(given["color"], terminal=_is_terminal()),
-        quiet=given["quiet"],
-        verbose=given["verbose"],
-        min_severity=Severity(given["min_severity"]),
-    )
-    return formats.render(kind, reports, view, several=several)
-
-
-def _is_terminal() -> bool:
-    return sys.stdout is not None and sys.stdout.isatty()
-
-
-def _width() -> int:
-    from shutil import get_terminal_size
-
-    return min(get_terminal_size((WIDTH, 24)).columns, MAX_WIDTH) if _is_terminal() else WIDTH
+    watch = Watch(visible=not given["quiet"] and sys.stderr.isatty())
+    try:
+        with watch:
+            report = audit(keystore, options, progress=watch)
+    except UsageError:
+        raise
+    except AuditError as error:
+        hint = places.command_meant(keystore) if isinstance(error, NothingToAudit) else ""
+        click.echo(f"keystore-audit: {terminal(error.message)}{hint}", err=True)
+        delivery.say_not_written(given["targets"])
+        return error.exit_code
+    for stage, seconds in watch.durations if given["verbose"] else ():
+        click.echo(f"{seconds:8.3f} s  {terminal(stage)}", err=True)
+    delivery.deliver([report], given, several=False)
+    return report.exit_code

@@ -22,14 +22,15 @@ class Unwritable(click.ClickException):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:
-    """A report in `format` for the file `path`."""
+    """A report in `format` for the file `path`, or for files of each keystore's own in the directory `path`."""
 
     format: str
     path: Path
+    each: bool = False
 
 
 def target(value: str) -> Target:
-    """Return what `FORMAT=FILE` means; the file may not exist yet."""
+    """Return what `FORMAT=FILE` or `FORMAT=DIR/` means; neither need be there yet."""
     from keystore_audit.cli.options import unknown
 
     kind, separator, name = value.partition("=")
@@ -39,7 +40,7 @@ def target(value: str) -> Target:
         raise click.BadParameter(unknown(f"{kind!r} is no format; there are", kind, FORMATS))
     if name == "-":
         raise click.BadParameter("For standard output, use --format.")
-    return Target(format=kind, path=Path(name))
+    return Target(format=kind, path=Path(name), each=name.endswith("/"))
 
 
 def check(targets: Iterable[Target], keystores: Iterable[str] = ()) -> None:
@@ -55,11 +56,15 @@ def check(targets: Iterable[Target], keystores: Iterable[str] = ()) -> None:
     for wanted in targets:
         path = _resolved(wanted.path)
         check_outside(wanted.path, roots)
-        if path in seen:
+        place = path / wanted.format if wanted.each else path
+        if place in seen:
             raise Unwritable(f"Two reports cannot both be written to {wanted.path}.")
-        seen.add(path)
+        seen.add(place)
         try:
-            if _is_special(path):
+            if wanted.each:
+                path.mkdir(parents=True, exist_ok=True)
+                _probe(path / "report")
+            elif _is_special(path):
                 if not os.access(path, os.W_OK):
                     raise PermissionError(0, "permission denied")
             else:

@@ -87,3 +87,56 @@ class Watch:
         now = time.perf_counter()
         self.durations.append((self._name, now - self._since))
         self._since = now
+
+
+class FleetWatch:
+    """Shows, where `visible`, how far a run over `total` keystores is, how fast, and how long it still takes."""
+
+    def __init__(self, total: int, *, visible: bool) -> None:
+        """Show nothing yet."""
+        self._total = total
+        self._visible = visible
+        self._bar: Progress | None = None
+        self._name = ""
+        self._since = 0.0
+
+    def __enter__(self) -> FleetWatch:
+        """Watch until the block ends."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Clear what is shown."""
+        if self._bar is not None:
+            self._bar.stop()
+
+    def step(self, name: str, done: int) -> None:
+        """Show that the step of this name is done with so many keystores."""
+        if not self._visible:
+            return
+        bar = self._bar = self._bar or _fleet_bar(self._total)
+        if name != self._name:
+            self._name, self._since = name, time.perf_counter()
+            bar.reset(bar.task_ids[0], description=name)
+        seconds = time.perf_counter() - self._since
+        rate = f"{done / seconds:.1f} a second" if seconds > 1 else ""
+        bar.update(bar.task_ids[0], completed=done, rate=rate)
+
+
+def _fleet_bar(total: int) -> Progress:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(),
+    )
+    console = Console(stderr=True, markup=False, emoji=False, highlight=False)
+    bar = Progress(*columns, console=console, transient=True, redirect_stdout=False)
+    bar.add_task("keystores", total=total, rate="")
+    bar.start()
+    return bar

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import datetime
 
 from keystore_audit.keystore.certificate import Certificate, CertificateFile, read_certificates
 from keystore_audit.keystore.files import File, Status
@@ -14,14 +15,22 @@ from keystore_audit.keystore.root import Root
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identity:
-    """An enclave's identity in the keystore `root` (the path as the user gave it).
+    """An enclave's identity in the keystore `root` (the path as the user gave it), small enough to keep thousands.
 
-    `enclave`: its ROS name, untrusted text. `authorities`: the keys of the certificates in its identity CA file.
+    `enclave`: its ROS name, untrusted text; `path` and `line`: where its certificate is. `key`: its public key, as
+    `Certificate.key`. `authorities`: the keys of the certificates in its identity CA file.
     """
 
     root: str
     enclave: str
-    certificate: Certificate
+    path: str
+    line: int
+    key: str
+    subject: str
+    subject_der: bytes
+    issuer: str
+    not_before: datetime
+    not_after: datetime
     authorities: frozenset[str]
 
 
@@ -37,8 +46,24 @@ def read_identities(path: str | os.PathLike[str]) -> tuple[Identity, ...]:
             own, authority = (read(files.files[role]) for role in (Role.CERTIFICATE, Role.IDENTITY_CA))
             if own is not None and own.first is not None:
                 keys = frozenset(certificate.key for certificate in (authority.certificates if authority else ()))
-                found.append(Identity(root=root.path, enclave=files.path, certificate=own.first, authorities=keys))
+                found.append(_identity(root.path, files.path, own.first, keys))
         return tuple(found)
+
+
+def _identity(root: str, enclave: str, certificate: Certificate, authorities: frozenset[str]) -> Identity:
+    return Identity(
+        root=root,
+        enclave=enclave,
+        path=certificate.path,
+        line=certificate.line,
+        key=certificate.key,
+        subject=certificate.subject,
+        subject_der=certificate.subject_der,
+        issuer=certificate.issuer,
+        not_before=certificate.not_before,
+        not_after=certificate.not_after,
+        authorities=authorities,
+    )
 
 
 def _reader() -> Callable[[File], CertificateFile | None]:

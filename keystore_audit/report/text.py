@@ -96,11 +96,16 @@ def render_several(reports: Sequence[Report], view: View | None = None) -> str:
     """Return the reports one after the other, in the order given, and a line that sums them up."""
     view = view or View()
     parts = [render(report, view) for report in reports]
-    counts = Counter(report.verdict for report in reports)
+    return "\n".join([*parts, render_total([report.verdict for report in reports], view)])
+
+
+def render_total(verdicts: Sequence[Verdict], view: View) -> str:
+    """Return the line that sums up several reports."""
+    counts = Counter(verdicts)
     page = Page(width=view.width, color=view.color)
     words = ", ".join(f"{counts[verdict]} {verdict.value}" for verdict in Verdict)
-    page.put((f"{len(reports)} keystores: {words}", "bold"))
-    return "\n".join([*parts, page.render()])
+    page.put((f"{len(verdicts)} keystores: {words}", "bold"))
+    return page.render()
 
 
 def _opening(page: Page, report: Report) -> None:

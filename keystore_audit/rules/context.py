@@ -37,8 +37,8 @@ class Context:
     expires_within: timedelta
     deployed: bool
     profiles: tuple[Profile, ...]
-    elsewhere: tuple[Identity, ...] = ()
-    """The identities of the other keystores of this run."""
+    elsewhere: tuple[Identity, ...] | None = None
+    """The identities of the other keystores of this run, at least those that are found here too; None: no others."""
     environment: Environment | None = None
     """What the robots' processes start with; None where no file says so."""
     drift: Drift | None = None

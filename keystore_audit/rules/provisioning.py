@@ -111,7 +111,7 @@ def _long_grants(keystore: Keystore) -> Iterator[tuple[datetime, str, Location]]
     clause="DDS-Security 1.1, 9.3.1 (the identity of a participant); CWE-321",
     remedy="Give every robot keys and subjects of its own, for example /robot1/talker and /robot2/talker. "
     + ISSUE_AGAIN,
-    applies=lambda _keystore, context: bool(context.elsewhere),
+    applies=lambda _keystore, context: context.elsewhere is not None,
 )
 def identity_shared_by_robots(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An enclave here and one in another keystore of this run have one identity key, or one subject under one CA.
@@ -121,9 +121,9 @@ def identity_shared_by_robots(keystore: Keystore, context: Context) -> Iterator[
     together are compared.
     """
     by_key, by_subject = defaultdict(list), defaultdict(list)
-    for other in context.elsewhere:
-        by_key[other.certificate.key].append(other)
-        by_subject[other.certificate.subject_der].append(other)
+    for other in context.elsewhere or ():
+        by_key[other.key].append(other)
+        by_subject[other.subject_der].append(other)
     same_key: list[_Shared] = []
     same_subject: list[_Shared] = []
     for enclave, certificate in _identities(keystore):
@@ -132,7 +132,7 @@ def identity_shared_by_robots(keystore: Keystore, context: Context) -> Iterator[
         same_subject += [
             (enclave, certificate, other)
             for other in by_subject[certificate.subject_der]
-            if other.certificate.key != certificate.key and keys & other.authorities
+            if other.key != certificate.key and keys & other.authorities
         ]
     says = "have one identity key: each passes for the other, and revoking one stops both"
     yield from _shared(same_key, says, "the same key")
@@ -149,8 +149,8 @@ def _shared(found: Sequence[_Shared], says: str, why: str, severity: Severity | 
     locations = []
     for _enclave, certificate, twin in found:
         locations.append(Location(path=certificate.path, line=certificate.line))
-        beside = f"{twin.root.rstrip('/')}/{twin.certificate.path}"
-        locations.append(Location(path=beside, line=twin.certificate.line, message=why, beside=True))
+        beside = f"{twin.root.rstrip('/')}/{twin.path}"
+        locations.append(Location(path=beside, line=twin.line, message=why, beside=True))
     yield Violation(
         message=f"{enclave.path} and {other.enclave} in {quoted(other.root)} {says}{more}.",
         locations=places(locations),

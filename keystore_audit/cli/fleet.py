@@ -1,0 +1,246 @@
+"""Several keystores in one run of `keystore-audit audit`: which, how many at a time, and what is kept of each."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from keystore_audit import __version__
+from keystore_audit.cli import EXIT_INTERRUPTED, delivery, formats, output, places
+from keystore_audit.cli.program import fault
+from keystore_audit.cli.progress import FleetWatch
+from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, NothingToAudit
+from keystore_audit.report.summary import Row, Summary, render_json, render_text, row, without_report
+from keystore_audit.text import terminal
+
+if TYPE_CHECKING:
+    from keystore_audit.audit import Options
+    from keystore_audit.fleet.executor import Executor
+    from keystore_audit.fleet.search import Found
+    from keystore_audit.fleet.task import Audited
+    from keystore_audit.report.content import Report
+    from keystore_audit.report.text import View
+
+WORST_FIRST: Final = (EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, 1, 0)
+"""How exit codes of several keystores combine: the first of these that occurs."""
+
+FEW: Final = 7
+"""So many keystores are audited in this process: others take longer to start."""
+
+ENGINE_WITHOUT_JAVA: Final = "native"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Make:
+    """What is made of a report where it is made; goes to other processes.
+
+    `formats`: of the reports that have a file of their own, shown as `kept`; `shown`: the text on standard output is
+    wanted; `whole`: the report itself is.
+    """
+
+    path: str
+    formats: tuple[str, ...]
+    kept: View
+    shown: View | None
+    whole: bool
+
+    def __call__(self, report: Report) -> Made:
+        """Render."""
+        from keystore_audit.report import text
+
+        return Made(
+            row=row(self.path, report),
+            files=tuple(formats.render(kind, [report], self.kept, several=False) for kind in self.formats),
+            shown=text.render(report, self.shown) if self.shown is not None else "",
+            report=report if self.whole else None,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Made:
+    """What `Make` makes."""
+
+    row: Row
+    files: tuple[str, ...]
+    shown: str
+    report: Report | None
+
+
+def run(named: Sequence[str], given: Mapping[str, Any], chosen: Callable[[Sequence[str]], Options]) -> int:
+    """Audit the keystores that are `named`, or (`--recursive`) below the directories named; return the exit code.
+
+    `chosen`: what the options mean for these keystores.
+    """
+    found = places.found(named, recursive=given["recursive"])
+    for path, reason in found.unseen:
+        click.echo(f"keystore-audit: {terminal(path)}: not looked into: {terminal(reason)}.", err=True)
+    if not found.keystores:
+        raise NothingToAudit(f"There is no keystore below {', '.join(named)}.")
+    output.check(given["targets"], found.keystores)
+    options = chosen(found.keystores)
+    reports = places.reports(found.keystores, named, given)
+    places.check_outside(found.keystores, reports, given["targets"])
+    return _Run(found=found, given=given, options=options, reports=reports).carried_out()
+
+
+@dataclass(slots=True)
+class _Run:
+    """A run as it goes on. `texts`: what standard output still waits for, since its order is that of the keystores."""
+
+    found: Found
+    given: Mapping[str, Any]
+    options: Options
+    reports: Mapping[str, str]
+    rows: dict[int, Row] = field(default_factory=dict)
+    whole: dict[int, Report] = field(default_factory=dict)
+    texts: dict[int, str] = field(default_factory=dict)
+    shown: int = 0
+
+    def carried_out(self) -> int:
+        """Audit all of them, and deliver what there is, also after an interrupt."""
+        from keystore_audit.fleet.run import Fleet
+
+        interrupted = False
+        began = time.perf_counter()
+        quiet = self.given["quiet"] or (self._texts_wanted and delivery.is_terminal())
+        try:
+            with FleetWatch(len(self.found.keystores), visible=not quiet and sys.stderr.isatty()) as watch:
+                fleet = Fleet(tasks=self._tasks(), executor=self._executor(), step=watch.step)
+                with closing(fleet.audit()) as results:
+                    for number, audited in results:
+                        self._take(number, audited)
+        except KeyboardInterrupt:
+            interrupted = True
+        if self.given["verbose"] or sys.stderr.isatty():
+            self._say_rate(time.perf_counter() - began)
+        return self._finish(interrupted=interrupted)
+
+    @property
+    def _each(self) -> list[output.Target]:
+        return [wanted for wanted in self.given["targets"] if wanted.each]
+
+    @property
+    def _collected(self) -> bool:
+        """Whether all reports are needed together, in one document."""
+        in_files = any(not wanted.each for wanted in self.given["targets"])
+        return in_files or self.given["kind"] != "text"
+
+    @property
+    def _texts_wanted(self) -> bool:
+        """Whether standard output has every report in full: not where each has a file, which would say it twice."""
+        return self.given["kind"] == "text" and not self._each
+
+    def _tasks(self) -> list[Any]:
+        from keystore_audit.fleet.task import Task
+
+        explain = partial(fault, verbose=self.given["verbose"])
+        kept, shown = delivery.view(self.given, stdout=False), delivery.view(self.given, stdout=True)
+        kinds = tuple(wanted.format for wanted in self._each)
+        return [
+            Task(
+                root=path,
+                options=self.options,
+                elsewhere=None,
+                explain=explain,
+                make=Make(
+                    path=path,
+                    formats=kinds,
+                    kept=kept,
+                    shown=shown if self._texts_wanted else None,
+                    whole=self._collected,
+                ),
+            )
+            for path in self.found.keystores
+        ]
+
+    def _executor(self) -> Executor:
+        from keystore_audit.fleet.executor import InTurn
+        from keystore_audit.fleet.processes import Processes, processors
+
+        jobs: int | None = self.given["jobs"]
+        if jobs is None:
+            # Two Analyzers run side by side for one keystore.
+            cores = processors() if self.options.engine == ENGINE_WITHOUT_JAVA else processors() // 2
+            jobs = max(1, cores) if len(self.found.keystores) > FEW else 1
+        return Processes(jobs) if jobs > 1 else InTurn()
+
+    def _take(self, number: int, audited: Audited) -> None:
+        """Keep what is to be kept of a keystore, and write its own files."""
+        path = self.found.keystores[number]
+        if audited.made is None:
+            hint = places.command_meant(path) if audited.exit_code == EXIT_NOTHING_TO_AUDIT else ""
+            click.echo(f"keystore-audit: {terminal(audited.error)}{hint}", err=True)
+            self.rows[number] = without_report(path, audited.exit_code, audited.error)
+            self.texts[number] = ""
+        else:
+            made: Made = audited.made
+            self.rows[number], self.texts[number] = made.row, made.shown
+            if made.report is not None:
+                self.whole[number] = made.report
+            for wanted, text in zip(self._each, made.files, strict=True):
+                own = places.own_file(wanted, self.reports[path])
+                own.path.parent.mkdir(parents=True, exist_ok=True)
+                output.write(own, text)
+        while self.shown in self.texts:
+            self._show(self.texts.pop(self.shown))
+            self.shown += 1
+
+    def _show(self, text: str) -> None:
+        if self._texts_wanted and text:
+            output.write_stdout(text + "\n")
+
+    def _say_rate(self, seconds: float) -> None:
+        done = len(self.rows)
+        click.echo(f"{done:,} keystores in {seconds:.1f} s, {done / max(seconds, 1e-6):.1f} a second.", err=True)
+
+    def _finish(self, *, interrupted: bool) -> int:
+        """Write what speaks of all of them, and return the exit code."""
+        for number in sorted(self.texts):  # after an interrupt: those behind one that was not done
+            self._show(self.texts[number])
+        summary = self._summary(interrupted=interrupted)
+        for wanted in self._each:
+            if wanted.format == "json":
+                output.write(places.summary_file(wanted), render_json(summary, places.FILE_NAMES["json"]))
+        if self.given["kind"] == "text":
+            self._show_summary(summary)
+        reports = [self.whole[number] for number in sorted(self.whole)]
+        if interrupted:
+            delivery.say_not_written([wanted for wanted in self.given["targets"] if not wanted.each])
+            click.echo("keystore-audit: Interrupted.", err=True)
+        else:
+            delivery.deliver(reports, self.given, several=True, stdout=self.given["kind"] != "text")
+        return summary.exit_code
+
+    def _show_summary(self, summary: Summary) -> None:
+        view = delivery.view(self.given, stdout=True)
+        if self._each:
+            output.write_stdout(render_text(summary, view))
+            return
+        from keystore_audit.report.text import render_total
+
+        verdicts = [each.verdict for each in summary.rows if each.verdict is not None]
+        if verdicts:
+            output.write_stdout(render_total(verdicts, view))
+
+    def _summary(self, *, interrupted: bool) -> Summary:
+        keystores = self.found.keystores
+        codes = [each.exit_code for each in self.rows.values()]
+        codes += [EXIT_INCOMPLETE] * bool(self.found.unseen)
+        worst = min(codes, key=WORST_FIRST.index, default=EXIT_INCOMPLETE)
+        return Summary(
+            version=__version__,
+            at=self.options.at,
+            exit_code=EXIT_INTERRUPTED if interrupted else worst,
+            rows=tuple(self.rows[number] for number in sorted(self.rows)),
+            not_audited=tuple(path for number, path in enumerate(keystores) if number not in self.rows),
+            unseen=self.found.unseen,
+            reports=self.reports,
+            interrupted=interrupted,
+        )

@@ -1,0 +1,102 @@
+"""Which keystores a command line means, and where the report of each goes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from keystore_audit.cli.output import Target
+from keystore_audit.errors import UsageError
+
+if TYPE_CHECKING:
+    from keystore_audit.fleet.search import Found
+
+FILE_NAMES: Final = {
+    "text": "report.txt",
+    "junit": "report.xml",
+    "markdown": "report.md",
+    "statement": "report.statement.json",
+    "svr": "report.svr.json",
+    "json": "report.json",
+}
+"""What the report of one keystore is called in its directory; others `report.FORMAT`."""
+
+SUMMARY: Final = "summary.json"
+
+_OWN_NAMES: Final = ("report.", SUMMARY)
+"""What names of files here begin with; directories that are called so are written otherwise."""
+
+
+def found(named: Sequence[str], *, recursive: bool) -> Found:
+    """Return the keystores named, or those below the directories named, each once."""
+    from keystore_audit.fleet.search import Found, find_keystores
+
+    if not recursive:
+        return Found(keystores=tuple(named), unseen=())
+    searched = [find_keystores(directory) for directory in named]
+    once = {os.path.realpath(path): path for each in reversed(searched) for path in reversed(each.keystores)}
+    chosen = set(once.values())
+    return Found(
+        keystores=tuple(dict.fromkeys(path for each in searched for path in each.keystores if path in chosen)),
+        unseen=tuple(unseen for each in searched for unseen in each.unseen),
+    )
+
+
+def reports(keystores: Sequence[str], named: Sequence[str], given: Mapping[str, Any]) -> dict[str, str]:
+    """Return the directory of each keystore's reports by its path, below where reports go: empty, or ending in `/`.
+
+    It is the keystore's path as it was given, or relative to the one directory that was searched. Raises
+    errors.UsageError if there are to be reports of each, and two would have the same.
+    """
+    base = named[0] if given["recursive"] and len(named) == 1 else None
+    directories = {path: _directory(path if base is None else os.path.relpath(path, base)) for path in keystores}
+    if any(wanted.each for wanted in given["targets"]) and len(set(directories.values())) < len(keystores):
+        raise UsageError("One keystore is named twice, so that its reports would be written twice to one place.")
+    return directories
+
+
+def check_outside(keystores: Sequence[str], directories: Mapping[str, str], targets: Sequence[Target]) -> None:
+    """Raise errors.UsageError if a keystore's report would be written into one of the keystores."""
+    real = {os.path.realpath(path) for path in keystores}
+    for wanted in targets:
+        for directory in directories.values() if wanted.each else ():
+            place = Path(os.path.realpath(wanted.path / directory))
+            if str(place) in real or any(str(parent) in real for parent in place.parents):
+                raise UsageError(
+                    f"{wanted.path / directory} lies in a keystore that is audited; write the reports elsewhere."
+                )
+
+
+def own_file(wanted: Target, directory: str) -> Target:
+    """Return where one keystore's report goes."""
+    name = FILE_NAMES.get(wanted.format, f"report.{wanted.format}")
+    return Target(format=wanted.format, path=Path(wanted.path, directory, name))
+
+
+def summary_file(wanted: Target) -> Target:
+    """Return where the summary of all goes."""
+    return Target(format=wanted.format, path=Path(wanted.path, SUMMARY))
+
+
+def _directory(path: str) -> str:
+    parts = [part for part in path.split("/") if part not in ("", ".")]
+    return "".join(f"{_name(part)}/" for part in parts)
+
+
+def _name(part: str) -> str:
+    """Return a name that leads nowhere else and is no file of ours."""
+    if part == ".." or part.startswith(_OWN_NAMES):
+        return part.replace(".", "%2E")
+    return part
+
+
+def command_meant(keystore: str) -> str:
+    """Return a hint where what is no directory looks like the misspelt name of a command."""
+    from difflib import get_close_matches
+
+    from keystore_audit.cli.program import COMMANDS
+
+    nearest = get_close_matches(keystore, COMMANDS, n=1)
+    return f" Did you mean the command {nearest[0]!r}?" if nearest and not Path(keystore).exists() else ""

@@ -1,0 +1,1 @@
+"""Many keystores in one run: found, compared with each other, audited side by side, each on its own."""

@@ -1,0 +1,69 @@
+"""A run over many keystores: first whose identities they share, then each on its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+
+from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_USAGE, UsageError
+from keystore_audit.fleet.executor import Executor, Lost
+from keystore_audit.fleet.shared import Identities
+from keystore_audit.fleet.task import Audited, Known, Task, carry_out, identify
+
+Step = Callable[[str, int], None]
+"""Told of each step: its name, and how many keystores it is done with."""
+
+COMPARING = "reading identities"
+AUDITING = "auditing"
+
+
+@dataclass(slots=True)
+class Fleet:
+    """The keystores of a run. `tasks` have no `elsewhere` yet; `identities` are there once the audits have begun."""
+
+    tasks: Sequence[Task]
+    executor: Executor
+    step: Step = lambda _name, _done: None
+    identities: Identities = field(default_factory=Identities)
+
+    def audit(self) -> Generator[tuple[int, Audited], None, None]:
+        """Yield the number of each keystore and what became of it, as they come, each exactly once.
+
+        Raises errors.UsageError for options that make no sense, whatever the keystore. Closing the generator ends what
+        is under way.
+        """
+        lost = self._compare() if len(self.tasks) > 1 else {}
+        yield from lost.items()
+        numbers = [number for number in range(len(self.tasks)) if number not in lost]
+        with closing(self.executor.run(carry_out, (self._task(number) for number in numbers))) as results:
+            for done, (place, result) in enumerate(results, start=len(lost) + 1):
+                number = numbers[place]
+                audited = self._lost(number, result.reason) if isinstance(result, Lost) else result
+                if audited.exit_code == EXIT_USAGE:
+                    raise UsageError(audited.error)
+                self.step(AUDITING, done)
+                yield number, audited
+
+    def _compare(self) -> dict[int, Audited]:
+        """Read all identities; the keystores of which that could not be told are lost: they might share some."""
+        lost = {}
+        for done, (number, known) in enumerate(self.executor.run(identify, self.tasks), start=1):
+            if isinstance(known, Lost):
+                lost[number] = self._lost(number, known.reason)
+            elif known.error:
+                lost[number] = Audited(exit_code=EXIT_INCOMPLETE, error=known.error)
+            else:
+                self._know(number, known)
+            self.step(COMPARING, done)
+        return lost
+
+    def _know(self, number: int, known: Known) -> None:
+        self.identities.add(number, known.place, known.identities)
+
+    def _task(self, number: int) -> Task:
+        several = len(self.tasks) > 1
+        return replace(self.tasks[number], elsewhere=self.identities.shared_with(number) if several else None)
+
+    def _lost(self, number: int, reason: str) -> Audited:
+        return Audited(exit_code=EXIT_INCOMPLETE, error=f"{self.tasks[number].root}: nothing is decided. {reason}")

@@ -1,0 +1,70 @@
+"""Finds the keystores below a directory."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from keystore_audit.keystore.layout import Role
+
+_ENCLAVES: Final = "enclaves"
+"""The folder that makes a directory a keystore since Foxy."""
+
+_FILES: Final = frozenset(
+    (
+        *(f"{role.value}.{extension}" for role in Role for extension in ("pem", "p11", "p7s")),
+        "ca.cert.pem",
+        "ca.key.pem",
+    )
+)
+"""Files of an enclave, or of the root of a keystore before Foxy."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Found:
+    """What is below a directory, in order of path; paths begin with the directory as it was given.
+
+    `keystores`: each to be audited. `unseen`: what was not looked into, with the reason: directories that cannot be
+    listed, and links to directories outside, which are not followed.
+    """
+
+    keystores: tuple[str, ...]
+    unseen: tuple[tuple[str, str], ...]
+
+
+def find_keystores(directory: str) -> Found:
+    """The topmost directories at or below `directory` that hold `enclaves`, or a file of an enclave or an authority.
+
+    Nothing is left out silently: where such a file is, it belongs to one of the keystores found or is in `unseen`.
+    Folders of single enclaves that lie side by side are keystores of their own.
+    """
+    keystores: list[str] = []
+    unseen: list[tuple[str, str]] = []
+    inside = os.path.realpath(directory)
+    stack = [directory]
+    while stack:
+        place = stack.pop()
+        try:
+            with os.scandir(place) as listing:
+                entries = sorted(listing, key=lambda entry: os.fsencode(entry.name))
+        except OSError as error:
+            unseen.append((place, error.strerror or str(error)))
+            continue
+        if any(entry.name == _ENCLAVES or entry.name in _FILES for entry in entries):
+            keystores.append(place)
+            continue
+        below = [entry for entry in entries if entry.is_dir(follow_symlinks=False)]
+        stack.extend(entry.path for entry in reversed(below))
+        unseen.extend(_links_out(entries, inside))
+    return Found(keystores=tuple(keystores), unseen=tuple(unseen))
+
+
+def _links_out(entries: list[os.DirEntry[str]], inside: str) -> Iterator[tuple[str, str]]:
+    """Links to directories that are not looked through in their own place."""
+    for entry in entries:
+        if entry.is_symlink() and os.path.isdir(entry.path):
+            target = os.path.realpath(entry.path)
+            if os.path.commonpath((inside, target)) != inside:
+                yield entry.path, "a link to a directory elsewhere, which is not followed"

@@ -1,0 +1,54 @@
+"""Which identities several keystores of a run have in common."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+
+from keystore_audit.keystore.identity import Identity
+
+
+class Identities:
+    """The identities of every keystore of a run, by the number of the keystore."""
+
+    def __init__(self) -> None:
+        self._places: dict[int, str] = {}
+        self._own: dict[int, tuple[Identity, ...]] = {}
+        self._by_key: defaultdict[str, set[int]] = defaultdict(set)
+        self._by_subject: defaultdict[tuple[bytes, str], set[int]] = defaultdict(set)
+
+    def add(self, number: int, place: str, identities: Sequence[Identity]) -> None:
+        """Take in those of a keystore; `place`: its directory, links resolved."""
+        self._places[number] = place
+        self._own[number] = tuple(identities)
+        for identity in identities:
+            self._by_key[identity.key].add(number)
+            for authority in identity.authorities:
+                self._by_subject[identity.subject_der, authority].add(number)
+
+    def of(self, number: int) -> tuple[Identity, ...]:
+        """Those of one keystore."""
+        return self._own.get(number, ())
+
+    def shared_with(self, number: int) -> tuple[Identity, ...]:
+        """Those of other keystores that have a key, or a subject under one authority, with this one in common.
+
+        In order of the keystores' numbers. One directory named twice is no other keystore.
+        """
+        own = self.of(number)
+        keys = {identity.key for identity in own}
+        subjects = {(identity.subject_der, authority) for identity in own for authority in identity.authorities}
+        others: set[int] = set()
+        for key in keys:
+            others |= self._by_key[key]
+        for subject in subjects:
+            others |= self._by_subject[subject]
+        here = self._places.get(number)
+        return tuple(
+            identity
+            for other in sorted(others)
+            if self._places[other] != here
+            for identity in self._own[other]
+            if identity.key in keys
+            or any((identity.subject_der, authority) in subjects for authority in identity.authorities)
+        )

@@ -1,0 +1,87 @@
+"""What is done with one keystore of many: module functions, which other processes look up by their names."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from threading import Lock
+from typing import Any
+
+from keystore_audit import __version__
+from keystore_audit.audit import Options, Progress, audit
+from keystore_audit.errors import EXIT_INCOMPLETE, AuditError
+from keystore_audit.keystore.identity import Identity, read_identities
+from keystore_audit.report.content import Report
+
+_ALONE = Lock()
+"""Taken for an audit: threads of one process would take turns anyway, and warnings are set for all of them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """A keystore to be audited.
+
+    `elsewhere`: identities of other keystores that it may share, None where there are no others. `make`: what to make
+    of the report where it is made. `explain`: says a fault of this program in a sentence. Both, and `options`, go to
+    other processes. `version`: of this package where the task comes from.
+    """
+
+    root: str
+    options: Options
+    elsewhere: tuple[Identity, ...] | None
+    make: Callable[[Report], Any]
+    explain: Callable[[Exception], str]
+    progress: Progress | None = None
+    version: str = __version__
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Audited:
+    """What became of a task: what was `made` of the report, or (then it is None) the `error`, raw text.
+
+    `exit_code`: the keystore's own, or that of the error.
+    """
+
+    exit_code: int
+    made: Any = None
+    error: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Known:
+    """The identities in the directory `place`, links resolved; `error`: why there may be more, a sentence."""
+
+    place: str
+    identities: tuple[Identity, ...]
+    error: str = ""
+
+
+def identify(task: Task) -> Known:
+    """Read the identities of a keystore; of one that cannot be read none, since its audit says why."""
+    place = os.path.realpath(task.root)
+    if task.version != __version__:
+        return Known(place=place, identities=(), error=_other_version(task))
+    try:
+        with _ALONE:
+            return Known(place=place, identities=read_identities(task.root))
+    except Exception:  # noqa: BLE001 - its audit takes the same steps and meets the same fault
+        return Known(place=place, identities=())
+
+
+def carry_out(task: Task) -> Audited:
+    """Audit a keystore; whatever goes wrong is in what is returned."""
+    if task.version != __version__:
+        return Audited(exit_code=EXIT_INCOMPLETE, error=_other_version(task))
+    try:
+        with _ALONE:
+            report = audit(task.root, task.options, progress=task.progress, elsewhere=task.elsewhere)
+            return Audited(exit_code=report.exit_code, made=task.make(report))
+    except AuditError as error:
+        return Audited(exit_code=error.exit_code, error=error.message)
+    except Exception as error:  # noqa: BLE001 - one keystore's fault keeps no other from its report
+        return Audited(exit_code=EXIT_INCOMPLETE, error=f"{task.root}: {task.explain(error)}")
+
+
+def _other_version(task: Task) -> str:
+    return f"{task.root}: a worker has keystore-audit {__version__}, expected {task.version}, that of the command."

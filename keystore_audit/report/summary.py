@@ -1,0 +1,203 @@
+"""Many keystores on one page, and as JSON (`schemas/summary.schema.json`): and what they have in common."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any, Final
+
+from keystore_audit.findings import Severity
+from keystore_audit.report.content import Report, Verdict
+from keystore_audit.report.encoded import encoded, instant
+from keystore_audit.report.page import Page
+from keystore_audit.report.text import View
+from keystore_audit.text import shorten
+
+SCHEMA_VERSION: Final = 1
+"""Rises when a key is removed or changes its meaning."""
+
+TOOL: Final = "keystore-audit"
+
+MAX_NAMED: Final = 5
+"""Keystores named where many have the same findings; the others are counted (text, unless it is verbose)."""
+
+MAX_PATH: Final = 400
+"""Characters of a path on the page."""
+
+_VERDICTS: Final = {Verdict.INCOMPLETE: "bold magenta", Verdict.FAIL: "bold red", Verdict.PASS: "bold green"}
+"""In the order of the page: the worst first."""
+
+Reason = tuple[str, str, Severity]
+"""Code, name and severity of findings that fail the gate."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """What is kept of one keystore.
+
+    `verdict` None: there is no report, and `error` says why. `failing`: what fails the gate, each code once, worst
+    first, and of violated properties only those without a cause that fails it. `counts`: unsuppressed findings.
+    """
+
+    path: str
+    exit_code: int
+    verdict: Verdict | None = None
+    error: str = ""
+    digest: str = ""
+    enclaves: int = 0
+    counts: Mapping[Severity, int]
+    failing: tuple[Reason, ...] = ()
+    safe_until: datetime | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Summary:
+    """A run over many keystores, in the order in which they were named.
+
+    `not_audited`: those that an interrupt left out. `unseen`: what was not looked into, with the reason. `reports`:
+    the directory of each report below where reports are, by the keystore's path.
+    """
+
+    version: str
+    at: datetime
+    exit_code: int
+    rows: tuple[Row, ...]
+    not_audited: tuple[str, ...] = ()
+    unseen: tuple[tuple[str, str], ...] = ()
+    reports: Mapping[str, str]
+    interrupted: bool = False
+
+
+def row(path: str, report: Report) -> Row:
+    """What is kept of a report."""
+    failing = [
+        finding
+        for finding in report.findings
+        if finding.suppressed is None and report.fail_on is not None and finding.severity.at_least(report.fail_on)
+    ]
+    causes = [finding for finding in failing if not finding.explained_by] or failing
+    reasons = {(finding.code, finding.name, finding.severity) for finding in causes}
+    return Row(
+        path=path,
+        exit_code=report.exit_code,
+        verdict=report.verdict,
+        digest=report.digest,
+        enclaves=len(report.enclaves),
+        counts=report.summary,
+        failing=tuple(sorted(reasons, key=lambda reason: (reason[2].rank, reason[0]))),
+        safe_until=report.safe_until,
+    )
+
+
+def without_report(path: str, exit_code: int, error: str) -> Row:
+    """What is kept of a keystore that has no report; `error`: why, raw text."""
+    return Row(path=path, exit_code=exit_code, error=error, counts=dict.fromkeys(Severity, 0))
+
+
+def render_json(summary: Summary, name: str) -> str:
+    """Return the summary; `name`: of the report's file in each keystore's directory."""
+    rows = [_row(each, f"{summary.reports[each.path]}{name}") for each in summary.rows]
+    totals = _counts(_total(summary.rows))
+    keys = {
+        "schema_version": SCHEMA_VERSION,
+        "tool": {"name": TOOL, "version": summary.version},
+        "at": instant(summary.at),
+        "exit_code": summary.exit_code,
+        "interrupted": summary.interrupted,
+        "summary": totals,
+        "not_audited": list(summary.not_audited),
+        "unseen": [{"path": path, "reason": reason} for path, reason in summary.unseen],
+    }
+    lines = [f"  {encoded(key)}: {encoded(value)}" for key, value in keys.items()]
+    listed = ",\n    ".join(encoded(each) for each in rows)
+    lines.append(f'  "keystores": [\n    {listed}\n  ]' if rows else '  "keystores": []')
+    return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def _row(row: Row, report: str) -> dict[str, Any]:
+    return {
+        "path": row.path,
+        "report": None if row.verdict is None else report,
+        "verdict": None if row.verdict is None else row.verdict.value,
+        "exit_code": row.exit_code,
+        "error": row.error or None,
+        "digest": row.digest or None,
+        "enclaves": row.enclaves,
+        "safe_until": None if row.safe_until is None else instant(row.safe_until),
+        "summary": _counts(row.counts),
+        "failing": [{"code": code, "name": name, "severity": severity.value} for code, name, severity in row.failing],
+    }
+
+
+def _total(rows: Iterable[Row]) -> dict[Severity, int]:
+    return {severity: sum(row.counts[severity] for row in rows) for severity in Severity}
+
+
+def _counts(counts: Mapping[Severity, int]) -> dict[str, int]:
+    return {severity.value: counts[severity] for severity in Severity}
+
+
+def render_text(summary: Summary, view: View | None = None) -> str:
+    """Return a page: keystores with the same findings are one entry, those that pass are counted."""
+    view = view or View()
+    page = Page(width=view.width, color=view.color)
+    page.put((f"{TOOL} {summary.version}", "bold"), f": {_number(len(summary.rows))}, as of {instant(summary.at)}")
+    page.blank()
+    for path, reason in summary.unseen:
+        page.labelled("NOT SEEN", f"{shorten(path, MAX_PATH)}: {reason}", indent=0, column=12, style="bold magenta")
+    for each in summary.rows:
+        if each.verdict is None:
+            page.labelled("NO REPORT", each.error, indent=0, column=12, style="bold magenta")
+    for verdict, style in _VERDICTS.items():
+        if verdict is not Verdict.PASS or view.verbose:
+            _entries(page, verdict, style, summary.rows, view)
+    _frequent(page, summary.rows)
+    _last(page, summary)
+    return page.render()
+
+
+def _entries(page: Page, verdict: Verdict, style: str, rows: Sequence[Row], view: View) -> None:
+    """The keystores of one verdict, those with the same reasons together, the largest group first."""
+    groups: dict[tuple[Reason, ...], list[Row]] = {}
+    for each in rows:
+        if each.verdict is verdict:
+            groups.setdefault(each.failing, []).append(each)
+    for reasons, members in sorted(groups.items(), key=lambda group: -len(group[1])):
+        named = members if view.verbose else members[:MAX_NAMED]
+        more = f" and {len(members) - len(named):,} more" if len(named) < len(members) else ""
+        codes = ", ".join(f"{code} {name}" for code, name, _severity in reasons)
+        what = f"{_number(len(members))}" + (f": {codes}" if codes else "")
+        page.labelled(verdict.value.upper(), what, indent=0, column=12, style=style)
+        page.put(", ".join(shorten(each.path, MAX_PATH) for each in named) + more, indent=12)
+
+
+def _frequent(page: Page, rows: Sequence[Row]) -> None:
+    """How many keystores each finding fails."""
+    counts = Counter(reason for each in rows for reason in each.failing)
+    if len(rows) < 2 or not counts:
+        return
+    page.blank()
+    page.put(("Findings that fail the gate", "bold underline"))
+    worst_first = sorted(counts.items(), key=lambda item: (item[0][2].rank, -item[1], item[0][0]))
+    for (code, name, severity), count in worst_first:
+        page.labelled(severity.value, f"{code} {name}: {_number(count)}", indent=2, column=12)
+
+
+def _last(page: Page, summary: Summary) -> None:
+    counts = Counter(each.verdict for each in summary.rows)
+    words = [f"{counts[verdict]:,} {verdict.value}" for verdict in _VERDICTS]
+    if counts[None]:
+        words.insert(0, f"{counts[None]:,} without a report")
+    ends = min((each.safe_until for each in summary.rows if each.safe_until is not None), default=None)
+    page.blank()
+    if ends is not None:
+        page.put(f"The first of these answers that changes does so at {instant(ends)}.")
+    if summary.interrupted:
+        page.put(("INTERRUPTED", "bold magenta"), f": {_number(len(summary.not_audited))} not audited.")
+    page.put((_number(len(summary.rows)), "bold"), f": {', '.join(words)}; exit code {summary.exit_code}")
+
+
+def _number(keystores: int) -> str:
+    return f"{keystores:,} keystore{'' if keystores == 1 else 's'}"

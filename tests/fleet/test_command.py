@@ -1,0 +1,189 @@
+"""The command over many keystores: reports of each, one summary, and what becomes of those that fail or vanish."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import psutil
+import pytest
+
+from keystore_audit import resources
+from tests.cli.keystores import AT, answer, keystore, rule
+
+NATIVE = ("--engine", "native", "--at", AT)
+
+
+def robots(root: Path, count: int) -> Path:
+    """So many copies of one small keystore, each a robot's."""
+    first = keystore(root / "r000/keys", {"/talker": (rule(("rt/chatter",)),)})
+    for number in range(1, count):
+        shutil.copytree(first, root / f"r{number:03}/keys", symlinks=True)
+    return root
+
+
+def summary(directory: Path) -> Any:
+    document = json.loads((directory / "summary.json").read_text())
+    schema = json.loads((resources.schemas() / "summary.schema.json").read_text())
+    jsonschema.Draft202012Validator(schema).validate(document)
+    return document
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return robots(tmp_path_factory.mktemp("fleet"), 12)
+
+
+def test_a_report_of_each_and_a_summary_of_all(fleet: Path, tmp_path: Path) -> None:
+    code, page = answer("-r", fleet, *NATIVE, "-o", f"json={tmp_path}/out/", "-o", f"markdown={tmp_path}/out/")
+    document = summary(tmp_path / "out")
+    assert code == document["exit_code"] == 1
+    assert [row["report"] for row in document["keystores"]] == [f"r{n:03}/keys/report.json" for n in range(12)]
+    for row in document["keystores"]:
+        report = json.loads((tmp_path / "out" / row["report"]).read_text())
+        assert (report["keystore"]["digest"], report["verdict"]) == (row["digest"], row["verdict"])
+        assert "KA666" in {finding["code"] for finding in report["findings"]}
+        assert (tmp_path / "out" / row["report"]).with_name("report.md").exists()
+    assert page.splitlines()[-1] == "12 keystores: 0 incomplete, 12 fail, 0 pass; exit code 1"
+    assert "and 7 more" in page
+
+
+@pytest.mark.parametrize("form", ["text", "json", "sarif"])
+def test_processes_say_what_one_says(fleet: Path, form: str) -> None:
+    named = sorted(fleet.glob("*/keys"))
+    assert answer(*named, *NATIVE, "-f", form, "-j", "2") == answer(*named, *NATIVE, "-f", form, "-j", "1")
+
+
+def test_the_report_of_one_is_that_of_an_audit_of_its_own(fleet: Path, tmp_path: Path) -> None:
+    one = tmp_path / "only" / "keys"
+    shutil.copytree(fleet / "r000/keys", one)
+    answer("-r", tmp_path / "only", *NATIVE, "-o", f"json={tmp_path}/out/")
+    alone = answer(one, *NATIVE, "-f", "json")[1]
+    assert (tmp_path / "out/keys/report.json").read_text() == alone
+
+
+def test_a_broken_one_hides_no_other(fleet: Path, tmp_path: Path) -> None:
+    root = tmp_path / "fleet"
+    shutil.copytree(fleet, root)
+    (root / "r003/keys/enclaves/talker/cert.pem").write_bytes(b"\xff" * 100)
+    shutil.rmtree(root / "r004/keys/enclaves/talker")
+    (root / "r005/keys/enclaves/talker/permissions.p7s").write_bytes(b"")
+    code, page = answer("-r", root, *NATIVE, "-j", "2", "-o", f"json={tmp_path}/out/")
+    rows = {row["path"].split("/")[-2]: row for row in summary(tmp_path / "out")["keystores"]}
+    assert code == 4
+    assert len(rows) == 12
+    assert rows["r003"]["exit_code"] == 4
+    assert (rows["r004"]["exit_code"], rows["r004"]["verdict"]) == (3, None)
+    assert [name for name, row in rows.items() if row["exit_code"] == 1][-6:] == [f"r{n:03}" for n in range(6, 12)]
+    assert "NO REPORT" in page
+    assert "r004" in page
+
+
+def test_where_there_is_none_it_is_3(tmp_path: Path) -> None:
+    (tmp_path / "logs").mkdir()
+    assert answer("-r", tmp_path, *NATIVE) == (3, "")
+
+
+def test_what_was_not_looked_into_is_no_pass(tmp_path: Path, healthy_samples: Path) -> None:
+    (tmp_path / "fleet").mkdir()
+    shutil.copytree(healthy_samples / "talker_listener", tmp_path / "fleet/keys", symlinks=True)
+    assert answer("-r", tmp_path / "fleet", *NATIVE)[0] == 0
+    (tmp_path / "fleet/more").symlink_to(healthy_samples)
+    assert answer("-r", tmp_path / "fleet", *NATIVE)[0] == 4
+
+
+@pytest.fixture
+def healthy_samples(repository: Path) -> Path:
+    return repository / "sample_keystores/healthy"
+
+
+def test_nothing_is_written_into_a_keystore(fleet: Path) -> None:
+    before = sorted(path for path in fleet.rglob("*"))
+    inside = str(fleet / "r000/keys/reports")
+    assert answer("-r", fleet, *NATIVE, "-o", f"json={inside}/")[0] == 2
+    assert answer("-r", fleet, *NATIVE, "-o", f"json={fleet}/")[0] == 2
+    assert sorted(path for path in fleet.rglob("*")) == before
+
+
+def test_one_place_for_two_reports_is_refused(fleet: Path, tmp_path: Path) -> None:
+    one = fleet / "r000/keys"
+    assert answer(one, f"{one}/.", *NATIVE, "-o", f"json={tmp_path}/out/")[0] == 2
+    targets = ("-o", f"json={tmp_path}/out/", "-o", f"json={tmp_path}/out//")
+    assert answer("-r", fleet, *NATIVE, *targets)[0] == 2
+
+
+@pytest.mark.parametrize("name", ["report.json", "summary.json", "..", "a b", "é\n[red]"])
+def test_names_of_directories_lead_nowhere_else(
+    name: str, fleet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / name).mkdir(exist_ok=True)
+    monkeypatch.chdir(tmp_path / "here")
+    shutil.copytree(fleet / "r000/keys", Path(name, "keys"))
+    answer(f"{name}/keys", *NATIVE, "-o", "json=out/")
+    written = [path.relative_to(Path.cwd() / "out") for path in Path("out").resolve().rglob("*") if path.is_file()]
+    assert sorted(path.name for path in written) == ["report.json", "summary.json"]
+    row = summary(Path("out"))["keystores"][0]
+    assert Path("out", row["report"]).is_file()
+
+
+def start(*args: str | Path, cwd: Path) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "keystore_audit", *map(str, args)]
+    return subprocess.Popen(command, cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
+
+
+def workers(pid: int) -> list[psutil.Process]:
+    """The processes that audit: children of the one that they are forked from."""
+    return [worker for child in psutil.Process(pid).children() for worker in child.children()]
+
+
+def until_reports(directory: Path, count: int) -> None:
+    end = time.monotonic() + 60
+    while len(list(directory.rglob("report.json"))) < count:
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+@pytest.fixture(scope="module")
+def large_fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return robots(tmp_path_factory.mktemp("large"), 150)
+
+
+def test_a_process_that_is_killed_loses_its_keystore_alone(large_fleet: Path, tmp_path: Path) -> None:
+    running = start("-r", large_fleet, *NATIVE, "-j", "2", "-o", f"json={tmp_path}/out/", cwd=tmp_path)
+    until_reports(tmp_path / "out", 5)
+    workers(running.pid)[0].kill()
+    _out, err = running.communicate(timeout=120)
+    document = summary(tmp_path / "out")
+    lost = [row for row in document["keystores"] if row["verdict"] is None]
+    assert (running.returncode, len(lost), len(document["keystores"])) == (4, 1, 150)
+    assert "SIGKILL" in lost[0]["error"]
+    assert b"SIGKILL" in err
+    assert len(list((tmp_path / "out").rglob("report.json"))) == 149
+
+
+def test_an_interrupt_leaves_what_is_done(large_fleet: Path, tmp_path: Path) -> None:
+    targets = ("-o", f"json={tmp_path}/out/", "-o", f"sarif={tmp_path}/all.sarif")
+    running = start("-r", large_fleet, *NATIVE, "-j", "2", *targets, cwd=tmp_path)
+    until_reports(tmp_path / "out", 5)
+    children = workers(running.pid)
+    os.killpg(running.pid, signal.SIGINT)  # as the terminal does it: everybody hears of it
+    out, err = running.communicate(timeout=60)
+    document = summary(tmp_path / "out")
+    done = [row for row in document["keystores"] if row["verdict"] is not None]
+    assert (running.returncode, document["exit_code"], document["interrupted"]) == (130, 130, True)
+    assert len(done) == len(list((tmp_path / "out").rglob("report.json"))) >= 5
+    assert len(done) + len(document["not_audited"]) == 150
+    assert b"INTERRUPTED" in out
+    assert b"Traceback" not in err
+    assert not (tmp_path / "all.sarif").exists()
+    psutil.wait_procs(children, timeout=10)
+    assert not [child for child in children if child.is_running()]

@@ -1,0 +1,72 @@
+"""Tasks in this process and in others: each has one result, whatever becomes of the process that was at it."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path
+
+import psutil
+import pytest
+
+from keystore_audit.fleet.executor import Executor, InTurn, Lost
+from keystore_audit.fleet.processes import Processes
+from tests.fleet import work
+
+
+@pytest.mark.parametrize("executor", [InTurn(), Processes(1), Processes(3)], ids=["in turn", "one", "three"])
+@pytest.mark.parametrize("count", [0, 1, 20])
+def test_each_task_has_its_result_once(executor: Executor, count: int) -> None:
+    results = list(executor.run(work.square, range(count)))
+    assert sorted(results) == [(number, number * number) for number in range(count)]
+
+
+def test_tasks_are_taken_as_they_are_needed() -> None:
+    taken = 0
+
+    def endless() -> Iterator[int]:
+        nonlocal taken
+        while True:
+            taken += 1
+            yield taken
+
+    with closing(Processes(2).run(work.square, endless())) as results:
+        for _ in range(50):
+            next(results)
+    assert taken <= 60
+
+
+def test_processes_are_kept_and_work_where_this_one_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = [result for _number, result in Processes(2).run(work.where, range(12))]
+    assert {directory for _process, directory in found} == {str(tmp_path)}  # type: ignore[misc]
+    assert len({process for process, _directory in found}) <= 2  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(
+    ("function", "words"),
+    [
+        (work.end_at_three, "was ended by SIGKILL (out of memory?)"),
+        (work.leave_at_three, "ended with status 7"),
+        (work.fail_at_three, "MemoryError"),
+        (work.unsendable_at_three, "could not be carried out"),
+    ],
+)
+@pytest.mark.parametrize("processes", [1, 2])
+def test_what_ends_a_process_loses_its_task_alone(function: Callable[[int], int], words: str, processes: int) -> None:
+    results = dict(Processes(processes).run(function, range(8)))
+    lost = results.pop(3)
+    assert isinstance(lost, Lost)
+    assert words in lost.reason
+    assert results == {number: number for number in range(8) if number != 3}
+
+
+def test_nothing_is_left_running() -> None:
+    before = set(psutil.Process().children(recursive=True))
+    with closing(Processes(2).run(work.where, itertools.count())) as results:
+        processes = {result[0] for _number, result in itertools.islice(results, 10)}  # type: ignore[index]
+    assert processes
+    assert not [pid for pid in processes if psutil.pid_exists(pid)]
+    left = set(psutil.Process().children(recursive=True)) - before
+    assert not {process.pid for process in left} & processes

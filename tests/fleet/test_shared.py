@@ -1,0 +1,54 @@
+"""Which identities keystores share, held against comparing each with each."""
+
+from __future__ import annotations
+
+from datetime import datetime, timezone
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from keystore_audit.fleet.shared import Identities
+from keystore_audit.keystore.identity import Identity
+
+AT = datetime(2026, 11, 21, tzinfo=timezone.utc)
+
+identities = st.builds(
+    lambda root, key, subject, authorities: Identity(
+        root=root,
+        enclave="/e",
+        path="cert.pem",
+        line=1,
+        key=key,
+        subject=subject,
+        subject_der=subject.encode(),
+        issuer="CN=ca",
+        not_before=AT,
+        not_after=AT,
+        authorities=frozenset(authorities),
+    ),
+    root=st.just("r"),
+    key=st.sampled_from("abcdef"),
+    subject=st.sampled_from(["CN=/talker", "CN=/listener", "CN=/x"]),
+    authorities=st.sets(st.sampled_from("ABC"), max_size=2),
+)
+fleets = st.lists(st.tuples(st.sampled_from(["/1", "/2", "/3", "/4"]), st.lists(identities, max_size=3)), max_size=6)
+
+
+def alike(one: Identity, other: Identity) -> bool:
+    return one.key == other.key or (one.subject_der == other.subject_der and bool(one.authorities & other.authorities))
+
+
+@given(fleets)
+def test_those_and_only_those_that_are_alike_are_given(fleet: list[tuple[str, list[Identity]]]) -> None:
+    known = Identities()
+    for number, (place, own) in reversed(list(enumerate(fleet))):
+        known.add(number, place, own)
+    for number, (place, own) in enumerate(fleet):
+        wanted = [
+            other
+            for elsewhere, others in fleet
+            if elsewhere != place
+            for other in others
+            if any(alike(identity, other) for identity in own)
+        ]
+        assert list(known.shared_with(number)) == wanted
