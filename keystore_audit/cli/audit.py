@@ -208,11 +208,10 @@ def _alloy_properties(paths: Sequence[Path], asserted: Settings | None) -> tuple
         return ()
     from keystore_audit.engine.alloy.user_file import read_user_files
 
-    return read_user_files(paths, asserted.claims if asserted else ())
+    return read_user_files(paths, asserted.claims if asserted else (), keystores)
 
 
-def _audit_all(keystores: Sequence[str], options: Options, *, quiet: bool, verbose: bool) -> tuple[list[Report], int]:
-    """Audit one keystore after the other; one that cannot be audited is said on stderr and hides no other."""
+def _audit_one(keystore: str, options: Options, given: Mapping[str, Any]) -> int:
     from keystore_audit.audit import audit
 
     watch = Watch(visible=not given["quiet"] and sys.stderr.isatty())
