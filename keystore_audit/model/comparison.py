@@ -71,12 +71,15 @@ class Name:
 class Names:
     """Names by witnesses, single ones first. `more`: how many others there are, each standing for itself or several.
 
-    `infinite`: they are infinitely many.
+    `infinite`: they are infinitely many. `domains`: all ids that some of them are in. `every`: they are all names of
+    these domains.
     """
 
     shown: tuple[Name, ...]
     more: int
     infinite: bool
+    domains: tuple[Interval, ...]
+    every: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

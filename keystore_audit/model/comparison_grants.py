@@ -20,7 +20,7 @@ WORDS: Final = {
     "publish": "publish",
     "subscribe": "subscribe to",
     "relay": "relay",
-    JOIN: "join domains",
+    JOIN: "join",
 }
 """Operations as verbs of what follows."""
 

@@ -65,7 +65,7 @@ class Reach:
                     same = draft.operation == operation.value and draft.direction.gains == gained
                     if draft.layer is Layer.GRANTS and same:
                         left &= ~draft.channels
-                what = f"{_with(gained)} {WORDS[operation.value]}, as peers have it,"
+                what = f"{_with(gained)} {WORDS[operation.value]}"
                 self._attribute(pair, Layer.ACCESS, what, gained, left, path, operation.value)
         heard = [_overheard(view, number) for view, number in zip(views, numbers, strict=True)]
         forged = [_forged(view, number) for view, number in zip(views, numbers, strict=True)]
@@ -92,7 +92,7 @@ class Reach:
             for operation in _OPERATIONS if number is not None else ():
                 channels = view.accepted(number, operation) & self._sides.mask if number is not None else 0
                 if channels:
-                    what = f"{_with(gained)} {WORDS[operation.value]}, as peers have it,"
+                    what = f"{_with(gained)} {WORDS[operation.value]}"
                     self._note(pair, _Key(draft, Layer.ACCESS, what, gained, operation.value), path, channels)
 
     def _both_ways(self, before: int, after: int) -> Iterator[tuple[bool, int]]:

@@ -21,6 +21,7 @@ from keystore_audit.model.comparison_trust import trust_changes
 from keystore_audit.model.profiles import Profile
 
 _LAYERS: Final = list(Layer)
+_DIRECTIONS: Final = [Direction.GAINED, Direction.MIXED, Direction.CHANGED, Direction.LOST, Direction.INFO]
 
 
 def compare(
@@ -58,10 +59,10 @@ def compare(
     )
 
 
-def _order(draft: Draft) -> tuple[int, bool, str, tuple[str, ...], str, str]:
-    """By layer; what nobody notices comes last."""
+def _order(draft: Draft) -> tuple[int, int, str, tuple[str, ...], str]:
+    """By layer; gains come first, and last what nobody notices."""
     what = draft.what + "".join(f"{aspect.what} {aspect.old} {aspect.new}" for aspect in draft.aspects)
-    return _LAYERS.index(draft.layer), draft.direction is Direction.INFO, draft.kind, draft.enclaves, what, ""
+    return _LAYERS.index(draft.layer), _DIRECTIONS.index(draft.direction), draft.kind, draft.enclaves, what
 
 
 def _signed_again(sides: Sides, found: Iterable[Draft]) -> Iterator[Draft]:

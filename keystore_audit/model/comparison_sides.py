@@ -14,6 +14,7 @@ from keystore_audit.keystore.permissions import Operation, PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.channels import document_channels
+from keystore_audit.model.claims import AMBIENT
 from keystore_audit.model.comparison import Name, Names, Unread
 from keystore_audit.model.domains import Interval, contains
 from keystore_audit.model.doubt import keystore_doubts
@@ -187,18 +188,27 @@ class Sides:
         """The names of a set of channels, by witnesses."""
         found: dict[tuple[str, str], tuple[list[Interval], list[bool]]] = {}
         infinite = False
+        within: set[int] = set()
         for number in members(channels):
             channel = self.channels.channels[number]
             intervals, several = found.setdefault((channel.topic, channel.partition), ([], []))
             intervals += self.channels.domains[channel.domain].intervals
             several.append(channel.infinite or channel.topic not in self._literals)
             infinite = infinite or channel.infinite
+            within.add(channel.domain)
         names = [
             Name(topic=topic, partition=partition, domains=self._joined(intervals), several=any(several))
             for (topic, partition), (intervals, several) in found.items()
         ]
-        names.sort(key=lambda name: (name.several, name.partition, name.topic))
-        return Names(shown=tuple(names[:MAX_SHOWN]), more=max(0, len(names) - MAX_SHOWN), infinite=infinite)
+        names.sort(key=lambda name: (name.topic in AMBIENT, name.several, name.partition, name.topic))
+        channels_in = self.pairs[0].old.decisions.channels_in
+        return Names(
+            shown=tuple(names[:MAX_SHOWN]),
+            more=max(0, len(names) - MAX_SHOWN),
+            infinite=infinite,
+            domains=self._joined(each for domain in within for each in self.channels.domains[domain].intervals),
+            every=not any(channels_in[domain] & ~channels for domain in within),
+        )
 
     def _joined(self, intervals: Iterable[Interval]) -> tuple[Interval, ...]:
         if self._domain is not None:

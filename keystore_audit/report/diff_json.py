@@ -88,6 +88,8 @@ def _names(names: Names | None) -> dict[str, Any] | None:
         "witnesses": [_witness(name) for name in names.shown],
         "more": names.more,
         "infinite": names.infinite,
+        "domains": describe(names.domains),
+        "every": names.every,
     }
 
 

@@ -7,6 +7,7 @@ from typing import Final
 
 from keystore_audit.findings import Location
 from keystore_audit.model.comparison import (
+    Aspect,
     Change,
     Comparison,
     Consequence,
@@ -18,7 +19,7 @@ from keystore_audit.model.comparison import (
     Names,
     Unread,
 )
-from keystore_audit.model.domains import HIGHEST_DOMAIN, describe
+from keystore_audit.model.domains import HIGHEST_DOMAIN, Interval, describe
 from keystore_audit.model.names import ros_name
 
 MAX_ENCLAVES: Final = 3
@@ -41,14 +42,14 @@ MARKS: Final = {
 _PROTECTION: Final = {
     Direction.GAINED: "Weaker protection",
     Direction.LOST: "Stronger protection",
-    Direction.MIXED: "Protection weaker and stronger",
+    Direction.MIXED: "Weaker and stronger protection",
     Direction.CHANGED: "Other protection",
 }
 _COVERAGE: Final = {
-    ("domain_rule", "true"): "now covered by a domain rule",
-    ("domain_rule", "false"): "no longer covered by a domain rule",
-    ("topic_rule", "true"): "now covered by a topic rule",
-    ("topic_rule", "false"): "no longer covered by a topic rule",
+    ("domain_rule", "true"): "Now covered by a domain rule",
+    ("domain_rule", "false"): "No longer covered by a domain rule",
+    ("topic_rule", "true"): "Now covered by a topic rule",
+    ("topic_rule", "false"): "No longer covered by a topic rule",
 }
 
 
@@ -58,9 +59,10 @@ def sentence(change: Change, comparison: Comparison) -> str:
     if change.influenced is not None:
         parts.append(influence(change.influenced))
     if change.names is not None:
-        parts.append(names(change.names))
-    if change.aspects:
-        parts.append(f"({'; '.join(_aspect(each.what, each.old, each.new) for each in change.aspects)})")
+        parts.append(_domains(change.names.domains) if change.operation == "join" else names(change.names))
+    aspects = [_aspect(each) for each in change.aspects if (each.what, each.new) not in _COVERAGE]
+    if aspects:
+        parts.append(f"({'; '.join(aspects)})")
     words = " ".join(parts) + reasons(change.reasons)
     varies = ", not all of it under each" if change.varies else ""
     return f"{words}{under(change.profiles, comparison)}{varies}."
@@ -68,7 +70,8 @@ def sentence(change: Change, comparison: Comparison) -> str:
 
 def _subject(change: Change) -> str:
     if change.kind == "protection":
-        return f"{_PROTECTION[change.direction]} of"
+        covered = [_COVERAGE.get((each.what, each.new or "")) for each in change.aspects]
+        return f"{covered[0]}:" if covered[0] is not None else f"{_PROTECTION[change.direction]} of"
     if not change.enclaves:
         return (
             f"Anybody {change.what}" if change.layer is Layer.ATTACKERS else change.what[:1].upper() + change.what[1:]
@@ -119,26 +122,39 @@ def under(profiles: Sequence[str], comparison: Comparison) -> str:
 
 
 def names(several: Names) -> str:
-    """The witnesses and how many others there are."""
-    told = ", ".join(_name(each) for each in several.shown)
+    """The witnesses and how many others there are; domains once where they are the same for all."""
+    if several.every:
+        return f"every name in {_domains(several.domains)}"
+    spelt = [each for each in several.shown if not each.several]
+    shown = spelt if several.infinite and spelt else several.shown
+    alike = all(each.domains == several.domains for each in shown)
+    told = [_name(each, named=not alike) for each in shown]
     if several.infinite:
-        return f"{told} and infinitely many other names"
-    if several.more:
-        told += f" and {several.more} more"
-    return f"{told} and others like them" if any(each.several for each in several.shown) else told
+        told.append("infinitely many other names")
+    elif several.more:
+        told.append(f"{several.more} more")
+    elif any(each.several for each in several.shown):
+        told.append("others like them")
+    listed = " and ".join([", ".join(told[:-1]), told[-1]] if len(told) > 1 else told)
+    return f"{listed} in {_domains(several.domains)}" if alike else listed
 
 
-def _name(name: Name) -> str:
+def _name(name: Name, *, named: bool) -> str:
     partition = f" in partition {name.partition!r}" if name.partition else ""
-    every = name.domains == ((0, HIGHEST_DOMAIN),)
-    several = len(name.domains) > 1 or name.domains[0][0] != name.domains[0][1]
-    domains = "every domain" if every else f"domain{'s' if several else ''} {describe(name.domains)}"
-    return f"{ros_name(name.topic)}{partition} in {domains}"
+    return f"{ros_name(name.topic)}{partition}" + (f" in {_domains(name.domains)}" if named else "")
 
 
-def _aspect(what: str, old: str | None, new: str | None) -> str:
-    covered = _COVERAGE.get((what, new or ""))
-    return covered if covered is not None else f"{what}: {old or 'none'} → {new or 'none'}"
+def _domains(domains: tuple[Interval, ...]) -> str:
+    if domains == ((0, HIGHEST_DOMAIN),):
+        return "every domain"
+    several = len(domains) > 1 or domains[0][0] != domains[0][1]
+    return f"domain{'s' if several else ''} {describe(domains)}"
+
+
+def _aspect(aspect: Aspect) -> str:
+    if aspect.old is None or aspect.new is None:
+        return f"{aspect.what}: {'added' if aspect.old is None else 'removed'} {aspect.new or aspect.old}"
+    return f"{aspect.what}: {aspect.old} → {aspect.new}"
 
 
 def place(location: Location | None) -> str | None:
