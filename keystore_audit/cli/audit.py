@@ -196,13 +196,16 @@ def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Options:
         graphs=given["graphs"],
         launches=given["launches"],
         launch_arguments=dict(given["launch_arguments"]),
+        overview=formats.HTML in (given.get("kind"), *(wanted.format for wanted in given.get("targets", ()))),
         settings=asserted,
         baseline=settings.baseline(given, keystores),
-        alloy_properties=_alloy_properties(given["alloy_properties"], asserted),
+        alloy_properties=_alloy_properties(given["alloy_properties"], asserted, keystores),
     )
 
 
-def _alloy_properties(paths: Sequence[Path], asserted: Settings | None) -> tuple[UserFile, ...]:
+def _alloy_properties(
+    paths: Sequence[Path], asserted: Settings | None, keystores: Sequence[str]
+) -> tuple[UserFile, ...]:
     """Return the users' files in Alloy, whose ids differ from those of the settings."""
     if not paths:
         return ()

@@ -327,11 +327,20 @@ def vocabulary() -> frozenset[str]:
     return frozenset(declared)
 
 
-def read_user_files(paths: Sequence[Path], claims: Sequence[Claim] = ()) -> tuple[UserFile, ...]:
+def read_user_files(
+    paths: Sequence[Path], claims: Sequence[Claim] = (), keystores: Sequence[str] = ()
+) -> tuple[UserFile, ...]:
     """Return what the files say, beside the `claims` of settings.
 
-    Raises errors.UsageError for a file that is none, and where two properties have one id.
+    Raises errors.UsageError for a file that is none, for one that lies in one of the `keystores`, whose maker would
+    then say what is asked, and where two properties have one id.
     """
+    for path in paths:
+        for keystore in keystores:
+            if Path(keystore).resolve() in path.resolve().parents:
+                raise UsageError(
+                    f"{path} lies in the keystore {keystore}, which would judge itself: keep it elsewhere."
+                )
     files = tuple(read_user_file(read_source(path)) for path in paths)
     taken = dict.fromkeys(BY_ID, "that of a property which is always decided")
     taken.update((claim.id, f"taken at {claim.place}") for claim in claims)

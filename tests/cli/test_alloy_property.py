@@ -1,0 +1,113 @@
+"""`--alloy-property`: users' properties in Alloy gate the audit, and what Alloy did not decide is no pass."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+
+from keystore_audit import resources
+
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
+BAD = "rules/KA741-asserted-alloy-property-violated/bad"
+GOOD = "rules/KA741-asserted-alloy-property-violated/good"
+ASKED = "alloy_properties/chatter.als"
+
+
+def run(keystore: str, *arguments: str, file: str | Path = ASKED) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "keystore_audit", keystore, "--alloy-property", str(file)]
+    variables = {key: value for key, value in os.environ.items() if key != "CI"}
+    command += ["--at", "2026-11-21T12:00:00Z", *arguments]
+    return subprocess.run(command, cwd=SAMPLES, env=variables, capture_output=True, text=True, timeout=120)
+
+
+def report(keystore: str, *arguments: str) -> tuple[int, dict[str, Any]]:
+    done = run(keystore, "-f", "json", *arguments)
+    found = json.loads(done.stdout)
+    jsonschema.validate(found, json.loads((resources.schemas() / "report.schema.json").read_text()))
+    return done.returncode, found
+
+
+def asserted(found: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    return {each["id"]: each for each in found["properties"] if each["id"].startswith("chatter-")}
+
+
+@pytest.mark.alloy
+@pytest.mark.xdist_group("alloy")
+def test_a_violated_property_fails_the_audit_with_names_and_lines() -> None:
+    code, found = report(BAD)
+    assert (code, found["verdict"]) == (1, "fail")
+    speaks = asserted(found)["chatter-only-the-talker-speaks"]
+    assert speaks["status"] == "violated"
+    assert speaks["statement"].endswith("(Alloy alone decides this.)")
+    answers = list(speaks["profiles"].values())
+    assert {tuple(answer["engines"].items()) for answer in answers} == {(("alloy", "violated"),)}
+    assert answers[0]["counterexample"]["text"] == "With speaker: /listener."
+    assert asserted(found)["chatter-somebody-listens"]["status"] == "holds"
+    (finding,) = [each for each in found["findings"] if each["code"] == "KA741"]
+    assert finding["severity"] == "critical"
+    first = finding["locations"][0]
+    assert (first["path"], first["line"]) == (ASKED, 15)
+    assert "enclaves/listener" in finding["locations"][1]["path"]
+
+
+@pytest.mark.alloy
+@pytest.mark.xdist_group("alloy")
+def test_what_holds_passes_and_the_text_says_who_decided() -> None:
+    done = run(GOOD)
+    assert done.returncode == 0
+    (line,) = [line for line in done.stdout.splitlines() if "chatter-only-the-talker-speaks" in line]
+    assert line.split()[:1] == ["holds"]
+    assert "alloy" in line
+    assert "native" not in line
+
+
+def test_without_alloy_it_is_open() -> None:
+    code, found = report(GOOD, "--engine", "native")
+    assert (code, found["verdict"]) == (4, "incomplete")
+    assert {each["status"] for each in asserted(found).values()} == {"unknown"}
+    told = [each["message"] for each in found["findings"] if each["code"] == "KA906"]
+    assert len(told) == 2
+    assert all("--engine native" in message for message in told)
+
+
+@pytest.mark.alloy
+@pytest.mark.xdist_group("alloy")
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("module m\nopen keystore_audit\ncheck A { some Enclav } for 0\n", "m.als:3:16: Alloy says: The name"),
+        ("module m\nopen keystore_audit\ncheck A { some Enclave } for 3\n", "m.als:3:7: expected `for 0`"),
+        ("module m\nopen keystore_audit\n//@ enclave X = /nobody\nrun A { some X } for 0\n", "m.als:3:1: '/nobody'"),
+        ("module m\nopen keystore_audit\n//@ topic X = /not_there\nrun A { some X } for 0\n", "m.als:3:1: no permiss"),
+        ("module m\nopen keystore_audit\nfact { no Enclave }\n", "m.als:3:1: 'fact'"),
+    ],
+)
+def test_a_mistake_in_the_file_is_a_usage_error_with_its_place(text: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "m.als").write_text(text)
+    done = run(GOOD, file=tmp_path / "m.als")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert said in done.stderr
+    assert str(tmp_path) in done.stderr
+
+
+def test_a_file_that_is_not_there_is_a_usage_error(tmp_path: Path) -> None:
+    done = run(GOOD, file=tmp_path / "nothing.als")
+    assert done.returncode == 2
+    assert "there is no such file" in done.stderr
+
+
+def test_a_file_in_the_keystore_is_refused(tmp_path: Path) -> None:
+    """Whoever makes the keystore would say what is asked of it."""
+    keystore = tmp_path / "keystore"
+    keystore.mkdir()
+    (keystore / "mine.als").write_text("module m\nopen keystore_audit\nrun A {} for 0\n")
+    done = run(str(keystore), file=keystore / "mine.als")
+    assert done.returncode == 2
+    assert "lies in the keystore" in done.stderr
