@@ -9,8 +9,11 @@ if TYPE_CHECKING:
     from keystore_audit.report.content import Report, RuleEntry
     from keystore_audit.report.text import View
 
-FORMATS: Final = ("text", "json", "sarif", "junit", "markdown", "statement", "svr")
+FORMATS: Final = ("text", "json", "sarif", "junit", "markdown", "html", "statement", "svr")
 """`statement` and `svr`: unsigned in-toto statements with the predicate test-result/v0.1, or svr/v0.2."""
+
+HTML: Final = "html"
+"""The format that draws: an audit has to work out what pictures show (`Options.overview`)."""
 
 
 def render(kind: str, reports: Sequence[Report], view: View, *, several: bool) -> str:
@@ -31,6 +34,10 @@ def render(kind: str, reports: Sequence[Report], view: View, *, several: bool) -
         from keystore_audit.report import markdown
 
         return markdown.render(reports, view.min_severity)
+    if kind == HTML:
+        from keystore_audit.report.html import render as page
+
+        return page(reports, view.min_severity)
     if kind in ("statement", "svr"):
         from keystore_audit.report import statement
 

@@ -19,9 +19,9 @@ from keystore_audit.cli.program import run
         ([], "Name a keystore"),
         (
             ["--format", "jsn", "x"],
-            "'jsn' is not one of text, json, sarif, junit, markdown, statement, svr. Did you mean 'json'?",
+            "'jsn' is not one of text, json, sarif, junit, markdown, html, statement, svr. Did you mean 'json'?",
         ),
-        (["--format", "html", "x"], "'html' is not one of text, json, sarif, junit, markdown, statement, svr."),
+        (["--format", "pdf", "x"], "'pdf' is not one of text, json, sarif, junit, markdown, html, statement, svr."),
         (["--fail-on", "hgih", "x"], "Did you mean 'high'?"),
         (["--min-severity", "never", "x"], "'never' is not one of critical, high, medium, low, info."),
         (["--engine", "allow", "x"], "Did you mean 'alloy'?"),

@@ -1,0 +1,246 @@
+"""Who may do what: enclaves by namespace against topics by what protects them.
+
+Each right names the line that gives it, shown for the cell that is under the pointer or has the focus. Enclaves of one
+namespace that may do the same are one column. What is left out is counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.access_lines import Allowance
+from keystore_audit.model.access_rows import Row, decision_rows, folded_by_owner
+from keystore_audit.model.access_table import AccessTable, Group
+from keystore_audit.model.overview import Overview
+from keystore_audit.report.access_differences import peers
+from keystore_audit.report.access_words import protection_words
+from keystore_audit.report.html.element import NOTHING, Html, counted, element, folded, items, joined, lines, name
+from keystore_audit.report.html.protection import Protected, protected
+from keystore_audit.report.html.sheet import Sheet
+
+MAX_COLUMNS: Final = 14
+"""Columns of one matrix, so that it fits on a page."""
+
+MAX_TOGETHER: Final = 14
+"""Enclaves up to which all are in one matrix, whatever their namespaces, each with a column of its own."""
+
+MAX_CELLS: Final = 12_000
+"""Cells of all matrices: what a browser shows at once without effort."""
+
+MAX_NAMED: Final = 12
+"""Enclaves or lines that are named for one column or cell."""
+
+_SHORT: Final = {
+    "publish": "pub",
+    "subscribe": "sub",
+    "relay": "relay",
+    "request": "req",
+    "reply": "rep",
+    "call": "call",
+    "execute": "exec",
+}
+_NEEDS: Final = {
+    "publish": (Operation.PUBLISH,),
+    "subscribe": (Operation.SUBSCRIBE,),
+    "relay": (Operation.RELAY,),
+}
+"""The operations of a right; services and actions need both publishing and subscribing."""
+
+LEGEND: Final = (
+    "pub, sub, relay: publish, subscribe, relay a topic. req, rep: call, serve a service. call, exec: use, execute an "
+    "action, all of its topics and services. ?: cannot be told. –: its participant does not start. ~: the enclave's "
+    "own name. Point at a cell, or move to it with the Tab key, to see which line gives the right."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class _Column:
+    """Enclaves of one namespace that are alike."""
+
+    paths: tuple[str, ...]
+    usable: bool | None
+
+
+@dataclass(slots=True)
+class _Budget:
+    """Cells that may still be drawn."""
+
+    cells: int
+
+    def take(self, cells: int) -> bool:
+        """Whether so many more may be drawn."""
+        fits = cells <= self.cells
+        self.cells -= cells if fits else 0
+        return fits
+
+
+def access(sheet: Sheet, overview: Overview) -> Html:
+    """Return the matrices of the profiles that most answers are shared by, and what peers take besides."""
+    table = overview.access
+    if table is None:
+        return element("p", f"Who may do what was not worked out: {overview.refused}", class_="soft")
+    main = table.groups[-1]
+    drawing = _Drawing(sheet, overview, table, main)
+    told = [element("p", sentence) for sentence in peers(table, main)]
+    notes = element("div", lines(told), class_="notes") if told else NOTHING
+    under = sheet.under(main.profiles)
+    intro = (
+        f"In domain {table.domain}{', ' + under if under else ''}: what each enclave's own implementation lets it do."
+    )
+    return joined(
+        [element("p", intro), lines(drawing.matrices()), element("p", LEGEND, class_="soft legend"), notes],
+    )
+
+
+class _Drawing:
+    """Draws the matrices of one group of profiles."""
+
+    def __init__(self, sheet: Sheet, overview: Overview, table: AccessTable, group: Group) -> None:
+        self._sheet = sheet
+        self._overview = overview
+        self._group = group
+        self._budget = _Budget(MAX_CELLS)
+        many = len(group.enclaves) > MAX_TOGETHER
+        rows = decision_rows(table, group)
+        self._rows = folded_by_owner(rows) if many else rows
+        self._many = many
+        self._done: dict[str, list[tuple[int, tuple[str, ...]]]] = {}
+        for number, row in enumerate(self._rows):
+            for path, words in row.cells.items():
+                self._done.setdefault(path, []).append((number, words))
+
+    def matrices(self) -> Iterator[Html]:
+        """One for all enclaves, or one folded for each namespace."""
+        spaces: dict[str, list[str]] = {}
+        for path in sorted(self._group.enclaves, key=lambda path: (_namespace(path), path)):
+            spaces.setdefault(_namespace(path), []).append(path)
+        if not self._many:
+            yield self._matrix([column for paths in spaces.values() for column in self._columns(paths)])
+            return
+        for space, paths in spaces.items():
+            columns = self._columns(paths)
+            drawn = [
+                self._matrix(columns[start : start + MAX_COLUMNS]) for start in range(0, len(columns), MAX_COLUMNS)
+            ]
+            alike = f", {counted(len(columns), 'kind')}" if len(columns) < len(paths) else ""
+            head = joined([name(f"{space}/"), f" {counted(len(paths), 'enclave')}{alike}"])
+            yield folded(head, lines(drawn), open_=len(spaces) == 1, class_="space")
+
+    def _columns(self, paths: Sequence[str]) -> list[_Column]:
+        """Enclaves that are alike together, unless there are few."""
+        kinds: dict[object, list[str]] = {}
+        for path in paths:
+            enclave = self._group.enclaves[path]
+            kind = (enclave.usable, enclave.reasons, tuple(self._done.get(path, ()))) if self._many else path
+            kinds.setdefault(kind, []).append(path)
+        return [_Column(tuple(alike), self._group.enclaves[alike[0]].usable) for alike in kinds.values()]
+
+    def _matrix(self, columns: Sequence[_Column]) -> Html:
+        wanted = {number for column in columns for number, _words in self._done.get(column.paths[0], ())}
+        if any(self._rows[number].several for number in wanted):  # what they may not do is news then
+            wanted.update(number for number, row in enumerate(self._rows) if row.excepted)
+        rows = [self._rows[number] for number in sorted(wanted)]
+        if not self._budget.take(len(rows) * len(columns)):
+            return element(
+                "p", f"{counted(len(rows), 'row')} not drawn; `keystore-audit access` has all.", class_="soft"
+            )
+        bodies = [self._body(words, each, columns) for words, each in _by_protection(rows)]
+        table = element("table", self._head(columns), joined(bodies), class_="matrix")
+        return element("div", table, class_="wide", tabindex=0, role="region", aria_label="Access matrix")
+
+    def _head(self, columns: Sequence[_Column]) -> Html:
+        """Namespaces above, then the enclaves, each a link to its information flow."""
+        spaces: list[list[object]] = []
+        for column in columns:
+            space = _namespace(column.paths[0])
+            if spaces and spaces[-1][0] == space:
+                spaces[-1][1] = int(str(spaces[-1][1])) + 1
+            else:
+                spaces.append([space, 1])
+        above = [element("th", name(f"{space}/"), colspan=int(str(width)), scope="colgroup") for space, width in spaces]
+        corner = element("td", class_="corner")
+        heads = [element("th", self._column_head(column), scope="col") for column in columns]
+        first = element("tr", corner, joined(above), class_="spaces") if len(spaces) > 1 or self._many else NOTHING
+        return element("thead", lines([first, element("tr", corner, lines(heads), class_="enclaves")]))
+
+    def _column_head(self, column: _Column) -> Html:
+        path = column.paths[0]
+        shown = element("code", path.rpartition("/")[2] or "/")
+        number = self._sheet.numbers.get(path)
+        link = element("a", shown, href=f"#{self._sheet.anchor('flow', number)}") if number is not None else shown
+        many = (
+            element("span", f" and {len(column.paths) - 1} alike", class_="many") if len(column.paths) > 1 else NOTHING
+        )
+        state = {True: NOTHING, False: element("b", " does not start"), None: element("b", " unknown")}[column.usable]
+        reasons = self._group.enclaves[path].reasons
+        told = [
+            _listed([name(each) for each in column.paths], "enclave"),
+            *(element("p", reason) for reason in reasons),
+        ]
+        tip = element("span", joined(told), class_="tip") if len(column.paths) > 1 or reasons else NOTHING
+        focus = {"tabindex": 0} if tip is not NOTHING else {}
+        return element("div", element("span", link, many, state, class_="upright"), tip, class_="column", **focus)
+
+    def _body(self, words: str, rows: Sequence[Row], columns: Sequence[_Column]) -> Html:
+        """The rows with one protection, under a line that says it."""
+        guard = protected(rows[0].safeguards)
+        label = joined([element("span", guard.mark, class_="mark", aria_hidden="true"), words])
+        head = element("tr", element("th", label, colspan=len(columns) + 1, scope="rowgroup"), class_="protection")
+        return element("tbody", head, lines(self._row(row, columns) for row in rows), class_=guard.kind)
+
+    def _row(self, row: Row, columns: Sequence[_Column]) -> Html:
+        shown = row.label + (" (not in ROS 2)" if row.dds_only else "")
+        cells = [self._cell(row, column) for column in columns]
+        return element("tr", element("th", name(shown), scope="row"), joined(cells))
+
+    def _cell(self, row: Row, column: _Column) -> Html:
+        path = column.paths[0]
+        words = row.cells.get(path, ())
+        if column.usable is None:
+            return element("td", "?", class_="unknown")
+        if not words:
+            return element("td") if column.usable else element("td", "–", class_="unusable")
+        short = [element("span", _SHORT[word], class_=_SHORT[word]) for word in words]
+        more = f" (and {len(column.paths) - 1} alike)" if len(column.paths) > 1 else ""
+        does = f" may {' and '.join(words)} "
+        source = _listed(list(_sources(self._overview.allowances.get(path, ()), row, words)), "line")
+        said = element("span", name(path), more, does, name(row.label), class_="who")
+        tip = element("span", said, source, class_="tip")
+        return element("td", joined(short), tip, class_="right", tabindex=0)
+
+
+def _namespace(path: str) -> str:
+    return path.rpartition("/")[0]
+
+
+def _by_protection(rows: Iterable[Row]) -> Iterable[tuple[str, list[Row]]]:
+    """The least protected first: that is what a reader looks for."""
+    groups: dict[tuple[int, str], list[Row]] = {}
+    for row in rows:
+        guard: Protected = protected(row.safeguards)
+        groups.setdefault((guard.rank, protection_words(row.safeguards)), []).append(row)
+    return [(words, each) for (_rank, words), each in sorted(groups.items(), key=lambda entry: entry[0])]
+
+
+def _sources(allowances: Iterable[Allowance], row: Row, words: Sequence[str]) -> Iterator[Html]:
+    """The lines that give the rights, each once."""
+    needed = {operation for word in words for operation in _NEEDS.get(word, tuple(Operation)[:2])}
+    told: dict[tuple[str, str], None] = {}
+    for allowance in allowances:
+        if allowance.operation in needed and allowance.names & row.names:
+            where = allowance.location
+            line = "" if where is None or where.line is None else f":{where.line}"
+            told[f"{where.path}{line}" if where is not None else "", allowance.reason] = None
+    for at, reason in told:
+        yield joined([element("code", at, class_="place"), f" {reason}"])
+
+
+def _listed(parts: Sequence[Html], noun: str) -> Html:
+    """The parts as a list; many are counted."""
+    kept = list(parts[:MAX_NAMED])
+    if len(parts) > MAX_NAMED:
+        kept.append(element("span", f"and {counted(len(parts) - MAX_NAMED, f'more {noun}', f'more {noun}s')}"))
+    return items(kept)

@@ -1,0 +1,172 @@
+"""The head of a report: the verdict, and everything that it rests on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+from keystore_audit.findings import Severity
+from keystore_audit.properties.property import Status
+from keystore_audit.properties.result import EngineRun, EngineStatus
+from keystore_audit.report.content import Report, SettingsFile, Verdict
+from keystore_audit.report.encoded import instant
+from keystore_audit.report.html.element import NOTHING, Html, counted, digest, element, items, joined, lines, name
+from keystore_audit.report.html.sheet import Sheet, severity
+from keystore_audit.text import shorten
+
+_VERDICTS: Final = {
+    Verdict.PASS: ("✓", "Pass"),
+    Verdict.FAIL: ("✗", "Fail"),
+    Verdict.INCOMPLETE: ("?", "Incomplete"),
+}
+_ENGINE_WORDS: Final = {
+    EngineStatus.OK: "answered",
+    EngineStatus.MISSING: "is missing",
+    EngineStatus.FAILED: "failed",
+    EngineStatus.TIMEOUT: "ran out of time",
+    EngineStatus.OUT_OF_SCALE: "was not started, the model being too large for it",
+    EngineStatus.NOT_RUN: "was not asked",
+}
+MAX_TITLE: Final = 120
+"""Characters of the keystore's path in the heading."""
+
+
+def head(sheet: Sheet) -> Html:
+    """Return the verdict with its counts, the facts, and what the verdict rests on."""
+    report = sheet.report
+    stamp = element("p", verdict(report.verdict))
+    return element(
+        "header",
+        element("div", element("h1", element("code", shorten(report.keystore, MAX_TITLE))), class_="title"),
+        element("div", stamp, element("div", *_sentences(report), class_="said"), class_="stamp"),
+        _counts(report),
+        _warnings(report),
+        element("div", _facts(sheet), _rests(report), class_="rests"),
+        class_=f"head {report.verdict.value}",
+        id=sheet.anchor("top"),
+    )
+
+
+def verdict(value: Verdict) -> Html:
+    """Return a verdict: shape, word and colour."""
+    mark, word = _VERDICTS[value]
+    return element(
+        "span", element("span", mark, class_="mark", aria_hidden="true"), word, class_=f"verdict {value.value}"
+    )
+
+
+def _sentences(report: Report) -> Iterator[Html]:
+    """What the verdict means, and until when."""
+    gate = (
+        "Nothing fails this gate." if report.fail_on is None else f"The gate fails at {report.fail_on.value} or worse."
+    )
+    if report.verdict is Verdict.INCOMPLETE:
+        words = "Something could not be decided, and what cannot be decided is no pass. "
+    elif report.verdict is Verdict.FAIL:
+        words = "Somebody can do what this keystore seems to forbid, or a robot cannot start. "
+    else:
+        words = "Nothing was found that fails this gate. " if report.fail_on is not None else ""
+    yield element("p", words + gate)
+    if report.safe_until is None:
+        until = f"No date in the keystore changes this answer{_why(report)}."
+    elif report.safe_until <= report.at:
+        until = f"Nothing can be said of the future{_why(report)}."
+    else:
+        until = f"This answer holds until {instant(report.safe_until)}{_why(report)}."
+    yield element("p", until, class_="soft")
+
+
+def _why(report: Report) -> str:
+    why = report.safe_until_why
+    return f": {why}" if why and report.safe_until is not None else ""
+
+
+def _counts(report: Report) -> Html:
+    """The findings by severity; none is said too."""
+    summary = report.summary
+    return element(
+        "ul",
+        lines(
+            element(
+                "li",
+                element("span", str(summary[each]), class_="number"),
+                severity(each),
+                class_="some" if summary[each] else "none",
+            )
+            for each in Severity
+        ),
+        class_="counts",
+        aria_label="Findings by severity",
+    )
+
+
+def _warnings(report: Report) -> Html:
+    """Everything that makes the verdict reach less far than it seems to."""
+    told = [*_engine_warnings(report), *(f"Weakened gate: {reason}" for reason in report.weakened)]
+    if not told:
+        return NOTHING
+    return element("div", element("h2", "Read this first"), items(map(_sentence, told)), class_="warnings")
+
+
+def _engine_warnings(report: Report) -> Iterator[str]:
+    answered = [run.name for run in report.engines if run.status is EngineStatus.OK]
+    for run in report.engines:
+        if run.status not in (EngineStatus.OK, EngineStatus.NOT_RUN):
+            rest = f" The properties rest on {' and '.join(answered)} alone." if answered else ""
+            yield _sentence(_engine_words(run)) + rest
+    if not answered:
+        yield "No engine has answered: no property was decided."
+    if report.engines_agree is False:
+        yield "The engines disagree: wherever they do, the answer is unknown."
+
+
+def _engine_words(run: EngineRun) -> str:
+    version = f" {run.version}" if run.version else ""
+    reason = f": {run.reason}" if run.reason else ""
+    return f"The {run.name} engine{version} {_ENGINE_WORDS[run.status]}{reason}"
+
+
+def _sentence(text: str) -> str:
+    return text if text.endswith((".", "!", "?")) else f"{text}."
+
+
+def _facts(sheet: Sheet) -> Html:
+    report = sheet.report
+    scope = report.scope
+    holding = sum(result.status is Status.HOLDS for result in report.properties)
+    rows: list[tuple[str, Html | str]] = [
+        ("as of", instant(report.at)),
+        ("layout", f"{report.layout}, {counted(len(report.enclaves), 'enclave')}"),
+        ("judged as", ", ".join(sheet.profiles)),
+        ("properties", f"{holding} of {len(report.properties)} hold"),
+        ("engines", lines(element("div", f"{_sentence(_engine_words(run))}") for run in report.engines)),
+        (
+            "looked at",
+            ", ".join(
+                counted(number, noun)
+                for number, noun in (
+                    (scope.certificates, "certificate"),
+                    (scope.documents, "signed document"),
+                    (scope.channels, "topic channel"),
+                    (scope.rules, "rule"),
+                )
+            ),
+        ),
+        ("SHA-256", digest(report.digest)),
+        *_files(report),
+    ]
+    pairs = [element("div", element("dt", label), element("dd", value)) for label, value in rows]
+    return element("dl", lines(pairs), class_="facts")
+
+
+def _files(report: Report) -> Iterator[tuple[str, Html | str]]:
+    given: tuple[tuple[str, SettingsFile | None], ...] = (("settings", report.settings), ("baseline", report.baseline))
+    for label, file in given:
+        if file is not None:
+            yield label, joined([element("div", name(file.path)), digest(file.sha256)])
+
+
+def _rests(report: Report) -> Html:
+    assumed = element("div", element("h2", "Assumed"), items(report.assumptions))
+    unchecked = element("div", element("h2", "Not checked"), items(report.scope.not_checked))
+    return element("div", assumed, unchecked, class_="assumed")
