@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime
 from enum import Enum
+from typing import Final
 
 from keystore_audit.findings import Location
 from keystore_audit.model.domains import Interval
@@ -40,6 +41,10 @@ class Direction(str, Enum):
     def gains(self) -> bool:
         """Whether there is more than before."""
         return self in (Direction.GAINED, Direction.MIXED)
+
+
+ORDER: Final = (Direction.GAINED, Direction.MIXED, Direction.CHANGED, Direction.LOST, Direction.INFO)
+"""What is told first."""
 
 
 def direction_of(*, gains: bool, losses: bool) -> Direction:

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import TypeVar
 
 from keystore_audit.findings import Location
-from keystore_audit.model.comparison import Aspect, Change, Consequence, Direction, Influenced, Layer
+from keystore_audit.model.comparison import ORDER, Aspect, Change, Consequence, Direction, Influenced, Layer
 from keystore_audit.model.comparison_sides import Sides
-
-K = TypeVar("K", bound=Hashable)
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -54,7 +51,7 @@ class Draft:
             influenced=self.influenced,
             old=self.old,
             new=self.new,
-            consequences=tuple(effect.consequence(sides) for effect in self.effects),
+            consequences=tuple(effect.consequence(sides) for effect in sorted(self.effects, key=_told_first)),
         )
 
 
@@ -83,12 +80,8 @@ class Effect:
         )
 
 
-def folded(found: Mapping[tuple[str, K], object]) -> dict[K, tuple[str, ...]]:
-    """By the second part of the keys: the first parts that it comes with, in order."""
-    folds: dict[K, list[str]] = {}
-    for one, rest in found:
-        folds.setdefault(rest, []).append(one)
-    return {rest: tuple(ones) for rest, ones in folds.items()}
+def _told_first(effect: Effect) -> int:
+    return ORDER.index(effect.direction)
 
 
 def in_order(profiles: Iterable[str], sides: Sides) -> tuple[str, ...]:

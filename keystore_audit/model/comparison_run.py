@@ -9,7 +9,7 @@ from zoneinfo import ZoneInfo
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Enclave, Keystore
-from keystore_audit.model.comparison import Comparison, Direction, Layer
+from keystore_audit.model.comparison import ORDER, Comparison, Direction, Layer
 from keystore_audit.model.comparison_causes import Causes
 from keystore_audit.model.comparison_drafts import Draft
 from keystore_audit.model.comparison_governance import governance_changes
@@ -21,7 +21,6 @@ from keystore_audit.model.comparison_trust import trust_changes
 from keystore_audit.model.profiles import Profile
 
 _LAYERS: Final = list(Layer)
-_DIRECTIONS: Final = [Direction.GAINED, Direction.MIXED, Direction.CHANGED, Direction.LOST, Direction.INFO]
 
 
 def compare(
@@ -62,7 +61,7 @@ def compare(
 def _order(draft: Draft) -> tuple[int, int, str, tuple[str, ...], str]:
     """By layer; gains come first, and last what nobody notices."""
     what = draft.what + "".join(f"{aspect.what} {aspect.old} {aspect.new}" for aspect in draft.aspects)
-    return _LAYERS.index(draft.layer), _DIRECTIONS.index(draft.direction), draft.kind, draft.enclaves, what
+    return _LAYERS.index(draft.layer), ORDER.index(draft.direction), draft.kind, draft.enclaves, what
 
 
 def _signed_again(sides: Sides, found: Iterable[Draft]) -> Iterator[Draft]:

@@ -7,6 +7,7 @@ from typing import Final
 
 from keystore_audit.model.comparison import Change, Comparison, FailOn, Layer
 from keystore_audit.report import diff_words as words
+from keystore_audit.report.diff_alike import alike
 from keystore_audit.report.encoded import instant
 from keystore_audit.text import markdown as escaped
 
@@ -44,12 +45,12 @@ def _items(comparison: Comparison) -> Iterator[str]:
         if changes:
             yield f"### {words.TITLES[layer]}"
             yield ""
-            for change in changes:
-                yield _item(change, comparison)
+            for change, others in alike(changes):
+                yield _item(change, comparison, others)
             yield ""
 
 
-def _item(change: Change, comparison: Comparison) -> str:
+def _item(change: Change, comparison: Comparison, others: tuple[str, ...]) -> str:
     places = [words.place(location) for location in (change.old, change.new)]
     named = [f"{side} {escaped(place)}" for side, place in zip(("old", "new"), places, strict=True) if place]
     where = f" ({', '.join(named)})" if named else ""
@@ -60,4 +61,6 @@ def _item(change: Change, comparison: Comparison) -> str:
     ]
     if len(change.consequences) > words.MAX_CONSEQUENCES:
         lines.append(f"  - and {len(change.consequences) - words.MAX_CONSEQUENCES} more consequences")
+    if others:
+        lines.append(f"  - {escaped(words.others(others))}")
     return "\n".join(lines)

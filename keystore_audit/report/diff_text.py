@@ -8,6 +8,7 @@ from typing import Final
 
 from keystore_audit.model.comparison import Change, Comparison, FailOn, Layer
 from keystore_audit.report import diff_words as words
+from keystore_audit.report.diff_alike import alike
 from keystore_audit.report.encoded import instant
 from keystore_audit.text import terminal
 
@@ -28,14 +29,14 @@ def text(comparison: Comparison, fail_on: FailOn) -> str:
         changes = [change for change in comparison.changes if change.layer is layer]
         if changes:
             lines += ["", words.TITLES[layer]]
-        for change in changes:
-            lines += _change(change, comparison)
+        for change, others in alike(changes):
+            lines += _change(change, comparison, others)
     if comparison.changes:
         lines += ["", "+ gained   - lost   ± both   ~ changed   i no difference to anybody"]
     return "\n".join(lines) + "\n"
 
 
-def _change(change: Change, comparison: Comparison) -> Iterator[str]:
+def _change(change: Change, comparison: Comparison, others: tuple[str, ...]) -> Iterator[str]:
     yield _wrapped(words.sentence(change, comparison), f"  {words.MARKS[change.direction]} ", "    ")
     for side, location in (("old", change.old), ("new", change.new)):
         where = words.place(location)
@@ -45,6 +46,8 @@ def _change(change: Change, comparison: Comparison) -> Iterator[str]:
         yield _wrapped(words.consequence(each, comparison), f"      {words.MARKS[each.direction]} so ", "        ")
     if len(change.consequences) > words.MAX_CONSEQUENCES:
         yield f"      and {len(change.consequences) - words.MAX_CONSEQUENCES} more consequences (--format json)"
+    if others:
+        yield _wrapped(words.others(others), "      ", "        ")
 
 
 def _wrapped(sentence: str, first: str, rest: str) -> str:

@@ -100,6 +100,11 @@ def consequence(each: Consequence, comparison: Comparison) -> str:
     return f"{who}{about}{reasons(each.reasons)}{under(each.profiles, comparison)}"
 
 
+def others(paths: Sequence[str]) -> str:
+    """Enclaves with a change like the one that was told."""
+    return f"likewise, each with its own path in the names: {enclaves(paths)}"
+
+
 def influence(influenced: Influenced) -> str:
     """One way with all its hops, and how many other pairs there are."""
     way = influenced.way

@@ -1,0 +1,36 @@
+"""Changes of several enclaves that differ in the enclaves' own paths alone, for showing one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+from keystore_audit.model.comparison import Change
+
+_PATH, _ABOVE = "\0", "\1"
+"""Stand for an enclave's path and for the path above it; neither is in a name (XML 1.0, 2.2)."""
+
+
+def alike(changes: Iterable[Change]) -> list[tuple[Change, tuple[str, ...]]]:
+    """Each change that is not like one before it, with the enclaves of those that are.
+
+    Two are alike where each is the other with its path, or the path above it, put for that of the other in every name.
+    """
+    found: dict[str, tuple[Change, list[str]]] = {}
+    for change in changes:
+        key = _form(change)
+        if key in found:
+            found[key][1].extend(change.enclaves)
+        else:
+            found[key] = change, []
+    return [(change, tuple(enclaves)) for change, enclaves in found.values()]
+
+
+def _form(change: Change) -> str:
+    """What the change says, without the path of its enclave; places do not count."""
+    if len(change.enclaves) != 1:
+        return repr(change)
+    (path,) = change.enclaves
+    above = path.rpartition("/")[0]
+    form = repr(replace(change, old=None, new=None)).replace(repr(path)[1:-1], _PATH)
+    return form.replace(repr(above)[1:-1] + "/", _ABOVE) if above else form
