@@ -1,0 +1,408 @@
+"""Accepted findings in settings and baselines: what is wrong with a file, and that no report hides them."""
+
+from __future__ import annotations
+
+import html
+import json
+import os
+import sys
+from datetime import date, datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+from junitparser import JUnitXml
+
+from keystore_audit import resources
+from keystore_audit.cli.formats import FORMATS
+from keystore_audit.errors import UsageError
+from keystore_audit.findings import Severity
+from keystore_audit.settings import read_baseline, read_settings
+from keystore_audit.text import markdown
+from tests.cli.keystores import answer
+from tests.test_samples import SAMPLES, as_built
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+AT = "2026-11-21T12:00:00Z"
+PRINT = "a" * 64
+WHY = 'reason = "so"\nowner = "Ada"\nuntil = 2026-12-04\n'
+PLACED = f'[[suppression]]\ncode = "KA205"\nwhere = "/talker"\n{WHY}'
+TALKER = "rules/KA909-suppression-expired/bad"
+"""Its findings: KA205 (medium) and KA513 (low) of the talker."""
+
+
+def file(folder: Path, text: str, name: str = "keystore-audit.toml") -> Path:
+    path = folder / name
+    path.write_text(text, "utf-8")
+    return path
+
+
+# What a file may say
+
+
+def test_every_key_is_read(tmp_path: Path) -> None:
+    text = f"""max_suppression_days = 400
+{PLACED}
+[[suppression]]
+code = "KA711"
+fingerprint = "{PRINT}"
+severity = "critical"
+profiles = ["spec", "fastdds-3.6"]
+{WHY}"""
+    settings = read_settings(file(tmp_path, text))
+    placed, printed = settings.acceptances
+    assert settings.max_suppression_days == 400
+    assert (placed.code, placed.where, placed.fingerprint, placed.severity) == ("KA205", ("/talker",), None, None)
+    assert (placed.reason, placed.owner, placed.until) == ("so", "Ada", date(2026, 12, 4))
+    assert (placed.location.line, placed.location.beside, placed.place) == (2, True, f"{settings.path}:2:1")
+    assert (printed.where, printed.fingerprint, printed.severity) == ((), PRINT, Severity.CRITICAL)
+    assert printed.profiles == {"spec", "fastdds-3.6"}
+    assert placed.end == datetime(2026, 12, 4, 23, 59, 59, tzinfo=timezone.utc)
+
+
+WRONG = [
+    (PLACED.replace("reason", "reson"), ":4:1", "unknown key 'reson'; expected code, where, fingerprint, severity"),
+    (PLACED.replace('reason = "so"\n', ""), ":1:1", "expected reason ="),
+    (PLACED.replace('owner = "Ada"\n', ""), ":1:1", "expected owner ="),
+    (PLACED.replace("until = 2026-12-04\n", ""), ":1:1", "expected until = a date without quotes"),
+    (PLACED.replace("2026-12-04", '"2026-12-04"'), ":6:1", "expected until = a date without quotes"),
+    (PLACED.replace("2026-12-04", "2026-12-04T12:00:00Z"), ":6:1", "expected until = a date without quotes"),
+    (PLACED.replace("2026-12-04", "2026-13-04"), ":6:", "this is not TOML"),
+    (PLACED.replace('"so"', '"  "'), ":4:1", "found only spaces"),
+    (PLACED.replace('"so"', '""'), ":4:1", "a string that is not empty"),
+    (PLACED.replace('"so"', f'"{"x" * 1001}"'), ":4:1", "at most 1000 characters, found 1001"),
+    (PLACED.replace("Ada", "x" * 201), ":5:1", "at most 200 characters, found 201"),
+    (PLACED.replace("KA205", "KA2"), ":2:1", "'KA2' is no rule's code; expected one rule"),
+    (PLACED.replace("KA205", "certificate-expires-soon"), ":2:1", "is no rule's code"),
+    (PLACED.replace("KA205", "KA903"), ":2:1", "which nothing accepts"),
+    (PLACED.replace('where = "/talker"\n', ""), ":1:1", "exactly one of where, fingerprint"),
+    (f'{PLACED}fingerprint = "{PRINT}"\n', ":1:1", "exactly one of where, fingerprint"),
+    (PLACED.replace('"/talker"', '["*", "/talker"]'), ":3:1", "everything: expected it alone"),
+    (PLACED.replace("/talker", "./talker"), ":3:1", "expected an enclave"),
+    (PLACED.replace("/talker", "enclaves//talker"), ":3:1", "expected an enclave"),
+    (PLACED.replace("/talker", "../talker"), ":3:1", "expected an enclave"),
+    (PLACED.replace('"/talker"', "[]"), ":3:1", "array of such strings"),
+    (f'{PLACED}severity = "bad"\n', ":7:1", "expected 'critical' or 'high'"),
+    (f'{PLACED}profiles = "humble"\n', ":7:1", "'humble' is no profile; expected names as in reports"),
+    (PLACED.replace('where = "/talker"', f'fingerprint = "{PRINT[:-1]}"'), ":3:1", "expected 64 digits"),
+    ("suppression = 3\n", ":1:1", "each headed [[suppression]]"),
+    ("max_suppression_days = 0\n", ":1:1", "a number from 1 to 3650"),
+    ("max_suppression_days = true\n", ":1:1", "a number from 1 to 3650"),
+    ("max_suppression_days = 99999\n", ":1:1", "a number from 1 to 3650"),
+]
+
+
+@pytest.mark.parametrize(("text", "where", "what"), WRONG)
+def test_what_is_wrong_is_said_with_line_and_column(tmp_path: Path, text: str, where: str, what: str) -> None:
+    path = file(tmp_path, text)
+    with pytest.raises(UsageError) as caught:
+        read_settings(path)
+    said = caught.value.message.removeprefix(str(path))
+    assert said.startswith(where)
+    assert what in said
+
+
+ENTRY = f'[[accepted]]\ncode = "KA205"\nfingerprint = "{PRINT}"\nseverity = "low"\n{WHY}'
+WRONG_ENTRIES = [
+    (ENTRY.replace('severity = "low"\n', ""), ":1:1", "expected severity = one of critical, high"),
+    (ENTRY.replace("fingerprint", "where"), ":3:1", "unknown key 'where'"),
+    (f"{ENTRY}{ENTRY}", ":10:1", "accepted already, at"),
+    (f'{ENTRY}causes = ["x"]\n', ":8:1", "expected fingerprints"),
+    (f"{ENTRY}profiles = []\n", ":8:1", "array of such strings"),
+    (ENTRY.replace("KA205", "KA905"), ":2:1", "which nothing accepts"),
+    (ENTRY.replace("accepted", "suppression"), ":1:1", "unknown key 'suppression'; expected accepted"),
+    (ENTRY.replace("low", "none"), ":4:1", "expected 'critical' or"),
+]
+
+
+@pytest.mark.parametrize(("text", "where", "what"), WRONG_ENTRIES)
+def test_what_is_wrong_with_a_baseline_too(tmp_path: Path, text: str, where: str, what: str) -> None:
+    path = file(tmp_path, text, "baseline.toml")
+    with pytest.raises(UsageError) as caught:
+        read_baseline(path)
+    said = caught.value.message.removeprefix(str(path))
+    assert said.startswith(where)
+    assert what in said
+
+
+NOT_OF_THE_SCHEMA = (
+    "accepted already",
+    "expected an enclave",
+    "everything",
+    "'humble' is no",
+    "this is not TOML",
+    "'KA2'",
+)
+"""What no JSON Schema says."""
+
+
+def test_the_schemas_refuse_what_is_refused() -> None:
+    for name, good, wrong in (("settings", PLACED, WRONG), ("baseline", ENTRY, WRONG_ENTRIES)):
+        schema = json.loads((resources.schemas() / f"{name}.schema.json").read_text())
+        jsonschema.Draft202012Validator.check_schema(schema)
+        validator = jsonschema.Draft202012Validator(schema)
+        assert [error.message for error in validator.iter_errors(_plain(tomllib.loads(good)))] == []
+        for text, _where, what in wrong:
+            if not what.startswith(NOT_OF_THE_SCHEMA) and "12:00" not in text:
+                assert not validator.is_valid(_plain(tomllib.loads(text))), text
+
+
+def _plain(value: Any) -> Any:
+    """Dates as strings; a date that was a string already is none any more."""
+    if isinstance(value, dict):
+        return {key: _plain(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_plain(each) for each in value]
+    if isinstance(value, str) and value == "2026-12-04":
+        return "in quotes"
+    return value.isoformat() if isinstance(value, date) else value
+
+
+# The command line
+
+
+@pytest.fixture
+def talker(tmp_path: Path) -> Path:
+    keystore, _expected = as_built(SAMPLES / f"{TALKER}.toml", tmp_path / "keys")
+    return keystore
+
+
+def run(keystore: Path, *options: str | Path, kind: str = "json") -> tuple[int, Any]:
+    code, text = answer("audit", keystore, "--engine", "native", "--at", AT, "-f", kind, *options)
+    return code, json.loads(text) if kind == "json" else text
+
+
+def fate(keystore: Path, *options: str | Path) -> dict[str, bool]:
+    """Which rules found something, and whether all of it is accepted."""
+    _code, report = run(keystore, *options)
+    found: dict[str, bool] = {}
+    for finding in report["findings"]:
+        found[finding["code"]] = found.get(finding["code"], True) and finding["suppressed"] is not None
+    return found
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (PLACED.replace("2026-12-04", "2027-05-21"), "until = 2027-05-21 is too far away: expected 2027-05-20 or"),
+        (PLACED.replace("KA205", "KA250"), "KA250 is no rule's code. Did you mean KA"),
+        (PLACED.replace("owner", "onwer"), "unknown key 'onwer'"),
+    ],
+)
+def test_exit_2_with_the_place_and_no_report(
+    tmp_path: Path, talker: Path, text: str, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = file(tmp_path, text)
+    assert answer("audit", talker, "--at", AT, "--settings", path) == (2, "")
+    said = capsys.readouterr().err
+    assert f"keystore-audit: {path}:" in said
+    assert words in said
+
+
+def test_a_later_end_where_settings_say_so_weakens(tmp_path: Path, talker: Path) -> None:
+    path = file(tmp_path, f"max_suppression_days = 200\n{PLACED.replace('2026-12-04', '2027-06-09')}")
+    _code, report = run(talker, "--settings", path)
+    assert f"max_suppression_days = 200 in {path}" in report["weakened"]
+    assert f"1 finding accepted by {path}" in report["weakened"]
+    baseline = file(tmp_path, ENTRY.replace("2026-12-04", "2027-06-09"), "b.toml")
+    assert run(talker, "--settings", path, "--baseline", baseline)[0] == 0
+    assert answer("audit", talker, "--at", AT, "--baseline", baseline) == (2, "")
+
+
+def test_a_worse_one_is_not_accepted_where_nobody_says_how_bad_it_may_be(tmp_path: Path) -> None:
+    """KA109, a note, is critical once the tree goes on a robot: who accepted the note did not accept that."""
+    keystore, _expected = as_built(SAMPLES / "rules/KA109-ca-private-key-in-tree/bad.toml", tmp_path / "ca")
+    anything = PLACED.replace("KA205", "KA109").replace("/talker", "*")
+    note = file(tmp_path, anything)
+    assert fate(keystore, "--settings", note)["KA109"] is True
+    deployed = fate(keystore, "--settings", note, "--deployed")
+    assert (deployed["KA109"], deployed["KA910"]) == (False, False)
+    worse = file(tmp_path, f'{anything}severity = "critical"\n')
+    assert fate(keystore, "--settings", worse, "--deployed")["KA109"] is True
+
+
+def test_other_profiles_are_not_accepted(tmp_path: Path, talker: Path) -> None:
+    path = file(tmp_path, f'{PLACED}profiles = ["spec"]\n')
+    assert fate(talker, "--settings", path)["KA205"] is False
+    assert fate(talker, "--settings", path, "--profile", "spec")["KA205"] is True
+
+
+def test_one_settings_file_in_the_working_directory_but_not_in_ci_nor_with_deployed(
+    tmp_path: Path, talker: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "cwd"
+    folder.mkdir()
+    file(folder, PLACED)
+    monkeypatch.chdir(folder)
+    monkeypatch.delenv("CI", raising=False)
+    assert fate(talker)["KA205"] is True
+    assert fate(talker, "--deployed")["KA205"] is False
+    monkeypatch.setenv("CI", "true")
+    assert fate(talker)["KA205"] is False
+
+
+class TestInsideTheKeystore:
+    """A keystore that absolves itself: refused by its path, over links, and as the same file of another name."""
+
+    @pytest.fixture(params=["--settings", "--baseline"])
+    def option(self, request: pytest.FixtureRequest) -> str:
+        return str(request.param)
+
+    def text(self, option: str) -> str:
+        return PLACED if option == "--settings" else ENTRY
+
+    def refused(self, keystore: Path, option: str, path: Path, capsys: pytest.CaptureFixture[str]) -> bool:
+        code, out = answer("audit", keystore, "--at", AT, option, path)
+        assert (code, out) == (2, "")
+        return "judge itself" in capsys.readouterr().err
+
+    def test_named(self, talker: Path, option: str, capsys: pytest.CaptureFixture[str]) -> None:
+        inside = file(talker / "enclaves", self.text(option), "x.toml")
+        assert self.refused(talker, option, inside, capsys)
+        assert self.refused(talker, option, talker / "public" / ".." / "enclaves" / "x.toml", capsys)
+
+    def test_over_links(self, talker: Path, tmp_path: Path, option: str, capsys: pytest.CaptureFixture[str]) -> None:
+        inside = file(talker, self.text(option), "x.toml")
+        (tmp_path / "link.toml").symlink_to(inside)
+        (tmp_path / "folder").symlink_to(talker)
+        (tmp_path / "alias").symlink_to(talker)
+        assert self.refused(talker, option, tmp_path / "link.toml", capsys)
+        assert self.refused(talker, option, tmp_path / "folder" / "x.toml", capsys)
+        assert self.refused(tmp_path / "alias", option, inside, capsys)
+
+    def test_hard_links(self, talker: Path, tmp_path: Path, option: str, capsys: pytest.CaptureFixture[str]) -> None:
+        inside = file(talker / "enclaves" / "talker", self.text(option), "x.toml")
+        outside = tmp_path / "outside.toml"
+        os.link(inside, outside)
+        assert self.refused(talker, option, outside, capsys)
+        assert self.refused(tmp_path / "keys", option, outside, capsys)
+        elsewhere = tmp_path / "elsewhere.toml"
+        inside.unlink()
+        os.link(outside, elsewhere)  # two names, none of them in the keystore
+        assert answer("audit", talker, "--at", AT, "--engine", "native", option, elsewhere)[0] == 0
+
+
+# Every format
+
+
+def written(keystore: Path, folder: Path, *options: str | Path) -> dict[str, str]:
+    """The reports of one audit in every format."""
+    folder.mkdir()
+    outputs = [word for kind in FORMATS for word in ("-o", f"{kind}={folder / kind}")]
+    answer("audit", keystore, "--engine", "native", "-q", *outputs, *options)
+    return {kind: (folder / kind).read_text() for kind in FORMATS}
+
+
+WEAKENING: dict[str, tuple[str, ...]] = {
+    "--fail-on critical": ("--fail-on", "critical"),
+    "--fail-on never": ("--fail-on", "never"),
+    "--ignore KA203": ("--ignore", "KA203"),
+    "--select KA2": ("--select", "KA2"),
+    "--at 2026-11-21T12:00:00Z": ("--at", AT),
+    "--profile spec": ("--profile", "spec"),
+    "--expires-within 5": ("--expires-within", "5"),
+    "max_suppression_days = 181 in ": ("--settings", "long.toml"),
+    "1 finding accepted by ": ("--settings", "placed.toml", "--at", AT),
+    "1 finding accepted by b": ("--baseline", "b.toml", "--at", AT),
+}
+
+
+def says(kind: str, text: str, reason: str) -> bool:
+    """Whether a report says that its gate is weakened in this way, as its readers read it."""
+    document = json.loads(text) if kind in ("json", "sarif", "statement", "svr") else None
+    if kind == "json":
+        return any(reason in each for each in document["weakened"])
+    if kind == "sarif":
+        (run,) = document["runs"]
+        notes = [each["message"]["text"] for each in run["invocations"][0]["toolExecutionNotifications"]]
+        return any(reason in each for each in run["properties"]["weakened"]) and any(reason in each for each in notes)
+    if kind == "statement":
+        return any(reason in each for each in document["predicate"]["keystoreAudit"]["weakened"])
+    if kind == "svr":
+        return any(reason in each for each in document["predicate"]["verifier"]["keystoreAudit"]["weakened"])
+    if kind == "junit":
+        values = [each.value for suite in JUnitXml.fromstring(text.encode()) for each in suite.properties()]
+        return any(reason in value for value in values)
+    flat = " ".join(text.split())
+    return any(shown in flat for shown in (reason, markdown(reason), html.escape(reason)))
+
+
+@pytest.mark.parametrize("reason", WEAKENING)
+def test_each_weakening_is_said_in_every_format_and_no_statement_passes(
+    reason: str, talker: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    file(tmp_path, "max_suppression_days = 181\n", "long.toml")
+    file(tmp_path, PLACED, "placed.toml")
+    _code, report = run(talker)
+    fingerprint = next(each["fingerprint"] for each in report["findings"] if each["code"] == "KA205")
+    file(tmp_path, ENTRY.replace(PRINT, fingerprint).replace("low", "medium"), "b.toml")
+    texts = written(talker, tmp_path / "out", *WEAKENING[reason])
+    assert [kind for kind, text in texts.items() if not says(kind, text, reason)] == []
+    assert json.loads(texts["statement"])["predicate"]["result"] == "WARNED"
+    assert json.loads(texts["svr"])["predicate"]["properties"] == []
+
+
+def test_a_gate_at_full_strength_says_nothing_of_the_kind(tmp_path: Path) -> None:
+    keystore, _expected = as_built(SAMPLES / "healthy/turtlesim.toml", tmp_path / "keys")
+    path = file(tmp_path, "")
+    texts = written(keystore, tmp_path / "out", "--settings", path, "--expires-within", "40", "--fail-on", "info")
+    assert json.loads(texts["json"])["weakened"] == []
+    assert "eakened" not in texts["text"] + texts["markdown"]
+
+
+def test_accepted_findings_are_seen_and_counted_in_every_format(talker: Path, tmp_path: Path) -> None:
+    path = file(tmp_path, PLACED.replace('"so"', '"New <identity> in December"'))
+    texts = written(talker, tmp_path / "out", "--settings", path, "--at", AT)
+    (finding,) = (each for each in json.loads(texts["json"])["findings"] if each["suppressed"])
+    assert finding["suppressed"] == {
+        "reason": "New <identity> in December", "until": "2026-12-04", "owner": "Ada", "source": f"{path}:1",
+    }  # fmt: skip
+    assert json.loads(texts["json"])["summary"]["medium"] == 0
+    (result,) = (each for each in json.loads(texts["sarif"])["runs"][0]["results"] if each.get("suppressions"))
+    assert result["ruleId"] == "KA205"
+    assert "New <identity> in December (until 2026-12-04, Ada" in result["suppressions"][0]["justification"]
+    suites = JUnitXml.fromstring(texts["junit"].encode())
+    skipped = [str(one.message) for suite in suites for case in suite for one in case.result]
+    assert "accepted until 2026-12-04: New <identity> in December" in skipped
+    counted = [each.value for suite in suites for each in suite.properties() if each.name == "accepted findings"]
+    assert counted == ["1"]
+    assert "1 accepted" in texts["markdown"].split("\n")[2]
+    assert markdown("New <identity> in December") in texts["markdown"]
+    assert "KA205" in texts["markdown"]
+    _code, text = run(talker, "--settings", path, kind="text")
+    flat = " ".join(text.split())
+    assert "Accepted findings, not counted: 1 MEDIUM KA205 certificate-expires-soon" in flat
+    assert "accepted until 2026-12-04 by Ada" in flat
+    assert "; 1 accepted; fails at high or worse" in flat
+
+
+def test_what_is_accepted_decides_nothing_and_counts_again_when_it_ends(talker: Path, tmp_path: Path) -> None:
+    path = file(tmp_path, PLACED)
+    assert run(talker, "--fail-on", "medium")[0] == 1
+    code, report = run(talker, "--fail-on", "medium", "--settings", path)
+    assert code == 0
+    assert report["safe_until"] == "2026-12-05T00:00:00Z"
+    late = ("--at", "2026-12-05T00:00:00Z", "--fail-on", "medium", "--settings", path)
+    code, text = answer("audit", talker, "--engine", "native", "-f", "json", *late)
+    found = {each["code"]: each["suppressed"] for each in json.loads(text)["findings"]}
+    assert (code, found.get("KA909", "absent")) == (1, None)
+
+
+def test_nothing_accepts_an_undecided_audit(tmp_path: Path) -> None:
+    keystore, expected = as_built(SAMPLES / "unknown/unreadable_enclave.toml", tmp_path / "keys")
+    _code, report = run(keystore)
+    codes = sorted({each["code"] for each in report["findings"] if not each["code"].startswith("KA9")})
+    path = file(tmp_path, "".join(
+        PLACED.replace("KA205", code).replace("/talker", "*") + 'severity = "critical"\n' for code in codes
+    ))  # fmt: skip
+    code, after = run(keystore, "--settings", path, "--fail-on", "never")
+    assert (code, after["verdict"], expected["exit_code"]) == (4, "incomplete", 4)
+    open_rules = {each["rule"] for each in after["outcomes"] if each["outcome"] == "open"}
+    assert open_rules
+    assert not [each for each in after["findings"] if each["suppressed"] and each["code"].startswith("KA9")]
