@@ -24,11 +24,11 @@ def markdown(comparison: Comparison, fail_on: FailOn) -> str:
     for item in _items(comparison):
         used += len(item) + 1
         if used > MAX_LENGTH:
-            left_out += 1
+            left_out += bool(item)
         else:
             lines.append(item)
     if left_out:
-        lines += ["", f"{left_out} more lines are in the full report."]
+        lines += ["", f"{left_out} more entries are in the full report."]
     return "\n".join(lines) + "\n"
 
 

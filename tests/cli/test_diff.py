@@ -1,0 +1,224 @@
+"""`keystore-audit diff`: formats, exit codes, and what people read."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import escape
+
+import jsonschema
+import pytest
+
+from keystore_audit import resources
+from keystore_audit.cli.program import run
+from keystore_audit.diff import compare_keystores
+from keystore_audit.model.comparison import FailOn
+from keystore_audit.model.profiles import resolve
+from keystore_audit.report.diff_markdown import MAX_LENGTH, markdown
+from tests.cli.keystores import AT, keystore, rule
+from tests.hostile.names import MARK, NAMES
+
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
+HEALTHY = SAMPLES / "healthy/talker_listener"
+TURTLE = SAMPLES / "flows/turtlesim_healthy"
+VEHICLE = SAMPLES / "flows/vehicle_healthy"
+WEAKER = SAMPLES / "flows/vehicle_governance_flag"
+WIDER = SAMPLES / "flows/vehicle_plain_grant"
+UNREADABLE = SAMPLES / "unknown/unreadable_enclave"
+FORMATS = ("text", "json", "markdown")
+
+Diff = Callable[..., tuple[int, str]]
+
+
+@pytest.fixture
+def diff(capsys: pytest.CaptureFixture[str]) -> Diff:
+    def told(old: Path, new: Path, *arguments: str) -> tuple[int, str]:
+        code = run(["diff", str(old), str(new), "--at", AT, *arguments])
+        return code, capsys.readouterr().out
+
+    return told
+
+
+def document(out: str) -> dict[str, Any]:
+    """The JSON, valid against its schema."""
+    schema = json.loads((resources.schemas() / "diff.schema.json").read_text())
+    jsonschema.Draft202012Validator.check_schema(schema)
+    answer: dict[str, Any] = json.loads(out)
+    jsonschema.Draft202012Validator(schema).validate(answer)
+    return answer
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize(
+    ("old", "new", "fail_on", "code"),
+    [
+        (VEHICLE, VEHICLE, "any", 0),
+        (VEHICLE, WEAKER, "gained", 1),
+        (VEHICLE, WEAKER, "none", 0),
+        (WEAKER, VEHICLE, "gained", 0),
+        (WEAKER, VEHICLE, "any", 1),
+        (HEALTHY, UNREADABLE, "none", 4),
+        (UNREADABLE, HEALTHY, "none", 4),
+        (UNREADABLE, UNREADABLE, "gained", 4),
+    ],
+)
+def test_exit_codes(diff: Diff, old: Path, new: Path, fail_on: str, code: int, kind: str) -> None:
+    assert diff(old, new, "--fail-on", fail_on, "-f", kind)[0] == code
+
+
+@pytest.mark.parametrize("side", ["old", "new"])
+def test_no_keystore_on_either_side(capsys: pytest.CaptureFixture[str], tmp_path: Path, side: str) -> None:
+    sides = (tmp_path, HEALTHY) if side == "old" else (HEALTHY, tmp_path)
+    assert run(["diff", *map(str, sides)]) == 3
+    done = capsys.readouterr()
+    assert done.out == ""
+    assert str(tmp_path) in done.err
+
+
+@pytest.mark.parametrize(
+    "wrong", [["--fail-on", "lost"], ["--format", "sarif"], ["--domain", "233"], ["--profile", "nobody"], ["third"]]
+)
+def test_usage(capsys: pytest.CaptureFixture[str], wrong: list[str]) -> None:
+    assert run(["diff", str(HEALTHY), str(HEALTHY), *wrong]) == 2
+    assert capsys.readouterr().out == ""
+
+
+def test_text_names_the_cause_with_its_lines_and_what_follows(diff: Diff) -> None:
+    code, out = diff(VEHICLE, WIDER)
+    assert code == 1
+    assert out.startswith("FAIL: 2 of 2 changes fail\n")
+    told = re.sub(r"\s+", " ", out)
+    assert (
+        "Grants + /gateway may publish /motor_limit (topic) in domain 0. old enclaves/gateway/permissions.p7s:11 "
+        "new enclaves/gateway/permissions.p7s:17 + so data can now get from /gateway to /motor (/gateway → "
+        "/motor_limit (topic) → /motor), and between 4 more pairs of enclaves" in told
+    )
+    assert max(map(len, out.splitlines()[2:])) <= 80
+
+
+def test_no_change_is_one_line(diff: Diff) -> None:
+    _code, out = diff(VEHICLE, VEHICLE)
+    assert out.startswith("NO CHANGE in meaning\n")
+    assert len(out.splitlines()) == 3
+
+
+def test_json_says_what_fails_and_where(diff: Diff) -> None:
+    _code, out = diff(VEHICLE, WIDER, "-f", "json")
+    answer = document(out)
+    assert (answer["complete"], answer["failing"], answer["common_enclaves"]) == (True, 2, 5)
+    first = answer["changes"][0]
+    assert (first["layer"], first["kind"], first["direction"]) == ("grants", "right", "gained")
+    assert (first["operation"], first["enclaves"], first["fails"]) == ("publish", ["/gateway"], True)
+    (witness,) = first["names"]["witnesses"]
+    assert witness == {
+        "topic": "rt/motor_limit", "ros": "/motor_limit (topic)", "partition": "", "domains": "0", "one": True
+    }  # fmt: skip
+    assert first["new"] == {"path": "enclaves/gateway/permissions.p7s", "line": 17}
+    (influence,) = [each["influence"] for each in first["consequences"] if each["influence"]]
+    assert influence["pairs"] == 5
+    assert [(hop["from"], hop["on"]["topic"], hop["to"]) for hop in influence["way"]] == [
+        ("/gateway", "rt/motor_limit", "/motor")
+    ]
+    _code, passing = diff(VEHICLE, WIDER, "-f", "json", "--fail-on", "none")
+    assert {each["fails"] for each in document(passing)["changes"]} == {False}
+
+
+@pytest.mark.parametrize(("old", "new", "side"), [(HEALTHY, UNREADABLE, "new"), (UNREADABLE, HEALTHY, "old")])
+def test_unknown_is_told_with_its_side_and_line(diff: Diff, old: Path, new: Path, side: str) -> None:
+    answer = document(diff(old, new, "-f", "json")[1])
+    assert not answer["complete"]
+    (unknown,) = answer["unknown"]
+    assert (unknown["side"], unknown["enclave"]) == (side, "/listener")
+    assert unknown["location"] == {"path": "enclaves/listener/permissions.p7s", "line": 47}
+    rights = [each for each in answer["changes"] if each["layer"] != "trust"]
+    assert rights
+    assert not [each for each in rights if "/listener" in each["enclaves"]], "it is not known what it may do"
+    for kind in ("text", "markdown"):
+        out = diff(old, new, "-f", kind)[1]
+        assert "UNKNOWN" in out.splitlines()[0]
+        assert "could not be read" in out
+
+
+def test_equal_input_equal_output(diff: Diff) -> None:
+    for kind in FORMATS:
+        assert diff(HEALTHY, SAMPLES / "stock/talker_listener", "-f", kind) == diff(
+            HEALTHY, SAMPLES / "stock/talker_listener", "-f", kind
+        )
+
+
+STEERS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff\U000e0000-\U000e007f]")
+
+
+@pytest.mark.parametrize("what", NAMES)
+def test_hostile_names_are_shown_and_steer_nothing(diff: Diff, tmp_path: Path, what: str) -> None:
+    """Topics as far as XML can hold them, and directories."""
+    printable = "".join(each for each in NAMES[what] if each >= " ")
+    topic = escape(printable).translate(dict.fromkeys(map(ord, "*?[\\")))
+    path = "/" + MARK + NAMES[what].replace("/", "")[:16]
+    plain = (rule(publish=("rt/x",)),)
+    old = keystore(tmp_path / "old", {"/a": plain})
+    new = keystore(tmp_path / "new", {"/a": (rule(publish=("rt/x", MARK + topic)),), path: plain})
+    for kind in FORMATS:
+        code, out = diff(old, new, "-f", kind)
+        assert code in (1, 4)
+        assert MARK in out
+        assert not STEERS.search(out), kind
+    comment = diff(old, new, "-f", "markdown")[1]
+    assert not re.search(r"(?<!\\)[<`|\]]", comment)
+    document(diff(old, new, "-f", "json")[1])
+
+
+def test_a_comment_on_a_pull_request_has_a_limit() -> None:
+    """What does not fit is counted, and no change is shown in part."""
+    found = compare_keystores(
+        VEHICLE, WIDER, profiles=resolve(()), at=datetime.fromisoformat(AT.replace("Z", "+00:00"))
+    )
+    (first, *_others) = found.changes
+    many = replace(found, changes=tuple(replace(first, enclaves=(f"/e{n}", "/x")) for n in range(1000)))
+    out = markdown(many, FailOn.GAINED)
+    assert len(out) <= MAX_LENGTH + 100
+    shown = out.count("- **gained**")
+    assert 0 < shown < 1000
+    assert out.count("  - so *gained*") == shown * len(first.consequences)
+    assert f"{1000 - shown} more entries" in out
+
+
+def test_changes_alike_but_for_the_enclaves_paths_are_shown_once(diff: Diff, tmp_path: Path) -> None:
+    stores = [
+        keystore(
+            tmp_path / name,
+            {f"/r{n}/arm": (rule(publish=("rt/a", *([f"rt/r{n}/arm/state"] if more else []))),) for n in range(20)},
+        )
+        for name, more in (("old", False), ("new", True))
+    ]
+    _code, out = diff(*stores)
+    assert out.count("may publish") == 1
+    assert "and 16 more" in out
+    changes = document(diff(*stores, "-f", "json")[1])["changes"]
+    assert len([each for each in changes if each["layer"] == "grants"]) == 20
+
+
+def test_domains_and_profiles_narrow_it(diff: Diff) -> None:
+    bridged = SAMPLES / "flows/vehicle_bridged_domain"
+    assert diff(VEHICLE, bridged)[0] == 1
+    assert diff(VEHICLE, bridged, "--domain", "0")[0] == 0
+    answer = document(diff(VEHICLE, bridged, "--domain", "1", "--profile", "fastdds-2.6", "-f", "json")[1])
+    assert (answer["domain"], answer["profiles"]) == (1, ["fastdds-2.6"])
+    assert {each["names"]["domains"] for each in answer["changes"]} == {"1"}
+
+
+def test_the_keystores_are_left_as_they_are(diff: Diff, tmp_path: Path) -> None:
+    copies = [shutil.copytree(each, tmp_path / each.name, symlinks=True) for each in (VEHICLE, WEAKER)]
+    before = [_listing(copy) for copy in copies]
+    diff(*copies)
+    assert [_listing(copy) for copy in copies] == before
+
+
+def _listing(root: Path) -> list[tuple[str, int]]:
+    return sorted((str(path), path.lstat().st_mtime_ns) for path in root.rglob("*"))
