@@ -19,13 +19,14 @@ from keystore_audit.engine.native import NativeEngine
 from keystore_audit.findings import Finding, Result, Severity
 from keystore_audit.intent.environment import Environment, read_environment
 from keystore_audit.intent.intent import Intent
+from keystore_audit.intent.observed import read_observed
 from keystore_audit.keystore.identity import Identity
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.meaning import Meaning
-from keystore_audit.model.profiles import DEFAULT, Evidence, Profile, resolve, running
+from keystore_audit.model.profiles import DEFAULT, Profile, resolve, running
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import AlloyResult, EngineRun, EngineStatus
@@ -38,6 +39,7 @@ from keystore_audit.report.content import (
     SettingsFile,
     Verdict,
 )
+from keystore_audit.report.not_checked import unread, untested
 from keystore_audit.rules import BY_CODE, RULES
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import Judgement, judge
@@ -48,6 +50,7 @@ if TYPE_CHECKING:
     from keystore_audit.intent.policy import Policy
     from keystore_audit.model.drift import Drift
     from keystore_audit.model.observed import Observation
+    from keystore_audit.model.wiring import WiredNode
     from keystore_audit.settings import Baseline, Settings
 
 DEFAULT_NOTICE = timedelta(days=30)
@@ -121,7 +124,7 @@ def audit(
     profiles = resolve(options.profiles)
     acceptances = _acceptances(options)
     policy = _policy(options)
-    intents = _observed(options)
+    intents = read_observed(options.graphs, options.launches, options.launch_arguments)
     claims = options.settings.claims if options.settings else ()
     declared = options.settings.declared if options.settings else None
     keystore = read_keystore(path, progress=progress.enclaves if progress else None)
@@ -129,8 +132,18 @@ def audit(
         progress.stage("working out what the documents mean")
     accesses = AccessViews(documents_of(keystore), options.at, options.time_zone)
     usabilities = Usabilities(options.domain, accesses)
-    places = [place for file in options.alloy_properties for place in file.places]
-    meaning = interpret(keystore, profiles, options.at, accesses, usabilities, options.domain, claims, places, declared)
+    meaning = interpret(
+        keystore,
+        profiles,
+        options.at,
+        accesses,
+        usabilities,
+        options.domain,
+        claims,
+        [place for file in options.alloy_properties for place in file.places],
+        declared,
+        _nodes(options, intents, policy, keystore),
+    )
     native = NativeEngine(meaning.systems)
     runs, answers = run_engines(
         native,
@@ -213,18 +226,15 @@ def _compared(
     return observe(intents, keystore, profiles, options.at, accesses, options.domain)
 
 
-def _observed(options: Options) -> tuple[Intent, ...]:
-    """What graphs and launch files show; raises errors.UsageError for what is none."""
-    intents: list[Intent] = []
-    if options.graphs:  # an audit without them needs no reader of theirs
-        from keystore_audit.intent.graph import read_graph
+def _nodes(
+    options: Options, intents: Sequence[Intent], policy: Policy | None, keystore: Keystore
+) -> tuple[WiredNode, ...]:
+    """The nodes and their wiring: for users' files alone, since nothing else asks."""
+    if not options.alloy_properties or not (intents or policy):
+        return ()
+    from keystore_audit.model.wiring import wiring
 
-        intents += map(read_graph, options.graphs)
-    if options.launches:
-        from keystore_audit.intent.launch import read_launch
-
-        intents += (read_launch(path, options.launch_arguments, None) for path in options.launches)
-    return tuple(intents)
+    return wiring((*intents, *((policy.intent,) if policy else ())), keystore.layout.kind)
 
 
 def _in_alloy(
@@ -366,8 +376,8 @@ def _scope(context: Context) -> Scope:
         rules=len(RULES),
         not_checked=(
             *meaning.idle,
-            *_unread(context.keystore),
-            *_untested(context.profiles),
+            *unread(context.keystore),
+            *untested(context.profiles),
             *NOT_CHECKED,
             *_not_compared(context),
         ),
@@ -380,22 +390,3 @@ def _not_compared(context: Context) -> Iterator[str]:
         yield "The policy that the keystore was generated from (--policy)."
     if context.observed is None:
         yield "The nodes that will use the keystore (--graph, --launch)."
-
-
-def _unread(keystore: Keystore) -> Iterator[str]:
-    """Files that were not read and are taken for no documents."""
-    if keystore.unread:
-        yield (
-            f"{keystore.unread} of the other files, which could not be read: neither their names nor the beginnings of "
-            "those that are too large are those of signed documents."
-        )
-
-
-def _untested(profiles: Sequence[Profile]) -> Iterator[str]:
-    """How the profiles are known whose rows this project's tests do not ask the real implementation about."""
-    measured = [profile.name for profile in profiles if profile.evidence is Evidence.MEASURED]
-    read = [profile.name for profile in profiles if profile.evidence is Evidence.READ and profile.name != "spec"]
-    if measured:
-        yield f"{', '.join(measured)}: by measurements on the releases, not asked again since (docs/profiles.md)."
-    if read:
-        yield f"{', '.join(read)}: by their source alone (docs/profiles.md)."

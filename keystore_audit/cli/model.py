@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +15,8 @@ from keystore_audit.text import terminal
 
 if TYPE_CHECKING:
     from zoneinfo import ZoneInfo
+
+    from keystore_audit.intent.intent import Intent
 
 
 @click.command("model", short_help="Write the Alloy model of a keystore.")
@@ -28,6 +31,13 @@ if TYPE_CHECKING:
     help="Where to; made if it is not there.",
 )
 @opt.interpretation_options
+@opt.observation_options
+@click.option(
+    "--policy",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="An SROS2 policy: the nodes that it is about, and what they are to do.",
+)
 @opt.verbose_option("Say where a fault is.")
 def command(
     keystore: str,
@@ -36,13 +46,39 @@ def command(
     profiles: tuple[str, ...],
     time_zone: ZoneInfo | None,
     at: datetime | None,
+    graphs: tuple[Path, ...],
+    launches: tuple[Path, ...],
+    launch_arguments: tuple[tuple[str, str], ...],
+    policy: Path | None,
 ) -> int:
-    """Write the Alloy model of KEYSTORE, ready for the Alloy Analyzer."""
+    """Write the Alloy model of KEYSTORE, ready for the Alloy Analyzer.
+
+    With --graph, --launch or --policy it has the nodes and their wiring too.
+    """
     from keystore_audit.export import export_model
 
     try:
-        export_model(keystore, directory, at=at or opt.now(), profiles=profiles, domain=domain, time_zone=time_zone)
+        export_model(
+            keystore,
+            directory,
+            at=at or opt.now(),
+            profiles=profiles,
+            domain=domain,
+            time_zone=time_zone,
+            intents=_intents(graphs, launches, dict(launch_arguments), policy),
+        )
     except OSError as error:
         raise UsageError(f"Cannot write the model to {directory}: {error.strerror or error}.") from error
     click.echo(f"The model is in {terminal(str(directory))}.", err=True)
     return 0
+
+
+def _intents(
+    graphs: Sequence[Path], launches: Sequence[Path], arguments: Mapping[str, str], policy: Path | None
+) -> tuple[Intent, ...]:
+    """What the files say of the nodes. Raises errors.UsageError for files that are none."""
+    from keystore_audit.intent.observed import read_observed
+    from keystore_audit.intent.policy import read_policy
+
+    observed = read_observed(graphs, launches, arguments)
+    return observed if policy is None else (*observed, read_policy(policy).intent)

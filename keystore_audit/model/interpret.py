@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import datetime
+from typing import TYPE_CHECKING
 
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
@@ -11,6 +12,7 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.anomalies import anomalies
 from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.channels import Named
 from keystore_audit.model.claims import Claim, lasting, with_claims
 from keystore_audit.model.divergence import divergences
 from keystore_audit.model.doubt import keystore_doubts
@@ -25,6 +27,9 @@ from keystore_audit.model.system import Reading, System
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.usability import Usabilities
 
+if TYPE_CHECKING:  # an audit without a property in Alloy needs none of it
+    from keystore_audit.model.wiring import WiredNode
+
 
 def interpret(
     keystore: Keystore,
@@ -36,13 +41,14 @@ def interpret(
     claims: Sequence[Claim] = (),
     places: Sequence[NamedPlace] = (),
     declared: Declared | None = None,
+    nodes: Sequence[WiredNode] = (),
 ) -> Meaning:
     """The meaning of a keystore under the profiles at `at` (aware UTC).
 
     `domain`: the one in which enclaves are to start, as in `usabilities`; None: some domain of 0..232.
 
     `claims`: what users claim, `places`: what they have names for, `declared`: what nodes forward;
-    errors.UsageError for something that is not there.
+    errors.UsageError for something that is not there. `nodes`: those that will use it.
 
     Topic classes over budget leave `systems` empty and say why: nothing is decided then.
     """
@@ -52,11 +58,15 @@ def interpret(
     systems: tuple[System, ...] = ()
     usability = usability_by_profile(keystore, profiles, at, usabilities)
     declared = declared or Declared()
-    named = (*place_regions(places), *declared.regions())
+    named = (*place_regions(places), *declared.regions(), *_wires(nodes))
     try:
         builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims, named=named)
         systems = with_claims(builder.systems(), claims, builder.channels, keystore, usability)
         systems = with_places(systems, places, builder.channels, keystore)
+        if nodes:
+            from keystore_audit.model.wiring import with_nodes
+
+            systems = with_nodes(systems, nodes, builder.channels, keystore)
         systems = with_determinism(systems, declared, builder.channels, keystore, usability)
     except BudgetExceeded as exceeded:
         over_budget = exceeded.message
@@ -71,6 +81,15 @@ def interpret(
         anomalies=anomalies(keystore, profiles, accesses) if systems else {},
         ros=ros_patterns(keystore, profiles, at, accesses, systems, usability) if systems else None,
     )
+
+
+def _wires(nodes: Sequence[WiredNode]) -> tuple[Named, ...]:
+    """The topics that nodes use."""
+    if not nodes:
+        return ()
+    from keystore_audit.model.wiring import wiring_regions
+
+    return wiring_regions(nodes)
 
 
 def _beside_spec(profiles: Sequence[Profile]) -> tuple[Profile, ...]:

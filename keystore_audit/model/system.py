@@ -181,6 +181,20 @@ class RuleAtom:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class NodeAtom:
+    """A ROS 2 node that is to run in `enclave` (None: one that is not in the keystore, or (MUST) unreadable).
+
+    `publishes`, `subscribes`: the channels that it is there to use.
+    """
+
+    label: str
+    location: Location
+    enclave: int | None
+    publishes: frozenset[int]
+    subscribes: frozenset[int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class System:
     """One keystore as one kind of implementation reads it, at one instant, in one reading.
 
@@ -211,6 +225,7 @@ class System:
     claims: tuple[ClaimAtom, ...] = ()
     determinism: tuple[DeterminismAtom, ...] = ()
     places: tuple[PlaceAtom, ...] = ()
+    nodes: tuple[NodeAtom, ...] = ()
 
     @property
     def has_doubt(self) -> bool:

@@ -9,7 +9,8 @@ from __future__ import annotations
 import os
 import re
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -44,6 +45,54 @@ def decide_batch(systems: Sequence[System]) -> list[dict[str, bool]]:
         return [_decide(Path(directory), modules, system) for system in systems]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Compared:
+    """What Alloy says of a system: properties (by id) that it decides otherwise than was expected, and each claim."""
+
+    differing: tuple[str, ...]
+    claims: dict[str, Status]
+
+
+def compare_batch(systems: Sequence[System], expected: Sequence[Mapping[str, bool]]) -> Iterator[Compared]:
+    """Hold what is expected of each system (by property, whether it holds) against Alloy, and decide its claims.
+
+    One command asks whether any property is otherwise than expected; each is asked alone only where there is one.
+    """
+    modules = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+    with tempfile.TemporaryDirectory(prefix="alloy-batch-") as directory:
+        for system, right in zip(systems, expected, strict=True):
+            files = modules | {"keystore.als": facts(system), "audit.als": commands((), system)}
+            world = _world(Path(directory), files, "audit.als")
+            differing: tuple[str, ...] = ()
+            if _otherwise(world, right):
+                found = _decide(Path(directory), modules, system)
+                differing = tuple(each for each in right if found[each] is not right[each])
+                assert differing, "the properties differ together and agree one by one"
+            told = _told(world, lambda name: not name.endswith("IsExercised"))
+            assert told[CONSISTENCY]
+            yield Compared(differing=differing, claims=_statuses(system, told))
+
+
+def _otherwise(world: Any, expected: Mapping[str, bool]) -> bool:
+    """Whether the one instance of the facts has some property otherwise than expected."""
+    asserted = {
+        str(each.label).split("/")[-1]: each.expr
+        for module in world.getAllReachableModules()
+        for each in module.getAllAssertions()
+    }
+    whole = next(command for command in world.getAllCommands() if str(command.label) == CONSISTENCY)
+    wrong = None
+    for assertion, identifier in _BY_ASSERTION.items():
+        holds = asserted[assertion]
+        other = holds.not_() if expected[identifier] else holds
+        wrong = other if wrong is None else wrong.or_(other)
+    analyzer = _analyzer()
+    question = whole.change(whole.formula.and_(wrong))
+    return bool(
+        analyzer.execute(analyzer.silent, world.getAllReachableSigs(), question, analyzer.options).satisfiable()
+    )
+
+
 def decide_claims(systems: Sequence[System], changed: Mapping[str, str] | None = None) -> list[dict[str, Status]]:
     """For each system, the answer to each claim (by id); properties are left out. `changed`: modules to use instead."""
     with tempfile.TemporaryDirectory(prefix="alloy-batch-") as directory:
@@ -54,6 +103,10 @@ def decide_claims(systems: Sequence[System], changed: Mapping[str, str] | None =
 def _decide_claims(directory: Path, modules: dict[str, str], system: System) -> dict[str, Status]:
     found = outcomes(directory, modules | {"keystore.als": facts(system), "audit.als": commands((), system)})
     assert found[CONSISTENCY]
+    return _statuses(system, found)
+
+
+def _statuses(system: System, found: Mapping[str, bool]) -> dict[str, Status]:
     return {
         claim.id: claims.status(claim, found[claims.command_of(claim, number).name])
         for number, claim in enumerate(system.claims)
@@ -62,14 +115,23 @@ def _decide_claims(directory: Path, modules: dict[str, str], system: System) -> 
 
 def outcomes(directory: Path, modules: dict[str, str], main: str = "audit.als") -> dict[str, bool]:
     """For each command of `main`, whether it has an instance, with the files `modules` put into `directory`."""
+    return _told(_world(directory, modules, main), lambda _name: True)
+
+
+def _world(directory: Path, modules: dict[str, str], main: str) -> Any:
     for name, text in modules.items():
         (directory / name).write_text(text)
     analyzer = _analyzer()
-    world = analyzer.parse(analyzer.silent, None, str(directory / main))
+    return analyzer.parse(analyzer.silent, None, str(directory / main))
+
+
+def _told(world: Any, wanted: Callable[[str], bool]) -> dict[str, bool]:
+    analyzer = _analyzer()
     sigs = world.getAllReachableSigs()
     return {
         str(command.label): bool(analyzer.execute(analyzer.silent, sigs, command, analyzer.options).satisfiable())
         for command in world.getAllCommands()
+        if wanted(str(command.label))
     }
 
 
@@ -79,11 +141,13 @@ def _decide(directory: Path, modules: dict[str, str], system: System) -> dict[st
     return {identifier: not found[assertion] for assertion, identifier in _BY_ASSERTION.items()}
 
 
-def evaluate(directory: Path, modules: dict[str, str], expressions: Sequence[str]) -> list[set[tuple[int, ...]]]:
-    """The tuples of each expression, atoms by index, in the one instance of the facts; `claims` is open."""
+def evaluate(
+    directory: Path, modules: dict[str, str], expressions: Sequence[str], opening: str = "claims"
+) -> list[set[tuple[int, ...]]]:
+    """The tuples of each expression, atoms by index, in the one instance of the facts; the module `opening` is open."""
     for name, text in modules.items():
         (directory / name).write_text(text)
-    (directory / "asked.als").write_text("module asked\nopen claims\nrun Facts {} for 0\n")
+    (directory / "asked.als").write_text(f"module asked\nopen {opening}\nrun Facts {{}} for 0\n")
     analyzer = _analyzer()
     world = analyzer.parse(analyzer.silent, None, str(directory / "asked.als"))
     command = world.getAllCommands().get(0)

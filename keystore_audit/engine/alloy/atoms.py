@@ -12,12 +12,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from keystore_audit import text
 from keystore_audit.findings import Location
 from keystore_audit.model.system import ChannelAtom, System
 from keystore_audit.properties.property import Role
 
 MAX_DECORATION: Final = 24
 """Characters of a name that an atom carries: enough to recognise it in the Analyzer's window."""
+
+GROUP: Final = 50
+"""Atoms under one abstract sig: 5,000 children of one overflow the translator's stack, groups do not."""
 
 ROLE_LETTERS: Final = {
     Role.REALM: "R",
@@ -102,20 +106,32 @@ def name_atoms(system: System) -> Atoms:
     """Return the atoms that stand for `system`."""
     keys = sorted({certificate.key for certificate in system.certificates})
     return Atoms(
-        certificates=_sort("Certificate", "C", [(c.label, _place(c.location)) for c in system.certificates]),
-        keys=_sort("Key", "K", [("", f"key {key}") for key in keys]),
-        instants=_sort("Instant", "I", [("", instant.isoformat()) for instant in system.instants]),
-        documents=_sort("Document", "P", [(d.label, _place(d.location)) for d in system.documents]),
-        realms=_sort("Realm", "R", [("", _members(system, realm)) for realm in range(len(system.realms))]),
-        enclaves=_sort("Enclave", "E", [(e.label, _place(e.location)) for e in system.enclaves]),
-        domains=_sort("Domain", "D", [("", _intervals(d.intervals)) for d in system.domains]),
-        channels=_sort("Channel", "T", [_channel(system, channel) for channel in system.channels]),
-        domain_rules=_sort("DomainRule", "DR", [("", _place(rule.location)) for rule in system.domain_rules]),
-        topic_rules=_sort("TopicRule", "TR", [("", _place(rule.location)) for rule in system.topic_rules]),
-        grants=_sort("Grant", "G", [("", _place(grant.location)) for grant in system.grants]),
-        rules=_sort("Rule", "PR", [("", _place(rule.location)) for rule in system.rules]),
+        certificates=make_sort("Certificate", "C", [(c.label, _place(c.location)) for c in system.certificates]),
+        keys=make_sort("Key", "K", [("", f"key {key}") for key in keys]),
+        instants=make_sort("Instant", "I", [("", instant.isoformat()) for instant in system.instants]),
+        documents=make_sort("Document", "P", [(d.label, _place(d.location)) for d in system.documents]),
+        realms=make_sort("Realm", "R", [("", _members(system, realm)) for realm in range(len(system.realms))]),
+        enclaves=make_sort("Enclave", "E", [(e.label, _place(e.location)) for e in system.enclaves]),
+        domains=make_sort("Domain", "D", [("", _intervals(d.intervals)) for d in system.domains]),
+        channels=make_sort("Channel", "T", [_channel(system, channel) for channel in system.channels]),
+        domain_rules=make_sort("DomainRule", "DR", [("", _place(rule.location)) for rule in system.domain_rules]),
+        topic_rules=make_sort("TopicRule", "TR", [("", _place(rule.location)) for rule in system.topic_rules]),
+        grants=make_sort("Grant", "G", [("", _place(grant.location)) for grant in system.grants]),
+        rules=make_sort("Rule", "PR", [("", _place(rule.location)) for rule in system.rules]),
         key_index={key: index for index, key in enumerate(keys)},
     )
+
+
+def declare(sort: Sort) -> str:
+    """Return the sigs for the atoms of a sort, in groups where there are many."""
+    lines: list[str] = []
+    grouped = len(sort.atoms) > GROUP
+    for index, atom in enumerate(sort.atoms):
+        parent = f"{sort.sig}_{index // GROUP}" if grouped else sort.sig
+        if grouped and index % GROUP == 0:
+            lines.append(f"private abstract sig {parent} extends {sort.sig} {{}}")
+        lines += [f"-- {text.alloy_comment(atom.comment)}", f"one sig {atom.name} extends {parent} {{}}"]
+    return "\n".join(lines)
 
 
 def index_of(answer: str, role: Role) -> int | None:
@@ -126,7 +142,8 @@ def index_of(answer: str, role: Role) -> int | None:
     return int(match[2])
 
 
-def _sort(sig: str, letters: str, entries: Sequence[tuple[str, str]]) -> Sort:
+def make_sort(sig: str, letters: str, entries: Sequence[tuple[str, str]]) -> Sort:
+    """Return a sort with an atom for each entry, a label and a place."""
     return Sort(sig=sig, atoms=tuple(_atom(letters, index, *entry) for index, entry in enumerate(entries)))
 
 

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Final
 
 from keystore_audit import resources, text
-from keystore_audit.engine.alloy import claims, expiry, paths
-from keystore_audit.engine.alloy.atoms import Sort, name_atoms
+from keystore_audit.engine.alloy import application, claims, expiry, paths
+from keystore_audit.engine.alloy.atoms import Sort, declare, name_atoms
 from keystore_audit.engine.alloy.readme import describe_folders, describe_system, folder_names
 from keystore_audit.engine.alloy.relations import Relations, Row, function
 from keystore_audit.errors import UsageError
@@ -23,9 +23,6 @@ from keystore_audit.model.claim import ClaimKind
 from keystore_audit.model.system import DomainRuleAtom, Reading, System, TopicRuleAtom
 from keystore_audit.properties import PROPERTIES
 from keystore_audit.properties.property import Property
-
-GROUP: Final = 50
-"""Atoms under one abstract sig: 5,000 children of one overflow the translator's stack, groups do not."""
 
 MODULES: Final = (
     "dds_security.als",
@@ -101,7 +98,7 @@ def facts(system: System, *, moving: bool = False) -> str:
     """
     sorts = name_atoms(system).sorts()
     sections = _Facts(system, moving=moving).sections()
-    return "\n\n".join([_header(system), *filter(None, map(_sigs, sorts)), *sections]) + "\n"
+    return "\n\n".join([_header(system), *filter(None, map(declare, sorts)), *sections]) + "\n"
 
 
 def commands(properties: Sequence[Property], system: System | None = None, *, window: bool = False) -> str:
@@ -143,18 +140,6 @@ def _header(system: System) -> str:
     return "\n".join(lines)
 
 
-def _sigs(sort: Sort) -> str:
-    """Declare the atoms of a sort, in groups where there are many."""
-    lines: list[str] = []
-    grouped = len(sort.atoms) > GROUP
-    for index, atom in enumerate(sort.atoms):
-        parent = f"{sort.sig}_{index // GROUP}" if grouped else sort.sig
-        if grouped and index % GROUP == 0:
-            lines.append(f"private abstract sig {parent} extends {sort.sig} {{}}")
-        lines += [f"-- {text.alloy_comment(atom.comment)}", f"one sig {atom.name} extends {parent} {{}}"]
-    return "\n".join(lines)
-
-
 def write_model(systems: Sequence[System], directory: Path) -> None:
     """Write the model of each system for the Alloy Analyzer's window: modules, facts, commands, theme and a README.
 
@@ -185,6 +170,10 @@ def _write_folder(system: System, folder: Path) -> None:
     (folder / MAIN).write_text(commands(PROPERTIES, system, window=True), encoding="ascii")
     if flows := [number for number, claim in enumerate(system.claims) if claim.kind is ClaimKind.NO_FLOW]:
         (folder / paths.MAIN).write_text(paths.write_paths(system, flows), encoding="ascii")
+    if system.nodes:
+        shutil.copyfile(resources.alloy() / application.MODULE, folder / application.MODULE)
+        (folder / application.NODES).write_text(application.write_nodes(system), encoding="ascii")
+        (folder / application.MAIN).write_text(application.write_commands(), encoding="ascii")
 
 
 def _write_time(system: System, folder: Path) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from keystore_audit import text
+from keystore_audit.engine.alloy.application import node_sort
 from keystore_audit.engine.alloy.atoms import name_atoms
 from keystore_audit.model.system import Reading, System
 
@@ -28,6 +29,11 @@ it is there, looks for a shortest path of each. The folder `expiry` holds the sa
 all dates from the audit on: execute `expiry_audit.als` there. `scenarios.als` has words for what is meant to happen:
 open it in a file of your own, say what is wired, and run `can_arrive` or check `arrives_fairly`, for as many steps as
 there are enclaves, and two.
+"""
+
+_APPLICATION: Final = """\
+`nodes.als` has the nodes and what they are there to do, `application.als` the words for what is wired and what is
+permitted: execute `application_audit.als`. A check without counterexample holds there too.
 """
 
 _READINGS: Final = """\
@@ -56,10 +62,11 @@ def describe_system(system: System) -> str:
         "",
         _OPENING,
         _FILES,
+        *([_APPLICATION] if system.nodes else []),
         "| atom | what it is | where |",
         "|---|---|---|",
     ]
-    for sort in name_atoms(system).sorts():
+    for sort in (*name_atoms(system).sorts(), node_sort(system)):
         lines += [f"| `{atom.name}` | {_cell(atom.label)} | {_cell(atom.place)} |" for atom in sort.atoms]
     return "\n".join(lines) + "\n"
 

@@ -100,6 +100,8 @@ class _Names:
             case "R":
                 members = [enclave.label for enclave in system.enclaves if enclave.realm == index]
                 return f"the trust of {', '.join(members[:3])}{' and others' if len(members) > 3 else ''}", None
+            case "N":
+                return system.nodes[index].label, None
             case "I":
                 return system.instants[index].replace(tzinfo=None).isoformat(timespec="seconds") + "Z", None
             case "K":

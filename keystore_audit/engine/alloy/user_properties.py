@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from keystore_audit.engine.alloy import claims, install
+from keystore_audit.engine.alloy import application, claims, install
 from keystore_audit.engine.alloy.atoms import name_atoms
 from keystore_audit.engine.alloy.facts import KEYSTORE, MODULES, facts
 from keystore_audit.engine.alloy.jobs import Analyzer, Job, run
@@ -125,6 +125,8 @@ def ask(file: UserFile, systems: Sequence[System], analyzer: Analyzer) -> list[l
 def job(file: UserFile, system: System) -> Job:
     """The run that asks a file about a system."""
     written = {**module_texts((*MODULES, *claims.MODULES)), KEYSTORE: facts(system), MAIN: file.text}
+    if system.nodes:
+        written |= {**module_texts((application.MODULE,)), application.NODES: application.write_nodes(system)}
     asked = [Command(kind=asked.kind, name=asked.name) for asked in file.commands]
     return Job(
         files={**written, f"{VOCABULARY}.als": write_vocabulary(system)},
@@ -142,7 +144,8 @@ def write_vocabulary(system: System) -> str:
         sort, members = (atoms.enclaves, place.enclaves) if place.channels is None else (atoms.channels, place.channels)
         body = relations.atoms(sort, [index in (members or ()) for index in range(len(sort.atoms))])
         lines.append(function(place.name, f"set {sort.sig}", body))
-    head = f"/** What files of properties open: docs/alloy-properties.md. */\nmodule {VOCABULARY}\nopen claims\n"
+    head = f"/** What files of properties open: docs/alloy-properties.md. */\nmodule {VOCABULARY}\n"
+    head += "open application\n" if system.nodes else "open claims\n"
     return "\n".join([head, *relations.take_private(), *lines]) + "\n"
 
 

@@ -1,0 +1,120 @@
+/**
+ * The application beside its keystore: ROS 2 nodes, how they are wired, and whether they may be.
+ *
+ * Which node publishes and subscribes to what is a fact of the module `nodes`, which keystore-audit writes from a graph,
+ * a launch file or a policy. Three questions are kept apart, and a fourth is what joins them:
+ *
+ *   wired                      one node publishes what another subscribes to: what is meant to happen
+ *   permitted                  the documents of both enclaves, and nothing else, let it happen
+ *   wired_but_not_permitted    it is meant and cannot happen: a right is missing
+ *   permitted_but_not_wired    it can happen and nobody means it: a right too many, or an attack's way
+ *
+ * Permitted is what each enclave's own document says (`claims`), not what an attacker could have peers take for good:
+ * nodes do what their own middleware lets them do.
+ */
+module application
+open claims
+open nodes
+
+/** Nodes that run in enclaves of the realm. */
+fun nodes_of[realm: Realm]: set Node { runs_in.in_realm.realm }
+
+-- endpoints: one node, one channel
+
+/** Channels that nodes are to publish, and their enclave may not: under Enforce, making the publisher fails. */
+fun publishes_without_right[realm: Realm]: Node -> Channel {
+	nodes_of[realm] <: publishes_to - runs_in.(writes_by_own[realm])
+}
+
+/** Channels that nodes are to subscribe to, and their enclave may not. */
+fun subscribes_without_right[realm: Realm]: Node -> Channel {
+	nodes_of[realm] <: subscribes_to - runs_in.(reads_by_own[realm])
+}
+
+/** Channels that enclaves may write, and none of their nodes is to publish. */
+fun unused_to_write[realm: Realm]: Enclave -> Channel {
+	in_realm.realm <: writes_by_own[realm] - ~runs_in.publishes_to
+}
+
+/** Channels that enclaves may read, and none of their nodes is to subscribe to. */
+fun unused_to_read[realm: Realm]: Enclave -> Channel {
+	in_realm.realm <: reads_by_own[realm] - ~runs_in.subscribes_to
+}
+
+-- flows: from node to node; a pair of realms at a time, since each reads the documents of both ends
+
+/** Nodes of `sending` that may publish to those of `receiving`. */
+fun may_publish[sending, receiving: Realm]: Node -> Channel {
+	nodes_of[sending] <: runs_in.(writes_by_own[sending] & writes_by_own[receiving])
+}
+
+/** Nodes of `receiving` that may subscribe to those of `sending`. */
+fun may_subscribe[sending, receiving: Realm]: Node -> Channel {
+	nodes_of[receiving] <: runs_in.(reads_by_own[receiving] & reads_by_own[sending])
+}
+
+/** One node is to tell another something on this channel. */
+pred wired[sender, receiver: Node, channel: Channel] {
+	sender != receiver
+	channel in sender.publishes_to & receiver.subscribes_to
+}
+
+/** The documents of both enclaves let it. */
+pred permitted[sender, receiver: Node, channel: Channel] {
+	sender != receiver
+	some sending, receiving: Realm |
+		channel in sender.(may_publish[sending, receiving]) & receiver.(may_subscribe[sending, receiving])
+}
+
+/** It is meant to happen, and cannot. */
+pred wired_but_not_permitted[sender, receiver: Node, channel: Channel] {
+	wired[sender, receiver, channel] and not permitted[sender, receiver, channel]
+}
+
+/** It can happen, and nobody means it to. */
+pred permitted_but_not_wired[sender, receiver: Node, channel: Channel] {
+	permitted[sender, receiver, channel] and not wired[sender, receiver, channel]
+}
+
+-- information flow over the wiring alone: nodes do what they are there to do, and nobody attacks
+
+/** Whom each node of `sending` tells something, of those of `receiving`. */
+fun tells[sending, receiving: Realm]: Node -> Node {
+	(publishes_to & may_publish[sending, receiving]).~(subscribes_to & may_subscribe[sending, receiving]) - iden
+}
+
+/**
+ * What some of `source` know stays within `inside`, as wired: a compartment, as in `information_flow`. Where an honest
+ * flow is separated, which may take any channel, so is this; not the other way round.
+ */
+pred keeps_to_itself[source, inside: set Node] {
+	source in inside
+	all sending, receiving: Realm | inside.(tells[sending, receiving]) in inside
+}
+
+-- what is asserted of every application
+
+/** Every node has an enclave in the keystore. */
+assert NodesHaveEnclaves { all node: Node | some node.runs_in }
+
+/** Every node may do what it is there to do. */
+assert NodesHaveTheRightsThatTheyNeed {
+	all realm: Realm, node: Node, channel: Channel |
+		channel not in node.(publishes_without_right[realm] + subscribes_without_right[realm])
+}
+
+/** What nodes are to tell each other they can. */
+assert WiredFlowsArePermitted {
+	all sending, receiving: Realm, sender: nodes_of[sending], receiver: nodes_of[receiving] - sender |
+		all channel: sender.publishes_to & receiver.subscribes_to |
+			channel in sender.(may_publish[sending, receiving]) & receiver.(may_subscribe[sending, receiving])
+}
+
+/** No enclave has a right that none of its nodes uses. */
+assert RightsAreUsed {
+	all realm: Realm, enclave: Enclave, channel: Channel |
+		channel not in enclave.(unused_to_write[realm] + unused_to_read[realm])
+}
+
+/** Somebody is there to be wired: two nodes of which one publishes what the other subscribes to. */
+pred WiringIsExercised { some (publishes_to.~subscribes_to) - iden }

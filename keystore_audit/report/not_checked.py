@@ -1,0 +1,27 @@
+"""What of this keystore, and of these profiles, a report says was not looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.model.profiles import Evidence, Profile
+
+
+def unread(keystore: Keystore) -> Iterator[str]:
+    """Files that were not read and are taken for no documents."""
+    if keystore.unread:
+        yield (
+            f"{keystore.unread} of the other files, which could not be read: neither their names nor the beginnings of "
+            "those that are too large are those of signed documents."
+        )
+
+
+def untested(profiles: Sequence[Profile]) -> Iterator[str]:
+    """How the profiles are known whose rows this project's tests do not ask the real implementation about."""
+    measured = [profile.name for profile in profiles if profile.evidence is Evidence.MEASURED]
+    read = [profile.name for profile in profiles if profile.evidence is Evidence.READ and profile.name != "spec"]
+    if measured:
+        yield f"{', '.join(measured)}: by measurements on the releases, not asked again since (docs/profiles.md)."
+    if read:
+        yield f"{', '.join(read)}: by their source alone (docs/profiles.md)."
