@@ -12,6 +12,7 @@ import click
 
 from keystore_audit.cli import delivery, formats, output, places, settings
 from keystore_audit.cli import options as opt
+from keystore_audit.cli.places import executor_address
 from keystore_audit.cli.progress import Watch
 from keystore_audit.errors import AuditError, NothingToAudit, UsageError
 from keystore_audit.findings import Severity
@@ -50,7 +51,7 @@ MAX_JOBS: Final = 1024
     type=output.target,
     multiple=True,
     metavar="FORMAT=FILE",
-    help="Write a report to a file as well; to DIR/, one of each keystore (repeatable).",
+    help="Write a report to a file as well; to DIR/, one of each keystore; parquet=DIR, tables of all (repeatable).",
 )
 @click.option("-r", "--recursive", is_flag=True, help="Audit every keystore below the directories named.")
 @click.option(
@@ -59,6 +60,12 @@ MAX_JOBS: Final = 1024
     type=click.IntRange(1, MAX_JOBS),
     metavar="N",
     help="Of several keystores, audit so many at a time (default: as processors allow).",
+)
+@click.option(
+    "--executor",
+    type=executor_address,
+    metavar="dask://HOST:PORT",
+    help="Hand the keystores to the workers of this Dask scheduler.",
 )
 @click.option(
     "--fail-on",
@@ -161,7 +168,7 @@ def command(keystores: tuple[str, ...], **given: Any) -> int:
     several = len(keystores) > 1 or given["recursive"]
     if several and (given["graphs"] or given["launches"]):
         raise click.UsageError("--graph and --launch show the nodes of one keystore: name one KEYSTORE.")
-    if several or any(wanted.each for wanted in given["targets"]):
+    if several or given["executor"] or any(wanted.each or wanted.tables for wanted in given["targets"]):
         from keystore_audit.cli import fleet
 
         return fleet.run(keystores, given, lambda found: chosen(given, found))

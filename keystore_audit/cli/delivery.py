@@ -29,7 +29,7 @@ def deliver(reports: Sequence[Report], given: Mapping[str, Any], *, several: boo
 
     Targets that take a report of each keystore are left to whoever audits several.
     """
-    targets = [wanted for wanted in given["targets"] if not wanted.each]
+    targets = [wanted for wanted in given["targets"] if not (wanted.each or wanted.tables)]
     if not reports:
         say_not_written(targets)
         return

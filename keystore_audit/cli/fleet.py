@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
@@ -23,7 +23,10 @@ from keystore_audit.text import terminal
 if TYPE_CHECKING:
     from keystore_audit.audit import Options
     from keystore_audit.fleet.executor import Executor
+    from keystore_audit.fleet.parquet import Datasets
+    from keystore_audit.fleet.run import Fleet
     from keystore_audit.fleet.search import Found
+    from keystore_audit.fleet.tables import Rows
     from keystore_audit.fleet.task import Audited
     from keystore_audit.report.content import Report
     from keystore_audit.report.text import View
@@ -42,7 +45,7 @@ class Make:
     """What is made of a report where it is made; goes to other processes.
 
     `formats`: of the reports that have a file of their own, shown as `kept`; `shown`: the text on standard output is
-    wanted; `whole`: the report itself is.
+    wanted; `whole`: the report itself is; `tables`: rows are.
     """
 
     path: str
@@ -50,9 +53,11 @@ class Make:
     kept: View
     shown: View | None
     whole: bool
+    tables: bool
 
     def __call__(self, report: Report) -> Made:
         """Render."""
+        from keystore_audit.fleet.tables import rows_of
         from keystore_audit.report import text
 
         return Made(
@@ -60,6 +65,7 @@ class Make:
             files=tuple(formats.render(kind, [report], self.kept, several=False) for kind in self.formats),
             shown=text.render(report, self.shown) if self.shown is not None else "",
             report=report if self.whole else None,
+            rows=rows_of(self.path, report) if self.tables else None,
         )
 
 
@@ -71,6 +77,7 @@ class Made:
     files: tuple[str, ...]
     shown: str
     report: Report | None
+    rows: Rows | None
 
 
 def run(named: Sequence[str], given: Mapping[str, Any], chosen: Callable[[Sequence[str]], Options]) -> int:
@@ -83,11 +90,19 @@ def run(named: Sequence[str], given: Mapping[str, Any], chosen: Callable[[Sequen
         click.echo(f"keystore-audit: {terminal(path)}: not looked into: {terminal(reason)}.", err=True)
     if not found.keystores:
         raise NothingToAudit(f"There is no keystore below {', '.join(named)}.")
+    if any(wanted.tables for wanted in given["targets"]):
+        from keystore_audit.fleet.parquet import check_available
+
+        check_available()
     output.check(given["targets"], found.keystores)
-    options = chosen(found.keystores)
+    if given["executor"] is not None:
+        found, options = places.everywhere(found, chosen(found.keystores))
+    else:
+        options = chosen(found.keystores)
     reports = places.reports(found.keystores, named, given)
     places.check_outside(found.keystores, reports, given["targets"])
-    return _Run(found=found, given=given, options=options, reports=reports).carried_out()
+    several = len(named) > 1 or given["recursive"]
+    return _Run(found=found, given=given, options=options, reports=reports, several=several).carried_out()
 
 
 @dataclass(slots=True)
@@ -98,44 +113,72 @@ class _Run:
     given: Mapping[str, Any]
     options: Options
     reports: Mapping[str, str]
+    several: bool
     rows: dict[int, Row] = field(default_factory=dict)
     whole: dict[int, Report] = field(default_factory=dict)
     texts: dict[int, str] = field(default_factory=dict)
     shown: int = 0
+    datasets: list[Datasets] = field(default_factory=list)
 
     def carried_out(self) -> int:
         """Audit all of them, and deliver what there is, also after an interrupt."""
-        from keystore_audit.fleet.run import Fleet
-
         interrupted = False
         began = time.perf_counter()
         quiet = self.given["quiet"] or (self._texts_wanted and delivery.is_terminal())
-        try:
-            with FleetWatch(len(self.found.keystores), visible=not quiet and sys.stderr.isatty()) as watch:
-                fleet = Fleet(tasks=self._tasks(), executor=self._executor(), step=watch.step)
-                with closing(fleet.audit()) as results:
-                    for number, audited in results:
-                        self._take(number, audited)
-        except KeyboardInterrupt:
-            interrupted = True
+        with ExitStack() as stack:
+            executor = self._executor(stack)
+            try:
+                watch = stack.enter_context(
+                    FleetWatch(len(self.found.keystores), visible=not quiet and sys.stderr.isatty())
+                )
+                self._audit(executor, watch)
+            except KeyboardInterrupt:
+                interrupted = True
         if self.given["verbose"] or sys.stderr.isatty():
             self._say_rate(time.perf_counter() - began)
         return self._finish(interrupted=interrupted)
+
+    def _audit(self, executor: Executor, watch: FleetWatch) -> None:
+        from keystore_audit.fleet.run import Fleet
+
+        tables = [wanted for wanted in self.given["targets"] if wanted.tables]
+        fleet = Fleet(
+            tasks=self._tasks(),
+            executor=executor,
+            step=watch.step,
+            compared=bool(tables) or len(self.found.keystores) > 1,
+        )
+        try:
+            with ExitStack() as stack:
+                if tables:
+                    from keystore_audit.fleet.parquet import Datasets
+
+                    self.datasets = [stack.enter_context(Datasets(wanted.path)) for wanted in tables]
+                results = stack.enter_context(closing(fleet.audit()))
+                for number, audited in results:
+                    self._take(number, audited, fleet)
+        except OSError as error:
+            raise output.Unwritable(f"Cannot write a report: {error.strerror or error}.") from error
 
     @property
     def _each(self) -> list[output.Target]:
         return [wanted for wanted in self.given["targets"] if wanted.each]
 
     @property
+    def _summarised(self) -> bool:
+        """Whether standard output has a summary instead of every report, which would say it twice."""
+        return self.several and any(wanted.each or wanted.tables for wanted in self.given["targets"])
+
+    @property
     def _collected(self) -> bool:
         """Whether all reports are needed together, in one document."""
-        in_files = any(not wanted.each for wanted in self.given["targets"])
+        in_files = any(not (wanted.each or wanted.tables) for wanted in self.given["targets"])
         return in_files or self.given["kind"] != "text"
 
     @property
     def _texts_wanted(self) -> bool:
-        """Whether standard output has every report in full: not where each has a file, which would say it twice."""
-        return self.given["kind"] == "text" and not self._each
+        """Whether standard output has every report in full."""
+        return self.given["kind"] == "text" and not self._summarised
 
     def _tasks(self) -> list[Any]:
         from keystore_audit.fleet.task import Task
@@ -155,12 +198,19 @@ class _Run:
                     kept=kept,
                     shown=shown if self._texts_wanted else None,
                     whole=self._collected,
+                    tables=any(wanted.tables for wanted in self.given["targets"]),
                 ),
             )
             for path in self.found.keystores
         ]
 
-    def _executor(self) -> Executor:
+    def _executor(self, stack: ExitStack) -> Executor:
+        """Return who audits; what has to be closed afterwards is left to the stack."""
+        address: str | None = self.given["executor"]
+        if address is not None:
+            from keystore_audit.fleet.cluster import Cluster
+
+            return stack.enter_context(closing(Cluster(address)))
         from keystore_audit.fleet.executor import InTurn
         from keystore_audit.fleet.processes import Processes, processors
 
@@ -171,7 +221,7 @@ class _Run:
             jobs = max(1, cores) if len(self.found.keystores) > FEW else 1
         return Processes(jobs) if jobs > 1 else InTurn()
 
-    def _take(self, number: int, audited: Audited) -> None:
+    def _take(self, number: int, audited: Audited, fleet: Fleet) -> None:
         """Keep what is to be kept of a keystore, and write its own files."""
         path = self.found.keystores[number]
         if audited.made is None:
@@ -188,13 +238,23 @@ class _Run:
                 own = places.own_file(wanted, self.reports[path])
                 own.path.parent.mkdir(parents=True, exist_ok=True)
                 output.write(own, text)
+        for datasets in self.datasets:
+            self._tabulate(datasets, number, audited, fleet)
         while self.shown in self.texts:
             self._show(self.texts.pop(self.shown))
             self.shown += 1
 
+    def _tabulate(self, datasets: Datasets, number: int, audited: Audited, fleet: Fleet) -> None:
+        from keystore_audit.fleet.tables import rows_of_identities, rows_without_report
+
+        path, at = self.found.keystores[number], self.options.at
+        rows: Rows | None = None if audited.made is None else audited.made.rows
+        datasets.add(rows or rows_without_report(path, at, audited.exit_code, audited.error))
+        datasets.add(rows_of_identities(path, at, fleet.identities.of(number)))
+
     def _show(self, text: str) -> None:
         if self._texts_wanted and text:
-            output.write_stdout(text + "\n")
+            output.write_stdout(text + "\n" if self.several else text)
 
     def _say_rate(self, seconds: float) -> None:
         done = len(self.rows)
@@ -212,15 +272,17 @@ class _Run:
             self._show_summary(summary)
         reports = [self.whole[number] for number in sorted(self.whole)]
         if interrupted:
-            delivery.say_not_written([wanted for wanted in self.given["targets"] if not wanted.each])
+            delivery.say_not_written([wanted for wanted in self.given["targets"] if not (wanted.each or wanted.tables)])
             click.echo("keystore-audit: Interrupted.", err=True)
         else:
-            delivery.deliver(reports, self.given, several=True, stdout=self.given["kind"] != "text")
+            delivery.deliver(reports, self.given, several=self.several, stdout=self.given["kind"] != "text")
         return summary.exit_code
 
     def _show_summary(self, summary: Summary) -> None:
         view = delivery.view(self.given, stdout=True)
-        if self._each:
+        if not self.several:
+            return
+        if self._summarised:
             output.write_stdout(render_text(summary, view))
             return
         from keystore_audit.report.text import render_total

@@ -20,13 +20,22 @@ class Unwritable(click.ClickException):
     """A report could not be delivered: exit code 2."""
 
 
+TABLES: Final = "parquet"
+"""What is no report but tables, which take rows of many keystores."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:
-    """A report in `format` for the file `path`, or for files of each keystore's own in the directory `path`."""
+    """A report in `format` for the file `path`, or (`each`) a file for each keystore in the directory `path`."""
 
     format: str
     path: Path
     each: bool = False
+
+    @property
+    def tables(self) -> bool:
+        """Whether it is a directory of tables, for all keystores together."""
+        return self.format == TABLES
 
 
 def target(value: str) -> Target:
@@ -36,11 +45,11 @@ def target(value: str) -> Target:
     kind, separator, name = value.partition("=")
     if not separator or not name:
         raise click.BadParameter(f"{value!r} is not FORMAT=FILE, e.g. json=report.json.")
-    if kind not in FORMATS:
-        raise click.BadParameter(unknown(f"{kind!r} is no format; there are", kind, FORMATS))
+    if kind not in (*FORMATS, TABLES):
+        raise click.BadParameter(unknown(f"{kind!r} is no format; there are", kind, (*FORMATS, TABLES)))
     if name == "-":
         raise click.BadParameter("For standard output, use --format.")
-    return Target(format=kind, path=Path(name), each=name.endswith("/"))
+    return Target(format=kind, path=Path(name), each=name.endswith("/") and kind != TABLES)
 
 
 def check(targets: Iterable[Target], keystores: Iterable[str] = ()) -> None:
@@ -61,9 +70,8 @@ def check(targets: Iterable[Target], keystores: Iterable[str] = ()) -> None:
             raise Unwritable(f"Two reports cannot both be written to {wanted.path}.")
         seen.add(place)
         try:
-            if wanted.each:
-                path.mkdir(parents=True, exist_ok=True)
-                _probe(path / "report")
+            if wanted.each or wanted.tables:
+                _prepare(path, empty=wanted.tables)
             elif _is_special(path):
                 if not os.access(path, os.W_OK):
                     raise PermissionError(0, "permission denied")
@@ -125,6 +133,14 @@ def _resolved(path: Path) -> Path:
 
 def _is_special(path: Path) -> bool:
     return path.exists() and not path.is_file() and not path.is_dir()
+
+
+def _prepare(directory: Path, *, empty: bool) -> None:
+    """Make the directory, try it out; one for tables must be empty, since older rows would count as well."""
+    directory.mkdir(parents=True, exist_ok=True)
+    if empty and any(directory.iterdir()):
+        raise OSError(0, "the directory is not empty")
+    _probe(directory / "report")
 
 
 def _probe(path: Path) -> None:

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
+
+import click
 
 from keystore_audit.cli.output import Target
 from keystore_audit.errors import UsageError
 
 if TYPE_CHECKING:
+    from keystore_audit.audit import Options
     from keystore_audit.fleet.search import Found
 
 FILE_NAMES: Final = {
@@ -29,6 +33,15 @@ _OWN_NAMES: Final = ("report.", SUMMARY)
 """What names of files here begin with; directories that are called so are written otherwise."""
 
 
+def executor_address(value: str) -> str:
+    """Return HOST:PORT of `dask://HOST:PORT`."""
+    scheme, separator, address = value.partition("://")
+    host, colon, port = address.rpartition(":")
+    if scheme != "dask" or not (separator and host and colon and port.isdecimal()):
+        raise click.BadParameter(f"{value!r} is not dask://HOST:PORT, e.g. dask://10.0.0.5:8786.")
+    return address
+
+
 def found(named: Sequence[str], *, recursive: bool) -> Found:
     """Return the keystores named, or those below the directories named, each once."""
     from keystore_audit.fleet.search import Found, find_keystores
@@ -44,13 +57,31 @@ def found(named: Sequence[str], *, recursive: bool) -> Found:
     )
 
 
+def everywhere(found: Found, options: Options) -> tuple[Found, Options]:
+    """Return both with absolute paths, which mean the same in whatever directory a worker runs."""
+
+    def absolute(path: Path | None) -> Path | None:
+        return None if path is None else path.absolute()
+
+    keystores = tuple(os.path.abspath(path) for path in found.keystores)
+    return replace(found, keystores=keystores), replace(
+        options,
+        policy=absolute(options.policy),
+        policy_include=absolute(options.policy_include),
+        environment=absolute(options.environment),
+        alloy_jar=absolute(options.alloy_jar),
+        graphs=tuple(path.absolute() for path in options.graphs),
+        launches=tuple(path.absolute() for path in options.launches),
+    )
+
+
 def reports(keystores: Sequence[str], named: Sequence[str], given: Mapping[str, Any]) -> dict[str, str]:
     """Return the directory of each keystore's reports by its path, below where reports go: empty, or ending in `/`.
 
     It is the keystore's path as it was given, or relative to the one directory that was searched. Raises
     errors.UsageError if there are to be reports of each, and two would have the same.
     """
-    base = named[0] if given["recursive"] and len(named) == 1 else None
+    base = named[0] if given["recursive"] and len(named) == 1 else None  # relpath makes both absolute
     directories = {path: _directory(path if base is None else os.path.relpath(path, base)) for path in keystores}
     if any(wanted.each for wanted in given["targets"]) and len(set(directories.values())) < len(keystores):
         raise UsageError("One keystore is named twice, so that its reports would be written twice to one place.")

@@ -20,11 +20,15 @@ AUDITING = "auditing"
 
 @dataclass(slots=True)
 class Fleet:
-    """The keystores of a run. `tasks` have no `elsewhere` yet; `identities` are there once the audits have begun."""
+    """The keystores of a run. `tasks` have no `elsewhere` yet; `identities` are there once the audits have begun.
+
+    `compared`: identities are read, which a single keystore needs only for tables.
+    """
 
     tasks: Sequence[Task]
     executor: Executor
     step: Step = lambda _name, _done: None
+    compared: bool = True
     identities: Identities = field(default_factory=Identities)
 
     def audit(self) -> Generator[tuple[int, Audited], None, None]:
@@ -33,7 +37,7 @@ class Fleet:
         Raises errors.UsageError for options that make no sense, whatever the keystore. Closing the generator ends what
         is under way.
         """
-        lost = self._compare() if len(self.tasks) > 1 else {}
+        lost = self._compare() if self.compared else {}
         yield from lost.items()
         numbers = [number for number in range(len(self.tasks)) if number not in lost]
         with closing(self.executor.run(carry_out, (self._task(number) for number in numbers))) as results:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from threading import Lock
 from typing import Any
 
@@ -33,7 +33,7 @@ class Task:
     make: Callable[[Report], Any]
     explain: Callable[[Exception], str]
     progress: Progress | None = None
-    version: str = __version__
+    version: str = field(default_factory=lambda: __version__)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
