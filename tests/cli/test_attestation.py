@@ -7,12 +7,17 @@ import io
 import json
 import shutil
 import sys
+from collections.abc import Callable
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from keystore_audit.audit import Options, audit
 from keystore_audit.cli.program import run
+from keystore_audit.report.content import Report
+from keystore_audit.report.statement import render_svr
 
 SAMPLE = Path(__file__).parents[2] / "sample_keystores" / "healthy" / "turtlesim"
 
@@ -99,3 +104,66 @@ def test_an_incomplete_audit_fails(keystore: Path) -> None:
     permissions.mkdir()
     assert statement(keystore, kind="statement")["predicate"]["result"] == "FAILED"
     assert statement(keystore)["predicate"]["properties"] == []
+
+
+class Tampering:
+    """Changes the keystore in the middle of its audit: at a stage, or when so many enclaves are read."""
+
+    def __init__(self, moment: str | int, change: Callable[[], object]) -> None:
+        self._moment = moment
+        self._change: Callable[[], object] | None = change
+
+    def _at(self, moment: str | int) -> None:
+        if self._change is not None and moment == self._moment:
+            self._change()
+            self._change = None
+
+    def stage(self, name: str) -> None:
+        """A stage begins."""
+        self._at("read" if "mean" in name else name)
+
+    def enclaves(self, done: int, total: int) -> None:  # noqa: ARG002 - the audit's signature
+        """So many are read."""
+        self._at(done)
+
+    @property
+    def done(self) -> bool:
+        """Whether it has happened."""
+        return self._change is None
+
+
+def verified(keystore: Path, said: dict[str, Any], now: Report) -> bool:
+    """What docs/ci.md checks: the hashes of the files, and the digest of the tree."""
+    digest = said["predicate"]["verifier"]["keystoreAudit"]["keystoreDigest"]
+    there = all((keystore / subject["name"]).is_file() for subject in said["subject"])
+    return there and not broken(keystore, said) and digest == now.digest
+
+
+CHANGES: dict[str, Callable[[Path], object]] = {
+    "swapped": lambda root: shutil.copyfile(root / "keyboard/permissions.p7s", root / "random/permissions.p7s"),
+    "touched": lambda root: (root / "random/cert.pem").write_bytes((root / "random/cert.pem").read_bytes() + b"\n"),
+    "added": lambda root: shutil.copytree(root / "random", root / "zebra", symlinks=True),
+    "added a file": lambda root: (root / "random/crl.pem").write_bytes(b"-----BEGIN X509 CRL-----"),
+    "removed": lambda root: (root / "turtlesim/permissions.p7s").unlink(),
+}
+
+
+@pytest.mark.parametrize("moment", [1, 2, 3, "read", "after"])
+@pytest.mark.parametrize("change", CHANGES)
+def test_what_changes_during_the_audit_breaks_verification_or_was_audited(
+    keystore: Path, change: str, moment: str | int
+) -> None:
+    """Whoever verifies the tree against the statement has the verdict of that very tree."""
+    options = Options(at=datetime(2026, 11, 21, 12, tzinfo=timezone.utc), engine="native")
+    enclaves = keystore / "enclaves"
+    tampering = Tampering(moment, lambda: CHANGES[change](enclaves))
+    report = audit(str(keystore), options, progress=tampering)
+    assert tampering.done is (moment != "after")
+    if moment == "after":
+        CHANGES[change](enclaves)
+    said = json.loads(render_svr([report]))
+    now = audit(str(keystore), options)
+    if verified(keystore, said, now):
+        assert (now.verdict, now.findings, now.properties) == (report.verdict, report.findings, report.properties)
+    if moment in ("read", "after"):
+        assert not verified(keystore, said, now)
