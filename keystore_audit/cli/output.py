@@ -57,8 +57,7 @@ def check(targets: Iterable[Target], keystores: Iterable[str] = ()) -> None:
 
     Nothing is written into a keystore that is audited: the report could replace what it speaks of.
 
-    A file is tried out beside the target, since that is how it will be written, and removed again at once:
-    the target may lie in the keystore, which must not change while it is read.
+    A file is tried out beside the target, since that is how it will be written, and removed again at once.
     """
     seen: set[Path] = set()
     roots = tuple(keystores)
