@@ -118,7 +118,7 @@ class Aspect:
 class Consequence:
     """What follows from a change. `what`: a verb phrase, as "may publish" or "can read without any key".
 
-    `enclaves`: who; none: whoever is on the network.
+    `enclaves`: who; none: whoever is on the network. `parts`: each of them a part of the names, not the same for all.
     """
 
     what: str
@@ -128,6 +128,7 @@ class Consequence:
     profiles: tuple[str, ...]
     reasons: tuple[str, ...] = ()
     influenced: Influenced | None = None
+    parts: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -66,6 +66,7 @@ class Effect:
     profiles: tuple[str, ...]
     reasons: tuple[str, ...] = ()
     influenced: Influenced | None = None
+    parts: bool = False
 
     def consequence(self, sides: Sides) -> Consequence:
         """The same with names."""
@@ -77,6 +78,7 @@ class Effect:
             profiles=self.profiles,
             reasons=self.reasons,
             influenced=self.influenced,
+            parts=self.parts,
         )
 
 

@@ -17,6 +17,9 @@ from keystore_audit.model.comparison_sides import Pair, Sides, View
 from keystore_audit.model.comparison_trust import ADDED, REMOVED
 
 _LAYERS: Final = list(Layer)
+MAX_APART: Final = 4
+"""Sets of names, each of other enclaves, that stand apart among the consequences of one change."""
+
 _OPERATIONS: Final = (Operation.PUBLISH, Operation.SUBSCRIBE, Operation.RELAY)
 
 
@@ -152,30 +155,20 @@ class Reach:
         for (key, path), by_profile in self._found.items():
             folds.setdefault((key, tuple(sorted(by_profile.items()))), []).extend([] if path is None else [path])
         own = []
-        for (key, by_profile_items), paths in folds.items():
+        effects: dict[tuple[_Key, tuple[str, ...]], list[tuple[list[str], int]]] = {}
+        for (key, channels_of), paths in folds.items():
             union = 0
-            for _profile, channels in by_profile_items:
+            for _profile, channels in channels_of:
                 union |= channels
-            profiles = in_order((profile for profile, _channels in by_profile_items), self._sides)
-            direction = Direction.GAINED if key.gained else Direction.LOST
+            profiles = in_order((profile for profile, _channels in channels_of), self._sides)
             if key.draft is None:
-                own.append(
-                    Draft(
-                        layer=key.layer,
-                        kind="accepted" if key.operation else "capability",
-                        direction=direction,
-                        what=key.what,
-                        enclaves=tuple(paths),
-                        profiles=profiles,
-                        operation=key.operation,
-                        channels=union,
-                        varies=len({channels for _profile, channels in by_profile_items}) > 1,
-                    )
-                )
+                varies = len({channels for _profile, channels in channels_of}) > 1
+                own.append(_unaccounted(key, paths, union, profiles, varies=varies))
             else:
-                key.draft.effects.append(
-                    Effect(what=key.what, direction=direction, enclaves=tuple(paths), channels=union, profiles=profiles)
-                )
+                effects.setdefault((key, profiles), []).append((paths, union))
+        for (key, profiles), several in effects.items():
+            if key.draft is not None:
+                key.draft.effects.extend(_effects(key, several, profiles))
         return own
 
     def _starts(self) -> list[Draft]:
@@ -225,6 +218,39 @@ class Reach:
                             reasons=reasons,
                         )
                     )
+
+
+def _unaccounted(key: _Key, paths: list[str], channels: int, profiles: tuple[str, ...], *, varies: bool) -> Draft:
+    return Draft(
+        layer=key.layer,
+        kind="accepted" if key.operation else "capability",
+        direction=Direction.GAINED if key.gained else Direction.LOST,
+        what=key.what,
+        enclaves=tuple(paths),
+        profiles=profiles,
+        operation=key.operation,
+        channels=channels,
+        varies=varies,
+    )
+
+
+def _effects(key: _Key, several: list[tuple[list[str], int]], profiles: tuple[str, ...]) -> Iterator[Effect]:
+    """One for each set of channels, or one for all where there are many of those."""
+    parts = len(several) > MAX_APART
+    if parts:
+        union = 0
+        for _paths, channels in several:
+            union |= channels
+        several = [([path for paths, _channels in several for path in paths], union)]
+    for paths, channels in several:
+        yield Effect(
+            what=key.what,
+            direction=Direction.GAINED if key.gained else Direction.LOST,
+            enclaves=tuple(paths),
+            channels=channels,
+            profiles=profiles,
+            parts=parts,
+        )
 
 
 def _with(gained: bool) -> str:

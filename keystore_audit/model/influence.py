@@ -22,32 +22,27 @@ class Lane:
 
 
 class Influence:
-    """Hops and flows between the participants of some lanes, which are equally many in each."""
+    """Hops and flows between the participants of some lanes, which are equally many in each.
+
+    `hops`: by sender the receivers, itself perhaps among them.
+    """
 
     def __init__(self, lanes: Sequence[Lane], participants: int) -> None:
         self._lanes = lanes
         self._all = (1 << participants) - 1
         self._number = participants
         self._getting = [_holders(lane.gets, _union(lane.puts)) for lane in lanes]
-        self.hops = self._hops()
+        self._known: list[dict[int, int]] = [{} for _ in lanes]
+        self.hops = [self.receivers(sender, -1) for sender in range(participants)]
 
     def receivers(self, sender: int, channels: int) -> int:
-        """Who gets samples of these channels from the sender."""
+        """Who gets samples of these channels from the sender, itself perhaps among them."""
         found = 0
-        for lane, getting in zip(self._lanes, self._getting, strict=True):
-            for channel in members(lane.puts[sender] & channels):
-                found |= getting.get(channel, 0)
-        return found
-
-    def _hops(self) -> list[int]:
-        """By sender the receivers, itself perhaps among them."""
-        found = [0] * self._number
-        for lane, getting in zip(self._lanes, self._getting, strict=True):
-            known: dict[int, int] = {}
-            for sender, put in enumerate(lane.puts):
-                if put not in known:
-                    known[put] = _of_channels(getting, put)
-                found[sender] |= known[put]
+        for lane, getting, known in zip(self._lanes, self._getting, self._known, strict=True):
+            put = lane.puts[sender] & channels
+            if put not in known:
+                known[put] = _of_channels(getting, put)
+            found |= known[put]
         return found
 
     @cached_property

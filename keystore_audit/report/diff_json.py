@@ -78,6 +78,7 @@ def _consequence(each: Consequence) -> dict[str, Any]:
         "profiles": list(each.profiles),
         "reasons": list(each.reasons),
         "influence": _influence(each.influenced),
+        "enclaves_differ": each.parts,
     }
 
 

@@ -97,7 +97,8 @@ def consequence(each: Consequence, comparison: Comparison) -> str:
         return f"{each.what} {influence(each.influenced)}{under(each.profiles, comparison)}"
     who = _joined(each.enclaves, each.what) if each.enclaves else f"anybody on the network {each.what}"
     about = f" {names(each.names)}" if each.names is not None else ""
-    return f"{who}{about}{reasons(each.reasons)}{under(each.profiles, comparison)}"
+    parts = ", each a part of them" if each.parts else ""
+    return f"{who}{about}{parts}{reasons(each.reasons)}{under(each.profiles, comparison)}"
 
 
 def others(paths: Sequence[str]) -> str:
