@@ -1,7 +1,8 @@
-"""`keystore-audit flow KEYSTORE FROM TO`."""
+"""`keystore-audit flow KEYSTORE FROM TO`, and `flow KEYSTORE --from-compromised WHO`."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -21,8 +22,14 @@ ENGINES: Final = ("native", "auto", "both", "alloy")
 
 @click.command("flow", short_help="Say whether data can get from one place to another.")
 @click.argument("keystore", metavar="KEYSTORE", type=opt.keystore_path)
-@click.argument("source", metavar="FROM")
-@click.argument("target", metavar="TO")
+@click.argument("source", metavar="[FROM", required=False)
+@click.argument("target", metavar="TO]", required=False)
+@click.option(
+    "--from-compromised",
+    "compromised",
+    metavar="[ENCLAVE|identity-ca|permissions-ca]",
+    help="Say instead what whoever holds this private key can do and reach.",
+)
 @click.option(
     "--attacker",
     type=opt.one_of(*ATTACKERS),
@@ -68,8 +75,8 @@ ENGINES: Final = ("native", "auto", "both", "alloy")
     help="How the answer is written.",
 )
 @opt.verbose_option("Say where a fault is.")
-def command(keystore: str, source: str, target: str, **given: Any) -> int:
-    """Say whether anything can get from FROM to TO, whatever the nodes do, and how.
+def command(keystore: str, source: str | None, target: str | None, **given: Any) -> int:
+    """Say whether anything can get from FROM to TO, whatever the nodes do, and how; or what a stolen key opens.
 
     \b
     FROM and TO:
@@ -79,11 +86,17 @@ def command(keystore: str, source: str, target: str, **given: Any) -> int:
       outsider          somebody without any key
     \b
     Exit codes:
-      0   no flow, under every profile and attacker asked about
-      1   there is a flow under some of them
+      0   no flow, under every profile and attacker asked about; no use of a key
+      1   there is a flow under some of them; the key opens something
       2   wrong usage, or a place that names nothing in the keystore
       4   something is unknown
     """  # noqa: D301 - click's mark for lines that stay as they are
+    if given["compromised"] is not None:
+        if source is not None:
+            raise click.UsageError("--from-compromised asks about one key: give no FROM and TO.")
+        return _stolen_key(keystore, given)
+    if source is None or target is None:
+        raise click.UsageError("Expected FROM and TO, or --from-compromised.")
     from keystore_audit.flow import ATTACKERS, Engines, FlowQuestion, find_flow
     from keystore_audit.model.claim import Attacker
     from keystore_audit.model.profiles import resolve
@@ -108,6 +121,37 @@ def command(keystore: str, source: str, target: str, **given: Any) -> int:
         ),
     )
     output.write_stdout(_rendered(answer, given["kind"]))
+    return {Status.HOLDS: 0, Status.VIOLATED: 1, Status.UNKNOWN: EXIT_INCOMPLETE}[answer.status]
+
+
+def _stolen_key(keystore: str, given: Mapping[str, Any]) -> int:
+    """What a stolen key opens."""
+    unused = {"attacker": "--attacker", "through": "--through", "alloy_jar": "--alloy-jar"}
+    for name, option in unused.items():
+        if given[name]:
+            raise click.UsageError(f"{option} says nothing about --from-compromised.")
+    if given["engine"] not in ("native", "auto"):
+        raise click.UsageError("--from-compromised is worked out natively: no other engine decides it.")
+    from keystore_audit.compromise import find_blast_radius
+    from keystore_audit.model.profiles import resolve
+    from keystore_audit.properties.property import Status
+
+    answer = find_blast_radius(
+        keystore,
+        given["compromised"],
+        profiles=resolve(given["profiles"]),
+        at=given["at"] or opt.now(),
+        zone=given["time_zone"],
+        include_ambient=given["include_ambient"],
+    )
+    if given["kind"] == "json":
+        from keystore_audit.report import compromise_json
+
+        output.write_stdout(compromise_json.json(answer))
+    else:
+        from keystore_audit.report import compromise_text
+
+        output.write_stdout(compromise_text.text(answer))
     return {Status.HOLDS: 0, Status.VIOLATED: 1, Status.UNKNOWN: EXIT_INCOMPLETE}[answer.status]
 
 

@@ -138,7 +138,7 @@ class Flows:
             if source.enclaves:
                 puts = [0] * (self.outsider + 1)
                 for enclave in source.enclaves:
-                    for each in self._acting(enclave):
+                    for each in self.acting(enclave):
                         puts[enclave] |= self._forged(view, each)
                 lanes.append(Lane(puts, [*taken, 0]))
             if source.outsider:
@@ -165,7 +165,7 @@ class Flows:
                 holders.setdefault(self._system.certificates[enclave.identity].key, []).append(number)
         return holders
 
-    def _acting(self, enclave: int) -> Iterable[int]:
+    def acting(self, enclave: int) -> Iterable[int]:
         """The enclaves whose key the enclave has, or may have."""
         atom = self._system.enclaves[enclave]
         if atom.opaque:

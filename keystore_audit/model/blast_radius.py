@@ -1,0 +1,307 @@
+"""What somebody can do who holds the key of an enclave or of an authority: its blast radius (docs/model.md).
+
+Rights and keys come from `model.attacker`, hops and flows from `model.flow` and `model.influence`: nothing is decided
+here anew. Names are those that the documents tell apart, each with a channel of its own in every governed domain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from functools import cached_property, reduce
+from operator import or_
+from typing import Final, NamedTuple
+
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.channels import ANY_TOPIC, Channels
+from keystore_audit.model.claim import Attacker, Place
+from keystore_audit.model.claims import AMBIENT
+from keystore_audit.model.flow import Flows, Search
+from keystore_audit.model.influence import Influence, Lane
+from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.named import Named, names_of
+from keystore_audit.model.permission import Permissions, bits, members
+from keystore_audit.model.profiles import Profile
+from keystore_audit.model.system import Reading, System
+from keystore_audit.model.systems import SystemBuilder
+
+ANY_NAME: Final = Named(topic=ANY_TOPIC, partition="", ros=True, several=True, expressions=())
+"""All topics of a domain that no governance covers."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BlastRadius:
+    """What the holder of keys can do. Sets of channels are bit sets; enclaves go by their paths.
+
+    `written`: topics that peers take its samples on by right. `forged`: others, on which it passes for a writer.
+    `read`: topics whose payload it reads. `passes_for`: enclaves that peers cannot tell it from. `reached_alone`:
+    enclaves that its data can get to as long as everybody else stays honest; `reached`: if all on the way are
+    compromised too. `learns`: it reads what somebody else may write.
+    """
+
+    written: int
+    forged: int
+    read: int
+    passes_for: frozenset[str]
+    reached_alone: frozenset[str]
+    reached: frozenset[str]
+    learns: bool
+
+    @property
+    def beyond_itself(self) -> bool:
+        """Whether its keys give it anything of somebody else's."""
+        return bool(self.passes_for or self.reached or self.learns)
+
+
+NOTHING: Final = BlastRadius(
+    written=0,
+    forged=0,
+    read=0,
+    passes_for=frozenset(),
+    reached_alone=frozenset(),
+    reached=frozenset(),
+    learns=False,
+)
+
+
+class Radii:
+    """The blast radii of one system now. `left_out`: channels (bit set) that no flow takes."""
+
+    def __init__(self, system: System, left_out: int) -> None:
+        self._system = system
+        permissions = Permissions(system)
+        self._realms = [RealmView(system, realm, permissions) for realm in range(len(system.realms))]
+        self._flows = Flows(system, self._realms)
+        self._kept = ~left_out
+        self._everybody = range(len(system.enclaves))
+
+    def authenticated(self, enclave: int) -> bool:
+        """Whether some enclave takes it for one of its own."""
+        return any(view.authenticated(enclave) for view in self._realms)
+
+    def of(self, enclave: int) -> BlastRadius:
+        """Of who holds the key of the enclave, and so of all that have the same one."""
+        acting = frozenset(self._flows.acting(enclave))
+        written, forged, read = self.abilities(acting)
+        mine = bits(acting)
+        others = self._union(number for number in self._everybody if number not in acting)
+        return BlastRadius(
+            written=written,
+            forged=forged,
+            read=read,
+            passes_for=self._paths(mine & ~(1 << enclave)),
+            reached_alone=self._paths(self.reached_alone(enclave) & ~mine),
+            reached=self._paths(self.reached(enclave) & ~mine),
+            learns=bool(read & others),
+        )
+
+    def abilities(self, acting: Iterable[int]) -> tuple[int, int, int]:
+        """Channels that the enclaves write by right, forge besides, and read."""
+        written, forged, read = 0, 0, 0
+        for number in acting:
+            for view in self._realms:
+                able = view.abilities(number)
+                written |= able.may_write
+                forged |= able.forges
+                read |= able.may_read | able.overhears
+        return written, forged & ~written, read
+
+    def _union(self, enclaves: Iterable[int]) -> int:
+        """Channels that some of the enclaves may write."""
+        return reduce(or_, (view.abilities(n).may_write for n in enclaves for view in self._realms), 0)
+
+    def acting(self, enclave: int) -> Iterable[int]:
+        """The enclaves whose key it has, or may have."""
+        return self._flows.acting(enclave)
+
+    def reached(self, enclave: int) -> int:
+        """The enclaves that its data can get to if all on the way are compromised."""
+        return self._to_enclaves(self._attacked[enclave])
+
+    def reached_alone(self, enclave: int) -> int:
+        """The enclaves that its data can get to if nobody else is."""
+        found = 0
+        for node in members(self._forged_to[enclave] & ~self._by_right[enclave]):
+            found |= self._by_right[node]
+        return self._to_enclaves(found | self._by_right[enclave])
+
+    def _to_enclaves(self, participants: int) -> int:
+        return participants & ~(1 << self._flows.outsider)
+
+    @cached_property
+    def _attacked(self) -> list[int]:
+        return self._influence(Attacker.RELAYS).flows
+
+    @cached_property
+    def _by_right(self) -> list[int]:
+        return self._influence(Attacker.HONEST).flows
+
+    @cached_property
+    def _forged_to(self) -> list[int]:
+        """By participant, who takes what it makes with its keys."""
+        return self._influence(Attacker.SOURCE).hops
+
+    def _influence(self, attacker: Attacker) -> Influence:
+        lanes = self._flows.lanes(
+            Search(attacker=attacker, source=Place(enclaves=frozenset(self._everybody)), target=Place())
+        )
+        if attacker is Attacker.SOURCE:  # without those by right, which stand first
+            lanes = lanes[len(self._flows.lanes(Search(attacker=Attacker.HONEST, source=Place(), target=Place()))) :]
+        kept = self._kept
+        masked = [
+            Lane(puts=[one & kept for one in lane.puts], gets=[one & kept for one in lane.gets]) for lane in lanes
+        ]
+        return Influence(masked, len(self._system.enclaves) + 1)
+
+    def _paths(self, enclaves: int) -> frozenset[str]:
+        return frozenset(self._system.enclaves[number].label for number in members(enclaves))
+
+
+class Topic(NamedTuple):
+    """A name, or all names of a class, in domains (in words)."""
+
+    name: Named
+    domains: tuple[str, ...]
+
+
+class Ground:
+    """A keystore's systems over names. `left_out`: ambient topics, as a bit set of channels."""
+
+    def __init__(
+        self, names: tuple[Named, ...], channels: Channels, systems: tuple[System, ...], left_out: int
+    ) -> None:
+        self.names = names
+        self.channels = channels
+        self.systems = systems
+        self.left_out = left_out
+
+    def topics(self, channels: int) -> tuple[Topic, ...]:
+        """The names among the channels, each once."""
+        found: dict[Named, list[str]] = {}
+        for number in members(channels):
+            atom = self.channels.channels[number]
+            found.setdefault(self._name(number, atom.domain), []).append(self.channels.domains[atom.domain].label)
+        return tuple(Topic(name, tuple(domains)) for name, domains in found.items())
+
+    def _name(self, channel: int, domain: int) -> Named:
+        start, end = self._slices[domain]
+        return self.names[channel - start] if end - start == len(self.names) else ANY_NAME
+
+    @cached_property
+    def _slices(self) -> list[tuple[int, int]]:
+        """By domain class, its channels: one for each name, or one for all."""
+        return slices(self.channels)
+
+    @cached_property
+    def endless(self) -> int:
+        """The channels (bit set) that stand for classes of names without end."""
+        atoms = enumerate(self.channels.channels)
+        return bits(number for number, atom in atoms if self._name(number, atom.domain).several)
+
+    def count(self, channels: int) -> int:
+        """How many names are among the channels, each class of names as one."""
+        folded = 0
+        for start, end in self._slices:
+            folded |= channels >> start & (1 << end - start) - 1
+        return folded.bit_count()
+
+
+def slices(channels: Channels) -> list[tuple[int, int]]:
+    """By domain class, where its channels begin and where those of the next do."""
+    starts = channels.starts
+    return list(zip(starts, (*starts[1:], len(channels.channels)), strict=True))
+
+
+def ground(
+    keystore: Keystore,
+    profiles: Sequence[Profile],
+    at: datetime,
+    accesses: AccessViews,
+    *,
+    include_ambient: bool = False,
+) -> Ground:
+    """The systems of a keystore at `at` (aware UTC), name by name.
+
+    Raises errors.BudgetExceeded where the names are of too many classes.
+    """
+    rows = dict.fromkeys(accesses.row(profile.access) for profile in profiles)
+    files = [document.file for document in documents_of(keystore) if document.file is not None]
+    names = names_of((row.matcher, accesses.read(file, row)) for row in rows for file in files).names
+    builder = SystemBuilder(keystore, profiles, at, accesses, [(name.topic, name.partition) for name in names])
+    systems = builder.systems()
+    ambient = [n for n, name in enumerate(names) if name.topic in AMBIENT and not name.several]
+    whole = [start for start, end in slices(builder.channels) if end - start == len(names)]
+    return Ground(
+        names=names,
+        channels=builder.channels,
+        systems=systems,
+        left_out=0 if include_ambient else bits(start + name for start in whole for name in ambient),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ranked:
+    """The blast radius of the enclave `path` in numbers.
+
+    Topics are DDS topic names that documents tell apart; `endless`: a class of names that has no end is among those
+    that it writes, forges or reads. Enclaves reached: if all on the way are compromised, and if nobody else is.
+    """
+
+    path: str
+    topics_written: int
+    topics_forged: int
+    topics_read: int
+    endless: bool
+    passes_for: int
+    enclaves_reached: int
+    enclaves_reached_alone: int
+
+    @property
+    def size(self) -> tuple[int, ...]:
+        """What ranks it."""
+        topics = self.topics_written + self.topics_forged
+        return (self.enclaves_reached, self.enclaves_reached_alone, self.passes_for, topics, self.topics_read)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ranking:
+    """Every enclave that has a path, the largest blast radius first, equal ones by path, under these profiles.
+
+    What could not be read counts as able to do anything.
+    """
+
+    profiles: tuple[str, ...]
+    enclaves: tuple[Ranked, ...]
+
+
+def rankings(known: Ground) -> tuple[Ranking, ...]:
+    """One for each way in which profiles see the keystore, that of the most profiles first."""
+    found: dict[tuple[Ranked, ...], list[str]] = {}
+    for system in known.systems:
+        if system.reading is Reading.MAY:
+            ranked = sorted(_ranked(known, system), key=lambda one: ([-number for number in one.size], one.path))
+            found.setdefault(tuple(ranked), []).extend(system.profiles)
+    every = (Ranking(profiles=tuple(profiles), enclaves=ranked) for ranked, profiles in found.items())
+    return tuple(sorted(every, key=lambda ranking: -len(ranking.profiles)))
+
+
+def _ranked(known: Ground, system: System) -> Iterator[Ranked]:
+    radii, endless = Radii(system, known.left_out), known.endless
+    for number, enclave in enumerate(system.enclaves):
+        if not enclave.label.startswith("/"):  # whatever is behind a link that leads away
+            continue
+        acting = bits(radii.acting(number))
+        written, forged, read = radii.abilities(members(acting))
+        yield Ranked(
+            path=enclave.label,
+            topics_written=known.count(written),
+            topics_forged=known.count(forged),
+            topics_read=known.count(read),
+            endless=bool((written | forged | read) & endless),
+            passes_for=acting.bit_count() - 1,
+            enclaves_reached=(radii.reached(number) & ~acting).bit_count(),
+            enclaves_reached_alone=(radii.reached_alone(number) & ~acting).bit_count(),
+        )

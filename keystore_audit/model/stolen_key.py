@@ -1,0 +1,165 @@
+"""What somebody can make with a key: identities where it is an authority's, rights where it signs permissions.
+
+The holder becomes enclaves of a system like any other, so that what they can do follows from what peers accept: new
+certificates by every authority that has the key, with every subject that a grant names, since permissions go over the
+network in clear and are bound to a name, not to a key (DDS-Security 1.1, 9.4.1.3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from dataclasses import replace
+
+from keystore_audit.findings import Location
+from keystore_audit.model.blast_radius import NOTHING, BlastRadius, Radii
+from keystore_audit.model.system import CertificateAtom, EnclaveAtom, GrantAtom, System
+
+HOLDER = "whoever holds the key"
+"""The label of the enclaves that are added."""
+
+
+def authorities(system: System, key: int) -> frozenset[int]:
+    """Certificates with the key that can vouch for identities in some realm."""
+    trusted = {number for realm in system.realms for number in realm.identity_ca}
+    return frozenset(n for n in trusted if system.certificates[n].key == key and system.certificates[n].authority)
+
+
+def holding(system: System, key: int) -> System:
+    """The system with the holder of the key in it: as every identity that it has, and as every one that it can make.
+
+    The enclaves that come after those of `system` are its own, beside those of `system` that have the key.
+    """
+    added = _Added(system, key)
+    known = {enclave.identity for enclave in system.enclaves}
+    for number, certificate in enumerate(system.certificates):
+        if certificate.key == key and number not in known:
+            added.enclave(number)
+    issuers = authorities(system, key)
+    if issuers:
+        for named in _subjects(system):
+            added.enclave(added.certificate(issuers, named))
+    return added.system()
+
+
+def holding_both(system: System, key: int) -> System:
+    """The same for who holds the key of an enclave as well, whichever it is: an enclave's identity with this key."""
+    added = _Added(holding(system, key), key)
+    for identity in sorted({enclave.identity for enclave in system.enclaves if enclave.identity is not None}):
+        named = (number for number, grant in enumerate(system.grants) if identity in grant.names)
+        added.enclave(added.certificate(system.certificates[identity].issuers, frozenset(named)))
+    return added.system()
+
+
+def _subjects(system: System) -> Iterable[frozenset[int]]:
+    """Which grants name a subject, for every subject that some grant names, and for one that none does.
+
+    Of grants that name nobody here, each has a subject of its own.
+    """
+    by_certificate: dict[int, set[int]] = {}
+    found = {frozenset[int]()}
+    for number, grant in enumerate(system.grants):
+        for certificate in grant.names:
+            by_certificate.setdefault(certificate, set()).add(number)
+        if not grant.names:
+            found.add(frozenset({number}))
+    found.update(frozenset(grants) for grants in by_certificate.values())
+    return sorted(found, key=sorted)
+
+
+def radius(system: System, left_out: int, held: System, key: int) -> BlastRadius:
+    """The blast radius of the key, whose holder is in `held` as `holding` or `holding_both` makes it of `system`.
+
+    `left_out`: channels (bit set) that no flow takes.
+    """
+    mine = [
+        number
+        for number, enclave in enumerate(held.enclaves)
+        if enclave.identity is not None and held.certificates[enclave.identity].key == key
+    ]
+    if not mine:
+        return NOTHING
+    radii = Radii(held, left_out)
+    found = radii.of(mine[0])
+    known = range(len(system.certificates))
+    made = (number for number in mine if held.enclaves[number].identity not in known)
+    everybody = authorities(system, key) and any(radii.authenticated(number) for number in made)
+    posed = {enclave.label for enclave in system.enclaves} if everybody else found.passes_for - {HOLDER}
+    if not everybody and mine[0] < len(system.enclaves):
+        posed = posed | {system.enclaves[mine[0]].label}
+    return replace(
+        found,
+        passes_for=frozenset(posed),
+        reached_alone=found.reached_alone - {HOLDER},
+        reached=found.reached - {HOLDER},
+    )
+
+
+def radius_of_enclave(system: System, left_out: int, path: str) -> BlastRadius:
+    """The blast radius of the key of the enclave, which is not said to pass for itself; NOTHING where there is none."""
+    number = next((n for n, enclave in enumerate(system.enclaves) if enclave.label == path), None)
+    if number is None:
+        return NOTHING
+    atom = system.enclaves[number]
+    if atom.opaque or atom.identity is None:
+        return Radii(system, left_out).of(number)
+    key = system.certificates[atom.identity].key
+    found = radius(system, left_out, holding(system, key), key)
+    return replace(
+        found,
+        passes_for=found.passes_for - {path},
+        reached=found.reached - {path},
+        reached_alone=found.reached_alone - {path},
+    )
+
+
+class _Added:
+    """A system with certificates and enclaves of one holder in the making."""
+
+    def __init__(self, system: System, key: int) -> None:
+        self._system = system
+        self._key = key
+        self._certificates: list[CertificateAtom] = []
+        self._named: dict[int, set[int]] = {}
+        self._enclaves: list[EnclaveAtom] = []
+
+    def certificate(self, issuers: Collection[int], grants: frozenset[int]) -> int:
+        """A new certificate with the key, always in force, for a subject that these grants name."""
+        number = len(self._system.certificates) + len(self._certificates)
+        self._certificates.append(
+            CertificateAtom(
+                label=HOLDER,
+                location=Location(path=""),
+                issuers=frozenset(issuers),
+                authority=False,
+                fit_to_sign=True,
+                key=self._key,
+                not_before=0,
+                not_after=len(self._system.instants) - 1,
+            )
+        )
+        for grant in grants:
+            self._named.setdefault(grant, set()).add(number)
+        return number
+
+    def enclave(self, identity: int) -> None:
+        """An enclave of the holder with this identity, of whatever realm: its own verdicts matter to nobody."""
+        if not self._system.realms:
+            return
+        self._enclaves.append(
+            EnclaveAtom(
+                label=HOLDER, location=Location(path=""), realm=0, identity=identity, permissions=None, opaque=False
+            )
+        )
+
+    def system(self) -> System:
+        """The system with all that was added."""
+        return replace(
+            self._system,
+            certificates=(*self._system.certificates, *self._certificates),
+            enclaves=(*self._system.enclaves, *self._enclaves),
+            grants=tuple(self._grant(number, grant) for number, grant in enumerate(self._system.grants)),
+        )
+
+    def _grant(self, number: int, grant: GrantAtom) -> GrantAtom:
+        named = self._named.get(number)
+        return grant if named is None else replace(grant, names=grant.names | named)

@@ -1,0 +1,95 @@
+"""What a stolen key opens, for people: by key, profiles that answer alike together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from textwrap import fill
+from typing import Final
+
+from keystore_audit.model.blast_radius import BlastRadius, Ground
+from keystore_audit.properties.compromise_result import CompromiseAnswer, KeyAnswer, ProfileRadius, Stolen
+from keystore_audit.properties.property import Status
+from keystore_audit.report.compromise_words import some, topic_words
+from keystore_audit.text import terminal
+
+WIDTH: Final = 80
+MAX_DOUBTS: Final = 5
+_INDENT: Final = " " * 4
+
+_WHOSE: Final = {
+    Stolen.ENCLAVE: "the enclave {}",
+    Stolen.IDENTITY_CA: "the identity CA {}",
+    Stolen.PERMISSIONS_CA: "the permissions CA {}",
+}
+
+
+def text(answer: CompromiseAnswer) -> str:
+    """Lines of 80 columns at most, as far as names allow."""
+    lines: list[str] = []
+    for key in answer.keys:
+        lines += [*_key(answer, key), ""]
+    if not answer.keys:
+        lines += [_wrapped("No certificate of such an authority could be read: what its key opens is unknown.", ""), ""]
+    if not answer.include_ambient:
+        lines.append(_wrapped("Flows are apart from /clock, /parameter_events, /rosout and ros_discovery_info.", ""))
+    if answer.status is Status.UNKNOWN and answer.doubts:
+        more = f" and {len(answer.doubts) - MAX_DOUBTS} more" if len(answer.doubts) > MAX_DOUBTS else ""
+        places = ", ".join(place.path for place in answer.doubts[:MAX_DOUBTS])
+        lines.append(_wrapped(f"It depends on what could not be read: {places}{more}.", ""))
+    return "\n".join(lines).rstrip("\n") + "\n"
+
+
+def _key(answer: CompromiseAnswer, key: KeyAnswer) -> Iterator[str]:
+    where = f" ({key.location.path})" if key.location is not None and key.stolen is not Stolen.ENCLAVE else ""
+    holder = f"Whoever holds the private key of {_WHOSE[key.stolen].format(key.name)}{where}"
+    yield _wrapped(f"{holder}{' alone' if key.with_an_enclave is not None else ''}:", "")
+    yield from _profiles(answer, key.alone)
+    if key.with_an_enclave is not None:
+        yield ""
+        yield _wrapped("With the private key of an enclave as well, whichever it is:", "")
+        yield from _profiles(answer, key.with_an_enclave)
+
+
+def _profiles(answer: CompromiseAnswer, by_profile: Mapping[str, ProfileRadius]) -> Iterator[str]:
+    groups: dict[str, tuple[ProfileRadius, list[str]]] = {}
+    for name, each in by_profile.items():
+        groups.setdefault(repr(each), (each, []))[1].append(name)
+    for each, names in groups.values():
+        under = "every profile" if len(names) == len(by_profile) else ", ".join(names)
+        yield _wrapped(f"{'under' if each.certain else 'UNKNOWN, perhaps, under'} {under}", "  ")
+        for line in _said(answer.ground, answer.enclaves, each.radius):
+            yield _wrapped(line, _INDENT)
+
+
+def _said(ground: Ground, enclaves: int, radius: BlastRadius) -> Iterator[str]:
+    """One sentence for each thing it can do."""
+    if not (radius.written or radius.forged or radius.read or radius.passes_for or radius.reached):
+        yield "can do nothing with it that anybody on the network cannot do without"
+        return
+    for verb, channels in (
+        ("writes {} by right", radius.written),
+        ("forges {} more with the keys that it holds", radius.forged),
+        ("reads {}", radius.read),
+    ):
+        number = ground.count(channels)
+        counted = verb.format(f"{number} DDS topic{'' if number == 1 else 's'}" if number else "no topic")
+        yield f"{counted}: {topic_words(ground.topics(channels))}" if number else counted
+    posed = sorted(radius.passes_for)
+    yield f"passes for {len(posed)} of {enclaves} enclaves: {some(posed)}" if posed else "passes for no other enclave"
+    if not radius.reached:
+        yield "reaches no enclave"
+        return
+    alone, reached = sorted(radius.reached_alone), sorted(radius.reached)
+    honest = f"reaches {len(alone)} of {enclaves} enclaves" if alone else "reaches no enclave"
+    honest = f"{honest} while the others stay honest"
+    yield f"{honest}: {some(alone)}" if alone else honest
+    further = sorted(radius.reached - radius.reached_alone)
+    if further:
+        yield f"reaches {len(reached)} if all on the way are compromised too: also {some(further)}"
+
+
+def _wrapped(words: str, indent: str) -> str:
+    return fill(
+        terminal(words), WIDTH, initial_indent=indent, subsequent_indent=f"{indent}  " if indent else "",
+        break_on_hyphens=False,
+    )  # fmt: skip

@@ -1,0 +1,210 @@
+"""Blast radii against the flows and rights that they sum up, and what keys of authorities open, one change each."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from keystore_audit.findings import Location
+from keystore_audit.model.blast_radius import NOTHING, BlastRadius, Radii
+from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.permission import members
+from keystore_audit.model.stolen_key import authorities, holding, holding_both, radius, radius_of_enclave
+from keystore_audit.model.system import System
+from tests.engine.systems import (
+    CHATTER,
+    GOVERNANCE,
+    IDENTITY_CA,
+    OTHER_TOPIC,
+    PERMISSIONS_CA,
+    TALKER_PERMISSIONS,
+    Builder,
+    healthy_builder,
+    random_system,
+    stock,
+)
+from tests.engine.test_flows import Definitions
+
+CHANNELS = (1 << CHATTER) | (1 << OTHER_TOPIC)
+
+
+def no_flow(attacker: Attacker, source: int, target: int, left_out: frozenset[int]) -> ClaimAtom:
+    return ClaimAtom(
+        id="x",
+        kind=ClaimKind.NO_FLOW,
+        attacker=attacker,
+        source=Place(enclaves=frozenset({source})),
+        target=Place(enclaves=frozenset({target})),
+        through=frozenset(),
+        left_out=left_out,
+        until=None,
+        location=Location(path="x"),
+    )
+
+
+@pytest.mark.parametrize("start", range(0, 120, 40))
+def test_every_enclave_reaches_whom_its_flows_reach(start: int) -> None:
+    reached = 0
+    for seed in range(start, start + 40):
+        system = random_system(seed)
+        left_out = frozenset(range(0, len(system.channels), 3)) if seed % 2 else frozenset()
+        radii, know = Radii(system, sum(1 << channel for channel in left_out)), Definitions(system)
+        for enclave in know.everybody:
+            acting = know.acts_as(enclave)
+            for attacker, found in ((Attacker.RELAYS, radii.reached), (Attacker.SOURCE, radii.reached_alone)):
+                told = {*members(found(enclave))} - acting
+                others = [other for other in know.everybody if other not in acting]
+                flows = {o for o in others if know.shortest(no_flow(attacker, enclave, o, left_out)) is not None}
+                assert told == flows, (seed, enclave, attacker)
+                reached += len(flows)
+    assert reached > 30
+
+
+@pytest.mark.parametrize("start", range(0, 200, 100))
+def test_rights_are_those_of_all_that_have_the_key(start: int) -> None:
+    for seed in range(start, start + 100):
+        system = random_system(seed)
+        radii, know = Radii(system, 0), Definitions(system)
+        for enclave in know.everybody:
+            every = [(e, realm) for e in know.acts_as(enclave) for realm in know.realms]
+            written = {c for e, realm in every for c in know.able("may_write", e, realm)}
+            forged = {c for e, realm in every for c in know.able("forges", e, realm)} - written
+            read = {c for e, r in every for what in ("may_read", "overhears") for c in know.able(what, e, r)}
+            told = radii.of(enclave)
+            assert ({*members(told.written)}, {*members(told.forged)}, {*members(told.read)}) == (written, forged, read)
+            assert told.passes_for == {system.enclaves[e].label for e in know.acts_as(enclave) - {enclave}}
+
+
+def of_key(system: System, certificate: int) -> BlastRadius:
+    key = system.certificates[certificate].key
+    return radius(system, 0, holding(system, key), key)
+
+
+def of_both(system: System, certificate: int) -> BlastRadius:
+    key = system.certificates[certificate].key
+    return radius(system, 0, holding_both(system, key), key)
+
+
+def test_an_enclave_has_its_own_rights_alone() -> None:
+    found = radius_of_enclave(healthy_builder().system(), 0, "/talker")
+    assert (found.written, found.forged, found.read) == (1 << CHATTER, 0, 0)
+    assert (found.reached, found.reached_alone, found.passes_for) == ({"/listener"}, {"/listener"}, frozenset())
+    assert found.beyond_itself
+    back = radius_of_enclave(healthy_builder().system(), 0, "/listener")
+    assert (back.reached, back.learns, back.beyond_itself) == (frozenset(), True, True)
+    assert radius_of_enclave(healthy_builder().system(), 0, "/nobody") == NOTHING
+
+
+def test_an_identity_authority_is_everybody_but_signs_no_rights() -> None:
+    found = of_key(healthy_builder().system(), IDENTITY_CA)
+    assert (found.written, found.read) == (1 << CHATTER, 1 << CHATTER)
+    assert found.passes_for == {"/talker", "/listener"}
+    assert found.reached == {"/listener"}
+
+
+def test_a_grant_that_names_nobody_here_is_an_identity_authoritys_too() -> None:
+    b = healthy_builder()
+    left = b.grant(TALKER_PERMISSIONS, [])
+    b.rule(left, [0], publish=[OTHER_TOPIC])
+    assert of_key(b.system(), IDENTITY_CA).written == CHANNELS
+    assert radius_of_enclave(b.system(), 0, "/talker").written == 1 << CHATTER
+
+
+def test_a_permissions_authority_alone_is_nobody() -> None:
+    system = healthy_builder().system()
+    alone, both = of_key(system, PERMISSIONS_CA), of_both(system, PERMISSIONS_CA)
+    assert not alone.beyond_itself
+    assert (alone.written, alone.read) == (0, 0)
+    assert (both.written, both.read) == (CHANNELS, CHANNELS)
+    assert both.passes_for == frozenset()
+
+
+def test_one_authority_for_both_is_everything() -> None:
+    system = stock()
+    found = of_key(system, 0)
+    assert (found.written, found.read) == (CHANNELS, CHANNELS)
+    assert found.passes_for == {"/talker", "/listener"}
+
+
+def below_the_permissions_authority(b: Builder) -> Builder:
+    """The identity CA is issued by the permissions CA, as where both are under one root."""
+    b.certificates[IDENTITY_CA] = replace(b.certificates[IDENTITY_CA], issuers=frozenset({PERMISSIONS_CA}))
+    return b
+
+
+@pytest.mark.parametrize("pins", [True, False])
+def test_where_signers_are_not_pinned_an_authority_below_signs_rights(pins: bool) -> None:
+    b = below_the_permissions_authority(healthy_builder())
+    b.pins_signer = pins
+    assert of_key(b.system(), IDENTITY_CA).written == (1 << CHATTER if pins else CHANNELS)
+
+
+def test_an_authority_that_may_not_issue_makes_nobody() -> None:
+    b = healthy_builder()
+    b.certificates[IDENTITY_CA] = replace(b.certificates[IDENTITY_CA], authority=False)
+    assert authorities(b.system(), b.certificates[IDENTITY_CA].key) == frozenset()
+    assert not of_key(b.system(), IDENTITY_CA).beyond_itself
+
+
+def test_an_enclave_with_an_authoritys_key_has_what_the_authority_has() -> None:
+    b = healthy_builder()
+    key = b.certificates[IDENTITY_CA].key
+    b.certificates[2] = replace(b.certificates[2], key=key)
+    found = radius_of_enclave(b.system(), 0, "/talker")
+    assert (found.read, found.passes_for) == (1 << CHATTER, {"/listener"})
+
+
+def test_a_key_of_two_enclaves_passes_for_the_other() -> None:
+    b = healthy_builder()
+    b.certificates[3] = replace(b.certificates[3], key=b.certificates[2].key)
+    found = radius_of_enclave(b.system(), 0, "/talker")
+    assert (found.passes_for, found.read, found.reached) == ({"/listener"}, 1 << CHATTER, frozenset())
+
+
+def test_keys_of_authorities_open_what_the_keys_below_them_open() -> None:
+    """On systems by chance: an identity authority's holder is as strong as each enclave that it vouches for."""
+    seen = 0
+    for seed in range(150):
+        system = random_system(seed)
+        if system.has_doubt:
+            continue
+        know = Definitions(system)
+        for realm in know.realms:
+            for authority in sorted(system.realms[realm].identity_ca):
+                if not system.certificates[authority].authority:
+                    continue
+                found = of_key(system, authority)
+                for number, enclave in enumerate(system.enclaves):
+                    if enclave.identity is None or authority not in system.certificates[enclave.identity].issuers:
+                        continue
+                    view = know.view[realm]
+                    if not view.authenticated(number) or view.self_granting(number):
+                        continue
+                    assert know.able("may_write", number, realm) <= {*members(found.written)}, seed
+                    assert know.able("may_read", number, realm) <= {*members(found.read)}, seed
+                    seen += 1
+    assert seen > 100
+
+
+def test_everything_of_the_holder_is_new_and_the_rest_stays() -> None:
+    for seed in range(60):
+        system = random_system(seed)
+        for certificate in range(len(system.certificates)):
+            held = holding_both(system, system.certificates[certificate].key)
+            assert held.enclaves[: len(system.enclaves)] == system.enclaves
+            assert held.certificates[: len(system.certificates)] == system.certificates
+            added = held.enclaves[len(system.enclaves) :]
+            assert {held.certificates[e.identity].key for e in added if e.identity is not None} <= {
+                system.certificates[certificate].key
+            }
+            for before, after in zip(system.grants, held.grants, strict=True):
+                assert before.names <= after.names
+                assert after.names - before.names <= {*range(len(system.certificates), len(held.certificates))}
+
+
+def test_the_governance_counts_whatever_the_key() -> None:
+    b = healthy_builder()
+    b.documents[GOVERNANCE] = replace(b.documents[GOVERNANCE], intact=False)
+    assert of_key(b.system(), IDENTITY_CA).written == 0
+    assert of_both(b.system(), PERMISSIONS_CA).written == 0
