@@ -28,6 +28,8 @@ test)
     has_header g++ fastrtps/config.h c++ || missing="$missing libfastrtps-dev"
     ldconfig -p 2>/dev/null | grep -q libACE-7 || missing="$missing libace-7.0.8"  # OpenDDS's matcher
     has_header gcc dds/ddsrt/xmlparser.h c || missing="$missing cyclonedds-dev"
+    command -v chromium >/dev/null || missing="$missing chromium"                  # opens the HTML report
+    command -v pdftotext >/dev/null || missing="$missing poppler-utils"            # reads what it prints
     ;;
 *)
     echo "usage: system.sh venv|test PYTHON" >&2

@@ -29,19 +29,25 @@ from keystore_audit.model.window import Window
 MAX_NEIGHBOURHOODS: Final = 400
 """Enclaves whose neighbours are looked for: each is held against each, and nobody looks at more pictures."""
 
+MAX_VIEWS: Final = 10_000
+"""Pairs of an enclave and a realm beyond which no neighbours are looked for: hundreds of enclaves, each with a
+governance file of its own."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Overview:
     """`access`: in one domain; None where that could not be worked out, and `refused` says why (a sentence).
 
     `allowances`: by enclave path, under the profiles of the table's last group, as `neighbourhoods` are, of which there
-    are at most MAX_NEIGHBOURHOODS. `ambient`: names (bit set) that those leave out.
+    are at most MAX_NEIGHBOURHOODS, or none, and `undrawn` says why (a sentence). `ambient`: names (bit set) that those
+    leave out.
     """
 
     access: AccessTable | None
     refused: str
     allowances: Mapping[str, tuple[Allowance, ...]]
     neighbourhoods: tuple[Neighbourhood, ...]
+    undrawn: str
     ambient: int
     issuance: Issuance
     periods: tuple[Period, ...]
@@ -72,12 +78,15 @@ def overview(
     points = [(name.topic, name.partition) for name in table.names]
     builder = SystemBuilder(keystore, [shown], at, accesses, points)
     window = Window(builder.channels, table.domain, len(points))
+    system = builder.systems()[0]
+    many = len(system.realms) * len(system.enclaves) > MAX_VIEWS
     ambient = bits(number for number, name in enumerate(table.names) if name.topic in AMBIENT and not name.several)
     return Overview(
         access=table,
         refused="",
         allowances=allowances(keystore.enclaves, shown, LocalRights(accesses, builder.channels, at), window),
-        neighbourhoods=neighbourhoods(builder.systems()[0], window, ambient, MAX_NEIGHBOURHOODS),
+        neighbourhoods=() if many else neighbourhoods(system, window, ambient, MAX_NEIGHBOURHOODS),
+        undrawn=f"{len(system.realms)} ways to trust are too many to hold each enclave against each." if many else "",
         ambient=ambient,
         issuance=issued,
         periods=dates,
@@ -90,6 +99,7 @@ def _nothing(why: str, issued: Issuance | None = None, dates: tuple[Period, ...]
         refused=why,
         allowances={},
         neighbourhoods=(),
+        undrawn=why,
         ambient=0,
         issuance=issued or Issuance(certificates=(), unsigned=()),
         periods=dates,

@@ -13,7 +13,7 @@ from tests.keystore.builder import GOVERNANCE, Signed, authority, certificate, s
 AT = "2026-11-21T12:00:00Z"
 """Within every sample's and every built document's validity."""
 
-_DOCUMENT = """<?xml version="1.0" encoding="UTF-8"?>
+DOCUMENT = """<?xml version="1.0" encoding="UTF-8"?>
 <dds>
   <permissions>
     <grant name="g">
@@ -50,7 +50,7 @@ def keystore(
 ) -> Path:
     """A keystore of two authorities whose enclaves have these rules."""
     documents = {
-        path: _DOCUMENT.format(path=path, rules="\n".join(rules), default=default).encode()
+        path: DOCUMENT.format(path=path, rules="\n".join(rules), default=default).encode()
         for path, rules in enclaves.items()
     }
     return signed_keystore(root, documents, governance=governance)
@@ -61,13 +61,14 @@ def signed_keystore(root: Path, documents: Mapping[str, bytes], *, governance: b
     identity, permissions = authority("identityCA"), authority("permissionsCA")
     for path, document in documents.items():
         own = certificate(path, identity)
-        _write(root / "enclaves" / path.strip("/"), own, document, identity, permissions, governance)
+        write_enclave(root / "enclaves" / path.strip("/"), own, document, identity, permissions, governance)
     return root
 
 
-def _write(
+def write_enclave(
     directory: Path, own: Signed, document: bytes, identity: Signed, permissions: Signed, governance: bytes
 ) -> None:
+    """An enclave's folder with copies of all that it needs."""
     directory.mkdir(parents=True)
     for name, content in (
         ("cert.pem", own.pem),

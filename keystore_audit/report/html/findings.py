@@ -14,6 +14,9 @@ from keystore_audit.text import shorten
 MAX_OF_RULE: Final = 30
 """Findings of one rule that are shown; a defect of 1,000 files is understood from a few."""
 
+MAX_SEEN: Final = 4
+"""Findings of one rule that are seen without a click."""
+
 MAX_PLACES: Final = 8
 """Places shown of one finding."""
 
@@ -53,9 +56,13 @@ def _rule(sheet: Sheet, rank: int, found: Sequence[Finding], consequences: Conse
     many = element("span", f"×{len(found)}", class_="many") if len(found) > 1 else NOTHING
     title = joined([severity(worst), code, element("strong", found[0].name), many])
     shown = found[:MAX_OF_RULE]
-    body = [_finding(sheet, finding, worst, consequences) for finding in shown]
-    if len(found) > len(shown):
-        body.append(element("p", f"{len(found) - len(shown)} more not shown. {FULL}", class_="soft"))
+    told = [_finding(sheet, finding, worst, consequences) for finding in shown]
+    left_out = len(found) - len(shown)
+    rest = [element("p", f"{left_out} more not shown. {FULL}", class_="soft")] if left_out else []
+    seen = len(told) if len(told) <= MAX_SEEN + 1 else MAX_SEEN
+    body = told[:seen]
+    if told[seen:]:
+        body.append(folded(f"{len(found) - seen} more alike", lines([*told[seen:], *rest]), class_="more"))
     advice = [_advice(clause, remedy) for clause, remedy in dict.fromkeys((f.clause, f.remedy) for f in shown)]
     open_ = list(Severity)[rank] in _OPEN
     return folded(title, element("div", lines([*body, *advice]), class_="rule"), open_=open_, class_="findings")

@@ -55,8 +55,9 @@ class _Line:
 def flows(sheet: Sheet, overview: Overview) -> Html:
     """Return a picture for each enclave, folded; by namespace where there are many."""
     table = overview.access
-    if table is None:
-        return element("p", f"The flows were not worked out: {overview.refused}", class_="soft")
+    if table is None or overview.undrawn:
+        words = f"The flows were not drawn: {overview.undrawn} `keystore-audit flow` answers for each."
+        return element("p", words, class_="soft")
     shown = overview.neighbourhoods[:MAX_PICTURES]
     ambient = ", ".join(sorted({label(table, number) for number in members(overview.ambient)}))
     intro = (
@@ -80,14 +81,15 @@ def _by_namespace(pictures: Sequence[tuple[Neighbourhood, Html]]) -> list[Html]:
         spaces.setdefault(each.path.rpartition("/")[0], []).append(picture)
     if len(pictures) <= 24 or len(spaces) == 1:
         return [element("div", lines(picture for _each, picture in pictures), class_="pictures")]
-    return [
+    drawn = (
         folded(
             joined([name(f"{space}/"), f" {counted(len(each), 'enclave')}"]),
             element("div", lines(each), class_="pictures"),
             class_="space",
         )
         for space, each in spaces.items()
-    ]
+    )
+    return [element("div", lines(drawn), class_="spaces-list")]
 
 
 def _folded(sheet: Sheet, table: AccessTable, flow: Neighbourhood) -> Html:
@@ -211,12 +213,12 @@ def _box(table: AccessTable, hop: Hop) -> list[_Line]:
 def _peer_rows(hop: Hop) -> list[str]:
     """The peers, comma by comma, on a few lines."""
     rows = [""]
-    peers = [ANYBODY if peer is None else shorten(terminal(peer), _FIT - 2) for peer in hop.peers]
-    for number, peer in enumerate(peers):
-        text = peer + (", " if number + 1 < len(peers) else "")
+    for number, peer in enumerate(hop.peers):
+        shown = ANYBODY if peer is None else shorten(terminal(peer), _FIT - 2)
+        text = shown + (", " if number + 1 < len(hop.peers) else "")
         if rows[-1] and len(rows[-1]) + len(text) > _FIT:
             if len(rows) == MAX_NAMES - 1:
-                rows[-1] = shorten(f"{rows[-1]}and {len(peers) - number} more", _FIT)
+                rows[-1] = shorten(f"{rows[-1]}and {len(hop.peers) - number} more", _FIT)
                 return rows
             rows.append("")
         rows[-1] += text

@@ -30,6 +30,12 @@ MAX_TOGETHER: Final = 14
 MAX_CELLS: Final = 12_000
 """Cells of all matrices: what a browser shows at once without effort."""
 
+MAX_OPEN: Final = 3
+"""Kinds of namespaces up to which their matrices are seen without a click."""
+
+MAX_ALIKE: Final = 300
+"""Namespaces that are named where many are alike."""
+
 MAX_NAMED: Final = 12
 """Enclaves or lines that are named for one column or cell."""
 
@@ -120,14 +126,38 @@ class _Drawing:
         if not self._many:
             yield self._matrix([column for paths in spaces.values() for column in self._columns(paths)])
             return
+        kinds: dict[object, list[str]] = {}
         for space, paths in spaces.items():
-            columns = self._columns(paths)
-            drawn = [
-                self._matrix(columns[start : start + MAX_COLUMNS]) for start in range(0, len(columns), MAX_COLUMNS)
-            ]
-            alike = f", {counted(len(columns), 'kind')}" if len(columns) < len(paths) else ""
-            head = joined([name(f"{space}/"), f" {counted(len(paths), 'enclave')}{alike}"])
-            yield folded(head, lines(drawn), open_=len(spaces) == 1, class_="space")
+            kinds.setdefault(self._kind(space, paths), []).append(space)
+        drawn = [self._space(alike, spaces[alike[0]], open_=len(kinds) <= MAX_OPEN) for alike in kinds.values()]
+        yield element("div", lines(drawn), class_="spaces-list")
+
+    def _kind(self, space: str, paths: Sequence[str]) -> object:
+        """What its enclaves may do, with the namespace's own name taken out: equal for robots that are alike."""
+        own = f"{space}/"
+        kind = []
+        for path in paths:
+            enclave = self._group.enclaves[path]
+            rights = (
+                (row.label.replace(own, "\0"), row.sort, row.safeguards, words)
+                for row, words in ((self._rows[number], words) for number, words in self._done.get(path, ()))
+            )
+            kind.append((path.removeprefix(own), enclave.usable, enclave.reasons, frozenset(rights)))
+        return tuple(kind) if space else (space, *kind)
+
+    def _space(self, alike: Sequence[str], paths: Sequence[str], *, open_: bool) -> Html:
+        """The matrices of one namespace, which stands for those that are alike."""
+        columns = self._columns(paths)
+        parts = [self._matrix(columns[start : start + MAX_COLUMNS]) for start in range(0, len(columns), MAX_COLUMNS)]
+        kinds = f", {counted(len(columns), 'kind')}" if len(columns) < len(paths) else ""
+        others = f", and {counted(len(alike) - 1, 'namespace')} alike" if len(alike) > 1 else ""
+        head = joined([name(f"{alike[0]}/"), f" {counted(len(paths), 'enclave')}{kinds}{others}"])
+        if others:
+            named = [name(f"{space}/") for space in alike[1:MAX_ALIKE]]
+            if len(alike) > MAX_ALIKE:
+                named.append(element("span", f"and {len(alike) - MAX_ALIKE} more"))
+            parts.append(folded("Alike, but for the namespace's own name", items(named, class_="names"), class_="more"))
+        return folded(head, lines(parts), open_=open_, class_="space")
 
     def _columns(self, paths: Sequence[str]) -> list[_Column]:
         """Enclaves that are alike together, unless there are few."""

@@ -1,0 +1,282 @@
+"""The HTML report: markup that no name can change, what it says, how large it grows, its colours."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from base64 import b64encode
+from collections.abc import Callable
+from hashlib import sha256
+from pathlib import Path
+
+import lxml.html
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from lxml import etree
+
+from keystore_audit import text as escaping
+from keystore_audit.findings import Severity
+from keystore_audit.report.content import Report, Verdict
+from keystore_audit.report.html import element as html
+from keystore_audit.report.html import render
+from tests.cli.keystores import AT, answer, keystore, rule
+from tests.report.attacks import PAYLOADS, attacks
+from tests.report.robots import robots
+
+MakeReport = Callable[..., Report]
+
+HOSTILE = st.text(st.characters(), max_size=30) | st.sampled_from(PAYLOADS)
+MARKUP = re.compile(r"<(/?)([a-zA-Z][a-zA-Z0-9]*)((?:\s+[A-Za-z-]+=\"[^\"<>]*\")*)\s*>")
+
+
+def document(page: str) -> etree._Element:
+    return lxml.html.document_fromstring(page)
+
+
+def words(tree: etree._Element) -> str:
+    """Text as it is read: each element's words by themselves."""
+    return " ".join(word for text in tree.itertext() for word in text.split())
+
+
+@pytest.fixture(scope="module")
+def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return attacks(tmp_path_factory.mktemp("hostile"))
+
+
+def page_of(root: Path, *options: str) -> str:
+    _code, page = answer("audit", root, "--engine", "native", "--at", AT, "-f", "html", *options)
+    return page
+
+
+class TestElements:
+    def test_text_is_escaped_and_what_is_hidden_is_visible(self) -> None:
+        made = html.element("p", "<b>\u202e&\x00", html.element("b", '"'), class_="soft")
+        assert made.markup == '<p class="soft">&lt;b&gt;\\u202e&amp;\\x00<b>&quot;</b></p>'
+
+    @pytest.mark.parametrize("tag", ["script", "style", "iframe", "object", "embed", "form", "img", "base", "template"])
+    def test_there_is_no_way_to_write_what_runs_or_fetches(self, tag: str) -> None:
+        with pytest.raises(ValueError, match="no page needs the element"):
+            html.element(tag)
+
+    @pytest.mark.parametrize("attribute", ["onclick", "onload", "style", "src", "srcdoc", "action", "ping", "title"])
+    def test_there_is_no_attribute_that_runs_fetches_or_holds_a_name(self, attribute: str) -> None:
+        with pytest.raises(ValueError, match="no page needs the attribute"):
+            html.element("p", **{attribute: "x"})
+
+    @pytest.mark.parametrize("value", ['a"b', "a<b", "a&b", "a\nb", "\u202e", "a\x00"])
+    def test_an_attribute_takes_no_text_of_others(self, value: str) -> None:
+        with pytest.raises(ValueError, match="is no value"):
+            html.element("p", class_=value)
+
+    @pytest.mark.parametrize(
+        "address", ["javascript:x", "http://example.invalid", "//example.invalid", "x.html", "#a b"]
+    )
+    def test_links_stay_on_the_page(self, address: str) -> None:
+        with pytest.raises(ValueError, match="is no value"):
+            html.element("a", href=address)
+
+    def test_a_style_sheet_cannot_end_early(self) -> None:
+        with pytest.raises(ValueError, match="no markup"):
+            html.style("a{} </style><script>")
+
+    @given(HOSTILE)
+    def test_what_is_shown_is_the_text_as_a_terminal_shows_it(self, text: str) -> None:
+        tree = lxml.html.fragment_fromstring(html.element("p", text).markup)
+        assert (tree.tag, len(tree), tree.text or "") == ("p", 0, escaping.terminal(text))
+
+
+class TestHostileNames:
+    @given(name=HOSTILE)
+    def test_every_tag_is_one_that_the_page_is_made_of(self, name: str, make_report: MakeReport) -> None:
+        """By a pattern, not by a parser that repairs: what is not a tag of ours holds no angle bracket at all."""
+        page = render([make_report(name)])
+        body = page[page.index("</style>") :].removeprefix("</style>")
+        assert not set(MARKUP.sub("", body)) & set("<>")
+        plain = render([make_report("talker")])
+        tags = {(tag, *re.findall(r"([A-Za-z-]+)=", rest)) for _end, tag, rest in MARKUP.findall(page)}
+        assert tags <= {(tag, *re.findall(r"([A-Za-z-]+)=", rest)) for _end, tag, rest in MARKUP.findall(plain)}
+
+    @given(name=HOSTILE)
+    def test_no_attribute_depends_on_a_name(self, name: str, make_report: MakeReport) -> None:
+        def attributes(page: str) -> set[str]:
+            return {rest for _end, _tag, rest in MARKUP.findall(page)}
+
+        assert attributes(render([make_report(name)])) == attributes(render([make_report("talker")]))
+
+    def test_a_whole_keystore_of_them(self, hostile: Path) -> None:
+        page = page_of(hostile)
+        tree = document(page)
+        assert not tree.xpath("//script|//iframe|//img|//object|//embed|//form|//base|//*[@style]|//*[@src]")
+        assert {key for node in tree.iter(etree.Element) for key in node.attrib if key.startswith("on")} == set()
+        assert all(link.startswith("#") for link in tree.xpath("//a/@href"))
+        shown = words(tree)
+        for payload in ("<script>document.title='executed'</script>", "</style><style>*{display:none}</style>"):
+            assert shown.count(payload) > 3, payload  # in findings, the matrix, the flow, the certificates
+
+    def test_the_policy_allows_the_one_style_sheet_and_nothing_else(self, hostile: Path) -> None:
+        page = page_of(hostile)
+        policy = str(document(page).xpath("//meta[@http-equiv='Content-Security-Policy']/@content")[0])
+        sheet = page[page.index("<style>") + len("<style>") : page.index("</style>")]
+        digest = b64encode(sha256(sheet.encode()).digest()).decode()
+        assert policy.split("; ") == [
+            "default-src 'none'",
+            "script-src 'none'",
+            f"style-src 'sha256-{digest}'",
+            "img-src data:",
+            "base-uri 'none'",
+            "form-action 'none'",
+        ]
+        assert "url(" not in sheet
+        assert "@import" not in sheet
+
+
+class TestWhatIsSaid:
+    def test_the_verdict_and_what_it_rests_on(self, make_report: MakeReport) -> None:
+        report = make_report()
+        shown = words(document(render([report])))
+        for sentence in (
+            "Fail",
+            "This answer holds until 2025-06-20T00:00:00Z: the identity certificate of /listener expires.",
+            "Weakened gate: --at 2025-06-01T00:00:00Z.",
+            "ROS_SECURITY_ENABLE=true and ROS_SECURITY_STRATEGY=Enforce on every robot.",
+            "Not checked Timing. The nodes.",
+            "The alloy engine 6.2.0 answered. The native engine answered.",
+            "accepted until 2026-01-01 by me (baseline.json): no Cyclone",
+        ):
+            assert sentence in shown
+
+    def test_findings_hang_under_their_cause_and_hold_for_whom_it_is_said(self, make_report: MakeReport) -> None:
+        tree = document(render([make_report()]))
+        rules = tree.xpath("//section[@class='findings']/details/summary")
+        heads = ["".join(each.xpath("./strong/text()")) for each in rules]
+        assert heads == [
+            "signed-by-an-identity",
+            "certificate-expires-soon",
+            "ca-private-key-in-tree",
+            "Accepted, not counted",
+        ]
+        first = words(rules[0].getparent())
+        assert "under cyclonedds-0.10" in first
+        assert "the property no-enclave-grants-itself-rights is violated, for example:" in first
+        assert first.count("Sign the document again with the key of the permissions CA.") == 1
+
+    def test_what_is_hidden_is_counted_and_the_verdict_stays(self, make_report: MakeReport) -> None:
+        shown = words(document(render([make_report()], Severity.HIGH)))
+        assert "3 findings below --min-severity not shown." in shown
+        assert "The identity certificate of /listener expires" not in shown.split("Properties")[0].split("Findings")[-1]
+
+    def test_a_counterexample_is_told_with_its_lines(self, make_report: MakeReport) -> None:
+        section = words(document(render([make_report()])).xpath("//section[@class='properties']")[0])
+        assert "violated under cyclonedds-0.10 /talker can sign a document for itself." in section
+        assert "/talker domain 0, topic rt/talker enclaves/talker/permissions.p7s:41" in section
+
+    @pytest.mark.parametrize("verdict", list(Verdict))
+    def test_each_verdict_has_a_shape_and_a_word(self, verdict: Verdict, make_report: MakeReport) -> None:
+        tree = document(render([make_report(verdict=verdict)]))
+        stamp = tree.xpath("//div[@class='stamp']//span[contains(@class, 'verdict')]")[0]
+        shape = {Verdict.PASS: "✓", Verdict.FAIL: "✗", Verdict.INCOMPLETE: "?"}[verdict]
+        assert words(stamp) == f"{shape} {verdict.value.capitalize()}"
+        assert tree.findtext(".//title") == f"{verdict.value.upper()}: ./keys/talker (keystore-audit)"
+
+    def test_several_keystores_are_one_page_whose_ids_are_unique(self, make_report: MakeReport) -> None:
+        tree = document(render([make_report("one"), make_report("two", verdict=Verdict.PASS)]))
+        ids = tree.xpath("//@id")
+        assert len(ids) == len(set(ids))
+        assert {link[1:] for link in tree.xpath("//a/@href")} <= set(ids)
+        assert "2 keystores: 1 pass, 1 fail, 0 incomplete" in words(tree)
+
+    def test_every_right_of_the_matrix_names_the_line_that_gives_it(self, tmp_path: Path) -> None:
+        root = keystore(tmp_path, {"/a": (rule(("rt/t",), ("rt/u",)),), "/b": (rule(("rt/u",), ("rt/t",)),)})
+        tree = document(page_of(root))
+        section = tree.xpath("//section[@class='access']")[0]
+        cells = section.xpath(".//td[@class='right']")
+        told = sorted(words(cell) for cell in cells)
+        document_lines = (tmp_path / "enclaves/a/permissions.p7s").read_text("utf-8").splitlines()
+        line = next(number for number, text in enumerate(document_lines, start=1) if "<allow_rule>" in text)
+        assert told == [
+            f"{short} {who} may {word} {topic} enclaves{who}/permissions.p7s:{line} line {line} is the first rule that "
+            f"matches, and it allows {doing}"
+            for short, who, word, doing, topic in (
+                ("pub", "/a", "publish", "publishing", "/t"),
+                ("pub", "/b", "publish", "publishing", "/u"),
+                ("sub", "/a", "subscribe", "subscribing", "/u"),
+                ("sub", "/b", "subscribe", "subscribing", "/t"),
+            )
+        ]
+        assert all(cell.get("tabindex") == "0" for cell in cells)
+
+    def test_a_flow_is_drawn_from_the_left_to_the_right(self, tmp_path: Path) -> None:
+        root = keystore(tmp_path, {"/a": (rule(("rt/t",)),), "/b": (rule((), ("rt/t",)),), "/c": (rule(("rt/t",)),)})
+        picture = document(page_of(root)).xpath("//details[@class='flow'][.//code='/b']//svg")[0]
+        left = [each.text for each in picture.xpath(".//text[@class='peer' and @x < 300]")]
+        right = [each.text for each in picture.xpath(".//text[@x > 600]")]
+        assert left[0] == "/a, /c"
+        assert right == ["nobody hears it"]
+
+    def test_profiles_that_always_agree_are_one_column(self, repository: Path) -> None:
+        section = document(page_of(repository / "sample_keystores/stock/talker_listener")).xpath(
+            "//section[@class='profiles']"
+        )[0]
+        heads = [words(head) for head in section.xpath(".//table/thead//th")]
+        assert heads == [
+            "spec fastdds-2.6 fastdds-2.14 fastdds-3.2 fastdds-3.6 cyclonedds-11",
+            "cyclonedds-0.10",
+        ]
+        assert "peers accept besides from every enclave: publish, subscribe, relay every topic." in words(section)
+
+    def test_the_chain_and_the_dates(self, repository: Path) -> None:
+        tree = document(page_of(repository / "sample_keystores/healthy/vehicle"))
+        chain = words(tree.xpath("//section[@class='certificates']")[0])
+        assert "CN=identityCA" in chain
+        assert "identity CA of 5 enclaves" in chain
+        assert "issued 5 certificates" in chain
+        assert "signed 6 documents" in chain
+        dates = words(tree.xpath("//section[@class='dates']//svg")[0])
+        assert "5 identity certificates" in dates
+        assert "safe until" in dates
+
+    def test_without_an_overview_the_rest_is_there(self, make_report: MakeReport) -> None:
+        tree = document(render([make_report()]))
+        assert tree.xpath("//section/@class") == ["findings", "properties", "starting", "profiles"]
+
+    def test_one_has_an_overview_only_if_it_is_drawn(self, repository: Path, tmp_path: Path) -> None:
+        root = repository / "sample_keystores/healthy/talker_listener"
+        wanted = tmp_path / "report.html"
+        _code, said = answer("audit", root, "--engine", "native", "--at", AT, "-f", "json", "-o", f"html={wanted}")
+        assert "overview" not in said
+        assert wanted.read_text("utf-8") == page_of(root)
+
+
+class TestSize:
+    @pytest.mark.parametrize(("enclaves", "elements", "size"), [(4, 1500, 150_000), (50, 12_000, 800_000)])
+    def test_it_grows_with_the_keystore(self, enclaves: int, elements: int, size: int, tmp_path: Path) -> None:
+        page = page_of(robots(tmp_path, enclaves))
+        assert len(page.encode()) < size
+        assert len(MARKUP.findall(page)) / 2 < elements
+
+    @pytest.mark.slow
+    def test_300_enclaves_are_one_page_still(self, tmp_path: Path) -> None:
+        page = page_of(robots(tmp_path, 300))
+        assert len(page.encode()) < 2_500_000
+        assert len(MARKUP.findall(page)) / 2 < 60_000
+        shown = words(document(page).xpath("//section[@class='access']")[0])
+        assert "/robot_01/ 5 enclaves, and 58 namespaces alike" in shown
+        assert "/robot_59/" in shown
+
+    def test_the_same_bytes_whatever_the_hash_seed(self, repository: Path) -> None:
+        command = [sys.executable, "-m", "keystore_audit", "audit", "--engine", "native", "--at", AT, "-f", "html"]
+        root = str(repository / "sample_keystores/stock/sample_policy")
+        pages = {
+            subprocess.run(
+                [*command, root],
+                capture_output=True,
+                check=False,
+                cwd=repository,
+                env={"PYTHONHASHSEED": seed, "PATH": "/usr/bin"},
+            ).stdout
+            for seed in ("1", "2")
+        }
+        assert len(pages) == 1
+        assert len(next(iter(pages))) > 10_000
