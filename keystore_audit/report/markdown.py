@@ -15,6 +15,9 @@ from keystore_audit.text import markdown, shorten
 MAX_LENGTH: Final = 60_000
 """Characters of the whole; the comments of code hosting services take 65,536."""
 
+LEAST: Final = 2_000
+"""Characters that the report of a keystore takes at least."""
+
 MAX_OPEN: Final = 10
 """Findings that are shown without unfolding."""
 
@@ -42,6 +45,8 @@ def render(reports: Sequence[Report], min_severity: Severity) -> str:
     Of more reports than a comment holds all are listed and the worst are told, as many as fit.
     """
     budget = MAX_LENGTH // max(len(reports), 1)
+    if budget < LEAST:
+        return _worst(reports, min_severity)
     told = [_report(report, min_severity, budget) for report in reports]
     if sum(map(len, told)) + len(told) <= MAX_LENGTH:
         return "\n".join(told)

@@ -1,0 +1,173 @@
+"""Reports larger than what services take: cut, and what is cut is said."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import random
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from keystore_audit.cli.formats import rule_entries
+from keystore_audit.findings import Severity, Suppression
+from keystore_audit.properties.counterexample import Counterexample, Step
+from keystore_audit.report import junit, markdown, sarif
+from keystore_audit.report.content import Report, Verdict
+from tests.report.sarif_schema import schema
+
+MakeReport = Callable[..., Report]
+
+COMMENT = 65_536
+"""Characters that the comments of code hosting services take."""
+
+
+def logged(*reports: Report) -> tuple[str, list[dict[str, Any]]]:
+    text = sarif.render(reports, rule_entries())
+    return text, json.loads(text)["runs"]
+
+
+def notes(run: dict[str, Any]) -> str:
+    return " ".join(note["message"]["text"] for note in run["invocations"][0]["toolExecutionNotifications"])
+
+
+def many(report: Report, count: int, seed: int = 1) -> Report:
+    """So many findings, as hard to compress as names can make them."""
+    chance = random.Random(seed)
+    (first, *_rest) = report.findings
+    names = (f"{chance.getrandbits(3200):0800x}" for _ in range(count))
+    return replace(report, findings=tuple(replace(first, message=name, fingerprint=name[:64]) for name in names))
+
+
+def test_sarif_stays_below_its_size_and_says_what_is_left_out(
+    make_report: MakeReport, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert sarif.MAX_COMPRESSED == 10_000_000
+    monkeypatch.setattr(sarif, "MAX_COMPRESSED", 2_000_000)
+    report = many(make_report(), 6_000)
+    text, (run,) = logged(report)
+    packed = len(gzip.compress(text.encode(), 6, mtime=0))
+    assert 1_500_000 < packed < 2_000_000
+    kept = len(run["results"])
+    assert 0 < kept < 6_000
+    assert f"{6_000 - kept} more findings are left out" in notes(run)
+    assert [r["partialFingerprints"]["keystoreAudit/v1"] for r in run["results"][:50]] == [
+        finding.fingerprint for finding in report.findings[:50]
+    ]
+
+
+def test_runs_share_the_room(make_report: MakeReport, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sarif, "MAX_COMPRESSED", 2_000_000)
+    reports = [many(make_report(), 2_000, seed) for seed in (1, 2, 3)]
+    text, runs = logged(*reports)
+    assert len(gzip.compress(text.encode(), 6, mtime=0)) < 2_000_000
+    assert all(0 < len(run["results"]) < 2_000 for run in runs)
+
+
+def test_what_compresses_is_not_cut_before_it_has_to(make_report: MakeReport) -> None:
+    report = make_report()
+    alike = replace(report, findings=report.findings[:1] * 25_001)
+    _text, (run,) = logged(alike)
+    assert len(run["results"]) == 25_000
+    assert "1 more findings are left out" in notes(run)
+
+
+def test_more_runs_than_a_service_takes_are_said_in_each(make_report: MakeReport) -> None:
+    _text, runs = logged(*[make_report()] * 21)
+    assert len(runs) == 21
+    assert all("This log has 21 runs, and code scanning services take 20" in notes(run) for run in runs)
+    assert all(len(run["results"]) == len(make_report().findings) for run in runs)
+    _text, (first, *_rest) = logged(*[make_report()] * 20)
+    assert "runs" not in notes(first)
+
+
+def test_long_ways_are_cut_and_said(make_report: MakeReport) -> None:
+    report = make_report()
+    step = Step(enclave="/a", channel="domain 0, topic rt/a", witness="rt/a", path="enclaves/a/permissions.p7s", line=3)
+    way = Counterexample(text="Long.", steps=(step,) * 1_500)
+    first, second = report.properties
+    answers = {name: replace(answer, counterexample=way) for name, answer in second.profiles.items()}
+    _text, (run,) = logged(replace(report, properties=(first, replace(second, profiles=answers))))
+    (flow,) = (flow for result in run["results"] for flow in result.get("codeFlows", []))
+    assert len(flow["threadFlows"][0]["locations"]) == 1_000
+    assert "the first 1000 steps are told" in notes(run)
+
+
+def accepted(report: Report, count: int, words: str) -> Report:
+    """With so many findings that somebody accepts."""
+    mark = Suppression(reason=words, until="2027-01-31", owner=words, source="b.toml:1")
+    (first, *rest) = report.findings
+    some = tuple(replace(first, message=f"{number} {words}", suppressed=mark) for number in range(count))
+    return replace(report, findings=(*rest, *some))
+
+
+HOSTILE = st.sampled_from(["a", "\u202e" * 300, "<b>" * 400, "|" * 4000, "x\n" * 2000, "[a](b)" * 200])
+
+
+@settings(max_examples=25, derandomize=True, deadline=None)
+@given(words=HOSTILE, count=st.sampled_from([0, 1, 9, 10, 11, 300]), keystores=st.sampled_from([1, 2, 7, 30, 250]))
+def test_markdown_fits_into_a_comment_whatever_there_is(
+    words: str, count: int, keystores: int, make_report: MakeReport
+) -> None:
+    report = accepted(make_report(), count, words)
+    report = replace(
+        report,
+        keystore=words,
+        findings=report.findings * (1 + count // 10),
+        properties=report.properties * (1 + count // 4),
+        weakened=tuple(f"--ignore KA{number} {words}" for number in range(count)),
+        safe_until_why=words,
+        verdict=Verdict.FAIL,
+    )
+    text = markdown.render([report] * keystores, Severity.INFO)
+    assert len(text) <= COMMENT
+    assert text.count("<details>") == text.count("</details>")
+    assert "fail" in text.lower()
+
+
+def test_markdown_counts_what_it_does_not_show(make_report: MakeReport) -> None:
+    report = accepted(make_report(), 2_000, "so")
+    text = markdown.render([report], Severity.INFO)
+    shown = text.count("\n- Accepted until")
+    assert 0 < shown < 2_001
+    assert f"{2_001 - shown} more accepted findings are in the full report." in text
+    assert "2001 accepted" in text.split("\n")[2]
+
+
+def test_markdown_tells_the_worst_of_many_keystores(make_report: MakeReport) -> None:
+    reports = [make_report(keystore=f"robot{n}", verdict=Verdict.PASS) for n in range(150)]
+    reports[77] = make_report(keystore="bad", verdict=Verdict.INCOMPLETE)
+    text = markdown.render(reports, Severity.INFO)
+    lines = text.split("\n")
+    assert lines[0] == "## keystore-audit: 150 keystores"
+    assert lines[4].startswith("| bad | incomplete |")
+    assert "50 more keystores are in the full report." in text
+    assert "## keystore-audit: INCOMPLETE" in text
+    assert "keystores are told in the full report alone." in text
+
+
+@pytest.mark.parametrize("count", [10, 11])
+def test_ten_findings_are_open_and_the_rest_is_folded(count: int, make_report: MakeReport) -> None:
+    report = make_report()
+    text = markdown.render([replace(report, findings=report.findings[:1] * count)], Severity.INFO)
+    assert ("More findings" in text) is (count > 10)
+    assert text.count("KA302") >= count
+
+
+def test_junit_of_many_cases_keeps_those_that_matter(make_report: MakeReport, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(junit, "MAX_CASES", 2)
+    text = junit.render([make_report()])
+    assert 'name="cases that passed and are left out" value="1"' in text
+    assert text.count("<failure") == 1
+
+
+def test_a_log_that_was_cut_is_valid(make_report: MakeReport) -> None:
+    import jsonschema
+
+    text, (run,) = logged(many(make_report(), 40))
+    run["tool"]["driver"]["rules"] = []
+    jsonschema.Draft7Validator(schema()).validate({**json.loads(text), "runs": [run]})
