@@ -406,3 +406,20 @@ def test_nothing_accepts_an_undecided_audit(tmp_path: Path) -> None:
     open_rules = {each["rule"] for each in after["outcomes"] if each["outcome"] == "open"}
     assert open_rules
     assert not [each for each in after["findings"] if each["suppressed"] and each["code"].startswith("KA9")]
+
+
+def test_what_is_asserted_under_the_same_name_is_another_thing_once_it_means_another(tmp_path: Path) -> None:
+    """Accepted by its fingerprint; then the assertion is changed, and keeps its name."""
+    keystore, _expected = as_built(SAMPLES / "flows/vehicle_plain_grant.toml", tmp_path / "keys")
+
+    def violated(text: str) -> dict[str, Any]:
+        path = file(tmp_path, f'[[property]]\nname = "mine"\n{text}\n')
+        (finding,) = (each for each in run(keystore, "--settings", path)[1]["findings"] if each["code"] == "KA740")
+        return dict(finding)
+
+    first = violated('no_flow = { from = "/infotainment", to = "/motor" }')
+    reworded = violated('description = "Said otherwise."\nno_flow = { to = "/motor", from = ["/infotainment"] }')
+    wider = violated('no_flow = { from = "/infotainment", to = "/motor", include_ambient = true }')
+    assert first["fingerprint"] == reworded["fingerprint"]
+    assert first["message"] != reworded["message"]
+    assert first["fingerprint"] != wider["fingerprint"]

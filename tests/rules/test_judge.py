@@ -251,3 +251,19 @@ def test_outcomes_name_each_rule_and_subject_once() -> None:
 
 def test_the_same_evidence_gives_the_same_judgement() -> None:
     assert judged(one_authority(healthy())) == judged(one_authority(healthy()))
+
+
+def test_of_equal_violations_no_rest_takes_the_place_of_the_one_that_was_mended() -> None:
+    """Whoever accepted one of two would otherwise have accepted whichever is left."""
+    one, two = says("at line 1", line=1), says("at line 9", line=9)
+    both = {finding.fingerprint for finding in judge(context(), [made("KA999", one, two)]).findings}
+    assert len(both) == 2
+    for left in (one, two):
+        (finding,) = judge(context(), [made("KA999", left)]).findings
+        assert finding.fingerprint not in both
+    again = {finding.fingerprint for finding in judge(context(), [made("KA999", two, one)]).findings}
+    assert again == both, "the order in which a rule says them is none of a finding's"
+    other = says("at line 9", line=9, key="of its own")
+    apart = {finding.fingerprint for finding in judge(context(), [made("KA999", one, other)]).findings}
+    (alone,) = judge(context(), [made("KA999", one)]).findings
+    assert alone.fingerprint in apart, "what a key tells apart keeps its fingerprint"
