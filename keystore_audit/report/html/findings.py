@@ -71,7 +71,8 @@ def _rule(sheet: Sheet, rank: int, found: Sequence[Finding], consequences: Conse
 def _finding(sheet: Sheet, finding: Finding, worst: Severity, consequences: Consequences) -> Html:
     parts: list[Html] = []
     own = element("span", severity(finding.severity), " ") if finding.severity is not worst else NOTHING
-    enclave = element("code", finding.enclave, class_="enclave") if finding.enclave else NOTHING
+    named = finding.enclave is None or finding.message.startswith(finding.enclave)
+    enclave = NOTHING if named or finding.enclave is None else element("code", finding.enclave, class_="enclave")
     parts.append(element("p", own, enclave, shorten(finding.message, MAX_MESSAGE)))
     parts.append(_places(finding.locations))
     under = sheet.under(finding.profiles)
