@@ -16,10 +16,10 @@ from typing import Final, NamedTuple
 from keystore_audit.model.behaviour import Behaviour, DeterminismAtom, Scheduler
 from keystore_audit.properties.property import Acts, Answer, Round, Status
 
-MAX_PAIRS: Final = 1_000_000
-"""Pairs of steps that are looked at for one behaviour: some seconds; beyond it the answer is unknown."""
+MAX_PAIRS = 100_000
+"""Pairs of steps that are looked at for one behaviour: six seconds; beyond it the answer is unknown."""
 
-MAX_DEPTH: Final = 16
+MAX_DEPTH = 16
 """Rounds that are looked at: Alloy is asked about as many, and with each a trace costs more."""
 
 VALUES: Final = (None, 0, 1)
@@ -51,10 +51,15 @@ class Explored:
     complete: bool
 
 
+def explore(behaviour: Behaviour, *, perhaps: bool) -> Explored:
+    """Look for a difference; `perhaps`: inputs that perhaps differ may."""
+    return _explored(behaviour, behaviour.free(perhaps=perhaps))
+
+
 @lru_cache(maxsize=256)
-def explore(behaviour: Behaviour, *, perhaps: bool, most: int = MAX_PAIRS) -> Explored:
-    """Look for a difference; `perhaps`: inputs that perhaps differ may. Kept, since many systems have one behaviour."""
-    return _Search(behaviour, behaviour.free(perhaps=perhaps), most).explored()
+def _explored(behaviour: Behaviour, free: frozenset[int]) -> Explored:
+    """Kept, since the systems of many profiles have one behaviour, and Alloy asks for its depth."""
+    return _Search(behaviour, free).explored()
 
 
 def answer(asked: DeterminismAtom) -> Answer:
@@ -72,7 +77,7 @@ def answer(asked: DeterminismAtom) -> Answer:
                 rounds=certain.rounds,
                 behaviour=number,
             )
-        free = explore(behaviour, perhaps=True) if behaviour.free(perhaps=True) else certain
+        free = explore(behaviour, perhaps=True)
         decided = certain.complete and free.complete and certain.shows and not free.rounds
         statuses.append(Status.HOLDS if decided else Status.UNKNOWN)
     holds = bool(statuses) and all(status is Status.HOLDS for status in statuses)
@@ -82,10 +87,9 @@ def answer(asked: DeterminismAtom) -> Answer:
 class _Search:
     """One search through the pairs."""
 
-    def __init__(self, behaviour: Behaviour, free: frozenset[int], most: int) -> None:
+    def __init__(self, behaviour: Behaviour, free: frozenset[int]) -> None:
         self._behaviour = behaviour
         self._free = free
-        self._most = most
         self._seen = sorted(behaviour.seen())
         inputs = len(behaviour.inputs)
         self._reaching = [
@@ -117,8 +121,8 @@ class _Search:
                     if after not in before:
                         before[after] = (pair, left, right)
                         found.append(after)
-                if looked > self._most:
-                    return Explored(rounds=(), depth=depth, shows=shows, complete=False)
+                    if looked > MAX_PAIRS:
+                        return Explored(rounds=(), depth=depth, shows=shows, complete=False)
             layer = found
             depth += bool(found)
             if depth > MAX_DEPTH:
