@@ -64,13 +64,13 @@ def _card(sheet: Sheet, certificate: IssuedCertificate) -> Html:
         state = "not valid yet"
     elif certificate.not_after < at:
         state = "expired"
+    key = f", {certificate.key_kind}, {certificate.signature_algorithm}"
     warned = [word for word in (state, "revoked" if certificate.revoked else "") if word]
     return element(
         "div",
         element("span", name(certificate.subject), class_="subject"),
-        element("span", " · ".join(_roles(certificate)), class_="role"),
+        element("span", " · ".join(_roles(certificate)), element("span", key, class_="soft"), class_="role"),
         element("span", dates, *[element("strong", word, class_="warned") for word in warned]),
-        element("span", f"{certificate.key_kind}, {certificate.signature_algorithm}", class_="soft"),
         place(certificate.location.path, certificate.location.line),
         class_="card",
     )
