@@ -8,6 +8,7 @@ from fnmatch import fnmatchcase
 from . import (
     alloy_stories,
     anomaly_stories,
+    behaviour_stories,
     certificate_stories,
     divergence_stories,
     drift_stories,
@@ -49,6 +50,7 @@ FAMILIES = (
     ros_stories,
     formal_stories,
     flow_stories,
+    behaviour_stories,
     alloy_stories,
     label_stories,
     suppression_stories,
