@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.access_view import ReadDocument
@@ -36,24 +37,45 @@ Point = tuple[str, str]
 """A topic name and a partition name."""
 
 
+class Cell(NamedTuple):
+    """A class of topics in a class of partitions, by one name each. `infinite`: it holds infinitely many."""
+
+    topic: str
+    partition: str
+    infinite: bool
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Channels:
     """The classes, and what each region matches.
 
     `regions`: the channels of each, in every governed domain class. `starts`: by domain class, its first channel.
+    `columns`: what the channels of a governed domain class stand for, in order.
     """
 
     domains: tuple[DomainAtom, ...]
     channels: tuple[ChannelAtom, ...]
     regions: Mapping[Named, frozenset[int]]
     starts: tuple[int, ...]
+    columns: Sequence[_Column] = ()
+
+    def cells(self, channel: int) -> list[Cell]:
+        """What a channel stands for: those that are told apart in no region are one channel."""
+        atom = self.channels[channel]
+        start, end = self._bounds(atom.domain)
+        if end - start != len(self.columns):  # an ungoverned class has one channel for all names
+            return [Cell(atom.topic, atom.partition, atom.infinite)]
+        return self.columns[channel - start].named()
 
     def of_point(self, domain: int, point: int) -> int:
         """The channel of a point, by its place among the points asked for, in a domain id of 0..232."""
         number = next(n for n, atom in enumerate(self.domains) if contains(atom.intervals, domain))
-        start = self.starts[number]
-        end = self.starts[number + 1] if number + 1 < len(self.starts) else len(self.channels)
+        start, end = self._bounds(number)
         return min(start + point, end - 1)  # an ungoverned class has one channel for all points
+
+    def _bounds(self, domain: int) -> tuple[int, int]:
+        """The first channel of a domain class, and the one after its last."""
+        return self.starts[domain], self.starts[domain + 1] if domain + 1 < len(self.starts) else len(self.channels)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +86,20 @@ class _Column:
     topic: TopicClass
     partition: str
     infinite: bool
+    cells: Sequence[tuple[int, int]] = ()  # of the classes below: partition and topic
+    topics: Sequence[TopicClass] = ()
+    partitions: Sequence[TopicClass] = ()
+
+    def named(self) -> list[Cell]:
+        """What was merged."""
+        return [
+            Cell(
+                self.topics[topic].witness,
+                self.partitions[partition].witness,
+                self.topics[topic].infinite or self.partitions[partition].infinite,
+            )
+            for partition, topic in self.cells
+        ] or [Cell(self.topic.witness, self.partition, infinite=False)]
 
 
 def domain_classes(covers: Iterable[Sequence[Interval]]) -> tuple[DomainAtom, ...]:
@@ -118,6 +154,7 @@ def build_channels(
         channels=tuple(channels),
         regions=shapes.found(columns, [start for start, ruled in zip(starts, governed, strict=True) if ruled]),
         starts=tuple(starts),
+        columns=columns,
     )
 
 
@@ -268,6 +305,9 @@ def _column(
         topic=topics[topic],
         partition=partitions[partition].witness,
         infinite=len(cells) > 1 or topics[topic].infinite or partitions[partition].infinite,
+        cells=cells,
+        topics=topics,
+        partitions=partitions,
     )
 
 

@@ -98,9 +98,13 @@ class Hop:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Influenced:
-    """Pairs of enclaves of which one reaches the other on one side alone. `way`: of one pair, how; never empty."""
+    """Pairs of enclaves of which one reaches the other on one side alone.
+
+    `ends`: the enclaves at either end of any. `way`: of one pair, how; never empty.
+    """
 
     pairs: int
+    ends: tuple[str, ...]
     way: tuple[Hop, ...]
 
 

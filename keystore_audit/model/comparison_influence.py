@@ -28,6 +28,7 @@ class _Side:
         self._nobody = frozenset(range(len(view.system.enclaves))) - {view.numbers[path] for path in paths}
         self._numbers = [view.numbers[path] for path in paths]
         self._view = view
+        self.paths = paths
         lanes = self._flows.lanes(self._search(Place(), Place()))
         self.lanes = [
             Lane(
@@ -118,12 +119,14 @@ def _of_pair(sides: Sides, causes: Causes, pair: Pair) -> Iterator[tuple[Draft |
 
 
 def _pairs(side: _Side, other: _Side, common: int) -> _Pairs:
+    """Those of which the other side has not both ends are among them."""
     both = (1 << common) - 1
     found = {}
-    for node in range(common):
-        reached = side.graph.flows[node] & ~other.graph.flows[node] & both
-        if reached:
-            found[node] = reached
+    for node, reached in enumerate(side.graph.flows):
+        before = other.graph.flows[node] & both if node < common else 0
+        others = reached & ~before & ~(1 << node)
+        if others:
+            found[node] = others
     return found
 
 
@@ -217,4 +220,11 @@ def _influenced(sides: Sides, side: _Side, pairs: _Pairs, blames: list[_Blame]) 
     for leg in way:
         name = sides.names(1 << leg.channel).shown[0]
         hops.append(Hop(sender=side.label(leg.sender), name=name, receiver=side.label(leg.receiver)))
-    return Influenced(pairs=sum(each.bit_count() for each in pairs.values()), way=tuple(hops))
+    ends = 0
+    for node, others in pairs.items():
+        ends |= 1 << node | others
+    return Influenced(
+        pairs=sum(each.bit_count() for each in pairs.values()),
+        ends=tuple(side.paths[node] for node in members(ends)),
+        way=tuple(hops),
+    )

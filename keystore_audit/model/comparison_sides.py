@@ -180,9 +180,13 @@ class Sides:
         return (1 << len(self.channels.channels)) - 1
 
     def named(self, topics: Sequence[str]) -> int:
-        """The channels of these topics and of nothing else, in whatever partition and domain."""
+        """The channels of nothing but these topics, in whatever partition and domain."""
         wanted = self._literals.intersection(topics)
-        return bits(number for number, channel in enumerate(self.channels.channels) if channel.topic in wanted)
+        return bits(
+            number
+            for number, channel in enumerate(self.channels.channels)
+            if channel.topic in wanted and all(cell.topic in wanted for cell in self.channels.cells(number))
+        )
 
     def names(self, channels: int) -> Names:
         """The names of a set of channels, by witnesses."""
@@ -190,12 +194,13 @@ class Sides:
         infinite = False
         within: set[int] = set()
         for number in members(channels):
-            channel = self.channels.channels[number]
-            intervals, several = found.setdefault((channel.topic, channel.partition), ([], []))
-            intervals += self.channels.domains[channel.domain].intervals
-            several.append(channel.infinite or channel.topic not in self._literals)
-            infinite = infinite or channel.infinite
-            within.add(channel.domain)
+            domain = self.channels.channels[number].domain
+            for cell in self.channels.cells(number):
+                intervals, several = found.setdefault((cell.topic, cell.partition), ([], []))
+                intervals += self.channels.domains[domain].intervals
+                several.append(cell.infinite or cell.topic not in self._literals)
+                infinite = infinite or cell.infinite
+            within.add(domain)
         names = [
             Name(topic=topic, partition=partition, domains=self._joined(intervals), several=any(several))
             for (topic, partition), (intervals, several) in found.items()

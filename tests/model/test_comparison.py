@@ -142,3 +142,12 @@ def test_a_domain_leaves_out_others(tmp_path: Path) -> None:
 def test_what_fails(new: Store, failing: tuple[bool, bool, bool], tmp_path: Path) -> None:
     found = compared(BASE, new, tmp_path)
     assert tuple(bool(found.failing(each)) for each in (FailOn.GAINED, FailOn.ANY, FailOn.NONE)) == failing
+
+
+def test_names_that_nothing_tells_apart_are_all_told(tmp_path: Path) -> None:
+    """One class to both keystores, and yet two names, not one and others like it."""
+    found = compared(BASE, talks(TALKER, rule(criterion("publish", "rt/one", "rt/two"))), tmp_path)
+    (change,) = found.changes
+    assert change.names is not None
+    assert [(name.topic, name.several) for name in change.names.shown] == [("rt/one", False), ("rt/two", False)]
+    assert (change.names.more, change.names.infinite) == (0, False)

@@ -1,0 +1,69 @@
+"""Two keystores of 1,000 enclaves compared: CPU seconds, beside those of one native audit, by what changed."""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+if __package__:
+    from benchmarks import keystores
+else:
+    import keystores
+
+
+def cpu_seconds(*arguments: str) -> float:
+    """CPU time of the program in a process of its own."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = subprocess.run([sys.executable, "-m", "keystore_audit", *arguments], capture_output=True, check=False)
+    if done.returncode not in (0, 1):
+        raise SystemExit(f"{arguments[0]} ended with {done.returncode}: {done.stderr.decode()[:500]}")
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def others(root: Path, paths: list[str]) -> Iterator[tuple[str, Path]]:
+    """Keystores beside the one that `keystores.build` makes, all of other keys, by what else is different."""
+    yield (
+        "all keys",
+        keystores.build_with(root / "diff-keys", "ec", {path: keystores.permissions(path) for path in paths}),
+    )
+    topics = {
+        path: keystores.wired_permissions(path, ["rt/chatter", f"rt{path}/state"], ["rt/clock", f"rt{path}/command"])
+        for path in paths
+    }
+    yield "a topic of each enclave", keystores.build_with(root / "diff-topics", "ec", topics)
+    wild = {
+        path: keystores.wired_permissions(path, ["rt/chatter", f"rt{path.rpartition('/')[0]}/*"], ["rt/clock"])
+        for path in paths
+    }
+    yield "wildcards for each robot", keystores.build_with(root / "diff-wild", "ec", wild)
+    kept = keystores.GOVERNANCE
+    flag = "<enable_write_access_control>"
+    keystores.GOVERNANCE = kept.replace(f"{flag}true", f"{flag}false")
+    open_store = keystores.build_with(root / "diff-open", "ec", {path: keystores.permissions(path) for path in paths})
+    keystores.GOVERNANCE = kept
+    yield "no write access control", open_store
+
+
+def main() -> None:
+    """The table."""
+    enclaves = int(sys.argv[1]) if len(sys.argv) > 1 else 1000
+    root = Path(tempfile.gettempdir()) / "keystore-audit-benchmarks"
+    old = keystores.build(root, enclaves, "ec")
+    paths = [f"/robot{number // 10}/node{number % 10}" for number in range(enclaves)]
+    audit = cpu_seconds("audit", "--engine", "native", "--format", "json", str(old))
+    sys.stdout.write(
+        f"{enclaves} enclaves; audit: {audit:.1f} s CPU\n\n| other | diff (s CPU) | diff / audit |\n|---|---|---|\n"
+    )
+    for words, new in [("nothing", old), *others(root / str(enclaves), paths)]:
+        taken = cpu_seconds("diff", str(old), str(new))
+        sys.stdout.write(f"| {words} | {taken:.1f} | {taken / audit:.1f} |\n")
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()
