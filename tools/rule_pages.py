@@ -9,6 +9,7 @@ import argparse
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from shlex import quote
 from typing import Any, Final
 
 ROOT: Final = Path(__file__).resolve().parents[1]
@@ -36,8 +37,14 @@ def pages() -> Mapping[str, str]:
 
 
 def index() -> str:
-    """Return the list of all rules, by family."""
-    lines = ["# Rules and properties", "", "Written from the registry by `python tools/rule_pages.py`.", ""]
+    """Return the list of all properties, and of all rules by family."""
+    lines = ["# Rules and properties", "", "Written from the registry by `python tools/rule_pages.py`; "]
+    lines[-1] += "`keystore-audit explain CODE` says the same of one."
+    lines += ["", "## Properties", "", "What is decided of every keystore, by both engines.", ""]
+    lines += ["| property | page | statement |", "|---|---|---|"]
+    codes = {rule.name: rule.code for rule in RULES}
+    lines += [f"| {prop.id} | [{codes[prop.id]}]({codes[prop.id]}.md) | {prop.statement} |" for prop in BY_ID.values()]
+    lines.append("")
     for family, title in FAMILIES.items():
         lines += [f"## {family}: {title}", "", "| code | severity | name |", "|---|---|---|"]
         lines += [
@@ -51,28 +58,55 @@ def index() -> str:
 
 def page(rule: Rule[Any], stories: list[Story]) -> str:
     """Return the page of one rule: what, why, clause, remedy and samples."""
-    lines = [f"# {rule.code} {rule.name}", "", f"Severity: {rule.severity.value}, unless a finding says otherwise.", ""]
-    lines += [rule.description, ""]
+    what, _, why = rule.description.partition("\n\n")
+    family = f"[{rule.family}: {FAMILIES[rule.family]}]({INDEX})"
+    lines = [
+        f"# {rule.code} {rule.name}",
+        "",
+        f"Severity: {rule.severity.value}, unless a finding says otherwise. {family}",
+    ]
+    lines += ["", what, ""]
     prop = BY_ID.get(rule.name)
     if prop is not None:
-        lines += [f"**Property.** {prop.statement} Attacker: {prop.attacker}. Definition: [model](../model.md).", ""]
-    lines += [f"**Clause.** {rule.clause}", "", f"**What to do.** {rule.remedy}", ""]
+        lines += [
+            "## Property",
+            "",
+            f"{prop.statement} Attacker: {prop.attacker}. Definition: [model](../model.md).",
+            "",
+        ]
+    if why:
+        lines += ["## Why, and what it does not see", "", why, ""]
+    lines += ["## Clause", "", rule.clause, "", "## What to do", "", rule.remedy, ""]
+    if rule.family != "KA9":
+        lines += ["To accept it until a day: [accepted findings](../settings.md#accepted-findings).", ""]
     if rule.explains:
-        lines += [f"**May be why these are violated.** {', '.join(sorted(rule.explains))}", ""]
+        lines += [
+            "## What may follow",
+            "",
+            f"It is a cause of violated properties: {', '.join(sorted(rule.explains))}.",
+            "",
+        ]
     lines += [*_samples(rule, stories)]
     return "\n".join(lines).rstrip("\n") + "\n"
 
 
 def _samples(rule: Rule[Any], stories: list[Story]) -> Iterator[str]:
-    if not stories:
-        if rule.code in RECIPES:
-            yield "**Samples.** Made by the tests (tools/samples/made_at_test_time.py): git cannot hold them."
+    if not stories and rule.code not in RECIPES:
         return
-    yield "**Samples.**"
+    yield "## Samples"
     yield ""
+    if not stories:
+        yield "Made by the tests (`tools/samples/made_at_test_time.py`): git cannot hold them."
+        return
     for story in stories:
-        options = f" with `{' '.join(story.options)}`" if story.options else ""
-        yield f"- [{story.directory}](../../sample_keystores/{story.directory}){options}: {story.text}"
+        side = story.directory.rpartition("/")[2].capitalize()
+        yield f"**{side}:** {story.text} [Files](../../sample_keystores/{story.directory})"
+        yield ""
+        yield "```sh"
+        yield " ".join(["keystore-audit", story.directory, "--at", story.at, *map(quote, story.options)])
+        yield "```"
+        yield ""
+    yield f"Run {'these' if len(stories) > 1 else 'this'} in `sample_keystores/`."
 
 
 def main() -> int:
