@@ -1,0 +1,91 @@
+"""The native engine with one mistake in it: a change of one function's text, put in its place."""
+
+from __future__ import annotations
+
+import inspect
+import textwrap
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cached_property
+from typing import Any
+
+from keystore_audit.model import attacker, protection
+from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.permission import Decisions, Permissions
+
+MUTANTS: dict[str, tuple[Any, str, str, str]] = {
+    "every matching rule counts, not the first": (
+        Decisions,
+        "allowed",
+        "applies & ~decided if decided",
+        "applies if decided",
+    ),
+    "a deny rule decides nothing": (
+        Decisions,
+        "allowed",
+        "decided |= applies",
+        "decided |= applies if rule.allow else 0",
+    ),
+    "a deny rule allows": (Decisions, "allowed", "if rule.allow:", "if True:"),
+    "the default is always to deny": (Decisions, "allowed", "self._system.grants[grant].default_allow", "False"),
+    "the default is always to allow": (Decisions, "allowed", "self._system.grants[grant].default_allow", "True"),
+    "the default overrules rules": (Decisions, "allowed", "self.all_channels & ~decided", "self.all_channels"),
+    "a rule counts in every domain": (Decisions, "_matches", "bits(named) & within", "bits(named)"),
+    "subscribing needs the right to publish": (Decisions, "_matches", "named = rule.publish", "named = rule.subscribe"),
+    "a default does not let join": (Decisions, "joins", "self._system.grants[grant].default_allow", "False"),
+    "a deny rule lets join": (Decisions, "joins", "if rule.allow:", "if True:"),
+    "a validity ends before its last instant": (Permissions, "in_force", "<= 2 * not_after", "< 2 * not_after"),
+    "a validity begins after its first instant": (Permissions, "in_force", "2 * not_before <=", "2 * not_before <"),
+    "no validity ends": (Permissions, "in_force", "<= self._moment <= 2 * not_after", "<= self._moment"),
+    "no validity begins": (Permissions, "in_force", "2 * not_before <= self._moment", "self._moment"),
+    "grants out of date are always skipped": (Permissions, "_chosen", "self._system.skips_grants_out_of_date", "True"),
+    "grants out of date are never skipped": (Permissions, "_chosen", "self._system.skips_grants_out_of_date", "False"),
+    "grants out of date count": (Permissions, "_chosen", "if in_force:", "if True:"),
+    "every grant of a document counts": (Permissions, "_chosen", "not in seen", "is not None"),
+    "the last domain rule decides": (
+        protection,
+        "protection",
+        "for number, rule in rules if",
+        "for number, rule in rules[::-1] if",
+    ),
+    "the last topic rule decides": (protection, "_apply_domain", "for topic in topics:", "for topic in topics[::-1]:"),
+    "every topic rule counts": (protection, "_apply_domain", "undecided &= ~hit", "undecided &= -1"),
+    "any certificate issues": (RealmView, "vouched", "issuer.authority and", "True and"),
+    "the revoked are authentic": (RealmView, "authenticated", "atom.identity not in self._realm.revoked", "True"),
+    "no realm pins the signer": (RealmView, "_may_sign", "self._system.pins_signer", "False"),
+    "every realm pins the signer": (RealmView, "_may_sign", "self._system.pins_signer", "True"),
+    "one good signer is enough": (RealmView, "accepted", "all(self._may_sign", "any(self._may_sign"),
+    "a message without a signer is genuine": (RealmView, "genuine", "and document.signers\n", "\n"),
+    "chains have one step": (RealmView, "_chained", "pending = issued - found", "pending = issued - issued"),
+    "origins are never authenticated": (RealmView, "_able", "reach & ~origin &", "reach &"),
+    "readers have no keys": (RealmView, "_able", "(~p.data_authenticates | reads)", "~p.data_authenticates"),
+    "relays read": (RealmView, "_able", "reach & ~p.data_encrypts &", "reach &"),
+    "join access control is off": (RealmView, "_joined_with", "~self.protection.join_controlled", "-1"),
+}
+"""By what is wrong: where (a class or a module), the function, its text, and what stands in its place."""
+
+
+@contextmanager
+def mistaken(name: str) -> Iterator[None]:
+    """The native engine with this mistake."""
+    owner, attribute, old, new = MUTANTS[name]
+    original = inspect.getattr_static(owner, attribute)
+    function: Callable[..., Any] = original.func if isinstance(original, cached_property) else original
+    source = textwrap.dedent(inspect.getsource(function)).removeprefix("@cached_property\n")
+    assert source.count(old) == 1, f"{name}: {old!r} occurs {source.count(old)} times"
+    space: dict[str, Any] = {}
+    exec(compile(source.replace(old, new), f"<{name}>", "exec"), function.__globals__, space)
+    changed: Any = space[attribute]
+    if isinstance(original, cached_property):
+        changed = cached_property(changed)
+        changed.__set_name__(owner, attribute)
+    users = [owner] if owner is not protection else [protection, attacker]
+    try:
+        for user in users:
+            if hasattr(user, attribute):
+                setattr(user, attribute, changed)
+        yield
+    finally:
+        for user in users:
+            if hasattr(user, attribute):
+                setattr(user, attribute, original)

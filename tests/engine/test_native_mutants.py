@@ -1,0 +1,37 @@
+"""A mistake in the native engine alone turns the agreement suite red: Alloy decides for itself, and is not told."""
+
+from __future__ import annotations
+
+import pytest
+
+from keystore_audit.engine.native import NativeEngine
+from keystore_audit.model.system import System
+from tests.engine.alloy_batch import decide_batch
+from tests.engine.native_mutants import MUTANTS, mistaken
+from tests.engine.test_agreement import SYSTEMS, holding, some_system
+
+pytestmark = [pytest.mark.alloy, pytest.mark.xdist_group("alloy")]
+
+SEEDS = (0, 6, 9, 13, 16, 22, 23, 26, 42, 81, 134, 333, 491)
+"""Of the random systems of test_agreement.py: together they find every mistake out."""
+
+Decided = list[tuple[System, dict[str, bool]]]
+
+
+@pytest.fixture(scope="module")
+def decided() -> Decided:
+    """What the Analyzer says of each system."""
+    assert max(SEEDS) < SYSTEMS
+    systems = [some_system(seed) for seed in SEEDS]
+    return list(zip(systems, decide_batch(systems), strict=True))
+
+
+def disagreements(decided: Decided) -> int:
+    return sum(holding(NativeEngine([system]).answers[0]) != theirs for system, theirs in decided)
+
+
+@pytest.mark.parametrize("name", MUTANTS)
+def test_a_mistake_in_python_alone_is_a_disagreement(name: str, decided: Decided) -> None:
+    with mistaken(name):
+        assert disagreements(decided) > 0
+    assert disagreements(decided) == 0, "and without it there is none"
