@@ -101,6 +101,7 @@ class Options:
     launch_arguments: Mapping[str, str] = field(default_factory=dict)
     alloy_properties: tuple[UserFile, ...] = ()
     overview: bool = False
+    blast_radius: bool = False
 
 
 def audit(
@@ -175,12 +176,19 @@ def audit(
     judgement = judge(context, RULES, select=options.select, ignore=options.ignore)
     safe = horizon(keystore, native, profiles, options.at, accesses, usabilities, meaning.usability)
     report = _report(context, judgement, _while_accepted(safe, judgement, options.fail_on), options)
-    if not options.overview:
-        return report
-    from keystore_audit.model.overview import overview  # half as much work again
+    return _drawn(report, context, accesses, options)
 
-    seen = overview(keystore, profiles, options.at, accesses, options.domain, meaning.systems)
-    return replace(report, overview=seen)
+
+def _drawn(report: Report, context: Context, accesses: AccessViews, options: Options) -> Report:
+    """The report with what no verdict rests on, where it is asked for: half as much work again, each."""
+    if not (options.blast_radius or options.overview):
+        return report
+    from keystore_audit.model import blast_radius, overview
+
+    about, systems = (context.keystore, context.profiles, options.at, accesses), context.meaning.systems
+    ranked = blast_radius.ranked_enclaves(*about) if options.blast_radius and systems else None
+    seen = overview.overview(*about, options.domain, systems) if options.overview else None
+    return replace(report, blast_radius=ranked, overview=seen)
 
 
 def _while_accepted(safe: Horizon, judgement: Judgement, fail_on: Severity | None) -> Horizon:

@@ -203,11 +203,17 @@ def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Options:
         graphs=given["graphs"],
         launches=given["launches"],
         launch_arguments=dict(given["launch_arguments"]),
-        overview=formats.HTML in (given.get("kind"), *(wanted.format for wanted in given.get("targets", ()))),
+        overview=formats.HTML in _formats(given),
+        blast_radius=bool(given.get("verbose")) or formats.HTML in _formats(given),
         settings=asserted,
         baseline=settings.baseline(given, keystores),
         alloy_properties=_alloy_properties(given["alloy_properties"], asserted, keystores),
     )
+
+
+def _formats(given: Mapping[str, Any]) -> tuple[str | None, ...]:
+    """All formats that are written."""
+    return (given.get("kind"), *(wanted.format for wanted in given.get("targets", ())))
 
 
 def _alloy_properties(

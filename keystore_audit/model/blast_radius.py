@@ -13,6 +13,7 @@ from functools import cached_property, reduce
 from operator import or_
 from typing import Final, NamedTuple
 
+from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.attacker import RealmView
@@ -27,6 +28,12 @@ from keystore_audit.model.permission import Permissions, bits, members
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.system import Reading, System
 from keystore_audit.model.systems import SystemBuilder
+
+MAX_RANKED: Final = 2_000
+"""Enclaves beyond which none is ranked: five seconds and more."""
+
+MAX_VIEWS: Final = 20_000
+"""Pairs of an enclave and a realm that judges it: hundreds of enclaves, each with CAs or a governance of its own."""
 
 ANY_NAME: Final = Named(topic=ANY_TOPIC, partition="", ros=True, several=True, expressions=())
 """All topics of a domain that no governance covers."""
@@ -275,6 +282,21 @@ class Ranking:
 
     profiles: tuple[str, ...]
     enclaves: tuple[Ranked, ...]
+
+
+def ranked_enclaves(
+    keystore: Keystore, profiles: Sequence[Profile], at: datetime, accesses: AccessViews
+) -> tuple[Ranking, ...]:
+    """The rankings of a keystore at `at` (aware UTC), without ambient topics; none where that is too much work."""
+    if len(keystore.enclaves) > MAX_RANKED:
+        return ()
+    try:
+        known = ground(keystore, profiles, at, accesses)
+    except BudgetExceeded:
+        return ()
+    if any(len(system.realms) * len(system.enclaves) > MAX_VIEWS for system in known.systems):
+        return ()
+    return rankings(known)
 
 
 def rankings(known: Ground) -> tuple[Ranking, ...]:

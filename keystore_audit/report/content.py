@@ -13,6 +13,7 @@ from keystore_audit.model.meaning import Usability
 from keystore_audit.properties.result import EngineRun, PropertyResult
 
 if TYPE_CHECKING:  # most reports draw nothing
+    from keystore_audit.model.blast_radius import Ranking
     from keystore_audit.model.overview import Overview
 
 ASSUMPTIONS: Final = (
@@ -129,6 +130,8 @@ class Report:
     """Path (relative to the keystore) and SHA-256, in hexadecimal, of every file that was read, by path."""
     overview: Overview | None = None
     """What pictures show; None where the audit was not asked for it."""
+    blast_radius: tuple[Ranking, ...] | None = None
+    """Enclaves by what their keys open; None where the audit was not asked for it, none where it was too much work."""
 
     @property
     def summary(self) -> dict[Severity, int]:

@@ -6,13 +6,16 @@ Pure ASCII, so that no name of a keystore steers whatever shows it, and the same
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from keystore_audit.findings import Finding, Location, Outcome, Result, Severity, Suppression
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.result import EngineRun, ProfileResult, PropertyResult
 from keystore_audit.report.content import EnclaveEntry, Report, SettingsFile
 from keystore_audit.report.encoded import encoded, instant
+
+if TYPE_CHECKING:
+    from keystore_audit.model.blast_radius import Ranking
 
 SCHEMA_VERSION: Final = 1
 """Rises when a key is removed or changes its meaning."""
@@ -76,6 +79,7 @@ def _report(report: Report) -> dict[str, Any]:
         "enclaves": [_enclave(entry) for entry in report.enclaves],
         "properties": [_property(result) for result in report.properties],
         "findings": [_finding(finding) for finding in report.findings],
+        "blast_radius": None if report.blast_radius is None else [_ranking(each) for each in report.blast_radius],
         "summary": _counts(report.summary),
     }
 
@@ -99,6 +103,25 @@ def _encoded(outcomes: Iterable[Outcome]) -> list[str]:
 
 def _counts(summary: Mapping[Severity, int]) -> dict[str, int]:
     return {severity.value: summary[severity] for severity in Severity}
+
+
+def _ranking(ranking: Ranking) -> dict[str, Any]:
+    return {
+        "profiles": list(ranking.profiles),
+        "enclaves": [
+            {
+                "enclave": one.path,
+                "topics_written": one.topics_written,
+                "topics_forged": one.topics_forged,
+                "topics_read": one.topics_read,
+                "endless": one.endless,
+                "passes_for": one.passes_for,
+                "enclaves_reached_alone": one.enclaves_reached_alone,
+                "enclaves_reached": one.enclaves_reached,
+            }
+            for one in ranking.enclaves
+        ],
+    }
 
 
 def _engine(run: EngineRun) -> dict[str, Any]:

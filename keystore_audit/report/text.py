@@ -15,6 +15,7 @@ from keystore_audit.findings import Finding, Outcome, Result, Severity
 from keystore_audit.model.meaning import Usability
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
+from keystore_audit.report import ranking
 from keystore_audit.report.consequences import Consequences
 from keystore_audit.report.content import EnclaveEntry, Report, Verdict
 from keystore_audit.report.encoded import instant
@@ -85,6 +86,7 @@ def render(report: Report, view: View | None = None) -> str:
         _enclaves(page, report.enclaves)
         _properties(page, report.properties)
         if view.verbose:
+            ranking.put(page, report.blast_radius)
             _outcomes(page, report.outcomes)
         _checked(page, report)
     page.blank()

@@ -118,3 +118,25 @@ def test_wrong_usage(arguments: tuple[str, ...], said: str) -> None:
 def test_names_are_escaped() -> None:
     done = run("flow", "flows/vehicle_healthy", "--from-compromised", "/\x1b[31m", *AT)
     assert "\x1b" not in done.stdout + done.stderr
+
+
+def test_a_report_ranks_keys_where_it_is_asked_to() -> None:
+    plain = run("audit", "flows/turtlesim_shared_ca", "--engine", "native", "-f", "json", *AT)
+    assert json.loads(plain.stdout)["blast_radius"] is None
+    done = run("audit", "flows/turtlesim_shared_ca", "--engine", "native", "-f", "json", "-v", *AT)
+    report = json.loads(done.stdout)
+    schema = json.loads((resources.schemas() / "report.schema.json").read_text())
+    jsonschema.validate(report, schema)
+    most, other = report["blast_radius"]
+    assert (len(most["profiles"]), other["profiles"]) == (6, ["cyclonedds-0.10"])
+    assert all(each["endless"] and each["enclaves_reached"] == 3 for each in other["enclaves"])
+    assert not any(each["endless"] for each in most["enclaves"])
+    told = opened("turtlesim_shared_ca", "/random")[1]["keys"][0]["alone"]["spec"]
+    (random,) = (each for each in most["enclaves"] if each["enclave"] == "/random")
+    for key in ("topics_written", "topics_forged", "topics_read", "enclaves_reached", "enclaves_reached_alone"):
+        assert random[key] == len(told[key]), key
+    sizes = [(-each["enclaves_reached"], -each["enclaves_reached_alone"]) for each in most["enclaves"]]
+    assert sizes == sorted(sizes)
+    text = run("audit", "flows/turtlesim_shared_ca", "--engine", "native", "-v", *AT).stdout
+    assert "Blast radius, what the private key of an enclave opens\n" in text
+    assert f"{most['enclaves'][0]['enclave']}: reaches 2 enclaves" in text
