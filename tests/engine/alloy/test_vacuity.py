@@ -1,0 +1,52 @@
+"""Runs against vacuity beyond the audit's own three: flows, their places, and wiring say so where there is nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from keystore_audit import resources
+from keystore_audit.engine.alloy.application import EXERCISED as WIRED
+from keystore_audit.engine.alloy.application import MAIN as APPLICATION
+from keystore_audit.engine.alloy.application import NODES, write_commands, write_nodes
+from keystore_audit.engine.alloy.claims import FLOW_EXERCISED, INHABITED
+from keystore_audit.engine.alloy.facts import KEYSTORE, MAIN, commands, facts
+from keystore_audit.model.claim import ClaimAtom, Place
+from keystore_audit.model.system import NodeAtom, System
+from tests.engine.alloy.flow_questions import at, chain, claim
+from tests.engine.alloy_batch import outcomes
+from tests.engine.systems import CHATTER, LISTENER, TALKER, healthy, healthy_builder
+
+pytestmark = [pytest.mark.alloy, pytest.mark.xdist_group("alloy")]
+
+
+def exercised(system: System, asked: ClaimAtom, directory: Path) -> dict[str, bool]:
+    system = replace(system, claims=(asked,))
+    texts = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+    found = outcomes(directory, texts | {KEYSTORE: facts(system), MAIN: commands((), system)})
+    return {name: found[name] for name in (FLOW_EXERCISED, INHABITED)}
+
+
+def test_flows_say_whether_anything_flows_and_anybody_is_there(tmp_path: Path) -> None:
+    ends = claim(at(TALKER), at(LISTENER))
+    assert exercised(chain().system(), ends, tmp_path) == {FLOW_EXERCISED: True, INHABITED: True}
+    silent = healthy_builder()
+    silent.rules.clear()
+    assert exercised(silent.system(), ends, tmp_path) == {FLOW_EXERCISED: False, INHABITED: True}
+    nobody = replace(ends, target=Place())
+    assert exercised(healthy(), nobody, tmp_path) == {FLOW_EXERCISED: True, INHABITED: False}
+
+
+@pytest.mark.parametrize("subscribes", [True, False])
+def test_wiring_says_whether_anything_is_wired(subscribes: bool, tmp_path: Path) -> None:
+    system = healthy()
+    place, channels = system.enclaves[0].location, frozenset({CHATTER})
+    talker = NodeAtom(label="/t", location=place, enclave=TALKER, publishes=channels, subscribes=channels)
+    heard = channels if subscribes else frozenset[int]()
+    listener = NodeAtom(label="/l", location=place, enclave=LISTENER, publishes=frozenset(), subscribes=heard)
+    system = replace(system, nodes=(talker, listener))
+    texts = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+    texts |= {KEYSTORE: facts(system), NODES: write_nodes(system), APPLICATION: write_commands()}
+    assert outcomes(tmp_path, texts, APPLICATION)[WIRED] is subscribes, "to tell itself something is no wire"
