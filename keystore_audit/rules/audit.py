@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any, Final
 
-from keystore_audit.findings import Severity
+from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.meaning import Doubt
 from keystore_audit.properties.property import Status
@@ -182,11 +183,18 @@ def property_undecided(result: PropertyResult, context: Context) -> Iterator[Vio
         why = "no engine gave an answer"
     yield Violation(
         message=f"Undecided, since {why}: {result.prop.statement}",
-        locations=places(doubt.location for doubt in doubts),
+        locations=(*_asserted(result), *places(doubt.location for doubt in doubts)),
         profiles=() if len(profiles) == len(result.profiles) else profiles,
         undecided=True,
         key=result.prop.id,
     )
+
+
+def _asserted(result: PropertyResult) -> tuple[Location, ...]:
+    """Where a property is asserted that is undecided for what is asserted itself."""
+    if isinstance(result, AssertedResult) and result.reason:
+        return (replace(result.location, message="asserted here"),)
+    return ()
 
 
 @rule(

@@ -1,0 +1,234 @@
+"""What nodes forward, in settings: what is read, where something is wrong, and what an audit makes of it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from datetime import datetime, timezone
+from pathlib import Path
+
+import jsonschema
+import pytest
+
+from keystore_audit import resources
+from keystore_audit.audit import Options, audit
+from keystore_audit.errors import UsageError
+from keystore_audit.findings import Severity
+from keystore_audit.model.behaviour import Scheduler
+from keystore_audit.model.claims import Globs
+from keystore_audit.report.content import Report
+from keystore_audit.settings import Settings, read_settings
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+SAMPLES = Path(__file__).resolve().parents[1] / "sample_keystores"
+TURTLESIM, JOYSTICK = SAMPLES / "flows/turtlesim_healthy", SAMPLES / "flows/turtlesim_joystick"
+
+FORWARD = """\
+[[forward]]
+enclave = "/multiplexer"
+from = ["/high_priority", "/low_priority"]
+to = "/move_turtle"
+scheduler = "priority"
+"""
+MOVED = '[[property]]\nname = "moved"\ndeterministic = { low = "/move_turtle" }\n'
+
+
+def asked(low: str, high: str = "") -> str:
+    besides = f', high = "{high}"' if high else ""
+    return f'[[property]]\nname = "moved"\ndeterministic = {{ low = "{low}"{besides} }}\n'
+
+
+def read(tmp_path: Path, text: str) -> Settings:
+    file = tmp_path / "keystore-audit.toml"
+    file.write_text(text, "utf-8")
+    return read_settings(file)
+
+
+def schema() -> jsonschema.Draft202012Validator:
+    return jsonschema.Draft202012Validator(json.loads((resources.schemas() / "settings.schema.json").read_text()))
+
+
+def test_forwards_and_claims_are_read(tmp_path: Path) -> None:
+    text = f"""{FORWARD}
+[[forward]]
+enclave = "/camera"
+from = "dds:rq/addRequest"
+to = ["/a", "/b"]
+scheduler = "any"
+[[property]]
+name = "one"
+severity = "low"
+deterministic = {{ low = ["/move_turtle", "/a"], high = ["/arm/*", "/b"], include_ambient = true }}
+[[property]]
+name = "two"
+description = "Mine."
+deterministic = {{ low = "/move_turtle", high = "topic:/low_priority" }}
+"""
+    found = read(tmp_path, text).declared
+    first, second = found.forwards
+    assert (first.enclave, first.sources) == ("/multiplexer", ("rt/high_priority", "rt/low_priority"))
+    assert (first.targets, first.scheduler, first.location.line) == (("rt/move_turtle",), Scheduler.PRIORITY, 1)
+    assert (second.sources, second.targets, second.scheduler) == (("rq/addRequest",), ("rt/a", "rt/b"), Scheduler.ANY)
+    one, two = found.claims
+    assert (one.id, one.severity, one.low) == ("one", Severity.LOW, ("rt/move_turtle", "rt/a"))
+    assert (one.high, one.include_ambient) == (Globs(enclaves=("/arm/*", "/b")), True)
+    assert one.forwards == (first, second)
+    assert (two.statement, two.high, two.forwards) == ("Mine.", Globs(topics=("rt/low_priority",)), (first,))
+    assert one.meaning != two.meaning
+    assert list(schema().iter_errors(tomllib.loads(text))) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "where", "what"),
+    [
+        (FORWARD.replace("scheduler =", "schedule ="), ":5:1", "unknown key 'schedule'"),
+        (FORWARD.replace('scheduler = "priority"', ""), ":1:1", "expected scheduler"),
+        (FORWARD.replace('"priority"', '"fifo"'), ":5:1", "'priority' or 'any'"),
+        (FORWARD.replace('"/multiplexer"', '"multiplexer"'), ":2:1", "path of one enclave"),
+        (FORWARD.replace('"/multiplexer"', '"/multi*"'), ":2:1", "path of one enclave"),
+        (FORWARD.replace('to = "/move_turtle"', ""), ":1:1", "expected to"),
+        (FORWARD.replace('"/move_turtle"', '"/move_*"'), ":4:1", "without a pattern"),
+        (FORWARD.replace('"/low_priority"', '"/high_priority"'), ":3:1", "stands here twice"),
+        (FORWARD.replace('"/low_priority"', '"low"'), ":3:1", "is no topic"),
+        (FORWARD.replace('"/move_turtle"', str([f"/t{n}" for n in range(9)])), ":4:1", "at most 8 topics, found 9"),
+        (MOVED.replace("low =", "lo ="), ":3:19", "unknown key 'lo'"),
+        (MOVED, ":3:19", "no [[forward]] leads to it"),
+        (FORWARD + MOVED.replace("det", "until = 2027-01-01\ndet"), ":8:1", "expected no until"),
+        (FORWARD + asked("/move_turtle", "outsider"), ":8:41", "expected enclaves or topics"),
+        (FORWARD + asked("/move_turtle", "topic:/low_*"), ":8:41", "without a pattern"),
+        (FORWARD + asked("/move_*"), ":8:19", "without a pattern"),
+        (FORWARD + MOVED + MOVED, ":10:1", "there is a property 'moved' already"),
+        ("forward = 1\n", ":1:1", "headed [[forward]]"),
+    ],
+)
+def test_what_is_wrong_is_said_with_line_and_column(tmp_path: Path, text: str, where: str, what: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        read(tmp_path, text)
+    said = caught.value.message.removeprefix(str(tmp_path / "keystore-audit.toml"))
+    assert said.startswith(f"{where}: ")
+    assert what in said
+
+
+def report(tmp_path: Path, keystore: Path, text: str, *profiles: str) -> Report:
+    options = Options(
+        at=datetime(2026, 11, 21, 12, tzinfo=timezone.utc),
+        engine="native",
+        profiles=profiles or ("fastdds",),
+        settings=read(tmp_path, text),
+    )
+    return audit(keystore, options)
+
+
+def status(found: Report) -> str:
+    return next(each.status.value for each in found.properties if each.prop.id == "moved")
+
+
+def message(found: Report, code: str) -> str:
+    return next(each.message for each in found.findings if each.code == code)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (FORWARD + MOVED, "holds"),
+        (FORWARD.replace('priority"\n', 'any"\n') + MOVED, "violated"),
+        (FORWARD + asked("/move_turtle", "/random"), "violated"),
+        (FORWARD + asked("/move_turtle", "topic:/low_priority"), "violated"),
+        (FORWARD + asked("/move_turtle", "/turtlesim"), "holds"),
+        (FORWARD.replace(', "/low_priority"', "") + asked("/move_turtle", "/random"), "holds"),
+        (FORWARD.replace(', "/low_priority"', "") + asked("/move_turtle", "/keyboard"), "violated"),
+        (asked("/high_priority", "/random"), "holds"),
+        (asked("/low_priority", "/random"), "violated"),
+    ],
+)
+def test_the_turtlesim_is_decided(tmp_path: Path, text: str, expected: str) -> None:
+    found = report(tmp_path, TURTLESIM, text)
+    assert status(found) == expected
+    assert found.exit_code == {"holds": 0, "violated": 1}[expected]
+
+
+def test_two_runs_are_told_in_names(tmp_path: Path) -> None:
+    found = report(tmp_path, TURTLESIM, FORWARD.replace('priority"\n', 'any"\n') + MOVED)
+    said = message(found, "KA740")
+    assert "round 1: /keyboard sends A on /high_priority and /random sends B on /low_priority" in said
+    assert "in one run /multiplexer forwards A from /high_priority to /move_turtle" in said
+    finding = next(each for each in found.findings if each.code == "KA740")
+    paths = [(each.path.rpartition("/")[2], each.message) for each in finding.locations]
+    assert paths[0] == ("keystore-audit.toml", "asserted here")
+    assert [path for path, _said in paths[1:]] == ["permissions.p7s"] * 3
+
+
+def test_unreachability_is_named_where_it_decides(tmp_path: Path) -> None:
+    found = report(tmp_path, TURTLESIM, asked("/high_priority", "/random"))
+    statement = next(each.prop.statement for each in found.properties if each.prop.id == "moved")
+    assert "No declared forward leads there" in statement
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        (FORWARD + asked("/move_turtle", "/joystick"), "/keyboard, and no [[forward]] says what happens there"),
+        (asked("/high_priority", "/joystick"), "/keyboard, and no [[forward]] says what happens there"),
+        (
+            FORWARD.replace('"/move_turtle"', '"/high_priority"') + asked("/high_priority"),
+            "/multiplexer may not publish rt/high_priority",
+        ),
+        (
+            FORWARD.replace('"/low_priority"', '"/joystick"') + asked("/move_turtle"),
+            "/multiplexer may not subscribe to rt/joystick",
+        ),
+    ],
+)
+def test_what_is_not_declared_or_not_possible_is_unknown(tmp_path: Path, text: str, why: str) -> None:
+    found = report(tmp_path, JOYSTICK, text)
+    assert (status(found), found.exit_code) == ("unknown", 4)
+    assert why in message(found, "KA906")
+    finding = next(each for each in found.findings if each.code == "KA906")
+    assert finding.locations[0].message == "asserted here"
+
+
+def test_a_node_that_is_declared_passes_nothing_else_on(tmp_path: Path) -> None:
+    keyboard = '[[forward]]\nenclave = "/keyboard"\nfrom = "/joystick"\nto = "/high_priority"\nscheduler = "any"\n'
+    one_way = FORWARD.replace('"/high_priority", ', "")
+    assert status(report(tmp_path, JOYSTICK, FORWARD + keyboard + asked("/move_turtle", "/joystick"))) == "violated"
+    assert status(report(tmp_path, JOYSTICK, one_way + keyboard + asked("/move_turtle", "/joystick"))) == "holds"
+    assert status(report(tmp_path, JOYSTICK, FORWARD + keyboard + MOVED)) == "holds"
+
+
+def test_what_could_not_be_read_leaves_it_unknown(tmp_path: Path) -> None:
+    keystore = tmp_path / "keys"
+    shutil.copytree(TURTLESIM, keystore, symlinks=True)
+    file = keystore / "enclaves/random/permissions.p7s"
+    file.write_bytes(file.read_bytes()[:-300])
+    found = report(tmp_path, keystore, FORWARD + MOVED)
+    assert (status(found), found.exit_code) == ("unknown", 4)
+    assert "it depends on what could not be read" in message(found, "KA906")
+
+
+def test_who_signs_itself_rights_races_with_others(tmp_path: Path) -> None:
+    """One authority under Cyclone DDS 0.10: everybody may publish everywhere, and two samples come to one slot."""
+    shared, split = SAMPLES / "flows/turtlesim_shared_ca", SAMPLES / "flows/turtlesim_split_cas"
+    assert status(report(tmp_path, shared, FORWARD + MOVED, "cyclonedds-0.10")) == "violated"
+    assert status(report(tmp_path, split, FORWARD + MOVED, "cyclonedds-0.10")) == "holds"
+    assert status(report(tmp_path, shared, FORWARD + MOVED, "fastdds-3.6")) == "holds"
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        (FORWARD.replace("/multiplexer", "/multi") + MOVED, "'/multi' is no enclave of this keystore"),
+        (FORWARD.replace("/low_priority", "/low") + MOVED, "on the DDS topic 'rt/low'"),
+        (FORWARD + asked("/move_turtle", "/randm"), "'/randm' names no enclave"),
+        (FORWARD + asked("/move_turtle", "topic:/nothing"), "on the DDS topic 'rt/nothing'"),
+        (FORWARD + asked("/move_turtle", "/multi*"), "is high, and what it does is declared"),
+    ],
+)
+def test_what_is_not_in_the_keystore_is_a_mistake(tmp_path: Path, text: str, what: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        report(tmp_path, TURTLESIM, text)
+    assert what in caught.value.message
