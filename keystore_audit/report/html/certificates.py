@@ -51,7 +51,8 @@ def _entry(sheet: Sheet, issued: Issuance, number: int, above: Sequence[int]) ->
         head = f"issued {counted(len(below), 'certificate')}"
         parts.append(folded(head, element("ul", lines(listed)), open_=len(below) <= _OPEN, class_="below"))
     if certificate.signed:
-        head = f"signed {counted(len(certificate.signed), 'document')}"
+        fit = certificate.permissions_ca_of
+        head = f"signed {counted(len(certificate.signed), 'document')}{'' if fit else ', and is no permissions CA'}"
         parts.append(folded(head, _places(certificate.signed), open_=len(certificate.signed) <= _OPEN, class_="below"))
     return joined(parts)
 

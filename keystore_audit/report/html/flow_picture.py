@@ -164,7 +164,7 @@ def _line(x: int, y: float, middle: float, right: bool) -> Html:
     near, far = f"{start[0] + bend:g} {start[1]:g}", f"{end[0] - bend:g} {end[1]:g}"
     curve = f"M{start[0]:g} {start[1]:g} C{near} {far} {end[0]:g} {end[1]:g}"
     head = f"{end[0]:g},{end[1] - 4:g} {end[0] + 7:g},{end[1]:g} {end[0]:g},{end[1] + 4:g}"
-    return joined([element("path", d=curve, class_=kind), element("polygon", points=head, class_="head")])
+    return joined([element("path", d=curve, class_=kind), element("polygon", points=head, class_="arrow")])
 
 
 def _centre(path: str, middle: float) -> Html:

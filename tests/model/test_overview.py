@@ -1,0 +1,220 @@
+"""What pictures show, held against what the engines and `can` are asked with."""
+
+from __future__ import annotations
+
+from datetime import datetime, timezone
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from keystore_audit.access import Access
+from keystore_audit.keystore.keystore import Keystore, read_keystore
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.claim import Attacker, Place
+from keystore_audit.model.flow import Flows, Search
+from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.overview import MAX_VIEWS, Overview, overview
+from keystore_audit.model.periods import Dated
+from keystore_audit.model.permission import Permissions, members
+from keystore_audit.model.profiles import VARIANTS, resolve
+from keystore_audit.model.question import Question, Ruling
+from keystore_audit.model.systems import SystemBuilder
+from tests.cli.keystores import keystore, rule
+
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
+AT = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
+LOOKED_AT = (
+    "flows/vehicle_healthy",
+    "flows/vehicle_governance_flag",
+    "flows/vehicle_plain_grant",
+    "flows/turtlesim_shared_ca",
+    "flows/chatter_unreadable_enclave",
+    "stock/talker_listener",
+    "healthy/service_action",
+)
+Drawn = set[tuple[str | None, int, str | None, bool]]
+
+
+def overview_of(root: Path, profiles: tuple[str, ...] = (), at: datetime = AT) -> tuple[Keystore, Overview]:
+    read = read_keystore(root)
+    accesses = AccessViews(documents_of(read), at, None)
+    chosen = resolve(profiles)
+    systems = SystemBuilder(read, chosen, at, accesses).systems()
+    return read, overview(read, chosen, at, accesses, None, systems)
+
+
+@cache
+def sample(name: str) -> tuple[Keystore, Overview]:
+    return overview_of(SAMPLES / name)
+
+
+def drawn(seen: Overview) -> tuple[Drawn, Drawn]:
+    """Every hop as its sender's picture shows it, and as its receiver's does."""
+    sent = {
+        (flow.path, name, peer, hop.by_right)
+        for flow in seen.neighbourhoods
+        for hop in flow.outgoing
+        for name in hop.names
+        for peer in hop.peers
+    }
+    received = {
+        (peer, name, flow.path, hop.by_right)
+        for flow in seen.neighbourhoods
+        for hop in flow.incoming
+        for name in hop.names
+        for peer in hop.peers
+    }
+    return sent, received
+
+
+class TestNeighbours:
+    @pytest.mark.parametrize("name", LOOKED_AT)
+    def test_both_ends_of_a_hop_show_it(self, name: str) -> None:
+        sent, received = drawn(sample(name)[1])
+        assert sent
+        enclaves = {flow.path for flow in sample(name)[1].neighbourhoods}
+        assert {hop for hop in sent if hop[2] in enclaves} == {hop for hop in received if hop[0] in enclaves}
+
+    @pytest.mark.parametrize("name", LOOKED_AT)
+    def test_a_hop_is_drawn_where_a_search_finds_it_and_nowhere_else(self, name: str) -> None:
+        """The search of `keystore-audit flow`, asked for each pair and each name: is there a flow of one hop?"""
+        read, seen = sample(name)
+        assert seen.access is not None
+        accesses = AccessViews(documents_of(read), AT, None)
+        profile = VARIANTS[seen.access.groups[-1].profiles[0]]
+        points = [(named.topic, named.partition) for named in seen.access.names]
+        builder = SystemBuilder(read, [profile], AT, accesses, points)
+        system = builder.systems()[0]
+        permissions = Permissions(system)
+        flows = Flows(system, [RealmView(system, realm, permissions) for realm in range(len(system.realms))])
+        labels = [*(enclave.label for enclave in system.enclaves), None]
+        places = [*(Place(enclaves=frozenset({n})) for n in range(len(system.enclaves))), Place(outsider=True)]
+        everything = frozenset(range(len(system.channels)))
+        found: Drawn = set()
+        for number in set(range(len(points))) - set(members(seen.ambient)):
+            channel = builder.channels.of_point(seen.access.domain, number)
+            for sender, source in zip(labels, places, strict=True):
+                for receiver, target in zip(labels, places, strict=True):
+                    if sender == receiver:
+                        continue
+                    direct = {}
+                    for attacker in (Attacker.HONEST, Attacker.RELAYS):
+                        search = Search(
+                            attacker=attacker, source=source, target=target, left_out=everything - {channel}
+                        )
+                        legs = flows.shortest(search)
+                        direct[attacker] = legs is not None and len(legs) == 1
+                    if any(direct.values()):
+                        found.add((sender, number, receiver, direct[Attacker.HONEST]))
+        sent, received = drawn(seen)
+        assert sent | received == found
+
+    @pytest.mark.slow
+    def test_too_many_ways_to_trust_are_not_drawn_and_that_is_said(self, tmp_path: Path) -> None:
+        count = int(MAX_VIEWS**0.5) + 1  # each with a governance file of its own
+        root = keystore(tmp_path, {f"/e{number}": (rule(("rt/t",)),) for number in range(count)})
+        seen = overview_of(root, ("spec",))[1]
+        assert seen.neighbourhoods == ()
+        assert seen.undrawn.startswith(f"{count} ways to trust are too many")
+        assert seen.access is not None
+
+
+class TestAllowances:
+    @pytest.mark.parametrize("name", LOOKED_AT)
+    def test_they_cover_the_table_and_no_more(self, name: str) -> None:
+        _read, seen = sample(name)
+        assert seen.access is not None
+        for path, enclave in seen.access.groups[-1].enclaves.items():
+            if not enclave.usable:
+                continue
+            for operation, right in enclave.rights.items():
+                allowed = 0
+                for allowance in seen.allowances[path]:
+                    if allowance.operation is operation:
+                        assert not allowed & allowance.names, "each name is allowed by one line"
+                        allowed |= allowance.names
+                assert allowed == right.allowed
+
+    @pytest.mark.parametrize("name", ["flows/vehicle_governance_flag", "stock/talker_listener"])
+    def test_the_line_is_that_of_can(self, name: str) -> None:
+        read, seen = sample(name)
+        assert seen.access is not None
+        profile = VARIANTS[seen.access.groups[-1].profiles[0]]
+        questions = {
+            (path, operation, number): Question(
+                enclave=path,
+                operation=operation,
+                topic=named.topic,
+                partition=named.partition,
+                domain=seen.access.domain,
+            )
+            for path in seen.access.groups[-1].enclaves
+            for operation in Operation
+            for number, named in enumerate(seen.access.names)
+        }
+        access = Access(read.root, list(questions.values()), profiles=[profile], at=AT)
+        told = 0
+        for (path, operation, number), question in questions.items():
+            answer = access.answers(question)[profile.name]
+            lines = [
+                (allowance.location, allowance.reason)
+                for allowance in seen.allowances[path]
+                if allowance.operation is operation and allowance.names >> number & 1
+            ]
+            assert lines == ([(answer.location, answer.reason)] if answer.decision is Ruling.ALLOW else [])
+            told += len(lines)
+        assert told > 20
+
+
+class TestCertificates:
+    def test_one_authority_for_both_roles(self) -> None:
+        issued = sample("stock/talker_listener")[1].issuance
+        (root,) = [each for each in issued.certificates if each.is_root]
+        assert (root.identity_ca_of, root.permissions_ca_of) == (2, 2)
+        assert [issued.certificates[n].identity_of for n in root.issued] == [
+            ("/listener",),
+            ("/talker",),
+        ]
+        assert root.signed == (
+            "enclaves/governance.p7s",
+            "enclaves/listener/permissions.p7s",
+            "enclaves/talker/permissions.p7s",
+        )
+        assert issued.unsigned == ()
+
+    def test_a_revoked_identity_is_marked(self) -> None:
+        issued = overview_of(SAMPLES / "rules/KA212-identity-revoked/bad")[1].issuance
+        assert [each.identity_of for each in issued.certificates if each.revoked] != []
+
+    def test_an_identity_that_signed_is_shown_as_the_signer(self) -> None:
+        issued = overview_of(SAMPLES / "rules/KA302-signed-by-an-identity/bad", ("spec",))[1].issuance
+        (signer,) = [each for each in issued.certificates if each.signed and not each.permissions_ca_of]
+        assert (signer.identity_of, signer.signed) == (("/talker",), ("enclaves/talker/permissions.p7s",))
+
+    def test_a_document_that_nobody_signed_is_named(self) -> None:
+        issued = overview_of(SAMPLES / "rules/KA303-signature-invalid/bad", ("spec",))[1].issuance
+        assert issued.unsigned == ("enclaves/talker/permissions.p7s",)
+
+
+class TestPeriods:
+    def test_equal_dates_are_one_period(self) -> None:
+        periods = sample("flows/vehicle_healthy")[1].periods
+        assert [(each.kind, len(each.names)) for each in periods] == [
+            (Dated.AUTHORITY, 2),
+            (Dated.IDENTITY, 5),
+            (Dated.GRANT, 5),
+        ]
+
+    def test_what_ends_first_comes_first(self) -> None:
+        grants = [each for each in sample("flows/vehicle_expiring_grant")[1].periods if each.kind is Dated.GRANT]
+        assert [each.end for each in grants if each.end] == sorted(each.end for each in grants if each.end)
+        assert grants[0].names == ("enclaves/infotainment/permissions.p7s",)
+
+    def test_a_revocation_list_ends_with_its_next_update(self) -> None:
+        periods = overview_of(SAMPLES / "rules/KA214-crl-stale/bad")[1].periods
+        lists = [each for each in periods if each.kind is Dated.REVOCATIONS]
+        assert len(lists) >= 1
+        assert all(each.end is None or each.start < each.end for each in lists)
