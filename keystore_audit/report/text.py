@@ -20,6 +20,7 @@ from keystore_audit.report.consequences import Consequences
 from keystore_audit.report.content import EnclaveEntry, Report, Verdict
 from keystore_audit.report.encoded import instant
 from keystore_audit.report.json import TOOL
+from keystore_audit.report.next_step import OF_THE_AUDIT, next_step
 from keystore_audit.report.page import Page, Piece
 from keystore_audit.text import shorten
 
@@ -167,10 +168,14 @@ def _decisive(report: Report) -> tuple[Finding, ...]:
 def _findings(page: Page, report: Report, shown: tuple[Finding, ...]) -> None:
     """Each enclave's findings, the enclave with the worst one first; the whole keystore is a group too."""
     consequences = Consequences(shown, report.properties)
-    groups: dict[str | None, list[tuple[int, Finding]]] = {}
+    groups: dict[str | None, list[tuple[tuple[int, bool], Finding]]] = {}
     for finding in shown:
         if finding.suppressed is None and not consequences.told_elsewhere(finding):
-            groups.setdefault(finding.enclave, []).append((consequences.rank(finding), finding))
+            rank = (
+                consequences.rank(finding),
+                finding.code.startswith(OF_THE_AUDIT),
+            )  # causes before what they leave open
+            groups.setdefault(finding.enclave, []).append((rank, finding))
     profiles = frozenset(_chosen_profiles(report))
     explained: set[tuple[str, str, str]] = set()
     ordered = sorted(groups.items(), key=lambda group: (min(rank for rank, _ in group[1]), group[0] or ""))
@@ -388,3 +393,6 @@ def _verdict(page: Page, report: Report, view: View) -> None:
     hidden = len(report.findings) - len(_shown(report, view.min_severity))
     if hidden and not view.quiet:
         page.put(f"{hidden} below {view.min_severity.value} not shown (--min-severity).")
+    step = next_step(report)
+    if step and not view.quiet:
+        page.put(step)

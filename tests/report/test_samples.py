@@ -70,7 +70,9 @@ def test_a_sample_is_valid_in_every_format(audited: Audited) -> None:
         _statement(texts[kind], report, keystore)
     assert texts["markdown"].startswith(f"## keystore-audit: {report.verdict.value.upper()}")
     assert len(texts["markdown"]) < 65_536
-    assert f"exit code {report.exit_code}" in " ".join(texts["text"].split())
+    flat = " ".join(texts["text"].split())
+    assert f"exit code {report.exit_code}" in flat
+    assert ("Mend first: KA" in flat) is (report.verdict is not Verdict.PASS)
 
 
 def _json(text: str, report: Report) -> None:

@@ -17,6 +17,7 @@ from keystore_audit.findings import Finding, Outcome, Result, Severity
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
 from keystore_audit.report.content import Report, Verdict
+from keystore_audit.report.next_step import next_step
 from keystore_audit.report.text import View, render, render_several
 
 MakeReport = Callable[..., Report]
@@ -191,3 +192,33 @@ def test_clause_and_remedy_are_given_in_full_once(make_report: MakeReport) -> No
     assert text.count("Issue the identity again.") == 1
     assert text.count("    remedy  as for KA205 above\n") == 1
     assert "Something else." in text
+
+
+def test_what_to_do_first_is_the_last_line(make_report: MakeReport) -> None:
+    """The worst cause, not what follows from it; of an incomplete audit what is undecided, not what the audit says."""
+    report = make_report()
+    signed, grants_itself, expires, accepted, _key = report.findings
+    assert next_step(report).startswith(
+        "Mend first: KA302 signed-by-an-identity (enclaves/talker/permissions.p7s:41), from which 1 other follows."
+    )
+    consequence_first = replace(report, findings=(grants_itself, signed, expires))
+    assert "Mend first: KA302" in next_step(consequence_first)
+    assert "Then 1 more." in next_step(replace(report, findings=(signed, replace(expires, severity=Severity.HIGH))))
+    assert next_step(replace(report, findings=(accepted, expires))) == ""
+    assert next_step(replace(report, verdict=Verdict.PASS)) == ""
+    assert next_step(replace(report, fail_on=None)) == ""
+    own = replace(signed, code="KA906", name="property-undecided", undecided=True)
+    cause = replace(expires, undecided=True)
+    incomplete = replace(report, verdict=Verdict.INCOMPLETE, findings=(own, signed, cause))
+    assert "Mend first: KA205" in next_step(incomplete)
+    assert "Then 1 more." in next_step(incomplete)
+    assert "Mend first: KA906" in next_step(replace(incomplete, findings=(own, signed)))
+    assert render(report).rstrip().endswith("`keystore-audit explain KA302` says more.")
+
+
+def test_what_the_audit_says_of_itself_comes_after_its_cause(make_report: MakeReport) -> None:
+    report = make_report()
+    signed, *_rest = report.findings
+    own = replace(signed, code="KA906", name="property-undecided", enclave=None)
+    text = render(replace(report, findings=(own, replace(own, enclave="/talker"), signed)))
+    assert text.index("KA302") < text.index("KA906")
