@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
@@ -12,6 +13,7 @@ from keystore_audit.cli import output
 from keystore_audit.errors import EXIT_INCOMPLETE
 
 if TYPE_CHECKING:
+    from keystore_audit.model.claims import Globs
     from keystore_audit.model.comparison import Comparison, FailOn
 
 EXIT_CHANGED: Final = 1
@@ -30,6 +32,14 @@ FAIL_ON: Final = ("gained", "any", "none")
     metavar="[gained|any|none]",
     help="Which changes make the exit code 1.",
 )
+@click.option(
+    "--label",
+    "labels",
+    multiple=True,
+    metavar="LABEL",
+    help="A change fails only where it is about something with this label of the settings; repeatable.",
+)
+@click.option("--settings", type=click.Path(path_type=Path), metavar="FILE", help="What --label refers to.")
 @opt.interpretation_options
 @click.option(
     "-f",
@@ -72,12 +82,28 @@ def command(old: str, new: str, **given: Any) -> int:
         at=at or opt.now(),
         zone=given["time_zone"],
         domain=given["domain"],
+        labels=_labels(given["labels"], given["settings"], (old, new)),
     )
     fail_on = FailOn(given["fail_on"])
     output.write_stdout(_rendered(comparison, fail_on, given["kind"]))
     if comparison.unknown:
         return EXIT_INCOMPLETE
     return EXIT_CHANGED if comparison.failing(fail_on) else 0
+
+
+def _labels(labels: tuple[str, ...], settings: Path | None, keystores: tuple[str, str]) -> dict[str, Globs] | None:
+    """By label what has it. Raises errors.UsageError for settings that are none, and for a label without anything."""
+    if bool(labels) != (settings is not None):
+        raise click.UsageError("--label and --settings belong together: FILE says what has the label.")
+    if settings is None:
+        return None
+    from keystore_audit.model.comparison_labels import label_globs
+    from keystore_audit.settings import read_settings
+
+    labelling = read_settings(settings, keystores).labels
+    if labelling is None:
+        raise click.UsageError(f"{settings} has no [[label]].")
+    return label_globs(labelling, labels)
 
 
 def _rendered(comparison: Comparison, fail_on: FailOn, kind: str) -> str:

@@ -142,7 +142,7 @@ class Change:
     `what`: a noun phrase or a verb phrase of the enclaves. `enclaves`: the paths of those that it is about; none: the
     keystore as a whole, or outsiders. `operation`: publish, subscribe, relay or join, of a right. `names`: what it is
     about. `profiles`: under which implementations it is a change. `varies`: they differ about the names. `old`, `new`:
-    where that is written in either keystore.
+    where that is written in either keystore. `labels`: those asked for that it is about.
     """
 
     layer: Layer
@@ -160,6 +160,7 @@ class Change:
     old: Location | None = None
     new: Location | None = None
     consequences: tuple[Consequence, ...] = ()
+    labels: tuple[str, ...] = ()
 
     @property
     def gains(self) -> bool:
@@ -184,7 +185,8 @@ class Unread:
 class Comparison:
     """What changed from one keystore to the other at `at` (aware UTC), under `profiles`.
 
-    `domain`: the one that was looked at; None: all. `common`: enclaves of both.
+    `domain`: the one that was looked at; None: all. `common`: enclaves of both. `labels`: where there are some, changes
+    about others do not fail.
     """
 
     old: str
@@ -197,11 +199,13 @@ class Comparison:
     common: int
     changes: tuple[Change, ...]
     unknown: tuple[Unread, ...]
+    labels: tuple[str, ...] = ()
 
     def failing(self, fail_on: FailOn) -> tuple[Change, ...]:
         """The changes that stop a release."""
         if fail_on is FailOn.NONE:
             return ()
+        about = [change for change in self.changes if change.labels or not self.labels]
         if fail_on is FailOn.GAINED:
-            return tuple(change for change in self.changes if change.gains)
-        return tuple(change for change in self.changes if change.direction is not Direction.INFO)
+            return tuple(change for change in about if change.gains)
+        return tuple(change for change in about if change.direction is not Direction.INFO)

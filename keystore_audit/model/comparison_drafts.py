@@ -34,7 +34,7 @@ class Draft:
     new: Location | None = None
     effects: list[Effect] = field(default_factory=list)
 
-    def change(self, sides: Sides) -> Change:
+    def change(self, sides: Sides, labels: tuple[str, ...] = ()) -> Change:
         """The change with its names and consequences."""
         return Change(
             layer=self.layer,
@@ -52,6 +52,7 @@ class Draft:
             old=self.old,
             new=self.new,
             consequences=tuple(effect.consequence(sides) for effect in sorted(self.effects, key=_told_first)),
+            labels=labels,
         )
 
 

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from typing import Final
 from zoneinfo import ZoneInfo
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.model.claims import Globs
 from keystore_audit.model.comparison import ORDER, Comparison, Direction, Layer
 from keystore_audit.model.comparison_causes import Causes
 from keystore_audit.model.comparison_drafts import Draft
 from keystore_audit.model.comparison_governance import governance_changes
 from keystore_audit.model.comparison_grants import grant_changes, validity_changes
 from keystore_audit.model.comparison_influence import influence_changes
+from keystore_audit.model.comparison_labels import ConcernedLabels
 from keystore_audit.model.comparison_reach import Reach
 from keystore_audit.model.comparison_sides import Sides
 from keystore_audit.model.comparison_trust import trust_changes
@@ -30,20 +32,25 @@ def compare(
     at: datetime,
     zone: ZoneInfo | None = None,
     domain: int | None = None,
+    labels: Mapping[str, Globs] | None = None,
 ) -> Comparison:
     """What changed from `old` to `new` as `profiles` read them at `at` (aware UTC).
 
     `zone`: where the robots are, None if that is not known. `domain`: the only one that counts; None: all.
-    Raises errors.BudgetExceeded where there are too many classes of names.
+    `labels`: by label, what has it; where there are some, changes about others do not fail.
+    Raises errors.BudgetExceeded where there are too many classes of names, and errors.UsageError for a label of
+    nothing in either keystore.
     """
-    sides = Sides(old, new, profiles, at, zone, domain)
+    labels = labels or {}
+    sides = Sides(old, new, profiles, at, zone, domain, [glob for each in labels.values() for glob in each.topics])
     rights = grant_changes(sides)
     drafts = [*trust_changes(sides), *governance_changes(sides), *validity_changes(sides, rights), *rights]
     causes = Causes(drafts)
     unaccounted = [*Reach(sides, causes).work_out(), *influence_changes(sides, causes)]
     found = [*causes.drafts, *unaccounted]
     found += _signed_again(sides, found)
-    changes = [draft.change(sides) for draft in sorted(found, key=_order)]
+    concerned = ConcernedLabels(sides, labels)
+    changes = [draft.change(sides, concerned.of(draft)) for draft in sorted(found, key=_order)]
     return Comparison(
         old=old.root,
         new=new.root,
@@ -55,6 +62,7 @@ def compare(
         common=len(sides.common),
         changes=tuple(changes),
         unknown=sides.unknown,
+        labels=tuple(labels),
     )
 
 

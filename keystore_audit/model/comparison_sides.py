@@ -14,7 +14,7 @@ from keystore_audit.keystore.permissions import Operation, PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.channels import document_channels
-from keystore_audit.model.claims import AMBIENT
+from keystore_audit.model.claims import AMBIENT, named
 from keystore_audit.model.comparison import Name, Names, Unread
 from keystore_audit.model.domains import Interval, contains
 from keystore_audit.model.doubt import keystore_doubts
@@ -87,8 +87,8 @@ class Pair:
 class Sides:
     """The old and the new keystore under `profiles` at `at` (aware UTC); `zone`: where the robots are.
 
-    `domain`: the only one that counts; None: all. Raises errors.BudgetExceeded where there are too many classes of
-    names.
+    `domain`: the only one that counts; None: all. `topics`: globs whose names are told apart from others. Raises
+    errors.BudgetExceeded where there are too many classes of names.
     """
 
     def __init__(
@@ -99,6 +99,7 @@ class Sides:
         at: datetime,
         zone: ZoneInfo | None,
         domain: int | None,
+        topics: Iterable[str] = (),
     ) -> None:
         documents = (*documents_of(old), *documents_of(new))
         self.at = at
@@ -108,7 +109,7 @@ class Sides:
         rows = {self.accesses.row(profile.access) for profile in profiles}
         files = [document.file for document in documents if document.file is not None]
         read = {row: [self.accesses.read(file, row) for file in files] for row in rows}
-        self.channels = document_channels(read, ungoverned=True)
+        self.channels = document_channels(read, claimed=[named((glob,)) for glob in topics], ungoverned=True)
         self.enclaves = (_by_path(old), _by_path(new))
         usabilities = [Usabilities(domain, self.accesses) for _ in self.keystores]
         self.usability = tuple(
@@ -187,6 +188,10 @@ class Sides:
             for number, channel in enumerate(self.channels.channels)
             if channel.topic in wanted and all(cell.topic in wanted for cell in self.channels.cells(number))
         )
+
+    def claimed(self, topic: str) -> int:
+        """The channels of one of the globs that are told apart."""
+        return bits(self.channels.regions[named((topic,))])
 
     def names(self, channels: int) -> Names:
         """The names of a set of channels, by witnesses."""

@@ -26,6 +26,7 @@ def json(comparison: Comparison, fail_on: FailOn) -> str:
         "domain": comparison.domain,
         "profiles": list(comparison.profiles),
         "fail_on": fail_on.value,
+        "labels": list(comparison.labels),
         "complete": not comparison.unknown,
         "failing": len(failing),
         "common_enclaves": comparison.common,
@@ -53,6 +54,7 @@ def _change(change: Change, *, fails: bool) -> dict[str, Any]:
         "fails": fails,
         "what": change.what,
         "enclaves": list(change.enclaves),
+        "labels": list(change.labels),
         "operation": change.operation,
         "aspects": [
             {"what": each.what, "old": each.old, "new": each.new, "direction": each.direction.value}

@@ -65,7 +65,8 @@ def sentence(change: Change, comparison: Comparison) -> str:
         parts.append(f"({'; '.join(aspects)})")
     words = " ".join(parts) + reasons(change.reasons)
     varies = ", not all of it under each" if change.varies else ""
-    return f"{words}{under(change.profiles, comparison)}{varies}."
+    about = f" [{', '.join(change.labels)}]" if change.labels else ""
+    return f"{words}{under(change.profiles, comparison)}{varies}.{about}"
 
 
 def _subject(change: Change) -> str:
@@ -185,7 +186,8 @@ def verdict(comparison: Comparison, fail_on: FailOn) -> str:
     if not counted:
         return "NO CHANGE in meaning"
     if fail_on is FailOn.NONE or not failing:
-        return f"PASS: {_count(len(counted), 'change')}, none that fails"
+        about = f" (those about {', '.join(comparison.labels)} could)" if comparison.labels else ""
+        return f"PASS: {_count(len(counted), 'change')}, none that fails{about}"
     return f"FAIL: {failing} of {_count(len(counted), 'change')} {'fails' if failing == 1 else 'fail'}"
 
 

@@ -1,0 +1,92 @@
+"""Which labels of the settings a change is about (docs/diff.md, Labels)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from keystore_audit.errors import UsageError
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.claims import AMBIENT, Globs, matching
+from keystore_audit.model.comparison_drafts import Draft, Effect
+from keystore_audit.model.comparison_sides import Sides
+from keystore_audit.model.labels import Labelling
+
+
+def label_globs(labelling: Labelling, labels: Iterable[str]) -> dict[str, Globs]:
+    """What has each of the labels, and who is trusted to take it or to give it.
+
+    Raises errors.UsageError for a label that nothing has.
+    """
+    found = {}
+    for label in labels:
+        places = (*labelling.sources(label), *labelling.targets(label))
+        if not places:
+            raise UsageError(f"--label: nothing has the label {label} in {labelling.place}")
+        found[label] = Globs(
+            enclaves=tuple(dict.fromkeys(glob for place in places for glob in place.enclaves)),
+            topics=tuple(dict.fromkeys(glob for place in places for glob in place.topics)),
+        )
+    return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Labelled:
+    """Enclaves with a label; and names with it, or that those enclaves may use in either keystore."""
+
+    paths: frozenset[str]
+    channels: int
+
+
+class ConcernedLabels:
+    """Which of the labels changes are about. `sides` tell their topics apart.
+
+    Raises errors.UsageError where a glob matches no enclave, or no topic that anybody may use, of either keystore, and
+    everything could be read.
+    """
+
+    def __init__(self, sides: Sides, labels: Mapping[str, Globs]) -> None:
+        self._labels = {label: _labelled(sides, label, globs) for label, globs in labels.items()}
+
+    def of(self, draft: Draft) -> tuple[str, ...]:
+        """Those that the change, or anything that follows from it, is about; of the keystore as a whole: all."""
+        whole = not draft.enclaves and not draft.channels and draft.influenced is None
+        return tuple(
+            label
+            for label, each in self._labels.items()
+            if whole or _concerns(each, draft) or any(_concerns(each, effect) for effect in draft.effects)
+        )
+
+
+def _concerns(labelled: _Labelled, said: Draft | Effect) -> bool:
+    # Whose governance says something of names that none of them uses does not count.
+    protects = isinstance(said, Draft) and said.kind == "protection"
+    ends = said.influenced.ends if said.influenced is not None else ()
+    by_path = not protects and not labelled.paths.isdisjoint(said.enclaves)
+    return by_path or bool(labelled.channels & said.channels) or not labelled.paths.isdisjoint(ends)
+
+
+def _labelled(sides: Sides, label: str, globs: Globs) -> _Labelled:
+    everybody = sorted({*sides.enclaves[0], *sides.enclaves[1]})
+    paths: set[str] = set()
+    for glob in globs.enclaves:
+        matched = matching(glob, everybody)
+        if not matched and not sides.unknown:
+            raise UsageError(f"--label {label}: {glob} is no enclave of either keystore")
+        paths.update(matched)
+    used, theirs = 0, 0
+    for pair in sides.pairs:
+        for view in (pair.old, pair.new):
+            for path, number in view.numbers.items():
+                names = 0
+                for operation in Operation:
+                    names |= view.accepted(number, operation)
+                used |= names
+                theirs |= names if path in paths else 0
+    own = 0
+    for glob in globs.topics:
+        channels = sides.claimed(glob)
+        if not channels & used and not sides.unknown:
+            raise UsageError(f"--label {label}: {glob} is no topic that anybody may use in either keystore")
+        own |= channels
+    return _Labelled(paths=frozenset(paths), channels=own | theirs & ~sides.named(AMBIENT))

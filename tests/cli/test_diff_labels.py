@@ -1,0 +1,133 @@
+"""`diff --label`: only changes about what has the label fail, and none about it is missed."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from keystore_audit.cli.program import run
+from tests.cli.keystores import AT
+from tests.model.comparing import (
+    Member,
+    Store,
+    authority,
+    criterion,
+    domain_rule,
+    governance,
+    grant,
+    permissions,
+    rule,
+    topic_rule,
+)
+
+SETTINGS = """
+[lattice]
+levels = ["open", "secret"]
+[[label]]
+label = "open"
+enclaves = "/a"
+[[label]]
+label = "secret"
+enclaves = "/s*"
+topics = "/own"
+"""
+
+
+def says(path: str, *rules: str) -> Member:
+    return Member(permissions=permissions(grant(path, *rules)), serial=101 + len(path))
+
+
+SAFE = says("/safe", rule(criterion("publish", "rt/told", "rt/rosout"), criterion("subscribe", "rt/heard")))
+LISTENS = rule(criterion("subscribe", "rt/x"), criterion("publish", "rt/own"))
+A = (rule(criterion("publish", "rt/x"), criterion("subscribe", "rt/x")),)
+BASE = Store(members={"/a": says("/a", *A), "/bb": says("/bb", LISTENS), "/safe": SAFE})
+
+
+def gains(operation: str, topic: str) -> Store:
+    return replace(BASE, members={**BASE.members, "/a": says("/a", *A, rule(criterion(operation, topic)))})
+
+
+def unprotected(topic: str, **flags: str) -> Store:
+    flags = flags or {"data_protection_kind": "NONE", "metadata_protection_kind": "NONE"}
+    rules = topic_rule(topic, **flags) + topic_rule()
+    return replace(BASE, governance=governance(domain_rule(topics=rules)))
+
+
+def added(path: str, *rules: str) -> Store:
+    return replace(BASE, members={**BASE.members, path: says(path, *rules)})
+
+
+def compared(tmp_path: Path, new: Store, *arguments: str) -> int:
+    settings = tmp_path / "settings.toml"
+    settings.write_text(SETTINGS)
+    sides = [store.write(tmp_path / name) for name, store in (("old", BASE), ("new", new))]
+    return run(["diff", *map(str, sides), "--at", AT, "--settings", str(settings), *arguments])
+
+
+@pytest.mark.parametrize(
+    ("new", "concerned"),
+    [
+        (gains("publish", "rt/elsewhere"), False),
+        (gains("publish", "rt/rosout"), False),
+        (gains("publish", "rt/own"), True),
+        (gains("publish", "rt/heard"), True),
+        (gains("subscribe", "rt/told"), True),
+        (gains("publish", "*"), True),
+        (unprotected("rt/x", enable_discovery_protection="false"), False),
+        (unprotected("rt/told", enable_discovery_protection="false"), True),
+        (unprotected("rt/x"), True),  # /safe can read it now, without a right
+        (unprotected("rt/told"), True),
+        (unprotected("rt/own"), True),
+        (added("/new", rule(criterion("publish", "rt/x"))), False),
+        (added("/new", rule(criterion("publish", "rt/heard"))), True),
+        (added("/store"), True),
+        (replace(BASE, permissions=(authority("other"),)), True),
+    ],
+)
+def test_what_concerns_a_label_fails(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], new: Store, *, concerned: bool
+) -> None:
+    assert compared(tmp_path, new, "--label", "secret", "-f", "json") == concerned
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["labels"] == ["secret"]
+    assert any(change["direction"] in ("gained", "mixed") for change in answer["changes"])
+    assert [change["fails"] for change in answer["changes"]] == [
+        bool(change["labels"]) and change["direction"] in ("gained", "mixed") for change in answer["changes"]
+    ]
+
+
+def test_what_hands_on_to_a_label_concerns_it(tmp_path: Path) -> None:
+    """/a reaches /safe through /bb, which alone has a right to what /safe hears."""
+    between = {"/bb": says("/bb", rule(criterion("publish", "rt/heard", "rt/own")))}
+    old = replace(BASE, members={**BASE.members, **between})
+    hears = {"/bb": says("/bb", rule(criterion("publish", "rt/heard", "rt/own"), criterion("subscribe", "rt/x")))}
+    settings = tmp_path / "settings.toml"
+    settings.write_text(SETTINGS)
+    sides = [old.write(tmp_path / "old"), replace(old, members={**old.members, **hears}).write(tmp_path / "new")]
+    arguments = ["diff", *map(str, sides), "--at", AT, "--settings", str(settings), "--label", "secret"]
+    assert run(arguments) == 1
+
+
+def test_unknown_stays_unknown(tmp_path: Path) -> None:
+    broken = BASE.members["/bb"].permissions.replace("<dds>", "<dds a='&#38;'>")
+    assert compared(tmp_path, BASE.member("/bb", permissions=broken), "--label", "secret") == 4
+
+
+@pytest.mark.parametrize(
+    "wrong", [[], ["--label", "nobody"], ["--label", "secret", "--settings", "missing.toml"]], ids=str
+)
+def test_usage(tmp_path: Path, capsys: pytest.CaptureFixture[str], wrong: list[str]) -> None:
+    assert compared(tmp_path, BASE, *wrong) == 2
+    assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize(("old", "new"), [('"/s*"', '"/typo"'), ('"/own"', '"/typo"')])
+def test_a_glob_of_nothing_is_no_pass(tmp_path: Path, capsys: pytest.CaptureFixture[str], old: str, new: str) -> None:
+    settings = tmp_path / "typo.toml"
+    settings.write_text(SETTINGS.replace(old, new))
+    store = gains("publish", "rt/own")
+    assert compared(tmp_path, store, "--label", "secret", "--settings", str(settings)) == 2
+    assert "/typo" in capsys.readouterr().err
