@@ -108,12 +108,19 @@ def _properties(root: Table) -> tuple[tuple[Claim, ...], Declared]:
 
 
 def _unique(claims: tuple[Claim, ...], declared: Declared) -> tuple[Claim, ...]:
-    """The claims; raises errors.UsageError where two have one name, as labels may make them."""
-    seen: dict[str, Claim | Determinism] = {claim.id: claim for claim in declared.claims}
-    for claim in claims:
-        other = seen.setdefault(claim.id, claim)
-        if other is not claim:
-            raise UsageError(f"{claim.place}: this makes the property {claim.id!r}, which is at {other.place} too.")
+    """The claims; raises errors.UsageError where two have one name, as labels may make them.
+
+    What two labels make has a name of its own in reports, beside those of the claims.
+    """
+    seen: dict[str, tuple[object, str]] = {claim.id: (claim.id, claim.place) for claim in declared.claims}
+    for number, claim in enumerate(claims):
+        names: list[tuple[str, object]] = [(claim.id, number)]
+        if claim.labels is not None:
+            names.append((claim.labels.id, (claim.labels.source, claim.labels.target)))
+        for name, what in names:
+            other, at = seen.setdefault(name, (what, claim.place))
+            if other != what:
+                raise UsageError(f"{claim.place}: this makes the property {name!r}, which is at {at} too.")
     return claims
 
 

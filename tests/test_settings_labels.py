@@ -23,6 +23,16 @@ else:
     import tomli as tomllib
 
 LIMITS = '[[label]]\nlabel = "driving"\ntopics = "/motor*"\n[[label]]\nlabel = "entertainment"\ntopics = "/*_limit"\n'
+ALIKE = """
+[lattice]
+order = { a = [], a-to-a = [] }
+[[label]]
+label = "a"
+enclaves = "/a"
+[[label]]
+label = "a-to-a"
+enclaves = "/b"
+"""
 LEVELS = '[lattice]\nlevels = ["low", "high"]\n'
 TWO = '[[label]]\nlabel = "low"\nenclaves = "/a"\n[[label]]\nlabel = "high"\nenclaves = "/b"\n'
 VEHICLE = """
@@ -167,6 +177,21 @@ def test_a_property_may_not_have_the_name_of_what_labels_make(tmp_path: Path) ->
         UsageError, match=r"toml:1:1: this makes the property 'single-writer-x', which is at .*:2:1 too"
     ):
         read(tmp_path, f'single_writer = "/x"\n{mine}')
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        (
+            f'{LEVELS}{TWO}[[property]]\nname = "label-high-to-low"\nable = {{ from = "/a", to = "/b" }}\n',
+            "label-high-to-low",
+        ),
+        (ALIKE, "label-a-to-a-to-a"),
+    ],
+)
+def test_names_that_labels_make_are_nobody_elses(tmp_path: Path, text: str, name: str) -> None:
+    with pytest.raises(UsageError, match=f"this makes the property '{name}"):
+        read(tmp_path, text)
 
 
 def judged(tmp_path: Path, sample: str, text: str, *arguments: str) -> tuple[int, dict[str, Any]]:
