@@ -18,7 +18,8 @@ def next_step(report: Report) -> str:
     if not wanted:
         return ""
     first = min(wanted, key=lambda finding: finding.code.startswith(OF_THE_AUDIT))  # the report's order: worst first
-    place = first.locations[0] if first.locations else None
+    inside = [location for location in first.locations if not location.beside]  # what is asserted elsewhere is no fault
+    place = next(iter((*inside, *first.locations)), None)
     where = "" if place is None else f" ({place.path}{'' if place.line is None else f':{place.line}'})"
     more = sum(first.fingerprint in finding.explained_by for finding in report.findings)
     follow = f", from which {more} other{'' if more == 1 else 's'} follow{'s' if more == 1 else ''}" if more else ""

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
-from keystore_audit.findings import Finding, Outcome, Result, Severity
+from keystore_audit.findings import Finding, Location, Outcome, Result, Severity
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
 from keystore_audit.report.content import Report, Verdict
@@ -204,6 +204,11 @@ def test_what_to_do_first_is_the_last_line(make_report: MakeReport) -> None:
     consequence_first = replace(report, findings=(grants_itself, signed, expires))
     assert "Mend first: KA302" in next_step(consequence_first)
     assert "Then 1 more." in next_step(replace(report, findings=(signed, replace(expires, severity=Severity.HIGH))))
+    beside = replace(signed, locations=(Location(path="mine.toml", line=1, beside=True), *signed.locations))
+    assert "permissions.p7s:41" in next_step(replace(report, findings=(beside,)))
+    only = replace(signed, locations=beside.locations[:1])
+    assert "(mine.toml:1)" in next_step(replace(report, findings=(only,)))
+    assert "signed-by-an-identity. `" in next_step(replace(report, findings=(replace(signed, locations=()),)))
     assert next_step(replace(report, findings=(accepted, expires))) == ""
     assert next_step(replace(report, verdict=Verdict.PASS)) == ""
     assert next_step(replace(report, fail_on=None)) == ""
