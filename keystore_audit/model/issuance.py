@@ -43,10 +43,13 @@ class IssuedCertificate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Issuance:
-    """`certificates` by place. `unsigned`: documents (paths) whose signature none of them made."""
+    """`certificates` by place. `unsigned`: documents (paths) whose signature none of them made. `unread`: those of
+    which that cannot be told.
+    """
 
     certificates: tuple[IssuedCertificate, ...]
     unsigned: tuple[str, ...]
+    unread: tuple[str, ...]
 
 
 def issuance(keystore: Keystore, system: System) -> Issuance:
@@ -83,7 +86,8 @@ def issuance(keystore: Keystore, system: System) -> Issuance:
             )
             for number, certificate in enumerate(certificates)
         ),
-        unsigned=tuple(document.location.path for document in system.documents if not document.signers),
+        unsigned=tuple(each.location.path for each in system.documents if not each.signers and not each.opaque),
+        unread=tuple(each.location.path for each in system.documents if each.opaque),
     )
 
 

@@ -101,6 +101,6 @@ def _nothing(why: str, issued: Issuance | None = None, dates: tuple[Period, ...]
         neighbourhoods=(),
         undrawn=why,
         ambient=0,
-        issuance=issued or Issuance(certificates=(), unsigned=()),
+        issuance=issued or Issuance(certificates=(), unsigned=(), unread=()),
         periods=dates,
     )

@@ -194,6 +194,10 @@ class TestCertificates:
         (signer,) = [each for each in issued.certificates if each.signed and not each.permissions_ca_of]
         assert (signer.identity_of, signer.signed) == (("/talker",), ("enclaves/talker/permissions.p7s",))
 
+    def test_of_what_could_not_be_read_no_signer_is_told(self) -> None:
+        issued = overview_of(SAMPLES / "unknown/ambiguous_enclave")[1].issuance
+        assert (issued.unsigned, issued.unread) == ((), ("enclaves/listener/permissions.p7s",))
+
     def test_a_document_that_nobody_signed_is_named(self) -> None:
         issued = overview_of(SAMPLES / "rules/KA303-signature-invalid/bad", ("spec",))[1].issuance
         assert issued.unsigned == ("enclaves/talker/permissions.p7s",)

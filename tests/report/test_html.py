@@ -237,6 +237,15 @@ class TestWhatIsSaid:
         assert "5 identity certificates" in dates
         assert "safe until" in dates
 
+    def test_the_ranking_has_every_enclave_and_leads_to_its_flow(self, repository: Path) -> None:
+        tree = document(page_of(repository / "sample_keystores/healthy/vehicle"))
+        rows = tree.xpath("//section[@class='radius']//tbody/tr")
+        assert len(rows) == 5
+        for row in rows:
+            target = row.xpath("./th/a/@href")[0].removeprefix("#")
+            figure = tree.xpath("//figure[@id=$id]", id=target)[0]
+            assert row.xpath("./th//code/text()") == figure.getparent().xpath("./summary/code/text()")
+
     def test_without_an_overview_the_rest_is_there(self, make_report: MakeReport) -> None:
         tree = document(render([make_report()]))
         assert tree.xpath("//section/@class") == ["findings", "properties", "starting", "profiles"]

@@ -33,10 +33,14 @@ def certificates(sheet: Sheet, issued: Issuance) -> Html:
     if len(roots) > MAX_ROOTS:
         parts.append(element("li", f"{counted(len(roots) - MAX_ROOTS, 'more certificate')} without an issuer. {FULL}"))
     chain = element("ul", lines(parts), class_="chain") if parts else element("p", "No certificate could be read.")
-    if not issued.unsigned:
-        return chain
-    head = f"{counted(len(issued.unsigned), 'document')} whose signature none of these certificates made"
-    return joined([chain, element("p", head, class_="under"), _places(issued.unsigned)])
+    told = [chain]
+    for paths, words in (
+        (issued.unsigned, "whose signature none of these certificates made"),
+        (issued.unread, "of which it cannot be told who signed"),
+    ):
+        if paths:
+            told += [element("p", f"{counted(len(paths), 'document')} {words}", class_="under"), _places(paths)]
+    return joined(told)
 
 
 def _entry(sheet: Sheet, issued: Issuance, number: int, above: Sequence[int]) -> Html:
@@ -71,7 +75,11 @@ def _card(sheet: Sheet, certificate: IssuedCertificate) -> Html:
         "div",
         element("span", name(certificate.subject), class_="subject"),
         element("span", " · ".join(_roles(certificate)), element("span", key, class_="soft"), class_="role"),
-        element("span", dates, *[element("strong", word, class_="warned") for word in warned]),
+        element(
+            "span",
+            element("span", dates, class_="dates"),
+            *[element("strong", word, class_="warned") for word in warned],
+        ),
         place(certificate.location.path, certificate.location.line),
         class_="card",
     )

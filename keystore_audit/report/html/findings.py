@@ -74,7 +74,7 @@ def _finding(sheet: Sheet, finding: Finding, worst: Severity, consequences: Cons
     named = finding.enclave is None or finding.message.startswith(finding.enclave)
     enclave = NOTHING if named or finding.enclave is None else element("code", finding.enclave, class_="enclave")
     parts.append(element("p", own, enclave, shorten(finding.message, MAX_MESSAGE)))
-    parts.append(_places(finding.locations))
+    parts.append(_places(finding.locations, finding.message))
     under = sheet.under(finding.profiles)
     if under:
         parts.append(element("p", under, class_="under"))
@@ -82,15 +82,17 @@ def _finding(sheet: Sheet, finding: Finding, worst: Severity, consequences: Cons
     return element("article", joined(parts))
 
 
-def _places(locations: Sequence[Location]) -> Html:
-    shown = [_place(location) for location in locations[:MAX_PLACES]]
+def _places(locations: Sequence[Location], message: str) -> Html:
+    """The places, each with what is said of it unless the message says the same."""
+    shown = [_place(location, message.casefold()) for location in locations[:MAX_PLACES]]
     if len(locations) > MAX_PLACES:
         shown.append(element("span", f"{len(locations) - MAX_PLACES} more places. {FULL}", class_="soft"))
     return items(shown, class_="places")
 
 
-def _place(location: Location) -> Html:
-    note = element("span", f" {location.message}", class_="soft") if location.message else NOTHING
+def _place(location: Location, message: str) -> Html:
+    said = location.message.casefold() in message
+    note = NOTHING if said else element("span", f" {location.message}", class_="soft")
     return joined([place(location.path, location.line), note])
 
 

@@ -15,6 +15,7 @@ from keystore_audit.findings import Severity
 from keystore_audit.properties.property import Status
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.report.encoded import instant
+from keystore_audit.report.html.blast_radius import blast_radius
 from keystore_audit.report.html.certificates import certificates
 from keystore_audit.report.html.element import BREAK, NOTHING, Html, element, joined, lines, style
 from keystore_audit.report.html.findings import count, findings
@@ -138,11 +139,12 @@ def _sections(each: Sheet) -> Iterator[_Section]:
     report = each.report
     overview = report.overview
     yield _Section("findings", "Findings", str(count(each)), findings(each))
-    failed = sum(result.status is not Status.HOLDS for result in report.properties)
-    yield _Section("properties", "Properties", f"{failed} ✗" if failed else "✓", properties(each))
+    yield _Section("properties", "Properties", _statuses(report), properties(each))
     if overview is not None:
         yield _Section("access", "Who may do what", "", access(each, overview))
         yield _Section("flows", "Information flow", "", flows(each, overview))
+    if overview is not None:
+        yield _Section("radius", "Blast radius", "", blast_radius(each, report.blast_radius))
     yield _Section("starting", "Who can start", "", starting(each))
     table = overview.access if overview is not None else None
     number = differing(each)
@@ -150,6 +152,13 @@ def _sections(each: Sheet) -> Iterator[_Section]:
     if overview is not None:
         yield _Section("certificates", "Certificates and signatures", "", certificates(each, overview.issuance))
         yield _Section("dates", "Dates", "", timeline(each, overview.periods))
+
+
+def _statuses(report: Report) -> str:
+    """How many properties do not hold."""
+    counts = Counter(result.status for result in report.properties)
+    marks = ((Status.UNKNOWN, "?"), (Status.VIOLATED, "✗"))
+    return " ".join(f"{counts[status]} {mark}" for status, mark in marks if counts[status]) or "✓"
 
 
 def _several(sheets: Sequence[Sheet]) -> Html:
