@@ -209,11 +209,15 @@ class Ground:
         return bits(number for number, atom in atoms if self._name(number, atom.domain).several)
 
     def count(self, channels: int) -> int:
-        """How many names are among the channels, each class of names as one."""
-        folded = 0
+        """How many names are among the channels, each class of names as one; as many as `topics`."""
+        folded, any_name = 0, False
         for start, end in self._slices:
-            folded |= channels >> start & (1 << end - start) - 1
-        return folded.bit_count()
+            held = channels >> start & (1 << end - start) - 1
+            if end - start == len(self.names):
+                folded |= held
+            else:
+                any_name = any_name or held != 0
+        return folded.bit_count() + any_name
 
 
 def slices(channels: Channels) -> list[tuple[int, int]]:

@@ -51,10 +51,10 @@ def _key(answer: CompromiseAnswer, key: KeyAnswer) -> Iterator[str]:
 
 
 def _profiles(answer: CompromiseAnswer, by_profile: Mapping[str, ProfileRadius]) -> Iterator[str]:
-    groups: dict[str, tuple[ProfileRadius, list[str]]] = {}
+    groups: dict[ProfileRadius, list[str]] = {}
     for name, each in by_profile.items():
-        groups.setdefault(repr(each), (each, []))[1].append(name)
-    for each, names in groups.values():
+        groups.setdefault(each, []).append(name)
+    for each, names in groups.items():
         under = "every profile" if len(names) == len(by_profile) else ", ".join(names)
         yield _wrapped(f"{'under' if each.certain else 'UNKNOWN, perhaps, under'} {under}", "  ")
         for line in _said(answer.ground, answer.enclaves, each.radius):

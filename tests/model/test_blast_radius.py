@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import random
 from dataclasses import replace
+from datetime import datetime, timezone
+from pathlib import Path
 
 import pytest
 
 from keystore_audit.findings import Location
-from keystore_audit.model.blast_radius import NOTHING, BlastRadius, Radii
+from keystore_audit.keystore.keystore import read_keystore
+from keystore_audit.model import blast_radius
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.blast_radius import NOTHING, BlastRadius, Ground, Radii, ground, ranked_enclaves, rankings
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.permission import members
+from keystore_audit.model.profiles import resolve
 from keystore_audit.model.stolen_key import authorities, holding, holding_both, radius, radius_of_enclave
 from keystore_audit.model.system import System
 from tests.engine.systems import (
@@ -26,6 +34,8 @@ from tests.engine.systems import (
 )
 from tests.engine.test_flows import Definitions
 
+AT = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
+FLOWS = Path(__file__).resolve().parents[2] / "sample_keystores/flows"
 CHANNELS = (1 << CHATTER) | (1 << OTHER_TOPIC)
 
 
@@ -208,3 +218,51 @@ def test_the_governance_counts_whatever_the_key() -> None:
     b.documents[GOVERNANCE] = replace(b.documents[GOVERNANCE], intact=False)
     assert of_key(b.system(), IDENTITY_CA).written == 0
     assert of_both(b.system(), PERMISSIONS_CA).written == 0
+
+
+def ground_of(sample: str, *, include_ambient: bool = False) -> Ground:
+    keystore = read_keystore(FLOWS / sample)
+    accesses = AccessViews(documents_of(keystore), AT, None)
+    return ground(keystore, resolve(()), AT, accesses, include_ambient=include_ambient)
+
+
+@pytest.mark.parametrize("sample", ["vehicle_bridged_domain", "chatter_unreadable_enclave", "turtlesim_shared_ca"])
+def test_names_are_counted_as_they_are_listed(sample: str) -> None:
+    known = ground_of(sample)
+    draw = random.Random(sample)
+    total = len(known.channels.channels)
+    for channels in [(1 << total) - 1, 0, *(draw.getrandbits(total) & draw.getrandbits(total) for _ in range(200))]:
+        listed = known.topics(channels)
+        assert known.count(channels) == len(listed) == len({topic.name for topic in listed})
+        assert sum(len(topic.domains) for topic in listed) == channels.bit_count()
+        assert any(topic.name.several for topic in listed) == bool(channels & known.endless)
+
+
+def test_a_name_stands_once_with_its_domains() -> None:
+    known = ground_of("vehicle_bridged_domain")
+    every = {topic.name.topic: topic.domains for topic in known.topics((1 << len(known.channels.channels)) - 1)}
+    assert every["rt/workshop"] == every["rt/motor_limit"] == ("domain 0", "domain 1")
+    infotainment = radius_of_enclave(known.systems[0], known.left_out, "/infotainment")
+    written = {topic.name.topic: topic.domains for topic in known.topics(infotainment.written)}
+    assert written["rt/workshop"] == ("domain 1",)
+
+
+def test_ambient_topics_are_left_out_of_flows_alone() -> None:
+    known, full = ground_of("vehicle_healthy"), ground_of("vehicle_healthy", include_ambient=True)
+    ambient = {topic.name.topic for topic in known.topics(known.left_out)}
+    assert ambient == {"rt/clock", "rt/parameter_events", "rt/rosout", "ros_discovery_info"}
+    assert full.left_out == 0
+    without, with_them = ({one.path: one for one in rankings(each)[0].enclaves} for each in (known, full))
+    for path, one in without.items():
+        assert one.topics_written == with_them[path].topics_written
+        assert one.enclaves_reached <= with_them[path].enclaves_reached
+
+
+@pytest.mark.parametrize("limit", ["MAX_RANKED", "MAX_VIEWS"])
+def test_too_many_enclaves_are_not_ranked(limit: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    keystore = read_keystore(FLOWS / "vehicle_healthy")
+    accesses = AccessViews(documents_of(keystore), AT, None)
+    (ranking,) = ranked_enclaves(keystore, resolve(()), AT, accesses)
+    assert len(ranking.enclaves) == len(keystore.enclaves)
+    monkeypatch.setattr(blast_radius, limit, 1)
+    assert ranked_enclaves(keystore, resolve(()), AT, accesses) == ()
