@@ -1,0 +1,71 @@
+"""Every sample keystore, as the default profiles read it, is decided alike by both engines, in both readings.
+
+tests/test_samples.py asks the whole program about some families with both; here all are asked, in one JVM.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+
+import pytest
+
+from keystore_audit.engine.native import NativeEngine
+from keystore_audit.errors import NothingToAudit
+from keystore_audit.keystore.keystore import read_keystore
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.interpret import interpret
+from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.profiles import resolve
+from keystore_audit.model.system import Reading, System
+from keystore_audit.model.usability import Usabilities
+from keystore_audit.properties import PROPERTIES, Status
+from tests.engine.alloy_batch import compare_batch
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
+_WORDS = re.compile(r"label=(?:'[^']*'|\"[^\"]*\")|location=Location\([^)]*\)|topic='[^']*'")
+
+
+def systems() -> Iterator[tuple[str, System]]:
+    """The systems of all samples that differ by more than names and places."""
+    seen: set[str] = set()
+    for description in sorted(SAMPLES.rglob("*.toml")):
+        if not description.with_suffix("").is_dir():
+            continue  # settings
+        at = datetime.fromisoformat(tomllib.loads(description.read_text())["at"].replace("Z", "+00:00"))
+        try:
+            keystore = read_keystore(description.with_suffix(""))
+        except NothingToAudit:
+            continue
+        accesses = AccessViews(documents_of(keystore), at, None)
+        meaning = interpret(keystore, resolve(()), at, accesses, Usabilities(None, accesses))
+        for system in meaning.systems:
+            key = _WORDS.sub("", repr(replace(system, profiles=())))
+            if key not in seen:
+                seen.add(key)
+                yield description.relative_to(SAMPLES).as_posix(), system
+
+
+@pytest.mark.alloy
+@pytest.mark.slow
+@pytest.mark.xdist_group("alloy")
+def test_both_engines_agree_on_every_system_of_every_sample() -> None:
+    asked = list(systems())
+    answers = [NativeEngine([system]).answers[0] for _name, system in asked]
+    expected = [{p.id: each[p.id].status is Status.HOLDS for p in PROPERTIES} for each in answers]
+    compared = compare_batch([system for _name, system in asked], expected)
+    differing = [(name, one.differing) for (name, _system), one in zip(asked, compared, strict=True) if one.differing]
+    assert differing == []
+    assert len(asked) > 300
+    assert {system.reading for _name, system in asked} == set(Reading)
+    for prop in PROPERTIES:
+        assert any(not holds[prop.id] for holds in expected), f"no sample violates {prop.id}"
