@@ -246,6 +246,37 @@ def test_one_settings_file_in_the_working_directory_but_not_in_ci_nor_with_deplo
     assert fate(talker)["KA205"] is False
 
 
+@pytest.mark.parametrize("kind", ["statement", "svr"])
+def test_no_statement_is_made_with_settings_that_merely_lay_there(
+    tmp_path: Path, talker: Path, kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "cwd"
+    folder.mkdir()
+    path = file(folder, PLACED)
+    monkeypatch.chdir(folder)
+    monkeypatch.delenv("CI", raising=False)
+    _code, text = answer("audit", talker, "--engine", "native", "-f", kind)
+    assert "keystore-audit.toml" not in text
+    assert fate(talker, "-o", f"{kind}={tmp_path / 'out'}")["KA205"] is False
+    assert fate(talker, "-o", f"junit={tmp_path / 'out'}")["KA205"] is True
+    _code, text = answer("audit", talker, "--engine", "native", "-f", kind, "--settings", path.name)
+    assert "keystore-audit.toml" in text
+
+
+@pytest.mark.parametrize("inside", [".", "enclaves"])
+def test_a_keystore_that_is_the_working_directory_brings_no_settings(
+    talker: Path, inside: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Refused, not left aside: who put it there may believe that it counts."""
+    file(talker / inside, PLACED)
+    monkeypatch.chdir(talker / inside)
+    monkeypatch.delenv("CI", raising=False)
+    keystore = Path("." if inside == "." else "..")
+    assert answer("audit", keystore, "--at", AT, "--engine", "native")[0] == 2
+    assert "would judge itself" in capsys.readouterr().err
+    assert answer("audit", keystore, "--at", AT, "--engine", "native", "--deployed")[0] == 0
+
+
 class TestInsideTheKeystore:
     """A keystore that absolves itself: refused by its path, over links, and as the same file of another name."""
 

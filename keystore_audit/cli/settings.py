@@ -12,6 +12,9 @@ import click
 if TYPE_CHECKING:
     from keystore_audit.settings import Baseline, Settings
 
+STATEMENTS: Final = ("statement", "svr")
+"""Formats that others take as a promise."""
+
 FILE_NAME: Final = "keystore-audit.toml"
 """What is read from the working directory where no file is named."""
 
@@ -19,7 +22,7 @@ option = click.option(
     "--settings",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help=f"What is asserted of the keystore (else ./{FILE_NAME}, save in CI and with --deployed).",
+    help=f"What is asserted of the keystore (else ./{FILE_NAME}, save in CI, with --deployed and for statements).",
 )
 
 
@@ -56,8 +59,14 @@ def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Settings | Non
     if path is None:
         in_ci = os.environ.get("CI", "").lower() not in ("", "0", "false")
         path = Path(FILE_NAME)
-        if in_ci or given["deployed"] or not os.path.lexists(path):
+        if in_ci or given["deployed"] or _attests(given) or not os.path.lexists(path):
             return None
     from keystore_audit.settings import read_settings
 
     return read_settings(path, keystores)
+
+
+def _attests(given: Mapping[str, Any]) -> bool:
+    """Whether any of the reports is a statement, which nobody makes with a file that merely lay there."""
+    formats = {given.get("kind"), *(target.format for target in given.get("targets", ()))}
+    return not formats.isdisjoint(STATEMENTS)
