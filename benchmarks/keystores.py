@@ -72,8 +72,13 @@ def certificate(subject: str, key: Key, issuer: str, signer: Key, *, ca: bool) -
 
 def permissions(path: str) -> str:
     """Permissions of one talker-like node: two topics of its own, the usual node topics and parameter services."""
-    publish = ["rt/chatter", "rt/rosout", "rt/parameter_events", f"rt{path}/status"]
-    subscribe = ["rt/parameter_events", "rt/clock", f"rt{path}/command"]
+    return wired_permissions(path, ["rt/chatter", f"rt{path}/status"], ["rt/clock", f"rt{path}/command"])
+
+
+def wired_permissions(path: str, publish: list[str], subscribe: list[str]) -> str:
+    """Permissions to publish and subscribe these DDS topics, with the usual node topics and parameter services."""
+    publish = [*publish, "rt/rosout", "rt/parameter_events"]
+    subscribe = [*subscribe, "rt/parameter_events"]
     publish += [f"rr{path}/{service}Reply" for service in PARAMETER_SERVICES]
     subscribe += [f"rq{path}/{service}Request" for service in PARAMETER_SERVICES]
     criteria = "".join(
@@ -107,8 +112,13 @@ def signed(text: str, ca: x509.Certificate, key: Key) -> bytes:
 
 
 def build(root: Path, enclaves: int, kind: str) -> Path:
-    """A keystore with so many enclaves, made once and kept under `root`."""
-    store = root / f"{kind}-{enclaves}"
+    """A keystore with so many enclaves, ten for each robot, made once and kept under `root`."""
+    paths = [f"/robot{number // 10}/node{number % 10}" for number in range(enclaves)]
+    return build_with(root / f"{kind}-{enclaves}", kind, {path: permissions(path) for path in paths})
+
+
+def build_with(store: Path, kind: str, documents: dict[str, str]) -> Path:
+    """The keystore `store` with these enclaves and their permissions, made once and kept."""
     if (store / "complete").exists():
         return store
     for folder in ("public", "private", "enclaves"):
@@ -119,14 +129,14 @@ def build(root: Path, enclaves: int, kind: str) -> Path:
     for name in ("identity_ca", "permissions_ca"):
         link(store / f"public/{name}.cert.pem", "ca.cert.pem")
     (store / "enclaves/governance.p7s").write_bytes(signed(GOVERNANCE, ca, ca_key))
-    for number in range(enclaves):
-        add_enclave(store, f"/robot{number // 10}/node{number % 10}", kind, ca, ca_key)
+    for path, document in documents.items():
+        add_enclave(store, path, document, kind, ca, ca_key)
     (store / "complete").touch()
     return store
 
 
-def add_enclave(store: Path, path: str, kind: str, ca: x509.Certificate, ca_key: Key) -> None:
-    """One enclave with links as sros2 makes them."""
+def add_enclave(store: Path, path: str, document: str, kind: str, ca: x509.Certificate, ca_key: Key) -> None:
+    """One enclave with these permissions, and with links as sros2 makes them."""
     folder = store / ("enclaves" + path)
     folder.mkdir(parents=True, exist_ok=True)
     key = new_key(kind)
@@ -137,7 +147,7 @@ def add_enclave(store: Path, path: str, kind: str, ca: x509.Certificate, ca_key:
     )
     (folder / "key.pem").write_bytes(private)
     (folder / "key.pem").chmod(0o600)
-    (folder / "permissions.p7s").write_bytes(signed(permissions(path), ca, ca_key))
+    (folder / "permissions.p7s").write_bytes(signed(document, ca, ca_key))
     up = "../" * (path.count("/") + 1)
     for name in ("identity_ca", "permissions_ca"):
         link(folder / f"{name}.cert.pem", f"{up}public/{name}.cert.pem")

@@ -8,11 +8,10 @@ from pathlib import Path
 
 from keystore_audit.engine.agreement import EngineAnswers
 from keystore_audit.engine.alloy.install import locate
-from keystore_audit.engine.alloy.runner import decide_many
+from keystore_audit.engine.alloy.runner import examine
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import EngineError, EngineMissing, EngineOutOfScale, EngineTimeout
-from keystore_audit.model.system import System
-from keystore_audit.properties.property import Answer
+from keystore_audit.properties.property import Answer, Status
 from keystore_audit.properties.result import EngineRun, EngineStatus
 
 CHOICES = ("auto", "both", "alloy", "native")
@@ -37,7 +36,7 @@ def run_engines(
     if choice == "native":
         runs.append(_not_run("alloy", "--engine native"))
     else:
-        run, found = _alloy(native.systems, choice=choice, jar=jar, offline=offline, timeout=timeout, stage=stage)
+        run, found = _alloy(native, choice=choice, jar=jar, offline=offline, timeout=timeout, stage=stage)
         runs.append(run)
         if found is not None:
             answers.append(EngineAnswers(engine="alloy", answers=tuple(found)))
@@ -50,7 +49,7 @@ def run_engines(
 
 
 def _alloy(
-    systems: Sequence[System],
+    native: NativeEngine,
     *,
     choice: str,
     jar: Path | None,
@@ -67,7 +66,8 @@ def _alloy(
         version = engine.version
         if stage:
             stage("asking the Alloy Analyzer")
-        found = decide_many(systems, java=engine.java, jar=engine.jar, timeout=timeout)
+        expected = None if choice == "alloy" else [_statuses(answers) for answers in native.answers]
+        found = examine(native.systems, java=engine.java, jar=engine.jar, timeout=timeout, expected=expected)
     except EngineMissing as error:
         return _failed(EngineStatus.MISSING, version, error, required=asked), None
     except EngineOutOfScale as error:
@@ -76,7 +76,13 @@ def _alloy(
         return _failed(EngineStatus.TIMEOUT, version, error, required=True), None
     except EngineError as error:
         return _failed(EngineStatus.FAILED, version, error, required=True), None
-    return EngineRun(name="alloy", version=version, status=EngineStatus.OK, reason="", required=True), found
+    atoms = max((decision.atoms for decision in found), key=lambda sizes: sizes[1], default=None)
+    run = EngineRun(name="alloy", version=version, status=EngineStatus.OK, reason="", required=True, atoms=atoms)
+    return run, [decision.answers for decision in found]
+
+
+def _statuses(answers: Mapping[str, Answer]) -> dict[str, Status]:
+    return {name: answer.status for name, answer in answers.items()}
 
 
 def _failed(status: EngineStatus, version: str | None, error: EngineError, *, required: bool) -> EngineRun:

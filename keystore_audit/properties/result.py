@@ -26,7 +26,8 @@ class EngineStatus(str, Enum):
 class EngineRun:
     """An engine and how it fared.
 
-    `required`: it was asked for by name, or was started, so that its failure counts.
+    `required`: it was asked for by name, or was started, so that its failure counts. `atoms`: the size of the largest
+    model of the keystore, and of what the engine was asked about in its place; None where no model was made.
     """
 
     name: str
@@ -34,6 +35,7 @@ class EngineRun:
     status: EngineStatus
     reason: str
     required: bool
+    atoms: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

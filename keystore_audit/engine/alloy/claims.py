@@ -94,8 +94,8 @@ def write_claims(system: System) -> str:
     if not system.claims:
         return ""
     numbers = range(len(system.claims))
-    lines = [write_places(system, numbers), f"run {FLOW_EXERCISED} for 0", _inhabited(system.claims), ""]
-    return "\n".join(["-- claims", "", *lines, *(_command(system.claims[number], number) for number in numbers)]) + "\n"
+    lines = [write_places(system, numbers), f"run {FLOW_EXERCISED} for 0", inhabited(system.claims), ""]
+    return "\n".join(["-- claims", "", *lines, *(text_of(system.claims[number], number) for number in numbers)]) + "\n"
 
 
 def write_places(system: System, numbers: Iterable[int]) -> str:
@@ -105,9 +105,9 @@ def write_places(system: System, numbers: Iterable[int]) -> str:
     return "\n".join([*writer.relations.take_private(), *places])
 
 
-def _command(claim: ClaimAtom, number: int) -> str:
+def text_of(claim: ClaimAtom, number: int) -> str:
     """Return the text of the command that decides the claim of this index."""
-    return f"{command_of(claim, number).kind} Claim{number} {{\n\t{_condition(claim, number)}\n}} for 0"
+    return f"{command_of(claim, number).kind} Claim{number} {{\n\t{condition(claim, number)}\n}} for 0"
 
 
 def attackers(claim: ClaimAtom, places: Places) -> tuple[str, str]:
@@ -127,7 +127,8 @@ def compartment(claim: ClaimAtom, number: int, inside: str) -> str:
     return f"separated[{places}, {forgers}, {eavesdroppers}]"
 
 
-def _condition(claim: ClaimAtom, number: int) -> str:
+def condition(claim: ClaimAtom, number: int) -> str:
+    """Return what the command of the claim of this index runs or checks."""
     at = Places.of(number)
     if claim.kind in FLOWS:
         return f"some inside: {PARTICIPANTS} | {compartment(claim, number, 'inside')}"
@@ -143,14 +144,20 @@ def _condition(claim: ClaimAtom, number: int) -> str:
     return f"all realm: Realm, channel: {at.last} | channel not in realm.readable_outside"
 
 
-def _inhabited(claims: Sequence[ClaimAtom]) -> str:
+def inhabited(claims: Sequence[ClaimAtom]) -> str:
+    """Return the run that shows that there is something at each place of each claim."""
+    return "\n".join([f"run {INHABITED} {{", *(f"\t{place}" for place in inhabited_places(claims)), "} for 0"])
+
+
+def inhabited_places(claims: Sequence[ClaimAtom]) -> list[str]:
+    """Return its conditions, one for each place."""
     places = []
     for number, claim in enumerate(claims):
         at = Places.of(number)
         if claim.kind in FLOWS or claim.kind is ClaimKind.SEPARATE_DOMAINS:
-            places.append(f"\tsome {at.source} + {at.first}")
-        places.append(f"\tsome {at.target} + {at.last}")
-    return "\n".join([f"run {INHABITED} {{", *places, "} for 0"])
+            places.append(f"some {at.source} + {at.first}")
+        places.append(f"some {at.target} + {at.last}")
+    return places
 
 
 class _Writer:

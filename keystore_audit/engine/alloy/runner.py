@@ -9,13 +9,15 @@ from typing import Final
 
 from keystore_audit import resources
 from keystore_audit.engine.alloy import claims, moments, paths
-from keystore_audit.engine.alloy.facts import CONSISTENCY, EXERCISED, KEYSTORE, MAIN, MODULES, commands, facts
+from keystore_audit.engine.alloy.facts import CONSISTENCY, EXERCISED, KEYSTORE, MAIN, MODULES, facts
 from keystore_audit.engine.alloy.jobs import Analyzer, Job, run
-from keystore_audit.engine.alloy.solution import Command, witness
+from keystore_audit.engine.alloy.merging import Merged, merge
+from keystore_audit.engine.alloy.questions import Questions, Sheet
+from keystore_audit.engine.alloy.solution import witness
 from keystore_audit.errors import EngineFailed, EngineOutOfScale
 from keystore_audit.model.system import System
 from keystore_audit.properties import PROPERTIES
-from keystore_audit.properties.property import Answer, Role, Status
+from keystore_audit.properties.property import Answer, Property, Role, Status, Witness
 
 MEMORY_MB: Final = 2048
 """MiB of Java heap: 500 enclaves and 1,000 channels take 1.2 GB in all."""
@@ -23,8 +25,8 @@ MEMORY_MB: Final = 2048
 MAX_ATOMS: Final = 6_000
 """Atoms of all sorts together up to which Alloy is known to decide: 5,107 (500 enclaves, 1,000 channels) took 78 s."""
 
-_VACUITY: Final = tuple(Command(kind="run", name=name) for name in (CONSISTENCY, *EXERCISED.values()))
-"""The first commands of the main file (`facts.commands`); checks of properties and the commands of claims follow."""
+Expected = Sequence[Mapping[str, Status]]
+"""By system: what another engine says of properties and claims, by id (`questions`)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,11 +34,13 @@ class Decision:
     """All that the Analyzer says of one system.
 
     `answers` by property id and claim id. `idle`: families (keys of `facts.EXERCISED`, `claims.EXERCISED`) that had
-    nothing to speak of in this system, so that their properties hold for want of an object.
+    nothing to speak of in this system, so that their properties hold for want of an object. `atoms`: how many the
+    system has, and how many the Analyzer was asked about.
     """
 
     answers: Mapping[str, Answer]
     idle: frozenset[str]
+    atoms: tuple[int, int]
 
 
 def decide(
@@ -47,30 +51,43 @@ def decide(
 
 
 def decide_many(
-    systems: Sequence[System], *, java: Path, jar: Path, timeout: float, memory_mb: int = MEMORY_MB
+    systems: Sequence[System],
+    *,
+    java: Path,
+    jar: Path,
+    timeout: float,
+    memory_mb: int = MEMORY_MB,
+    expected: Expected | None = None,
 ) -> tuple[Mapping[str, Answer], ...]:
     """Return the answers about each system. See `examine`."""
-    decisions = examine(systems, java=java, jar=jar, timeout=timeout, memory_mb=memory_mb)
+    decisions = examine(systems, java=java, jar=jar, timeout=timeout, memory_mb=memory_mb, expected=expected)
     return tuple(decision.answers for decision in decisions)
 
 
 def examine(
-    systems: Sequence[System], *, java: Path, jar: Path, timeout: float, memory_mb: int = MEMORY_MB
+    systems: Sequence[System],
+    *,
+    java: Path,
+    jar: Path,
+    timeout: float,
+    memory_mb: int = MEMORY_MB,
+    expected: Expected | None = None,
 ) -> tuple[Decision, ...]:
-    """Ask the Analyzer about each system, in a process each, `jobs.PARALLEL` at a time.
+    """Ask the Analyzer about each system, merged (`merging`), in a process each, `jobs.PARALLEL` at a time.
 
-    More processes answer claims at later moments, and find the path where a flow violates a claim (in systems of up
-    to `paths.MAX_ATOMS`). `timeout`: seconds for each process; `memory_mb`: MiB of Java heap of each. All or nothing:
-    raises EngineOutOfScale before anything is started if a system is too large, EngineTimeout, EngineMissing (no Java
-    at `java`) or EngineFailed if one of them was not answered completely. Nothing is left running, or on disk.
+    `expected`: what is expected to hold is asked together (`questions`), and no path is looked for where a flow
+    violates a claim: whoever expects that has one. More processes answer claims at later moments, what is not as
+    expected, and, without expectations, find paths (in systems of up to `paths.MAX_ATOMS`). `timeout`: seconds for each
+    process; `memory_mb`: MiB of Java heap of each. All or nothing: raises EngineOutOfScale before anything is started
+    if a system is too large, EngineTimeout, EngineMissing (no Java at `java`) or EngineFailed if one of them was not
+    answered completely. Nothing is left running, or on disk.
     """
     analyzer = Analyzer(java=java, jar=jar, timeout=timeout, memory_mb=memory_mb)
-    for system in systems:
-        _check_scale(system)
-    cases = [_Case(number=number, system=system, moment=None) for number, system in enumerate(systems)]
+    cases = [_Case.of(number, system, moment=None) for number, system in enumerate(systems)]
     cases += [case for number, system in enumerate(systems) for case in _later(number, system)]
-    decisions = run([_audit(case) for case in cases], analyzer, lambda job, *answer: _read(cases[job], *answer))
-    decisions = _with_paths(cases, decisions, analyzer)
+    decisions = _decisions(cases, expected, analyzer)
+    if expected is None:
+        decisions = _with_paths(cases, decisions, analyzer)
     found = tuple(_over_time(number, cases, decisions) for number in range(len(systems)))
     if not any(system.determinism for system in systems):
         return found
@@ -82,15 +99,42 @@ def examine(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Case:
-    """One state of the system of this number.
+    """One state of the system of this number, merged.
 
-    `moment`: None at the audit instant; else a later one (`moments.later`), and `system` is what it is then, with the
-    claims that must hold until then.
+    `moment`: twice the index of the audit instant, or a later one (`moments.later`), at which only claims are asked
+    about that must hold until then. `whole`: atoms before merging.
     """
 
     number: int
-    system: System
-    moment: int | None
+    merged: Merged
+    whole: int
+    moment: int
+    is_later: bool
+
+    @classmethod
+    def of(cls, number: int, system: System, moment: int | None) -> _Case:
+        """The case of a system as it is at `moment` (None: the audit instant).
+
+        Raises EngineOutOfScale if it is too large.
+        """
+        merged = merge(system)
+        whole, now = count_atoms(system), 2 * system.now if moment is None else moment
+        _check_scale(whole, count_atoms(merged.system))
+        return cls(number=number, merged=merged, whole=whole, moment=now, is_later=moment is not None)
+
+    @property
+    def system(self) -> System:
+        """What the Analyzer is asked about."""
+        return self.merged.system
+
+    @property
+    def properties(self) -> Sequence[Property]:
+        """The properties that are asked about."""
+        return () if self.is_later else PROPERTIES
+
+    def sheet(self) -> Sheet:
+        """Where the questions stand."""
+        return Sheet(self.system, self.properties, module_texts(["properties.als"])["properties.als"])
 
 
 def _later(number: int, system: System) -> Iterator[_Case]:
@@ -102,55 +146,93 @@ def _later(number: int, system: System) -> Iterator[_Case]:
                 f"Until the date of a claim, grants begin or end more than {moments.MAX_MOMENTS} times."
             )
         lasting = tuple(c for c in system.claims if c.until is not None and moment <= 2 * c.until)
-        then = moments.at(replace(system, claims=lasting), moment)
-        yield _Case(number=number, system=then, moment=moment)
+        yield _Case.of(number, moments.at(replace(system, claims=lasting), moment), moment)
 
 
 def _over_time(number: int, cases: Sequence[_Case], decisions: Sequence[Decision]) -> Decision:
     """The decision on a system: of each claim the first violation, at whatever moment it is."""
     answers = dict(decisions[number].answers)
     for case, decision in zip(cases, decisions, strict=True):
-        if case.number == number and case.moment is not None:
+        if case.number == number and case.is_later:
             for claim in case.system.claims:
                 if answers[claim.id].status is Status.HOLDS:
                     answers[claim.id] = decision.answers[claim.id]
     return replace(decisions[number], answers=answers)
 
 
-def _audit(case: _Case) -> Job:
-    system = case.system
-    properties = PROPERTIES if case.moment is None else ()
-    asked = [Command(kind="check", name=prop.assertion) for prop in properties]
-    files = {**module_texts(MODULES), KEYSTORE: facts(system), MAIN: commands(properties, system)}
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Outcome:
+    """What one process found: which commands have an instance, and the witnesses of those that have roles."""
+
+    found: Mapping[str, bool]
+    told: Mapping[str, Witness]
+
+
+def _decisions(cases: Sequence[_Case], expected: Expected | None, analyzer: Analyzer) -> list[Decision]:
+    """The decision on each case: what is expected to hold is asked together, and alone only where it does not."""
+    if expected is None:
+        first = [case.sheet().one_by_one() for case in cases]
+    else:
+        first = [case.sheet().together(expected[case.number]) for case in cases]
+    found = _ask(cases, first, analyzer)
+    answered = [asked.answered(outcome.found) for asked, outcome in zip(first, found, strict=True)]
+    again = [place for place, (_, open_) in enumerate(answered) if open_]
+    second = [cases[place].sheet().one_by_one(answered[place][1]) for place in again]
+    more = dict(zip(again, _ask([cases[place] for place in again], second, analyzer), strict=True))
+    decisions = []
+    for place, case in enumerate(cases):
+        outcomes, told = answered[place][0], found[place].told
+        if place in more:
+            outcomes, told = {**outcomes, **more[place].found}, {**told, **more[place].told}
+        decisions.append(_decision(case, outcomes, told))
+    return decisions
+
+
+def _ask(cases: Sequence[_Case], asked: Sequence[Questions], analyzer: Analyzer) -> list[_Outcome]:
+    """What a process each finds about the cases."""
+
+    def read(number: int, found: Mapping[str, bool], solutions: Path) -> _Outcome:
+        case, sizes = cases[number], _sizes(cases[number].system)
+        roles = {prop.assertion: prop.roles for prop in case.properties}
+        roles |= {claims.command_of(c, n).name: claims.roles_of(c) for n, c in enumerate(case.system.claims)}
+        violated = [name for name, instance in found.items() if instance and roles.get(name)]
+        told = {name: witness(solutions, name, roles[name], sizes) for name in violated}
+        return _Outcome(found=found, told=told)
+
+    return run([_audit(case, each) for case, each in zip(cases, asked, strict=True)], analyzer, read)
+
+
+def _audit(case: _Case, asked: Questions) -> Job:
+    modules = (*MODULES, *claims.MODULES) if case.system.claims else MODULES
     return Job(
-        files={**files, **module_texts(claims.MODULES)} if system.claims else files,
+        files={**module_texts(modules), KEYSTORE: facts(case.system), MAIN: asked.text},
         main=MAIN,
-        commands=(*_VACUITY, *asked, *claims.commands_of(system.claims)),
-        atoms=count_atoms(system),
+        commands=asked.commands,
+        atoms=count_atoms(case.system),
     )
 
 
-def _read(case: _Case, found: Mapping[str, bool], solutions: Path) -> Decision:
+def _decision(case: _Case, found: Mapping[str, bool], told: Mapping[str, Witness]) -> Decision:
     if not found[CONSISTENCY]:
         raise EngineFailed("The model contradicts itself, so that every property would hold of it.")
-    system, sizes = case.system, _sizes(case.system)
-    answers: dict[str, Answer] = {}
-    for prop in PROPERTIES if case.moment is None else ():
-        violated = found[prop.assertion]
-        answers[prop.id] = Answer(
-            property_id=prop.id,
-            status=Status.VIOLATED if violated else Status.HOLDS,
-            witnesses=(witness(solutions, prop.assertion, prop.roles, sizes),) if violated else (),
-        )
-    for number, claim in enumerate(system.claims):
+    answers: list[Answer] = []
+    for prop in case.properties:
+        status = Status.VIOLATED if found[prop.assertion] else Status.HOLDS
+        witnesses = (told[prop.assertion],) if found[prop.assertion] else ()
+        answers.append(Answer(property_id=prop.id, status=status, witnesses=witnesses))
+    for number, claim in enumerate(case.system.claims):
         name = claims.command_of(claim, number).name
-        status, roles = claims.status(claim, found[name]), claims.roles_of(claim)
+        status = claims.status(claim, found[name])
         violated = status is Status.VIOLATED
-        told = (witness(solutions, name, roles, sizes),) if roles and violated else ()
-        moment = (2 * system.now if case.moment is None else case.moment) if violated else None
-        answers[claim.id] = Answer(property_id=claim.id, status=status, witnesses=told, moment=moment)
-    exercised = {**EXERCISED, **(claims.EXERCISED if system.claims else {})}
-    return Decision(answers=answers, idle=frozenset(family for family, run in exercised.items() if not found[run]))
+        witnesses = (told[name],) if name in told and violated else ()
+        moment = case.moment if violated else None
+        answers.append(Answer(property_id=claim.id, status=status, witnesses=witnesses, moment=moment))
+    exercised = {**EXERCISED, **(claims.EXERCISED if case.system.claims else {})}
+    return Decision(
+        answers={answer.property_id: case.merged.original(answer, case.moment) for answer in answers},
+        idle=frozenset(family for family, run in exercised.items() if not found[run]),
+        atoms=(case.whole, count_atoms(case.system)),
+    )
 
 
 def _with_paths(cases: Sequence[_Case], decisions: Sequence[Decision], analyzer: Analyzer) -> list[Decision]:
@@ -175,7 +257,8 @@ def _with_paths(cases: Sequence[_Case], decisions: Sequence[Decision], analyzer:
                 raise EngineFailed("The Alloy Analyzer finds no path for a flow that there must be.")
             claim = case.system.claims[number]
             path = paths.read_path(solutions, number, case.system, case.moment)
-            answers[claim.id] = replace(answers[claim.id], witnesses=paths.ends(path), path=path)
+            answer = replace(answers[claim.id], witnesses=paths.ends(path), path=path)
+            answers[claim.id] = case.merged.original(answer, case.moment)
         told[place] = replace(told[place], answers=answers)
 
     run(jobs, analyzer, read)
@@ -192,11 +275,11 @@ def _search(system: System, numbers: Sequence[int]) -> Job:
     )
 
 
-def _check_scale(system: System) -> None:
-    atoms = count_atoms(system)
-    if atoms > MAX_ATOMS:
+def _check_scale(whole: int, merged: int) -> None:
+    if merged > MAX_ATOMS:
         raise EngineOutOfScale(
-            f"The model of this keystore has {atoms} atoms; the Alloy Analyzer is known to decide up to {MAX_ATOMS}."
+            f"The model of this keystore has {whole} atoms, {merged} after merging; the Alloy Analyzer is known to "
+            f"decide up to {MAX_ATOMS}."
         )
 
 

@@ -1,0 +1,104 @@
+"""Measures the whole audit against the number of enclaves and of topics, with both engines and natively.
+
+`python -m benchmarks.alloy_scale` prints the table of docs/performance.md; `wired-100x200 fleet-1000 …` chooses rows.
+*fleet*: enclaves that are alike but for their names, as `ros2 security` makes them for one robot after the other.
+*wired*: each topic has a writer and two readers drawn at random, so that no two enclaves and no two topics are alike.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+import resource
+import subprocess
+import sys
+import time
+from pathlib import Path
+from tempfile import gettempdir
+
+if __package__:
+    from benchmarks.keystores import build, build_with, wired_permissions
+else:
+    from keystores import build, build_with, wired_permissions
+
+ROOT = Path(gettempdir()) / "keystore-audit-benchmarks"
+
+ROWS = ("fleet-4", "fleet-100", "fleet-1000", "wired-20x50", "wired-100x200", "wired-200x400", "wired-500x1000")
+
+READERS = 2
+"""Readers of each topic."""
+
+PROPERTIES = """\
+[[property]]
+name = "first-never-reaches-last"
+no_flow = {{ from = "{first}", to = "{last}", attacker = "source" }}
+
+[[property]]
+name = "last-is-reached"
+able = {{ from = "{first}", to = "{last}", include_ambient = true }}
+
+[[property]]
+name = "parameters-stay-secret"
+encrypted = {{ topic = "{topic}", against = "insider" }}
+"""
+"""Three properties of users, two of them about flows."""
+
+
+def wired(enclaves: int, topics: int) -> Path:
+    """A keystore of so many enclaves on so many topics."""
+    chance = random.Random(enclaves * topics)
+    paths = [f"/part{number}" for number in range(enclaves)]
+    publish: dict[str, list[str]] = {path: [] for path in paths}
+    subscribe: dict[str, list[str]] = {path: [] for path in paths}
+    for number in range(topics):
+        writer, *readers = chance.sample(paths, 1 + READERS)
+        publish[writer].append(f"rt/topic{number}")
+        for reader in readers:
+            subscribe[reader].append(f"rt/topic{number}")
+    documents = {path: wired_permissions(path, publish[path], subscribe[path]) for path in paths}
+    return build_with(ROOT / f"wired-{enclaves}x{topics}", "ec", documents)
+
+
+def keystore(row: str) -> tuple[Path, str]:
+    """The keystore of a row, and settings with properties for it."""
+    kind, _, size = row.partition("-")
+    if kind == "fleet":
+        store = build(ROOT, int(size), "ec")
+        last = int(size) - 1
+        names = ("/robot0/node0", f"/robot{last // 10}/node{last % 10}", "/chatter")
+    else:
+        enclaves, topics = map(int, size.split("x"))
+        store = wired(enclaves, topics)
+        names = ("/part0", f"/part{enclaves - 1}", "/topic1")
+    return store, PROPERTIES.format(first=names[0], last=names[1], topic=names[2])
+
+
+def audit(store: Path, settings: Path, engine: str) -> tuple[float, float, dict[str, object]]:
+    """Seconds of one audit, CPU seconds of it and its children, and its report."""
+    command = [sys.executable, "-m", "keystore_audit", "audit", "--engine", engine, "--format", "json"]
+    command += ["--timeout", "600", "--settings", str(settings), str(store)]
+    before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    done = subprocess.run(command, capture_output=True, check=False)
+    wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
+    if done.returncode not in (0, 1, 4):
+        raise SystemExit(f"audit ended with {done.returncode}: {done.stderr.decode()[:500]}")
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return wall, cpu, json.loads(done.stdout)
+
+
+def main() -> None:
+    """Prints one line for each row."""
+    print("| keystore | native s (CPU) | both engines s (CPU) | Alloy |")
+    print("|---|---|---|---|")
+    for row in sys.argv[1:] or ROWS:
+        store, properties = keystore(row)
+        settings = ROOT / f"{row}.toml"
+        settings.write_text(properties)
+        native, both = audit(store, settings, "native"), audit(store, settings, "both")
+        status = both[2]["engines"]["alloy"]
+        told = "; ".join(filter(None, [status["status"], status["reason"]]))
+        print(f"| {row} | {native[0]:.1f} ({native[1]:.1f}) | {both[0]:.1f} ({both[1]:.1f}) | {told} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
