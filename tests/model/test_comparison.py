@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import random
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from keystore_audit.model.comparison import Direction, FailOn
+from keystore_audit.model.comparison import Direction, FailOn, Layer
 from tests.model.comparing import (
     Store,
     authority,
@@ -31,6 +32,15 @@ def test_a_single_change_is_told_once_where_it_was_made(case: Case, tmp_path: Pa
     ]
     assert sorted(told) == sorted(case.expected)
     assert not found.unknown
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_two_changes_at_once_are_turned_round_too(seed: int, tmp_path: Path) -> None:
+    """From one changed keystore to another that is changed elsewhere; `compared` looks at both ways."""
+    one, other = random.Random(seed).sample(CASES, 2)
+    found = compared(one.new, other.new, tmp_path)
+    layers = {change.layer for change in found.changes}
+    assert layers >= {Layer(expected[0]) for expected in other.expected} - {Layer.GRANTS, Layer.ACCESS}
 
 
 def test_equal_meaning_is_silent_but_for_the_signatures(tmp_path: Path) -> None:
