@@ -178,7 +178,7 @@ def test_a_fleet_is_shown(enclaves: int, tmp_path: Path) -> None:
     loaded = browser.load(page, tmp_path)
     assert (loaded.console, loaded.asked) == ((), ("/page.html",))
     tree = lxml.html.document_fromstring(loaded.dom)
-    assert len(tree.xpath("//section")) == 8
+    assert len(tree.xpath("//section")) == 9
     assert len(tree.xpath("//details[@class='flow']")) == enclaves
 
 
