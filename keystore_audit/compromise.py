@@ -6,9 +6,10 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
 from difflib import get_close_matches
+from typing import Final
 from zoneinfo import ZoneInfo
 
-from keystore_audit.errors import UsageError
+from keystore_audit.errors import BudgetExceeded, UsageError
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.model.access_view import AccessViews
@@ -19,6 +20,9 @@ from keystore_audit.model.profiles import Profile
 from keystore_audit.model.stolen_key import holding, holding_both, radius, radius_of_enclave
 from keystore_audit.model.system import System
 from keystore_audit.properties.compromise_result import CompromiseAnswer, KeyAnswer, ProfileRadius, Stolen
+
+MAX_KEYS: Final = 20
+"""Authorities of one sort whose keys are tried: a CA file may hold thousands."""
 
 
 def find_blast_radius(
@@ -34,7 +38,7 @@ def find_blast_radius(
 
     `who`: an enclave's path, `identity-ca` or `permissions-ca`.
     Raises errors.NothingToAudit, errors.UsageError for an enclave that is not there, and errors.BudgetExceeded where
-    there are too many names.
+    there are too many names, authorities or subjects.
     """
     keystore = read_keystore(path)
     accesses = AccessViews(documents_of(keystore), at, zone)
@@ -93,6 +97,8 @@ class _Asking:
                 for number in sorted(realm.identity_ca if stolen is Stolen.IDENTITY_CA else realm.permissions_ca):
                     certificate = system.certificates[number]
                     keys.setdefault(certificate.key, (certificate.label, certificate.location))
+        if len(keys) > MAX_KEYS:
+            raise BudgetExceeded(f"{len(keys)} authorities' keys are more than can be tried (limit {MAX_KEYS}).")
         for key, (name, location) in keys.items():
             yield self._authority(stolen, key, name, location)
 

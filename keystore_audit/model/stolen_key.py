@@ -9,12 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 from dataclasses import replace
+from typing import Final
 
+from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.model.blast_radius import NOTHING, BlastRadius, Radii
 from keystore_audit.model.system import CertificateAtom, EnclaveAtom, GrantAtom, System
 
-HOLDER = "whoever holds the key"
+MAX_SUBJECTS: Final = 5_000
+"""Identities that are made for the holder of an authority's key: half a minute."""
+
+HOLDER: Final = "whoever holds the key"
 """The label of the enclaves that are added."""
 
 
@@ -27,7 +32,8 @@ def authorities(system: System, key: int) -> frozenset[int]:
 def holding(system: System, key: int) -> System:
     """The system with the holder of the key in it: as every identity that it has, and as every one that it can make.
 
-    The enclaves that come after those of `system` are its own, beside those of `system` that have the key.
+    The enclaves that come after those of `system` are its own, beside those of `system` that have the key. Raises
+    errors.BudgetExceeded where grants name too many subjects.
     """
     added = _Added(system, key)
     known = {enclave.identity for enclave in system.enclaves}
@@ -63,6 +69,10 @@ def _subjects(system: System) -> Iterable[frozenset[int]]:
         if not grant.names:
             found.add(frozenset({number}))
     found.update(frozenset(grants) for grants in by_certificate.values())
+    if len(found) > MAX_SUBJECTS:
+        raise BudgetExceeded(
+            f"{len(found)} subjects that grants name are more identities than can be tried (limit {MAX_SUBJECTS})."
+        )
     return sorted(found, key=sorted)
 
 

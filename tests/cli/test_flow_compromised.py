@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import json
+from datetime import datetime, timezone
 from typing import Any
 
 import jsonschema
 import pytest
 
 from keystore_audit import resources
-from tests.cli.test_flow import AT, run
+from keystore_audit.compromise import find_blast_radius
+from keystore_audit.flow import FlowQuestion, find_flow
+from keystore_audit.keystore.keystore import read_keystore
+from keystore_audit.model.claim import Attacker
+from keystore_audit.model.profiles import resolve
+from keystore_audit.properties.property import Status
+from tests.cli.test_flow import AT, SAMPLES, run
 
 
 def opened(sample: str, who: str, *arguments: str) -> tuple[int, dict[str, Any]]:
@@ -140,3 +147,22 @@ def test_a_report_ranks_keys_where_it_is_asked_to() -> None:
     text = run("audit", "flows/turtlesim_shared_ca", "--engine", "native", "-v", *AT).stdout
     assert "Blast radius, what the private key of an enclave opens\n" in text
     assert f"{most['enclaves'][0]['enclave']}: reaches 2 enclaves" in text
+
+
+@pytest.mark.parametrize("sample", ["vehicle_compromised_relay", "turtlesim_shared_ca"])
+def test_whom_a_key_reaches_is_what_flows_say(sample: str) -> None:
+    at, profiles = datetime(2026, 11, 21, 12, tzinfo=timezone.utc), resolve(("humble",))
+    keystore = SAMPLES / "flows" / sample
+    paths = [enclave.path for enclave in read_keystore(keystore).enclaves]
+    told = {True: 0, False: 0}
+    for source in paths:
+        alone = find_blast_radius(keystore, source, profiles=profiles, at=at).keys[0].alone
+        for target in (path for path in paths if path != source):
+            question = FlowQuestion(source=source, target=target, attackers=(Attacker.SOURCE, Attacker.RELAYS))
+            for attacker, result in find_flow(keystore, question, profiles=profiles, at=at).results:
+                for name, answer in result.profiles.items():
+                    radius = alone[name].radius
+                    reached = radius.reached if attacker is Attacker.RELAYS else radius.reached_alone
+                    assert (target in reached) == (answer.status is Status.VIOLATED), (source, target, attacker, name)
+                    told[target in reached] += 1
+    assert min(told.values()) > 5

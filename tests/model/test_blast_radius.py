@@ -9,9 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import read_keystore
-from keystore_audit.model import blast_radius
+from keystore_audit.model import blast_radius, stolen_key
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.blast_radius import NOTHING, BlastRadius, Ground, Radii, ground, ranked_enclaves, rankings
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
@@ -119,6 +120,15 @@ def test_a_grant_that_names_nobody_here_is_an_identity_authoritys_too() -> None:
     b.rule(left, [0], publish=[OTHER_TOPIC])
     assert of_key(b.system(), IDENTITY_CA).written == CHANNELS
     assert radius_of_enclave(b.system(), 0, "/talker").written == 1 << CHATTER
+
+
+def test_grants_for_too_many_subjects_are_no_answer() -> None:
+    b = healthy_builder()
+    for _ in range(stolen_key.MAX_SUBJECTS):
+        b.grant(TALKER_PERMISSIONS, [])
+    with pytest.raises(BudgetExceeded, match="more identities than can be tried"):
+        holding(b.system(), b.certificates[IDENTITY_CA].key)
+    assert holding(b.system(), b.certificates[PERMISSIONS_CA].key).enclaves[2:]
 
 
 def test_a_permissions_authority_alone_is_nobody() -> None:
