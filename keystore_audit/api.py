@@ -1,0 +1,153 @@
+"""The Python interface: what programs may rely on between versions (docs/python-api.md)."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+from zoneinfo import ZoneInfo
+
+from keystore_audit.audit import DEFAULT_NOTICE, Options
+from keystore_audit.audit import audit as _audit
+from keystore_audit.cli.formats import FORMATS
+from keystore_audit.cli.formats import render as _render
+from keystore_audit.errors import AuditError, NothingToAudit, UsageError
+from keystore_audit.findings import Finding, Location, Severity
+from keystore_audit.report.content import EnclaveEntry, Report, Verdict
+
+if TYPE_CHECKING:
+    from keystore_audit.engine.alloy.user_file import UserFile
+    from keystore_audit.settings import Settings
+
+__all__ = [
+    "AuditError",
+    "EnclaveEntry",
+    "Finding",
+    "Location",
+    "NothingToAudit",
+    "Report",
+    "Severity",
+    "UsageError",
+    "Verdict",
+    "audit",
+    "render",
+]
+
+ENGINES: Final = ("auto", "both", "alloy", "native")
+
+PathLike = str | os.PathLike[str]
+
+
+def audit(
+    path: PathLike,
+    *,
+    at: datetime | None = None,
+    profiles: Sequence[str] = (),
+    domain: int | None = None,
+    time_zone: str | ZoneInfo | None = None,
+    engine: str = "auto",
+    offline: bool = False,
+    alloy_jar: PathLike | None = None,
+    timeout: float = 120.0,
+    fail_on: Severity | None = Severity.HIGH,
+    expires_within: timedelta = DEFAULT_NOTICE,
+    deployed: bool = False,
+    select: Sequence[str] = (),
+    ignore: Sequence[str] = (),
+    settings: PathLike | None = None,
+    baseline: PathLike | None = None,
+    policy: PathLike | None = None,
+    environment: PathLike | None = None,
+    graphs: Sequence[PathLike] = (),
+    launches: Sequence[PathLike] = (),
+    launch_arguments: Mapping[str, str] | None = None,
+    alloy_properties: Sequence[PathLike] = (),
+    pictures: bool = False,
+) -> Report:
+    """Audit the keystore at `path`, as `keystore-audit path` does; the arguments are its options.
+
+    `at`: an aware instant, now if None; given at all, the report lists it as weakening the gate. `timeout`: seconds.
+    `fail_on` None: never. No settings are looked for: `settings` names a file or there are none. `pictures`: work out
+    what `render(report, "html")` draws.
+
+    Whatever is wrong with the keystore or an engine is in the report: `report.verdict` is what to go by. Raises
+    NothingToAudit where there is no keystore, UsageError for arguments or files that make no sense, and AuditError for
+    a damaged installation.
+    """
+    from keystore_audit.model.local_time import time_zone as zone_named
+    from keystore_audit.settings import read_baseline, read_settings
+
+    if engine not in ENGINES:
+        raise UsageError(f"{engine!r} is no engine; there are {', '.join(ENGINES)}.")
+    if at is not None and at.tzinfo is None:
+        raise UsageError(f"The instant {at} has no time zone: give it one, e.g. timezone.utc.")
+    asserted = None if settings is None else read_settings(Path(settings), (os.fspath(path),))
+    options = Options(
+        at=(at or datetime.now(timezone.utc)).astimezone(timezone.utc).replace(microsecond=0),
+        at_given=at is not None,
+        profiles=tuple(profiles),
+        domain=_domain(domain),
+        time_zone=zone_named(time_zone) if isinstance(time_zone, str) else time_zone,
+        engine=engine,
+        offline=offline,
+        alloy_jar=_path(alloy_jar),
+        timeout=timeout,
+        fail_on=fail_on,
+        expires_within=expires_within,
+        deployed=deployed,
+        select=_codes(select),
+        ignore=_codes(ignore),
+        settings=asserted,
+        baseline=None if baseline is None else read_baseline(Path(baseline), (os.fspath(path),)),
+        policy=_path(policy),
+        environment=_path(environment),
+        graphs=tuple(map(Path, graphs)),
+        launches=tuple(map(Path, launches)),
+        launch_arguments=dict(launch_arguments or {}),
+        alloy_properties=_user_files(path, alloy_properties, asserted),
+        overview=pictures,
+    )
+    return _audit(path, options)
+
+
+def render(report: Report, form: str = "json") -> str:
+    """Return the report in a format of the command's `--format`; raise UsageError for one that there is not."""
+    from keystore_audit.report.text import View
+
+    if form not in FORMATS:
+        raise UsageError(f"{form!r} is no format; there are {', '.join(FORMATS)}.")
+    return _render(form, [report], View(), several=False)
+
+
+def _user_files(path: PathLike, given: Sequence[PathLike], asserted: Settings | None) -> tuple[UserFile, ...]:
+    if not given:
+        return ()
+    from keystore_audit.engine.alloy.user_file import read_user_files
+
+    return read_user_files(tuple(map(Path, given)), asserted.claims if asserted else (), (os.fspath(path),))
+
+
+def _path(given: PathLike | None) -> Path | None:
+    return None if given is None else Path(given)
+
+
+def _domain(given: int | None) -> int | None:
+    from keystore_audit.cli.options import LAST_DOMAIN
+
+    if given is not None and not 0 <= given <= LAST_DOMAIN:
+        raise UsageError(f"{given} is no domain: there are 0 to {LAST_DOMAIN}.")
+    return given
+
+
+def _codes(given: Sequence[str]) -> tuple[str, ...]:
+    """The codes of rules or families, of which KA9 always runs."""
+    import click
+
+    from keystore_audit.cli.options import rule_code
+
+    try:
+        return tuple(map(rule_code, given))
+    except click.BadParameter as error:
+        raise UsageError(error.message) from error

@@ -1,0 +1,108 @@
+"""The Python interface: what the command says, with types."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from keystore_audit import api
+from keystore_audit.cli.formats import FORMATS
+from tests.cli.keystores import answer
+
+AT = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
+
+
+@pytest.fixture(scope="module")
+def samples(repository: Path) -> Path:
+    return repository / "sample_keystores"
+
+
+@pytest.mark.parametrize("sample", ["healthy/turtlesim", "stock/talker_listener"])
+def test_it_says_what_the_command_says(samples: Path, sample: str) -> None:
+    words = ("--at", "2026-11-21T12:00:00Z", "--engine", "native", "--deployed", "--domain", "7")
+    code, text = answer(samples / sample, *words, "--profile", "humble", "--ignore", "ka105", "-f", "json")
+    report = api.audit(
+        samples / sample, at=AT, engine="native", deployed=True, domain=7, profiles=["humble"], ignore=["ka105"]
+    )
+    assert (report.exit_code, api.render(report)) == (code, text)
+    assert report.weakened
+
+
+def test_the_default_instant_is_now_and_weakens_nothing(samples: Path) -> None:
+    before = datetime.now(timezone.utc).replace(microsecond=0)
+    report = api.audit(samples / "healthy/turtlesim", engine="native")
+    assert before <= report.at <= datetime.now(timezone.utc)
+    assert report.weakened == ()
+    assert api.audit(samples / "healthy/turtlesim", engine="native", fail_on=None).weakened == ("--fail-on never",)
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_every_format_is_rendered(samples: Path, form: str) -> None:
+    assert api.render(api.audit(samples / "stock/turtlesim", engine="native", at=AT, pictures=form == "html"), form)
+
+
+def test_files_are_taken(samples: Path, tmp_path: Path) -> None:
+    settings = tmp_path / "s.toml"
+    settings.write_text("")
+    report = api.audit(samples / "healthy/turtlesim", engine="native", at=AT, settings=settings)
+    assert report.settings is not None
+    policy = samples / "policies/turtlesim.policy.xml"
+    compared = api.audit(samples / "healthy/turtlesim", engine="native", at=AT, policy=policy)
+    assert "--policy" not in " ".join(compared.scope.not_checked)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"engine": "none"},
+        {"at": datetime(2026, 1, 1)},
+        {"domain": 233},
+        {"profiles": ["fastdd"]},
+        {"time_zone": "Nowhere/Town"},
+        {"ignore": ["KA901"]},
+        {"select": ["KA0"]},
+        {"settings": "/nowhere.toml"},
+        {"alloy_properties": ["/nowhere.als"]},
+    ],
+    ids=lambda wrong: next(iter(wrong)),
+)
+def test_what_makes_no_sense_is_a_usage_error(samples: Path, wrong: dict[str, Any]) -> None:
+    with pytest.raises(api.UsageError):
+        api.audit(samples / "healthy/turtlesim", **{"engine": "native", **wrong})
+
+
+def test_nothing_there_is_no_report(tmp_path: Path) -> None:
+    with pytest.raises(api.NothingToAudit):
+        api.audit(tmp_path)
+    with pytest.raises(api.UsageError):
+        api.render(None, "pdf")  # type: ignore[arg-type]
+
+
+def manual(repository: Path) -> str:
+    return (repository / "docs/python-api.md").read_text()
+
+
+def test_the_example_of_the_manual_runs(repository: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    (program,) = re.findall(r"```python\n(.*?)```", manual(repository), re.DOTALL)
+    monkeypatch.chdir(repository)
+    exec(program, {})
+    assert re.search(r"[0-9a-f]{64}\n$", capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("function", [api.audit, api.render])
+def test_the_manual_names_every_argument(repository: Path, function: Callable[..., object]) -> None:
+    from inspect import signature
+
+    for name in signature(function).parameters:
+        assert name in ("path", "report", "form") or f"`{name}`" in manual(repository)
+
+
+def test_reports_are_json_by_the_schema_s_keys(samples: Path) -> None:
+    report = api.audit(samples / "healthy/turtlesim", engine="native", at=AT)
+    assert json.loads(api.render(report))["verdict"] == report.verdict.value == "pass"
