@@ -96,14 +96,55 @@ class Behaviour:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Meeting:
+    """Which of the enclaves `candidates` hand samples of the channels `put` to `receiver`, which takes those of `got`.
+
+    `receiver` None: which put anything there at all. What the engines' behaviours rest on, for Alloy to confirm.
+    """
+
+    candidates: frozenset[int]
+    put: frozenset[int]
+    receiver: int | None
+    got: frozenset[int]
+    senders: frozenset[int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Passage:
+    """A declared forward, whether or not a low topic depends on it. `reached`: something high may come to it."""
+
+    enclave: int
+    sources: frozenset[int]
+    targets: frozenset[int]
+    reached: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spread:
+    """The enclaves `inside`, to which something high may come or from which it comes; for Alloy to confirm.
+
+    `declared`: enclaves with forwards. `first`: channels that are high. `left_out`: ambient channels.
+    """
+
+    inside: frozenset[int]
+    declared: frozenset[int]
+    first: frozenset[int]
+    left_out: frozenset[int]
+    passages: tuple[Passage, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DeterminismAtom:
     """That what is seen on low topics is decided by inputs that are not high alone.
 
     `id`: unique, `[a-z0-9-]+`. `behaviours`: one for each domain class in which every declared forward is possible.
-    `undecided`: why nothing can be said; empty where something can.
+    `undecided`: why nothing can be said; empty where something can. `meetings` and `spread`: what the behaviours rest
+    on.
     """
 
     id: str
     behaviours: tuple[Behaviour, ...]
     undecided: str
     location: Location
+    meetings: tuple[Meeting, ...] = ()
+    spread: Spread | None = None

@@ -7,7 +7,17 @@ from dataclasses import dataclass, replace
 
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.attacker import RealmView
-from keystore_audit.model.behaviour import Behaviour, DeterminismAtom, Differs, ForwardAtom, InputAtom, SlotAtom
+from keystore_audit.model.behaviour import (
+    Behaviour,
+    DeterminismAtom,
+    Differs,
+    ForwardAtom,
+    InputAtom,
+    Meeting,
+    Passage,
+    SlotAtom,
+    Spread,
+)
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.claim import Attacker, Place
 from keystore_audit.model.claims import matching
@@ -15,7 +25,7 @@ from keystore_audit.model.flow import Flows, Lane, Search
 from keystore_audit.model.forwards import Declared, Determinism, Forward, ambient, anywhere, by_default
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.own_rights import OwnRights
-from keystore_audit.model.permission import Permissions, bits
+from keystore_audit.model.permission import Permissions, bits, members
 from keystore_audit.model.system import System
 
 
@@ -68,7 +78,8 @@ class Forwarding:
             domains = [d for d in range(len(self._within)) if all(self._lacking(f, d) is None for f in forwards)]
             if not domains:
                 undecided = self._impossible(forwards)
-        tainted = self._tainted(claim)
+        spread = self._spread(claim)
+        tainted = spread.inside - self._high(claim)
         behaviours = (self._behaviour(claim, forwards, domain, tainted) for domain in domains)
         found = tuple(each for each in behaviours if each.writers)
         if not undecided and not any(each.seen() for each in found):
@@ -78,6 +89,8 @@ class Forwarding:
             behaviours=() if undecided else tuple(each for each in found if each.seen()),
             undecided=undecided,
             location=claim.location,
+            meetings=() if undecided else tuple(m for each in domains for m in self._meetings(claim, forwards, each)),
+            spread=None if undecided else spread,
         )
 
     def told(self, atom: DeterminismAtom) -> object:
@@ -188,12 +201,66 @@ class Forwarding:
         here = self._anywhere[topic] & self._within[domain]
         return any(lane.puts[sender] & here for lane in self._lanes)
 
-    def _tainted(self, claim: Determinism) -> frozenset[int]:
-        """The enclaves without declared forwards that something high can reach, whatever they do, in any domain."""
+    def _meetings(self, claim: Determinism, forwards: Sequence[Forward], domain: int) -> Iterator[Meeting]:
+        """Who hands samples to whom, of all that a behaviour in this domain rests on."""
+        here = self._within[domain]
+        others = frozenset(n for n, enclave in enumerate(self.system.enclaves) if enclave.label not in self._doing)
+
+        def meeting(candidates: frozenset[int], put: int, receiver: int, got: int) -> Meeting:
+            senders = frozenset(n for n in candidates if self._hops(n, put, receiver, got, domain))
+            return Meeting(
+                candidates=candidates,
+                put=frozenset(members(put & here)),
+                receiver=receiver,
+                got=frozenset(members(got & here)),
+                senders=senders,
+            )
+
+        for holder, topic in dict.fromkeys((self._number[f.enclave], topic) for f in forwards for topic in f.sources):
+            got = self._by_default[topic]
+            yield meeting(others, self._anywhere[topic], holder, got)
+            publishing = frozenset(self._number[f.enclave] for f in forwards if topic in f.targets)
+            yield meeting(publishing, self._by_default[topic], holder, got)
+        for topic in claim.low:
+            yield Meeting(
+                candidates=others,
+                put=frozenset(members(self._anywhere[topic] & here)),
+                receiver=None,
+                got=frozenset(),
+                senders=frozenset(n for n in others if self._puts(n, topic, domain)),
+            )
+
+    def _high(self, claim: Determinism) -> frozenset[int]:
+        labels = (enclave.label for enclave in self.system.enclaves)
+        return frozenset(
+            n for n, label in enumerate(labels) if any(matching(glob, [label]) for glob in claim.high.enclaves)
+        )
+
+    def _spread(self, claim: Determinism) -> Spread:
+        """Where something high can come to, nodes without declared forwards passing on anything, in any domain."""
         left_out = 0 if claim.include_ambient else self._ambient
+        inside, passing = self._reach(claim, left_out)
+        return Spread(
+            inside=inside,
+            declared=frozenset(self._number[label] for label in self._doing if label in self._number),
+            first=frozenset(members(union(self._anywhere[topic] for topic in claim.high.topics))),
+            left_out=frozenset(members(left_out)),
+            passages=tuple(
+                Passage(
+                    enclave=self._number[forward.enclave],
+                    sources=frozenset(members(union(self._by_default[topic] for topic in forward.sources))),
+                    targets=frozenset(members(union(self._by_default[topic] for topic in forward.targets))),
+                    reached=place in passing,
+                )
+                for place, forward in enumerate(self._declared.forwards)
+                if forward.enclave in self._number
+            ),
+        )
+
+    def _reach(self, claim: Determinism, left_out: int) -> tuple[frozenset[int], frozenset[int]]:
+        """The enclaves, and the forwards by their places, that something high is in or can come to."""
         labels = [enclave.label for enclave in self.system.enclaves]
-        high = {n for n, label in enumerate(labels) if any(matching(glob, [label]) for glob in claim.high.enclaves)}
-        reached, passing = set(high), set[int]()
+        reached, passing = set(self._high(claim)), set[int]()
         put = [union(self._anywhere[topic] for topic in claim.high.topics) for _lane in self._lanes]
         while True:
             for number, lane in enumerate(self._lanes):
@@ -203,7 +270,7 @@ class Forwarding:
             more = {n for n in arrived if n < len(labels) and labels[n] not in self._doing}
             through = set(self._passing(put))
             if more <= reached and through <= passing:
-                return frozenset(reached - high)
+                return frozenset(reached), frozenset(passing)
             reached |= more
             passing |= through
 

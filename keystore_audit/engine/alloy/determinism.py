@@ -17,6 +17,7 @@ from keystore_audit import text
 from keystore_audit.engine.alloy.jobs import Analyzer, Job, run
 from keystore_audit.engine.alloy.runner import module_texts
 from keystore_audit.engine.alloy.solution import Command, read_instances
+from keystore_audit.engine.alloy.wiring import CONFIRMED, wiring_job
 from keystore_audit.engine.native_determinism import explore
 from keystore_audit.errors import EngineFailed
 from keystore_audit.model.behaviour import Behaviour, DeterminismAtom, Scheduler
@@ -55,8 +56,17 @@ def decide(systems: Sequence[System], analyzer: Analyzer) -> list[dict[str, Answ
     behaviours = (b for system in systems for claim in system.determinism for b in claim.behaviours)
     cases = [case for case in map(_case, dict.fromkeys(behaviours)) if case is not None]
     read = run([_job(case) for case in cases], analyzer, lambda job, *found: _read(cases[job].behaviour, *found))
+    _confirm(systems, analyzer)
     known = {case.behaviour: answer for case, answer in zip(cases, read, strict=True)}
     return [{claim.id: _together(claim, known) for claim in system.determinism} for system in systems]
+
+
+def _confirm(systems: Sequence[System], analyzer: Analyzer) -> None:
+    """Raises EngineFailed unless Alloy finds that the behaviours are those of the keystore."""
+    jobs = [wiring_job(system) for system in systems if any(claim.meetings for claim in system.determinism)]
+    for found in run(jobs, analyzer, lambda _job, found, _solutions: found):
+        if found[CONFIRMED]:
+            raise EngineFailed("The Alloy Analyzer does not confirm who hands samples to the forwards declared.")
 
 
 def _case(behaviour: Behaviour) -> _Case | None:
