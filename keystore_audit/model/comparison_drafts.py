@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from keystore_audit.findings import Location
 from keystore_audit.model.comparison import ORDER, Aspect, Change, Consequence, Direction, Influenced, Layer
@@ -51,7 +51,7 @@ class Draft:
             influenced=self.influenced,
             old=self.old,
             new=self.new,
-            consequences=tuple(effect.consequence(sides) for effect in sorted(self.effects, key=_told_first)),
+            consequences=tuple(effect.consequence(sides) for effect in sorted(_once(self.effects), key=_told_first)),
             labels=labels,
         )
 
@@ -81,6 +81,15 @@ class Effect:
             influenced=self.influenced,
             parts=self.parts,
         )
+
+
+def _once(effects: Iterable[Effect]) -> Iterable[Effect]:
+    """Those that say the same of other names in one: what a grant gives, and what peers make of it."""
+    found: dict[Effect, int] = {}
+    for effect in effects:
+        key = replace(effect, channels=0)
+        found[key] = found.get(key, 0) | effect.channels
+    return [replace(effect, channels=channels) for effect, channels in found.items()]
 
 
 def _told_first(effect: Effect) -> int:

@@ -8,11 +8,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
+from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.comparison import Direction, Layer
 from keystore_audit.model.comparison_causes import Causes, agreeing
 from keystore_audit.model.comparison_drafts import Draft, Effect, in_order
-from keystore_audit.model.comparison_grants import WORDS
+from keystore_audit.model.comparison_grants import WORDS, deciding, given
 from keystore_audit.model.comparison_sides import Pair, Sides, View
 from keystore_audit.model.comparison_trust import ADDED, REMOVED
 
@@ -40,6 +41,7 @@ class Reach:
         self._sides = sides
         self._causes = causes
         self._found: dict[tuple[_Key, str | None], dict[str, int]] = {}
+        self._places: dict[tuple[_Key, str], Location] = {}
 
     def work_out(self) -> list[Draft]:
         """Gives changes their consequences; returns what none of them accounts for."""
@@ -112,7 +114,12 @@ class Reach:
                 self._note(pair, _Key(draft, layer, what, gained, operation), path, part & channels)
                 channels &= ~part
         if channels:
-            self._note(pair, _Key(None, layer, what, gained, operation), path, channels)
+            key = _Key(None, layer, what, gained, operation)
+            self._note(pair, key, path, channels)
+            if path is not None and operation is not None and (key, path) not in self._places:
+                place = _granting(pair.new if gained else pair.old, path, Operation(operation), channels)
+                if place is not None:
+                    self._places[key, path] = place
 
     def _accounting(self, path: str | None, channels: int, *, gained: bool) -> Iterator[tuple[Draft, int]]:
         """Changes that may account for a difference of this enclave (None: of outsiders) on these channels.
@@ -163,7 +170,8 @@ class Reach:
             profiles = in_order((profile for profile, _channels in channels_of), self._sides)
             if key.draft is None:
                 varies = len({channels for _profile, channels in channels_of}) > 1
-                own.append(_unaccounted(key, paths, union, profiles, varies=varies))
+                place = next((self._places[key, path] for path in paths if (key, path) in self._places), None)
+                own.append(_unaccounted(key, paths, union, profiles, place, varies=varies))
             else:
                 effects.setdefault((key, profiles), []).append((paths, union))
         for (key, profiles), several in effects.items():
@@ -220,7 +228,20 @@ class Reach:
                     )
 
 
-def _unaccounted(key: _Key, paths: list[str], channels: int, profiles: tuple[str, ...], *, varies: bool) -> Draft:
+def _granting(view: View, path: str, operation: Operation, channels: int) -> Location | None:
+    """The rule of some document, not the enclave's own, that gives it one of the channels."""
+    enclave = view.system.enclaves[view.numbers[path]]
+    for number, grant in enumerate(view.system.grants):
+        if grant.document != enclave.permissions and enclave.identity in grant.names:
+            common = given(view, number).of(operation) & channels
+            if common:
+                return deciding(view, number, operation, common)
+    return None
+
+
+def _unaccounted(
+    key: _Key, paths: list[str], channels: int, profiles: tuple[str, ...], place: Location | None, *, varies: bool
+) -> Draft:
     return Draft(
         layer=key.layer,
         kind="accepted" if key.operation else "capability",
@@ -231,6 +252,8 @@ def _unaccounted(key: _Key, paths: list[str], channels: int, profiles: tuple[str
         operation=key.operation,
         channels=channels,
         varies=varies,
+        old=None if key.gained else place,
+        new=place if key.gained else None,
     )
 
 

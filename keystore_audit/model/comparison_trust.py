@@ -269,8 +269,9 @@ def _signatures(old: Enclave, new: Enclave, *, moved: bool) -> Iterator[_Placed]
         if signed_by[0] == signed_by[1] or (moved and _by_authority(one, old) and _by_authority(other, new)):
             continue
         told = _told(before.signers), _told(after.signers)
+        verb = "were" if word == "permissions" else "was"
         aspect = Aspect(what="signer", old=told[0], new=told[1], direction=Direction.MIXED)
-        yield _Fact("signer", Direction.MIXED, f"its {word} was signed by somebody else", (aspect,)), *places
+        yield _Fact("signer", Direction.MIXED, f"its {word} {verb} signed by somebody else", (aspect,)), *places
 
 
 def _by_authority(document: GovernanceFile | PermissionsFile, enclave: Enclave) -> bool:

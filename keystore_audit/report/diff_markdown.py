@@ -60,7 +60,7 @@ def _item(change: Change, comparison: Comparison, others: tuple[str, ...]) -> st
         for each in change.consequences[: words.MAX_CONSEQUENCES]
     ]
     if len(change.consequences) > words.MAX_CONSEQUENCES:
-        lines.append(f"  - and {len(change.consequences) - words.MAX_CONSEQUENCES} more consequences")
+        lines.append(f"  - {words.left_out(change.consequences)}")
     if others:
         lines.append(f"  - {escaped(words.others(others))}")
     return "\n".join(lines)

@@ -45,7 +45,7 @@ def _change(change: Change, comparison: Comparison, others: tuple[str, ...]) -> 
     for each in change.consequences[: words.MAX_CONSEQUENCES]:
         yield _wrapped(words.consequence(each, comparison), f"      {words.MARKS[each.direction]} so ", "        ")
     if len(change.consequences) > words.MAX_CONSEQUENCES:
-        yield f"      and {len(change.consequences) - words.MAX_CONSEQUENCES} more consequences (--format json)"
+        yield f"      {words.left_out(change.consequences)} (--format json)"
     if others:
         yield _wrapped(words.others(others), "      ", "        ")
 

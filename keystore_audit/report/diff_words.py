@@ -51,6 +51,8 @@ _COVERAGE: Final = {
     ("topic_rule", "true"): "Now covered by a topic rule",
     ("topic_rule", "false"): "No longer covered by a topic rule",
 }
+_LISTED: Final = ("identity CA", "permissions CA", "revoked")
+"""Aspects of which only what came and what went is told."""
 
 
 def sentence(change: Change, comparison: Comparison) -> str:
@@ -107,6 +109,11 @@ def others(paths: Sequence[str]) -> str:
     return f"likewise, each with its own path in the names: {enclaves(paths)}"
 
 
+def left_out(consequences: Sequence[Consequence]) -> str:
+    """How many are not shown."""
+    return f"and {_count(len(consequences) - MAX_CONSEQUENCES, 'more consequence')}"
+
+
 def influence(influenced: Influenced) -> str:
     """One way with all its hops, and how many other pairs there are."""
     way = influenced.way
@@ -159,9 +166,9 @@ def _domains(domains: tuple[Interval, ...]) -> str:
 
 
 def _aspect(aspect: Aspect) -> str:
-    if aspect.old is None or aspect.new is None:
+    if aspect.what in _LISTED and (aspect.old is None or aspect.new is None):
         return f"{aspect.what}: {'added' if aspect.old is None else 'removed'} {aspect.new or aspect.old}"
-    return f"{aspect.what}: {aspect.old} → {aspect.new}"
+    return f"{aspect.what}: {aspect.old or 'none'} → {aspect.new or 'none'}"
 
 
 def place(location: Location | None) -> str | None:

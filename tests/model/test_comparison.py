@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from keystore_audit.findings import Location
 from keystore_audit.model.comparison import Direction, FailOn, Layer
 from tests.model.comparing import (
     Store,
@@ -161,3 +162,18 @@ def test_names_that_nothing_tells_apart_are_all_told(tmp_path: Path) -> None:
     assert change.names is not None
     assert [(name.topic, name.several) for name in change.names.shown] == [("rt/one", False), ("rt/two", False)]
     assert (change.names.more, change.names.infinite) == (0, False)
+
+
+def test_a_right_from_elsewhere_names_the_rule(tmp_path: Path) -> None:
+    """The cause is in a document that is nobody's own: nothing else would say where."""
+    new = replace(BASE, strays={"more.p7s": talker("\n", rule(criterion("publish", "rt/more")))})
+    (change,) = compared(BASE, new, tmp_path).changes
+    assert (change.old, change.new) == (None, Location(path="more.p7s", line=10))
+
+
+def test_what_a_grant_and_peers_say_alike_follows_once(tmp_path: Path) -> None:
+    """Another subject: what the enclave's grant no longer gives it, no peer accepts either."""
+    (change,) = compared(BASE, BASE.member("/talker", subject="/other"), tmp_path).changes
+    told = [(each.what, each.direction, each.enclaves) for each in change.consequences]
+    assert len(set(told)) == len(told)
+    assert ("may no longer publish", Direction.LOST, ("/talker",)) in told
