@@ -9,12 +9,14 @@ from pathlib import Path
 from zoneinfo import ZoneInfo
 
 from keystore_audit.engine.alloy.facts import write_model
-from keystore_audit.errors import BudgetExceeded
+from keystore_audit.engine.alloy.user_file import UserFile, identifier
+from keystore_audit.errors import BudgetExceeded, UsageError
 from keystore_audit.intent.intent import Intent
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.places import NamedPlace
 from keystore_audit.model.profiles import resolve
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.model.wiring import wiring
@@ -29,17 +31,36 @@ def export_model(
     domain: int | None = None,
     time_zone: ZoneInfo | None = None,
     intents: Sequence[Intent] = (),
+    files: Sequence[UserFile] = (),
 ) -> None:
     """Writes the Alloy model of the keystore into `directory`, ready for the Alloy Analyzer.
 
-    `intents`: which nodes will use it. Raises errors.NothingToAudit, errors.UsageError (unknown profile, directory not
-    writable) or errors.BudgetExceeded.
+    `intents`: which nodes will use it. `files`: properties of users, to stand beside it. Raises errors.NothingToAudit,
+    errors.UsageError (unknown profile, directory not writable, names that two files give) or errors.BudgetExceeded.
     """
+    places = [place for file in files for place in file.places]
+    beside = _beside(files, places)
     keystore = read_keystore(path)
     nodes = wiring(intents, keystore.layout.kind)
     accesses = AccessViews(documents_of(keystore), at, time_zone)
     usabilities = Usabilities(domain, accesses)
-    meaning = interpret(keystore, resolve(profiles), at, accesses, usabilities, nodes=nodes)
+    meaning = interpret(keystore, resolve(profiles), at, accesses, usabilities, places=places, nodes=nodes)
     if meaning.over_budget is not None:
         raise BudgetExceeded(meaning.over_budget)
-    write_model(meaning.systems, directory)
+    write_model(meaning.systems, directory, beside)
+
+
+def _beside(files: Sequence[UserFile], places: Sequence[NamedPlace]) -> dict[str, str]:
+    """The users' files by their names beside the modules; raises errors.UsageError for names in conflict."""
+    known: dict[str, NamedPlace] = {}
+    for place in places:
+        if place.name in known:
+            raise UsageError(f"{place.place}: {place.name!r} has a meaning at {known[place.name].place} already.")
+        known[place.name] = place
+    beside: dict[str, str] = {}
+    for file in files:
+        name = f"{identifier(Path(file.path).stem).replace('-', '_') or 'properties'}_asked.als"
+        if name in beside:
+            raise UsageError(f"{file.path}: a second file would be called {name!r} in the model.")
+        beside[name] = file.text
+    return beside

@@ -38,6 +38,14 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="An SROS2 policy: the nodes that it is about, and what they are to do.",
 )
+@click.option(
+    "--alloy-property",
+    "alloy_properties",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    metavar="FILE",
+    help="Properties of your own in Alloy, to stand beside the model (repeatable).",
+)
 @opt.verbose_option("Say where a fault is.")
 def command(
     keystore: str,
@@ -50,13 +58,16 @@ def command(
     launches: tuple[Path, ...],
     launch_arguments: tuple[tuple[str, str], ...],
     policy: Path | None,
+    alloy_properties: tuple[Path, ...],
 ) -> int:
     """Write the Alloy model of KEYSTORE, ready for the Alloy Analyzer.
 
     With --graph, --launch or --policy it has the nodes and their wiring too.
     """
+    from keystore_audit.engine.alloy.user_file import read_user_files
     from keystore_audit.export import export_model
 
+    files = read_user_files(alloy_properties, keystores=(keystore,))
     try:
         export_model(
             keystore,
@@ -66,6 +77,7 @@ def command(
             domain=domain,
             time_zone=time_zone,
             intents=_intents(graphs, launches, dict(launch_arguments), policy),
+            files=files,
         )
     except OSError as error:
         raise UsageError(f"Cannot write the model to {directory}: {error.strerror or error}.") from error

@@ -50,7 +50,8 @@ def asserted_property_violated(result: AssertedResult, _context: Context) -> Ite
     Severity.HIGH,
     on=AlloyResult,
     clause="keystore-audit, docs/alloy-properties.md: what is asserted with --alloy-property",
-    remedy="Look at the places named; `keystore-audit model KEYSTORE -o DIR` has the model for the Analyzer's window.",
+    remedy="Look at the places named; `keystore-audit model KEYSTORE -o DIR --alloy-property FILE` writes all of it "
+    "for the Analyzer's window.",
 )
 def asserted_alloy_property_violated(result: AlloyResult, _context: Context) -> Iterator[Violation]:
     """A property that a user asserts in Alloy is violated: a check has a counterexample, or a run no instance.

@@ -111,3 +111,30 @@ def test_a_file_in_the_keystore_is_refused(tmp_path: Path) -> None:
     done = run(str(keystore), file=keystore / "mine.als")
     assert done.returncode == 2
     assert "lies in the keystore" in done.stderr
+
+
+def model(directory: Path, *files: Path | str) -> subprocess.CompletedProcess[str]:
+    named = [word for file in files for word in ("--alloy-property", str(file))]
+    command = [sys.executable, "-m", "keystore_audit", "model", BAD, "-o", str(directory), "--profile", "spec", *named]
+    return subprocess.run(command, cwd=SAMPLES, capture_output=True, text=True, timeout=120)
+
+
+@pytest.mark.alloy
+@pytest.mark.xdist_group("alloy")
+def test_the_model_for_the_window_has_the_file_and_its_names(tmp_path: Path) -> None:
+    from tests.engine.alloy_batch import outcomes
+
+    assert model(tmp_path / "m", ASKED).returncode == 0
+    found = outcomes(tmp_path / "m", {}, "chatter_asked.als")
+    assert found.pop("KeystoreAuditIsConsistent")
+    assert found == {"OnlyTheTalkerSpeaks": True, "SomebodyListens": True}
+
+
+def test_names_that_two_files_give_cannot_stand_in_one_model(tmp_path: Path) -> None:
+    (tmp_path / "other.als").write_text(
+        "module o\nopen keystore_audit\n//@ enclave Talker = /talker\nrun Some { some Talker } for 0\n"
+    )
+    done = model(tmp_path / "m", ASKED, tmp_path / "other.als")
+    assert done.returncode == 2
+    assert "other.als:3:1: 'Talker' has a meaning at alloy_properties/chatter.als:5:1 already" in done.stderr
+    assert not (tmp_path / "m").exists()

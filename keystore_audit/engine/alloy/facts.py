@@ -8,7 +8,7 @@ as fields of sigs, equated in facts, the same keystore costs some hundred times 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import timezone
 from pathlib import Path
 from typing import Final
@@ -18,6 +18,7 @@ from keystore_audit.engine.alloy import application, claims, expiry, paths
 from keystore_audit.engine.alloy.atoms import Sort, declare, name_atoms
 from keystore_audit.engine.alloy.readme import describe_folders, describe_system, folder_names
 from keystore_audit.engine.alloy.relations import Relations, Row, function
+from keystore_audit.engine.alloy.user_vocabulary import VOCABULARY, write_vocabulary
 from keystore_audit.errors import UsageError
 from keystore_audit.model.claim import ClaimKind
 from keystore_audit.model.system import DomainRuleAtom, Reading, System, TopicRuleAtom
@@ -140,8 +141,10 @@ def _header(system: System) -> str:
     return "\n".join(lines)
 
 
-def write_model(systems: Sequence[System], directory: Path) -> None:
+def write_model(systems: Sequence[System], directory: Path, beside: Mapping[str, str] | None = None) -> None:
     """Write the model of each system for the Alloy Analyzer's window: modules, facts, commands, theme and a README.
+
+    `beside`: files of users (name to text), each of which opens the vocabulary.
 
     One system goes into `directory` itself, several into a folder each. Raises UsageError if the directory holds
     anything or cannot be written.
@@ -155,6 +158,9 @@ def write_model(systems: Sequence[System], directory: Path) -> None:
             folder = directory / name if len(systems) > 1 else directory
             folder.mkdir(exist_ok=True)
             _write_folder(system, folder)
+            for user, content in (beside or {}).items():
+                (folder / f"{VOCABULARY}.als").write_text(write_vocabulary(system), encoding="ascii")
+                (folder / user).write_text(content, encoding="ascii")
             _write_time(system, folder / TIME)
             (folder / README).write_text(describe_system(system), encoding="utf-8")
         if len(systems) > 1:

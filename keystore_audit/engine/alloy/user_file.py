@@ -17,6 +17,7 @@ from typing import Final
 
 from keystore_audit import resources
 from keystore_audit.engine.alloy.user_tokens import NO_NUMBERS, Token, Wrong, tokens
+from keystore_audit.engine.alloy.user_vocabulary import VOCABULARY
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
 from keystore_audit.intent.source import Source, read_source
@@ -24,9 +25,6 @@ from keystore_audit.model.claims import Claim, Globs
 from keystore_audit.model.places import NamedPlace
 from keystore_audit.properties import BY_ID
 from keystore_audit.settings_table import dds_topic
-
-VOCABULARY: Final = "keystore_audit"
-"""The module that a file opens: the vocabulary, and its own names for enclaves and topics."""
 
 CONSISTENT: Final = "KeystoreAuditIsConsistent"
 """The run that is added to each file: without an instance, nothing that the file says means anything."""
@@ -319,10 +317,12 @@ def _glob(comment: Token, about: str, value: str) -> str:
 
 
 def vocabulary() -> frozenset[str]:
-    """Return every name that a hand-written module declares, and the words that generated ones take."""
-    declared = {VOCABULARY, "keystore", "Outsider"}
-    for path in resources.alloy().glob("*.als"):
-        for names in _DECLARED.findall(path.read_text(encoding="ascii")):
+    """Return every name that a file sees: those that static modules declare, and the words of generated ones."""
+    declared = {VOCABULARY, "Node", "runs_in", "publishes_to", "subscribes_to"}
+    modules = {name for name in OPENED if "/" not in name} - {VOCABULARY} | {"keystore", "application"}
+    for module in modules:
+        text = (resources.alloy() / f"{module}.als").read_text(encoding="ascii")
+        for names in _DECLARED.findall(text):
             declared |= set(re.findall(r"\w+", names))
     return frozenset(declared)
 

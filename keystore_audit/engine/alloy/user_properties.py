@@ -15,15 +15,14 @@ from pathlib import Path
 from typing import Final
 
 from keystore_audit.engine.alloy import application, claims, install
-from keystore_audit.engine.alloy.atoms import name_atoms
 from keystore_audit.engine.alloy.facts import KEYSTORE, MODULES, facts
 from keystore_audit.engine.alloy.jobs import Analyzer, Job, run
 from keystore_audit.engine.alloy.process import Output
-from keystore_audit.engine.alloy.relations import Relations, function
 from keystore_audit.engine.alloy.runner import MAX_ATOMS, MEMORY_MB, count_atoms, module_texts
 from keystore_audit.engine.alloy.solution import Command
 from keystore_audit.engine.alloy.user_counterexample import describe_instance
-from keystore_audit.engine.alloy.user_file import CONSISTENT, VOCABULARY, Asked, UserFile
+from keystore_audit.engine.alloy.user_file import CONSISTENT, Asked, UserFile
+from keystore_audit.engine.alloy.user_vocabulary import VOCABULARY, write_vocabulary
 from keystore_audit.errors import EngineError, EngineOutOfScale, UsageError
 from keystore_audit.model.system import Reading, System
 from keystore_audit.properties.counterexample import Counterexample
@@ -134,19 +133,6 @@ def job(file: UserFile, system: System) -> Job:
         commands=(*asked, Command(kind="run", name=CONSISTENT)),
         atoms=count_atoms(system),
     )
-
-
-def write_vocabulary(system: System) -> str:
-    """Return the module that users' files open: the words of the model, and the names that `system` has places for."""
-    atoms, relations = name_atoms(system), Relations()
-    lines = []
-    for place in system.places:
-        sort, members = (atoms.enclaves, place.enclaves) if place.channels is None else (atoms.channels, place.channels)
-        body = relations.atoms(sort, [index in (members or ()) for index in range(len(sort.atoms))])
-        lines.append(function(place.name, f"set {sort.sig}", body))
-    head = f"/** What files of properties open: docs/alloy-properties.md. */\nmodule {VOCABULARY}\n"
-    head += "open application\n" if system.nodes else "open claims\n"
-    return "\n".join([head, *relations.take_private(), *lines]) + "\n"
 
 
 def _checked(file: UserFile, output: Output) -> Output:
