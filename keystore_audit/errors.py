@@ -61,4 +61,12 @@ class EngineTimeout(EngineError):
 
 
 class EngineOutOfScale(EngineError):
-    """The model is larger than what the engine is known to decide; it was not started."""
+    """The model is larger than what the engine is known to decide; it was not started.
+
+    `atoms`: its size, and that of what the engine would be asked about; None where size is not the reason.
+    """
+
+    def __init__(self, message: str, atoms: tuple[int, int] | None = None) -> None:
+        """As every error; see the class."""
+        super().__init__(message)
+        self.atoms = atoms

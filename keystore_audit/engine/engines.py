@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from keystore_audit.engine.agreement import EngineAnswers
@@ -71,7 +72,7 @@ def _alloy(
     except EngineMissing as error:
         return _failed(EngineStatus.MISSING, version, error, required=asked), None
     except EngineOutOfScale as error:
-        return _failed(EngineStatus.OUT_OF_SCALE, version, error, required=asked), None
+        return replace(_failed(EngineStatus.OUT_OF_SCALE, version, error, required=asked), atoms=error.atoms), None
     except EngineTimeout as error:
         return _failed(EngineStatus.TIMEOUT, version, error, required=True), None
     except EngineError as error:

@@ -11,6 +11,7 @@ from functools import cached_property
 
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
+from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.issuer import fit_to_sign
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.access_view import AccessViews, ReadDocument
@@ -197,7 +198,7 @@ class SystemBuilder:
 
     def _realm(self, enclave: Enclave, number: dict[str, int], kind: Kind) -> RealmAtom:
         """What the enclave's verdict on peers depends on."""
-        place = enclave.governance.signed.file.place if enclave.governance else None
+        place = self._governance_place(enclave)
         identity_ca, permissions_ca, revoked = self._views.authorities(enclave, kind.trust)
         return RealmAtom(
             identity_ca=identity_ca,
@@ -205,6 +206,19 @@ class SystemBuilder:
             governance=number.get(place) if place else None,
             revoked=revoked,
         )
+
+    def _governance_place(self, enclave: Enclave) -> str | None:
+        """Where its governance is; of copies the first, since enclaves with equal ones trust alike."""
+        if enclave.governance is None:
+            return None
+        file = enclave.governance.signed.file
+        return self._governances.get(file.sha256, file.place)
+
+    @cached_property
+    def _governances(self) -> dict[str | None, str]:
+        """By the digest of a governance document: the first place, in order, where it is."""
+        read = [d for d in self._documents if isinstance(d.file, GovernanceFile)]
+        return {d.file.signed.file.sha256: d.place for d in reversed(read) if d.file is not None}
 
     def _identity(self, enclave: Enclave) -> int | None:
         first = enclave.certificate.first if enclave.certificate else None

@@ -125,7 +125,8 @@ def _ranking(ranking: Ranking) -> dict[str, Any]:
 
 
 def _engine(run: EngineRun) -> dict[str, Any]:
-    return {"version": run.version, "status": run.status.value, "reason": run.reason}
+    atoms = None if run.atoms is None else {"keystore": run.atoms[0], "asked": run.atoms[1]}
+    return {"version": run.version, "status": run.status.value, "reason": run.reason, "atoms": atoms}
 
 
 def _enclave(entry: EnclaveEntry) -> dict[str, Any]:

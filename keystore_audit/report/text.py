@@ -89,7 +89,7 @@ def render(report: Report, view: View | None = None) -> str:
         if view.verbose:
             ranking.put(page, report.blast_radius)
             _outcomes(page, report.outcomes)
-        _checked(page, report)
+        _checked(page, report, verbose=view.verbose)
     page.blank()
     _verdict(page, report, view)
     return page.render()
@@ -345,7 +345,7 @@ _RESULT_WORDS: Final = {
 }
 
 
-def _checked(page: Page, report: Report) -> None:
+def _checked(page: Page, report: Report, *, verbose: bool) -> None:
     """What was looked at, by whom, what was not, and when the answer changes by itself."""
     scope = report.scope
     page.blank()
@@ -361,7 +361,8 @@ def _checked(page: Page, report: Report) -> None:
         version = f" {run.version}" if run.version else ""
         words = f"{run.name}{version} {_ENGINE_WORDS[run.status]}"
         reason = f": {run.reason}" if run.reason else ""
-        page.labelled("Engine", _sentence(words + reason), indent=0, column=13, style="bold")
+        size = f", asked about {run.atoms[1]} of {run.atoms[0]} atoms" if verbose and run.atoms else ""
+        page.labelled("Engine", _sentence(words + size + reason), indent=0, column=13, style="bold")
     for number, sentence in enumerate(scope.not_checked):
         page.labelled("" if number else "Not checked", sentence, indent=0, column=13, style="bold")
     if report.safe_until is None:

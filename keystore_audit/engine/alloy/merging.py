@@ -71,6 +71,7 @@ def merge(system: System) -> Merged:
         enclaves=tuple(range(len(system.enclaves))),
         channels=tuple(range(len(system.channels))),
     )
+    merged = _without(merged, _Surplus(documents=_idle(merged.system)))
     while True:
         smaller = _without(merged, _surplus(merged.system))
         if len(smaller.channels) == len(merged.channels) and len(smaller.enclaves) == len(merged.enclaves):
@@ -154,6 +155,13 @@ def _surplus(system: System) -> _Surplus:
     )
 
 
+def _idle(system: System) -> frozenset[int]:
+    """Documents that no enclave has, that govern nothing and grant nothing: copies of a governance document."""
+    used = {grant.document for grant in system.grants} | {enclave.permissions for enclave in system.enclaves}
+    used |= {realm.governance for realm in system.realms}
+    return frozenset(n for n, document in enumerate(system.documents) if n not in used and not document.opaque)
+
+
 def _told(system: System, channels: Iterable[int]) -> int:
     """The channel that a person reads most easily."""
     return min(channels, key=lambda n: (not system.channels[n].ros, system.channels[n].infinite, n))
@@ -198,6 +206,7 @@ class _Restriction:
         self._enclaves = _numbers(enclaves)
         self._channels = _numbers(channels)
         self._grants = _numbers(n for n, grant in enumerate(system.grants) if grant.document in self._documents)
+        self._domain_rules = _numbers(n for n, r in enumerate(system.domain_rules) if r.document in self._documents)
         self._memo: dict[int, frozenset[int]] = {}
 
     def system(self) -> System:
@@ -223,8 +232,15 @@ class _Restriction:
                 for n in self._kept_enclaves
             ),
             channels=tuple(old.channels[n] for n in self._kept_channels),
-            domain_rules=tuple(replace(rule, document=self._documents[rule.document]) for rule in old.domain_rules),
-            topic_rules=tuple(replace(rule, channels=self._named(rule.channels)) for rule in old.topic_rules),
+            domain_rules=tuple(
+                replace(old.domain_rules[n], document=self._documents[old.domain_rules[n].document])
+                for n in self._domain_rules
+            ),
+            topic_rules=tuple(
+                replace(rule, domain_rule=self._domain_rules[rule.domain_rule], channels=self._named(rule.channels))
+                for rule in old.topic_rules
+                if rule.domain_rule in self._domain_rules
+            ),
             grants=tuple(self._grant(old.grants[n]) for n in self._grants),
             rules=tuple(self._rule(rule) for rule in old.rules if rule.grant in self._grants),
             claims=tuple(map(self._claim, old.claims)),

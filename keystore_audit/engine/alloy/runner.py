@@ -279,7 +279,8 @@ def _check_scale(whole: int, merged: int) -> None:
     if merged > MAX_ATOMS:
         raise EngineOutOfScale(
             f"The model of this keystore has {whole} atoms, {merged} after merging; the Alloy Analyzer is known to "
-            f"decide up to {MAX_ATOMS}."
+            f"decide up to {MAX_ATOMS}.",
+            atoms=(whole, merged),
         )
 
 
