@@ -126,7 +126,7 @@ def _user_files(path: PathLike, given: Sequence[PathLike], asserted: Settings | 
         return ()
     from keystore_audit.engine.alloy.user_file import read_user_files
 
-    return read_user_files(tuple(map(Path, given)), asserted.claims if asserted else (), (os.fspath(path),))
+    return read_user_files(tuple(map(Path, given)), asserted.asserted if asserted else (), (os.fspath(path),))
 
 
 def _path(given: PathLike | None) -> Path | None:

@@ -52,6 +52,11 @@ class Settings:
     acceptances: tuple[Acceptance, ...] = ()
     max_suppression_days: int = MAX_DAYS
 
+    @property
+    def asserted(self) -> tuple[Claim | Determinism, ...]:
+        """All properties, each with an id of its own."""
+        return (*self.claims, *self.declared.claims)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Baseline:

@@ -13,6 +13,7 @@ import pytest
 
 from keystore_audit import resources
 from keystore_audit.audit import Options, audit
+from keystore_audit.engine.alloy.user_file import read_user_files
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Severity
 from keystore_audit.model.behaviour import Scheduler
@@ -161,6 +162,19 @@ def test_two_runs_are_told_in_names(tmp_path: Path) -> None:
     paths = [(each.path.rpartition("/")[2], each.message) for each in finding.locations]
     assert paths[0] == ("keystore-audit.toml", "asserted here")
     assert [path for path, _said in paths[1:]] == ["permissions.p7s"] * 3
+
+
+def test_an_id_is_given_once(tmp_path: Path) -> None:
+    labels = '[lattice]\nlevels = ["low", "high"]\n'
+    labels += '[[label]]\nlabel = "low"\nenclaves = "/a"\n[[label]]\nlabel = "high"\nenclaves = "/b"\n'
+    (made,) = read(tmp_path, labels).claims
+    with pytest.raises(UsageError, match=f"this makes the property '{made.id}'"):
+        read(tmp_path, FORWARD + MOVED.replace("moved", made.id) + labels)
+    file = tmp_path / "own.als"
+    file.write_text("module own\nopen keystore_audit\ncheck moved { some none } for 0\n")
+    settings = read(tmp_path, FORWARD + MOVED.replace("moved", "own-moved"))
+    with pytest.raises(UsageError, match="'own-moved', is taken at"):
+        read_user_files((file,), settings.asserted)
 
 
 def test_unreachability_is_named_where_it_decides(tmp_path: Path) -> None:

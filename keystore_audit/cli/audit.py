@@ -224,7 +224,7 @@ def _alloy_properties(
         return ()
     from keystore_audit.engine.alloy.user_file import read_user_files
 
-    return read_user_files(paths, asserted.claims if asserted else (), keystores)
+    return read_user_files(paths, asserted.asserted if asserted else (), keystores)
 
 
 def _audit_one(keystore: str, options: Options, given: Mapping[str, Any]) -> int:

@@ -22,6 +22,7 @@ from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
 from keystore_audit.intent.source import Source, read_source
 from keystore_audit.model.claims import Claim, Globs
+from keystore_audit.model.forwards import Determinism
 from keystore_audit.model.places import NamedPlace
 from keystore_audit.properties import BY_ID
 from keystore_audit.settings_table import dds_topic
@@ -328,7 +329,7 @@ def vocabulary() -> frozenset[str]:
 
 
 def read_user_files(
-    paths: Sequence[Path], claims: Sequence[Claim] = (), keystores: Sequence[str] = ()
+    paths: Sequence[Path], claims: Sequence[Claim | Determinism] = (), keystores: Sequence[str] = ()
 ) -> tuple[UserFile, ...]:
     """Return what the files say, beside the `claims` of settings.
 
