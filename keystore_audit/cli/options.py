@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import click
 
+from keystore_audit.cli.completion import Directory, Word
 from keystore_audit.cli.session import Session
 from keystore_audit.errors import UsageError
 
@@ -69,15 +70,9 @@ def seconds(value: str | float) -> float:
     return number
 
 
-def one_of(*words: str) -> Callable[[str], str]:
+def one_of(*words: str) -> Word:
     """Return a type that takes one of `words`; a wrong one is answered with the nearest."""
-
-    def convert(value: str) -> str:
-        if value not in words:
-            raise click.BadParameter(unknown(f"{value!r} is not one of", value, words))
-        return value
-
-    return convert
+    return Word(words)
 
 
 def profile_name(value: str) -> str:
@@ -140,7 +135,7 @@ def now() -> datetime:
     return datetime.now(timezone.utc).replace(microsecond=0)
 
 
-def keystore_path(value: str) -> str:
+def _keystore_path(value: str) -> str:
     """Return the path of a keystore; raise UsageError for the bare name of a command.
 
     `keystore-audit -q rules` would otherwise audit a directory called `rules`.
@@ -150,6 +145,9 @@ def keystore_path(value: str) -> str:
     if value in COMMANDS:
         raise click.UsageError(f"A command comes first; for a directory called {value!r}, write ./{value}.")
     return value
+
+
+keystore_path = Directory(_keystore_path)
 
 
 def _be_verbose(ctx: click.Context, _param: click.Parameter, value: bool) -> bool:

@@ -6,7 +6,7 @@ import traceback
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import click
 
@@ -15,6 +15,9 @@ from keystore_audit.cli import EXIT_INTERRUPTED
 from keystore_audit.cli.session import Session
 from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_USAGE, AuditError
 from keystore_audit.text import terminal
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
 
 NAME: Final = "keystore-audit"
 DEFAULT_COMMAND: Final = "audit"
@@ -51,11 +54,20 @@ class Program(click.Group):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Put the default command where none is named."""
         own = {name for option in self.get_params(ctx) for name in option.opts}
+        if ctx.resilient_parsing and not args:  # a shell asks what may come first
+            return super().parse_args(ctx, args)
         if not args:
             raise click.UsageError(f"Name a keystore, e.g. `{NAME} ./keys`, or a command: {', '.join(COMMANDS)}.")
         if args[0] not in own and args[0] not in COMMANDS:
             args = [DEFAULT_COMMAND, *args]
         return super().parse_args(ctx, args)
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Offer commands, and directories: a keystore may come first."""
+        from keystore_audit.cli.completion import directories
+
+        found = super().shell_complete(ctx, incomplete)
+        return found if incomplete.startswith("-") else [*directories(incomplete), *found]
 
 
 @click.command(
