@@ -32,7 +32,8 @@ MARKUP = re.compile(r"<(/?)([a-zA-Z][a-zA-Z0-9]*)((?:\s+[A-Za-z-]+=\"[^\"<>]*\")
 
 
 def document(page: str) -> etree._Element:
-    return lxml.html.document_fromstring(page)
+    """The page without the places where a long name may be broken."""
+    return lxml.html.document_fromstring(page.replace("<wbr>", ""))
 
 
 def words(tree: etree._Element) -> str:

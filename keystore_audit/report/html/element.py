@@ -8,7 +8,7 @@ the page. There is no way to write a script, an event handler, a style attribute
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
@@ -17,6 +17,9 @@ from keystore_audit.text import html, shorten, terminal
 
 MAX_NAME: Final = 200
 """Characters of one name; a longer one is cut in the middle. JSON has it in full."""
+
+MAX_WHOLE: Final = 20
+"""Characters up to which a name is left in one piece."""
 
 _VOID: Final = frozenset({"br", "hr", "link", "meta", "col", "wbr"})
 _TAGS: Final = frozenset(
@@ -56,6 +59,8 @@ BREAK: Final = Html("\n")
 """The end of a line of the file; nothing on the page."""
 
 Child = Html | str
+
+_MAY_BREAK: Final = Html("<wbr>")
 
 
 def element(tag: str, *children: Child, **attributes: str | int | float) -> Html:
@@ -106,12 +111,23 @@ def style(sheet: str) -> Html:
 
 def name(text: str) -> Html:
     """Return a name as it stands in the keystore."""
-    return element("code", shorten(text, MAX_NAME))
+    return element("code", *_broken(shorten(text, MAX_NAME)))
 
 
 def place(path: str, line: int | None) -> Html:
     """Return a place in a file."""
-    return element("code", shorten(path, MAX_NAME) + ("" if line is None else f":{line}"), class_="place")
+    return element("code", *_broken(shorten(path, MAX_NAME) + ("" if line is None else f":{line}")), class_="place")
+
+
+def _broken(text: str) -> Iterator[Child]:
+    """The text, which is best broken behind a slash where it is long."""
+    if len(text) <= MAX_WHOLE:
+        yield text
+        return
+    for part in text.split("/")[:-1]:
+        yield f"{part}/"
+        yield _MAY_BREAK
+    yield text.rpartition("/")[2]
 
 
 def digest(value: str) -> Html:

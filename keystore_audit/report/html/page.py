@@ -32,6 +32,12 @@ from keystore_audit.text import shorten
 MAX_TITLE: Final = 80
 """Characters of a keystore's path in the window's title and in the table of several."""
 
+MAX_LINK: Final = 26
+"""Characters of it in the contents."""
+
+MAX_CONTENTS: Final = 6
+"""Keystores up to which the sections of each are in the contents."""
+
 
 @dataclass(frozen=True, slots=True)
 class _Section:
@@ -53,7 +59,9 @@ def render(reports: Sequence[Report], min_severity: Severity = Severity.INFO) ->
     sections = [(each, list(_sections(each))) for each in sheets]
     title = _title(reports)
     skip = element("a", "Skip to the report", href="#main", class_="skip")
-    contents = element("nav", lines(_contents(each, parts) for each, parts in sections), aria_label="Contents")
+    few = len(sheets) <= MAX_CONTENTS
+    listed = lines(_contents(each, parts if few else ()) for each, parts in sections)
+    contents = element("nav", listed, aria_label="Contents")
     body = [
         _several(sheets) if several else NOTHING,
         *(_report(each, parts) for each, parts in sections),
@@ -116,8 +124,9 @@ def _contents(each: Sheet, sections: Sequence[_Section]) -> Html:
         )
         for section in sections
     ]
-    top = element("a", verdict(each.report.verdict), href=f"#{each.anchor('top')}", class_="to-top")
-    return element("div", top, element("ul", lines(links)))
+    called = element("code", shorten(each.report.keystore, MAX_LINK)) if each.prefix else NOTHING
+    top = element("a", verdict(each.report.verdict), called, href=f"#{each.anchor('top')}", class_="to-top")
+    return element("div", top, element("ul", lines(links)) if links else NOTHING)
 
 
 def _report(each: Sheet, sections: Sequence[_Section]) -> Html:
