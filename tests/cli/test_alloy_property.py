@@ -138,3 +138,23 @@ def test_names_that_two_files_give_cannot_stand_in_one_model(tmp_path: Path) -> 
     assert done.returncode == 2
     assert "other.als:3:1: 'Talker' has a meaning at alloy_properties/chatter.als:5:1 already" in done.stderr
     assert not (tmp_path / "m").exists()
+
+
+@pytest.mark.alloy
+@pytest.mark.xdist_group("alloy")
+@pytest.mark.parametrize(
+    ("sample", "why"),
+    [
+        ("flows/chatter_linked_away_enclave", "nobody knows what it is called"),
+        ("flows/chatter_unreadable_enclave", "it depends on what is in enclaves/listener/permissions.p7s"),
+    ],
+)
+def test_what_could_not_be_read_leaves_it_open(sample: str, why: str) -> None:
+    code, found = report(sample)
+    assert code == 4
+    assert {each["status"] for each in asserted(found).values()} == {"unknown"}
+    told = [
+        each["message"] for each in found["findings"] if each["code"] == "KA906" and "Alloy alone" in each["message"]
+    ]
+    assert len(told) == 2
+    assert all(why in message for message in told)
