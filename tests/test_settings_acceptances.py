@@ -1,0 +1,140 @@
+"""`[[suppression]]` and `[[accepted]]`: every key, and where something in a file is wrong."""
+
+from __future__ import annotations
+
+import json
+import sys
+from datetime import date, datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+
+from keystore_audit import resources
+from keystore_audit.errors import UsageError
+from keystore_audit.findings import Severity
+from keystore_audit.settings import read_baseline, read_settings
+from tests.test_suppressions import ENTRY, PLACED, PRINT, WHY, file
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+
+def test_every_key_is_read(tmp_path: Path) -> None:
+    text = f"""max_suppression_days = 400
+{PLACED}
+[[suppression]]
+code = "KA711"
+fingerprint = "{PRINT}"
+severity = "critical"
+profiles = ["spec", "fastdds-3.6"]
+{WHY}"""
+    settings = read_settings(file(tmp_path, text))
+    placed, printed = settings.acceptances
+    assert settings.max_suppression_days == 400
+    assert (placed.code, placed.where, placed.fingerprint, placed.severity) == ("KA205", ("/talker",), None, None)
+    assert (placed.reason, placed.owner, placed.until) == ("so", "Ada", date(2026, 12, 4))
+    assert (placed.location.line, placed.location.beside, placed.place) == (2, True, f"{settings.path}:2:1")
+    assert (printed.where, printed.fingerprint, printed.severity) == ((), PRINT, Severity.CRITICAL)
+    assert printed.profiles == {"spec", "fastdds-3.6"}
+    assert placed.end == datetime(2026, 12, 4, 23, 59, 59, tzinfo=timezone.utc)
+
+
+WRONG = [
+    (PLACED.replace("reason", "reson"), ":4:1", "unknown key 'reson'; expected code, where, fingerprint, severity"),
+    (PLACED.replace('reason = "so"\n', ""), ":1:1", "expected reason ="),
+    (PLACED.replace('owner = "Ada"\n', ""), ":1:1", "expected owner ="),
+    (PLACED.replace("until = 2026-12-04\n", ""), ":1:1", "expected until = a date without quotes"),
+    (PLACED.replace("2026-12-04", '"2026-12-04"'), ":6:1", "expected until = a date without quotes"),
+    (PLACED.replace("2026-12-04", "2026-12-04T12:00:00Z"), ":6:1", "expected until = a date without quotes"),
+    (PLACED.replace("2026-12-04", "2026-13-04"), ":6:", "this is not TOML"),
+    (PLACED.replace('"so"', '"  "'), ":4:1", "found only spaces"),
+    (PLACED.replace('"so"', '""'), ":4:1", "a string that is not empty"),
+    (PLACED.replace('"so"', f'"{"x" * 1001}"'), ":4:1", "at most 1000 characters, found 1001"),
+    (PLACED.replace("Ada", "x" * 201), ":5:1", "at most 200 characters, found 201"),
+    (PLACED.replace("KA205", "KA2"), ":2:1", "'KA2' is no rule's code; expected one rule"),
+    (PLACED.replace("KA205", "certificate-expires-soon"), ":2:1", "is no rule's code"),
+    (PLACED.replace("KA205", "KA903"), ":2:1", "which nothing accepts"),
+    (PLACED.replace('where = "/talker"\n', ""), ":1:1", "exactly one of where, fingerprint"),
+    (f'{PLACED}fingerprint = "{PRINT}"\n', ":1:1", "exactly one of where, fingerprint"),
+    (PLACED.replace('"/talker"', '["*", "/talker"]'), ":3:1", "everything: expected it alone"),
+    (PLACED.replace("/talker", "./talker"), ":3:1", "expected an enclave"),
+    (PLACED.replace("/talker", "enclaves//talker"), ":3:1", "expected an enclave"),
+    (PLACED.replace("/talker", "../talker"), ":3:1", "expected an enclave"),
+    (PLACED.replace('"/talker"', "[]"), ":3:1", "array of such strings"),
+    (f'{PLACED}severity = "bad"\n', ":7:1", "expected 'critical' or 'high'"),
+    (f'{PLACED}profiles = "humble"\n', ":7:1", "'humble' is no profile; expected names as in reports"),
+    (PLACED.replace('where = "/talker"', f'fingerprint = "{PRINT[:-1]}"'), ":3:1", "expected 64 digits"),
+    ("suppression = 3\n", ":1:1", "each headed [[suppression]]"),
+    ("max_suppression_days = 0\n", ":1:1", "a number from 1 to 3650"),
+    ("max_suppression_days = true\n", ":1:1", "a number from 1 to 3650"),
+    ("max_suppression_days = 99999\n", ":1:1", "a number from 1 to 3650"),
+]
+
+
+@pytest.mark.parametrize(("text", "where", "what"), WRONG)
+def test_what_is_wrong_is_said_with_line_and_column(tmp_path: Path, text: str, where: str, what: str) -> None:
+    path = file(tmp_path, text)
+    with pytest.raises(UsageError) as caught:
+        read_settings(path)
+    said = caught.value.message.removeprefix(str(path))
+    assert said.startswith(where)
+    assert what in said
+
+
+WRONG_ENTRIES = [
+    (ENTRY.replace('severity = "low"\n', ""), ":1:1", "expected severity = one of critical, high"),
+    (ENTRY.replace("fingerprint", "where"), ":3:1", "unknown key 'where'"),
+    (f"{ENTRY}{ENTRY}", ":10:1", "accepted already, at"),
+    (f'{ENTRY}causes = ["x"]\n', ":8:1", "expected fingerprints"),
+    (f"{ENTRY}profiles = []\n", ":8:1", "array of such strings"),
+    (ENTRY.replace("KA205", "KA905"), ":2:1", "which nothing accepts"),
+    (ENTRY.replace("accepted", "suppression"), ":1:1", "unknown key 'suppression'; expected accepted"),
+    (ENTRY.replace("low", "none"), ":4:1", "expected 'critical' or"),
+]
+
+
+@pytest.mark.parametrize(("text", "where", "what"), WRONG_ENTRIES)
+def test_what_is_wrong_with_a_baseline_too(tmp_path: Path, text: str, where: str, what: str) -> None:
+    path = file(tmp_path, text, "baseline.toml")
+    with pytest.raises(UsageError) as caught:
+        read_baseline(path)
+    said = caught.value.message.removeprefix(str(path))
+    assert said.startswith(where)
+    assert what in said
+
+
+NOT_OF_THE_SCHEMA = (
+    "accepted already",
+    "expected an enclave",
+    "everything",
+    "'humble' is no",
+    "this is not TOML",
+    "'KA2'",
+)
+"""What no JSON Schema says."""
+
+
+def test_the_schemas_refuse_what_is_refused() -> None:
+    for name, good, wrong in (("settings", PLACED, WRONG), ("baseline", ENTRY, WRONG_ENTRIES)):
+        schema = json.loads((resources.schemas() / f"{name}.schema.json").read_text())
+        jsonschema.Draft202012Validator.check_schema(schema)
+        validator = jsonschema.Draft202012Validator(schema)
+        assert [error.message for error in validator.iter_errors(_plain(tomllib.loads(good)))] == []
+        for text, _where, what in wrong:
+            if not what.startswith(NOT_OF_THE_SCHEMA) and "12:00" not in text:
+                assert not validator.is_valid(_plain(tomllib.loads(text))), text
+
+
+def _plain(value: Any) -> Any:
+    """Dates as strings; a date that was a string already is none any more."""
+    if isinstance(value, dict):
+        return {key: _plain(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_plain(each) for each in value]
+    if isinstance(value, str) and value == "2026-12-04":
+        return "in quotes"
+    return value.isoformat() if isinstance(value, date) else value
