@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import pty
+import re
 import shutil
 import signal
 import subprocess
@@ -187,3 +190,26 @@ def test_an_interrupt_leaves_what_is_done(large_fleet: Path, tmp_path: Path) -> 
     assert not (tmp_path / "all.sarif").exists()
     psutil.wait_procs(children, timeout=10)
     assert not [child for child in children if child.is_running()]
+
+
+def test_a_terminal_sees_how_far_it_is_and_others_do_not(fleet: Path, tmp_path: Path) -> None:
+    words = ("-r", fleet, *NATIVE, "-j", "2", "-o", f"json={tmp_path}/out/")
+    master, terminal = pty.openpty()
+    command = [sys.executable, "-m", "keystore_audit", *map(str, words)]
+    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "120"}
+    running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=terminal, env=environment)
+    os.close(terminal)
+    shown = b""
+    with contextlib.suppress(OSError):  # how a terminal says that its last writer has gone
+        while piece := os.read(master, 65536):
+            shown += piece
+    os.close(master)
+    out, _err = running.communicate(timeout=60)
+    assert running.returncode == 1
+    assert b"reading identities" in shown
+    assert b"auditing" in shown
+    assert b"12/12" in shown
+    assert re.search(rb"12 keystores in [0-9.]+ s, [0-9.]+ a second\.\r\n$", shown)
+    assert b"\x1b" not in out
+    silent = subprocess.run([*command, "-o", f"json={tmp_path}/again/"], capture_output=True)
+    assert (silent.stdout, silent.stderr) == (out, b"")
