@@ -16,7 +16,7 @@ from keystore_audit import __version__
 from keystore_audit.cli import EXIT_INTERRUPTED, delivery, formats, output, places
 from keystore_audit.cli.program import fault
 from keystore_audit.cli.progress import FleetWatch
-from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, NothingToAudit
+from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, AuditError, NothingToAudit
 from keystore_audit.report.summary import Row, Summary, render_json, render_text, row, without_report
 from keystore_audit.text import terminal
 
@@ -89,7 +89,10 @@ def run(named: Sequence[str], given: Mapping[str, Any], chosen: Callable[[Sequen
     for path, reason in found.unseen:
         click.echo(f"keystore-audit: {terminal(path)}: not looked into: {terminal(reason)}.", err=True)
     if not found.keystores:
-        raise NothingToAudit(f"There is no keystore below {', '.join(named)}.")
+        sentence = f"There is no keystore below {', '.join(named)}"
+        if any(path not in named for path, _reason in found.unseen):
+            raise AuditError(f"{sentence} where it could be looked.")
+        raise NothingToAudit(f"{sentence}.")
     if any(wanted.tables for wanted in given["targets"]):
         from keystore_audit.fleet.parquet import check_available
 

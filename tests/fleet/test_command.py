@@ -93,6 +93,9 @@ def test_a_broken_one_hides_no_other(fleet: Path, tmp_path: Path) -> None:
 def test_where_there_is_none_it_is_3(tmp_path: Path) -> None:
     (tmp_path / "logs").mkdir()
     assert answer("-r", tmp_path, *NATIVE) == (3, "")
+    assert answer("-r", tmp_path / "nowhere", *NATIVE) == (3, "")
+    (tmp_path / "more").symlink_to("/")
+    assert answer("-r", tmp_path, *NATIVE) == (4, "")
 
 
 def test_what_was_not_looked_into_is_no_pass(tmp_path: Path, healthy_samples: Path) -> None:
