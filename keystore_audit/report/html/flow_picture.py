@@ -116,10 +116,11 @@ def _picture(table: AccessTable, flow: Neighbourhood) -> Html:
             boxes.append([_Line(f"nobody {words}", "soft")])
         if len(hops) > MAX_BOXES:
             boxes.append([_Line(f"{len(hops) - MAX_BOXES} more not drawn", "soft")])
-    height = max(_height(left), _height(right)) + 8
+    rows = _wrapped(flow.path, int((CENTRE - 2 * PAD) / CHARACTER))
+    height = max(_height(left), _height(right), _centre_height(rows)) + 8
     middle = height / 2
     solid = [hop.by_right for hop in flow.incoming], [hop.by_right for hop in flow.outgoing]
-    centre = _centre(flow.path, middle)
+    centre = _centre(rows, middle)
     title = element("title", f"Information flow of {shorten(flow.path, _FIT)}")
     drawn = [
         *_column(left, 0, middle, height, solid[0], bool(flow.incoming)),
@@ -167,11 +168,13 @@ def _line(x: int, y: float, middle: float, right: bool) -> Html:
     return joined([element("path", d=curve, class_=kind), element("polygon", points=head, class_="arrow")])
 
 
-def _centre(path: str, middle: float) -> Html:
+def _centre_height(rows: Sequence[str]) -> int:
+    return len(rows) * LINE + 3 * PAD
+
+
+def _centre(rows: Sequence[str], middle: float) -> Html:
     """The enclave, its name on as many lines as it needs."""
-    fit = int((CENTRE - 2 * PAD) / CHARACTER)
-    rows = _wrapped(path, fit)[:3]
-    tall = len(rows) * LINE + 3 * PAD
+    tall = _centre_height(rows)
     top = middle - tall / 2
     drawn = [element("rect", x=(WIDTH - CENTRE) / 2, y=top, width=CENTRE, height=tall, rx=6, class_="centre")]
     for number, row in enumerate(rows):
@@ -181,13 +184,15 @@ def _centre(path: str, middle: float) -> Html:
 
 
 def _wrapped(text: str, fit: int) -> list[str]:
-    """The name cut before its slashes where it is too long for a line."""
+    """The name on at most MAX_NAMES lines, cut before its slashes where it is too long for one."""
     rows = [""]
-    for part in _parts(shorten(terminal(text), 3 * fit)):
+    for part in _parts(terminal(text)):
         if rows[-1] and len(rows[-1]) + len(part) > fit:
             rows.append("")
-        rows[-1] += shorten(part, fit)
-    return rows
+        rows[-1] += part
+    if len(rows) > MAX_NAMES:
+        rows[MAX_NAMES - 1 :] = ["".join(rows[MAX_NAMES - 1 :])]
+    return [shorten(row, fit) for row in rows]
 
 
 def _parts(path: str) -> list[str]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Final
 
 from keystore_audit.keystore.permissions import Operation
@@ -29,6 +30,9 @@ MAX_TOGETHER: Final = 14
 
 MAX_CELLS: Final = 12_000
 """Cells of all matrices: what a browser shows at once without effort."""
+
+MAX_ROWS: Final = 250
+"""Rows of one matrix; the least protected are drawn."""
 
 MAX_OPEN: Final = 3
 """Kinds of namespaces up to which their matrices are seen without a click."""
@@ -70,19 +74,6 @@ class _Column:
     usable: bool | None
 
 
-@dataclass(slots=True)
-class _Budget:
-    """Cells that may still be drawn."""
-
-    cells: int
-
-    def take(self, cells: int) -> bool:
-        """Whether so many more may be drawn."""
-        fits = cells <= self.cells
-        self.cells -= cells if fits else 0
-        return fits
-
-
 def access(sheet: Sheet, overview: Overview) -> Html:
     """Return the matrices of the profiles that most answers are shared by, and what peers take besides."""
     table = overview.access
@@ -108,7 +99,7 @@ class _Drawing:
         self._sheet = sheet
         self._overview = overview
         self._group = group
-        self._budget = _Budget(MAX_CELLS)
+        self._cells = MAX_CELLS
         many = len(group.enclaves) > MAX_TOGETHER
         rows = decision_rows(table, group)
         self._rows = folded_by_owner(rows) if many else rows
@@ -172,25 +163,25 @@ class _Drawing:
         wanted = {number for column in columns for number, _words in self._done.get(column.paths[0], ())}
         if any(self._rows[number].several for number in wanted):  # what they may not do is news then
             wanted.update(number for number, row in enumerate(self._rows) if row.excepted)
-        rows = [self._rows[number] for number in sorted(wanted)]
-        if not self._budget.take(len(rows) * len(columns)):
-            return element(
-                "p", f"{counted(len(rows), 'row')} not drawn; `keystore-audit access` has all.", class_="soft"
-            )
+        groups = _by_protection(self._rows[number] for number in sorted(wanted))
+        every = [row for _words, each in groups for row in each]
+        rows = every[: min(MAX_ROWS, self._cells // len(columns))]
+        self._cells -= len(rows) * len(columns)
+        left_out = f"{counted(len(every) - len(rows), 'row')} not drawn; `keystore-audit access` has all."
+        rest = element("p", left_out, class_="soft") if len(rows) < len(every) else NOTHING
+        if not rows and every:
+            return rest
         bodies = [self._body(words, each, columns) for words, each in _by_protection(rows)]
         table = element("table", self._head(columns), joined(bodies), class_="matrix")
-        return element("div", table, class_="wide", tabindex=0, role="region", aria_label="Access matrix")
+        drawn = element("div", table, class_="wide", tabindex=0, role="region", aria_label="Access matrix")
+        return joined([drawn, rest])
 
     def _head(self, columns: Sequence[_Column]) -> Html:
         """Namespaces above, then the enclaves, each a link to its information flow."""
-        spaces: list[list[object]] = []
-        for column in columns:
-            space = _namespace(column.paths[0])
-            if spaces and spaces[-1][0] == space:
-                spaces[-1][1] = int(str(spaces[-1][1])) + 1
-            else:
-                spaces.append([space, 1])
-        above = [element("th", name(f"{space}/"), colspan=int(str(width)), scope="colgroup") for space, width in spaces]
+        spaces = [
+            (space, len(list(each))) for space, each in groupby(_namespace(column.paths[0]) for column in columns)
+        ]
+        above = [element("th", name(f"{space}/"), colspan=width, scope="colgroup") for space, width in spaces]
         corner = element("td", class_="corner")
         heads = [element("th", self._column_head(column), scope="col") for column in columns]
         first = element("tr", corner, joined(above), class_="spaces") if len(spaces) > 1 or self._many else NOTHING
