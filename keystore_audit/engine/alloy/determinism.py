@@ -55,18 +55,23 @@ def decide(systems: Sequence[System], analyzer: Analyzer) -> list[dict[str, Answ
     """
     behaviours = (b for system in systems for claim in system.determinism for b in claim.behaviours)
     cases = [case for case in map(_case, dict.fromkeys(behaviours)) if case is not None]
-    read = run([_job(case) for case in cases], analyzer, lambda job, *found: _read(cases[job].behaviour, *found))
-    _confirm(systems, analyzer)
-    known = {case.behaviour: answer for case, answer in zip(cases, read, strict=True)}
+    known: dict[Behaviour, Answer] = {}
+
+    def read(job: int, found: Mapping[str, bool], solutions: Path) -> None:
+        if job >= len(cases):
+            _confirm(found)
+        else:
+            known[cases[job].behaviour] = _read(cases[job].behaviour, found, solutions)
+
+    resting = [system for system in systems if any(claim.meetings for claim in system.determinism)]
+    run([*map(_job, cases), *map(wiring_job, resting)], analyzer, read)
     return [{claim.id: _together(claim, known) for claim in system.determinism} for system in systems]
 
 
-def _confirm(systems: Sequence[System], analyzer: Analyzer) -> None:
+def _confirm(found: Mapping[str, bool]) -> None:
     """Raises EngineFailed unless Alloy finds that the behaviours are those of the keystore."""
-    jobs = [wiring_job(system) for system in systems if any(claim.meetings for claim in system.determinism)]
-    for found in run(jobs, analyzer, lambda _job, found, _solutions: found):
-        if found[CONFIRMED]:
-            raise EngineFailed("The Alloy Analyzer does not confirm who hands samples to the forwards declared.")
+    if found[CONFIRMED]:
+        raise EngineFailed("The Alloy Analyzer does not confirm who hands samples to the forwards declared.")
 
 
 def _case(behaviour: Behaviour) -> _Case | None:
