@@ -136,6 +136,12 @@ def digest(value: str) -> Html:
     return element("code", value[:half], element("wbr"), value[half:], class_="place")
 
 
+def fitted(text: str, fit: int) -> str:
+    """Return the text as it is shown in `fit` columns of a picture; beyond ASCII a character may take two."""
+    shown = terminal(text)
+    return shorten(shown, fit if shown.isascii() else max(fit // 2, 2))
+
+
 def folded(summary: Child, *children: Child, open_: bool = False, class_: str = "") -> Html:
     """Return what is shown when its summary is clicked, or printed."""
     attributes: dict[str, str] = {"class_": class_} if class_ else {}
@@ -155,8 +161,3 @@ def items(children: Iterable[Child], class_: str = "") -> Html:
 def counted(number: int, noun: str, plural: str = "") -> str:
     """Return a number of things in words."""
     return f"{number:,} {noun if number == 1 else plural or noun + 's'}"
-
-
-def cells_wide(text: str) -> int:
-    """Return how many characters `text` takes as it is shown."""
-    return len(terminal(text))

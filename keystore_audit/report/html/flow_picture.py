@@ -11,7 +11,7 @@ from keystore_audit.model.access_table import AccessTable
 from keystore_audit.model.neighbours import Hop, Neighbourhood
 from keystore_audit.model.overview import Overview
 from keystore_audit.model.permission import members
-from keystore_audit.report.html.element import Html, counted, element, folded, joined, lines, name
+from keystore_audit.report.html.element import Html, counted, element, fitted, folded, joined, lines, name
 from keystore_audit.report.html.protection import protected
 from keystore_audit.report.html.sheet import Sheet
 from keystore_audit.text import shorten, terminal
@@ -192,7 +192,7 @@ def _wrapped(text: str, fit: int) -> list[str]:
         rows[-1] += part
     if len(rows) > MAX_NAMES:
         rows[MAX_NAMES - 1 :] = ["".join(rows[MAX_NAMES - 1 :])]
-    return [shorten(row, fit) for row in rows]
+    return [fitted(row, fit) for row in rows]
 
 
 def _parts(path: str) -> list[str]:
@@ -207,7 +207,7 @@ def _box(table: AccessTable, hop: Hop) -> list[_Line]:
         guard = protected(frozenset({safeguards[number]}))
         remark = f" {guard.mark} {guard.remark}" if guard.remark else ""
         room = max(_FIT - len(remark), 16)
-        found.append(_Line(shorten(terminal(label(table, number)), room) + remark, f"topic {guard.kind}"))
+        found.append(_Line(fitted(label(table, number), room) + remark, f"topic {guard.kind}"))
     if len(hop.names) > MAX_NAMES:
         found.append(_Line(f"and {len(hop.names) - MAX_NAMES} more topics", "soft"))
     if not hop.by_right:
@@ -219,7 +219,7 @@ def _peer_rows(hop: Hop) -> list[str]:
     """The peers, comma by comma, on a few lines."""
     rows = [""]
     for number, peer in enumerate(hop.peers):
-        shown = ANYBODY if peer is None else shorten(terminal(peer), _FIT - 2)
+        shown = ANYBODY if peer is None else fitted(peer, _FIT - 2)
         text = shown + (", " if number + 1 < len(hop.peers) else "")
         if rows[-1] and len(rows[-1]) + len(text) > _FIT:
             if len(rows) == MAX_NAMES - 1:

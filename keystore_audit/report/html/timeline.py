@@ -9,9 +9,8 @@ from typing import Final
 
 from keystore_audit.model.periods import Period
 from keystore_audit.report.encoded import instant
-from keystore_audit.report.html.element import Html, counted, element, folded, items, joined, lines, name
+from keystore_audit.report.html.element import Html, counted, element, fitted, folded, items, joined, lines, name
 from keystore_audit.report.html.sheet import FULL, Sheet
-from keystore_audit.text import shorten, terminal
 
 MAX_ROWS: Final = 40
 """Periods that are drawn: those that end first."""
@@ -132,7 +131,7 @@ def _row(axis: _Axis, number: int, period: Period, at: datetime) -> Iterator[Htm
     y = TOP + number * ROW
     state = _state(period, at)
     start, end = axis.x(period.start), axis.x(period.end or axis.end)
-    yield element("text", shorten(_short(period), _LABEL), x=LEFT - 10, y=y + 15, text_anchor="end", class_="name")
+    yield element("text", fitted(_short(period), _LABEL), x=LEFT - 10, y=y + 15, text_anchor="end", class_="name")
     yield element("rect", x=start, y=y + 5, width=max(end - start, 2.0), height=ROW - 12, rx=2, class_=f"bar {state}")
     if period.start < axis.start:
         yield element("path", d=f"M{start:g} {y + 5} l-6 6 l6 6 z", class_=f"bar {state}")
@@ -152,7 +151,7 @@ def _state(period: Period, at: datetime) -> str:
 
 def _short(period: Period) -> str:
     if len(period.names) == 1:
-        return f"{period.kind.value} {terminal(period.names[0])}"
+        return f"{period.kind.value} {period.names[0]}"
     return counted(len(period.names), period.kind.value)
 
 
