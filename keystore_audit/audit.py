@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from datetime import datetime, timedelta
-from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
-from zoneinfo import ZoneInfo
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from keystore_audit import __version__
 from keystore_audit.engine.agreement import combine, combine_claims, combine_determinism
@@ -16,7 +13,7 @@ from keystore_audit.engine.engines import run_engines
 from keystore_audit.engine.horizon import Horizon, horizon
 from keystore_audit.engine.label_answers import with_label_answers
 from keystore_audit.engine.native import NativeEngine
-from keystore_audit.findings import Finding, Result, Severity
+from keystore_audit.gate import acceptances, complete, verdict, weakened, while_accepted
 from keystore_audit.intent.environment import Environment, read_environment
 from keystore_audit.intent.intent import Intent
 from keystore_audit.intent.observed import read_observed
@@ -26,82 +23,31 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.meaning import Meaning
-from keystore_audit.model.profiles import DEFAULT, Profile, resolve, running
+from keystore_audit.model.profiles import Profile, resolve, running
 from keystore_audit.model.usability import Usabilities
-from keystore_audit.properties import Status
+from keystore_audit.options import Options, Progress
 from keystore_audit.properties.result import AlloyResult, EngineRun, EngineStatus
 from keystore_audit.report.content import (
     ASSUMPTIONS,
+    MAX_RANKED,
     NOT_CHECKED,
     EnclaveEntry,
     Report,
     Scope,
     SettingsFile,
-    Verdict,
 )
 from keystore_audit.report.not_checked import unread, untested
-from keystore_audit.rules import BY_CODE, RULES
+from keystore_audit.rules import RULES
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import Judgement, judge
-from keystore_audit.suppressions import MAX_DAYS, Acceptance, accepted_by, check_codes, check_dates, first_end, limited
+from keystore_audit.suppressions import accepted_by
 
 if TYPE_CHECKING:
-    from keystore_audit.engine.alloy.user_file import UserFile
     from keystore_audit.intent.policy import Policy
     from keystore_audit.model.drift import Drift
     from keystore_audit.model.observed import Observation
     from keystore_audit.model.wiring import WiredNode
     from keystore_audit.settings import Baseline, Settings
-
-DEFAULT_NOTICE = timedelta(days=30)
-"""How long before it ends a validity is a finding."""
-
-
-class Progress(Protocol):
-    """Told how far an audit is."""
-
-    def stage(self, name: str) -> None:
-        """A new stage begins."""
-
-    def enclaves(self, done: int, total: int) -> None:
-        """So many enclaves are read."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Options:
-    """What an audit is asked (interface contract: docs/reference.md).
-
-    `at` is aware UTC; `fail_on` None: never. `launch_arguments`: values of arguments of the launch files. `overview`:
-    whether the report is to hold what pictures show.
-    """
-
-    at: datetime
-    at_given: bool = False
-    profiles: tuple[str, ...] = ()
-    domain: int | None = None
-    time_zone: ZoneInfo | None = None
-    policy: Path | None = None
-    policy_include: Path | None = None
-    """The directory below which the policy may include files; None: its own."""
-    engine: str = "auto"
-    offline: bool = False
-    alloy_jar: Path | None = None
-    timeout: float = 120.0
-    fail_on: Severity | None = Severity.HIGH
-    expires_within: timedelta = DEFAULT_NOTICE
-    deployed: bool = False
-    select: tuple[str, ...] = field(default=())
-    ignore: tuple[str, ...] = field(default=())
-    settings: Settings | None = None
-    baseline: Baseline | None = None
-    environment: Path | None = None
-    """The file of variables that the robots start with: profile and domain are taken from it where not given."""
-    graphs: tuple[Path, ...] = ()
-    launches: tuple[Path, ...] = ()
-    launch_arguments: Mapping[str, str] = field(default_factory=dict)
-    alloy_properties: tuple[UserFile, ...] = ()
-    overview: bool = False
-    blast_radius: bool = False
 
 
 def audit(
@@ -123,7 +69,7 @@ def audit(
     if environment is not None:
         options = _as_started(options, environment)
     profiles = resolve(options.profiles)
-    acceptances = _acceptances(options)
+    accepted = acceptances(options)
     policy = _policy(options)
     intents = read_observed(options.graphs, options.launches, options.launch_arguments)
     claims = options.settings.claims if options.settings else ()
@@ -171,42 +117,27 @@ def audit(
         elsewhere=None if elsewhere is None else tuple(elsewhere),
         environment=environment,
         observed=_compared(intents, keystore, profiles, accesses, options),
-        acceptances=acceptances,
+        acceptances=accepted,
     )
     judgement = judge(context, RULES, select=options.select, ignore=options.ignore)
     safe = horizon(keystore, native, profiles, options.at, accesses, usabilities, meaning.usability)
-    report = _report(context, judgement, _while_accepted(safe, judgement, options.fail_on), options)
+    report = _report(context, judgement, while_accepted(safe, judgement, options.fail_on), options)
     return _drawn(report, context, accesses, options)
 
 
 def _drawn(report: Report, context: Context, accesses: AccessViews, options: Options) -> Report:
-    """The report with what no verdict rests on, where it is asked for: half as much work again, each."""
-    if not (options.blast_radius or options.overview):
-        return report
-    from keystore_audit.model import blast_radius, overview
+    """The report with what no verdict rests on, where it is asked for or little work."""
+    from keystore_audit.model import blast_radius
 
     about, systems = (context.keystore, context.profiles, options.at, accesses), context.meaning.systems
-    ranked = blast_radius.ranked_enclaves(*about) if options.blast_radius and systems else None
-    seen = overview.overview(*about, options.domain, systems) if options.overview else None
+    few = len(context.keystore.enclaves) <= MAX_RANKED
+    ranked = blast_radius.ranked_enclaves(*about) if systems and (few or options.overview) else None
+    seen = None
+    if options.overview:
+        from keystore_audit.model import overview
+
+        seen = overview.overview(*about, options.domain, systems)
     return replace(report, blast_radius=ranked, overview=seen)
-
-
-def _while_accepted(safe: Horizon, judgement: Judgement, fail_on: Severity | None) -> Horizon:
-    """The horizon, sooner where a finding that would fail this gate is accepted until then."""
-    ends = first_end(finding for finding in judgement.findings if fail_on and finding.severity.at_least(fail_on))
-    if ends is None or (safe.instant is not None and safe.instant <= ends):
-        return safe
-    return replace(safe, instant=ends, why="a finding that is accepted until then counts again")
-
-
-def _acceptances(options: Options) -> tuple[Acceptance, ...]:
-    """The findings that the settings and the baseline accept; raises errors.UsageError for what cannot be accepted."""
-    given = options.settings.acceptances if options.settings else ()
-    check_codes(given, BY_CODE)
-    given = limited(given, {code: rule.severity for code, rule in BY_CODE.items()})
-    acceptances = (*given, *(options.baseline.acceptances if options.baseline else ()))
-    check_dates(acceptances, options.at, options.settings.max_suppression_days if options.settings else MAX_DAYS)
-    return acceptances
 
 
 def _as_started(options: Options, environment: Environment) -> Options:
@@ -266,7 +197,7 @@ def _in_alloy(
 
 
 def _report(context: Context, judgement: Judgement, safe: Horizon, options: Options) -> Report:
-    verdict, exit_code = _verdict(judgement.findings, options.fail_on, complete=_complete(context, judgement))
+    outcome, exit_code = verdict(judgement.findings, options.fail_on, complete=complete(context, judgement))
     answered = [run for run in context.engines if run.status is EngineStatus.OK]
     agree = all(result.engines_agree for result in context.results)
     return Report(
@@ -277,10 +208,10 @@ def _report(context: Context, judgement: Judgement, safe: Horizon, options: Opti
         at=options.at,
         safe_until=safe.instant,
         safe_until_why=safe.why,
-        verdict=verdict,
+        verdict=outcome,
         exit_code=exit_code,
         fail_on=options.fail_on,
-        weakened=(*_weakened(options, context.profiles), *accepted_by(judgement.findings)),
+        weakened=(*weakened(options, context.profiles), *accepted_by(judgement.findings)),
         assumptions=ASSUMPTIONS,
         engines=context.engines,
         engines_agree=agree if len(answered) > 1 else None,
@@ -315,47 +246,6 @@ def _drift(
 
 def _settings(given: Settings | Baseline | None) -> SettingsFile | None:
     return None if given is None else SettingsFile(path=given.path, sha256=given.sha256)
-
-
-def _complete(context: Context, judgement: Judgement) -> bool:
-    """Whether everything was decided. Each way in which it was not is looked at by itself, whatever the rules say."""
-    meaning = context.meaning
-    return (
-        bool(context.results)
-        and not meaning.doubts
-        and meaning.over_budget is None
-        and all(run.status is EngineStatus.OK for run in context.engines if run.required)
-        and all(result.status is not Status.UNKNOWN for result in context.results)
-        and all(outcome.outcome is not Result.OPEN for outcome in judgement.outcomes)
-    )
-
-
-def _verdict(findings: Sequence[Finding], fail_on: Severity | None, *, complete: bool) -> tuple[Verdict, int]:
-    """Incomplete outranks fail: what could not be decided is never a pass, and hides nothing that was found."""
-    if not complete:
-        return Verdict.INCOMPLETE, 4
-    failing = fail_on is not None and any(
-        finding.suppressed is None and finding.severity.at_least(fail_on) for finding in findings
-    )
-    return (Verdict.FAIL, 1) if failing else (Verdict.PASS, 0)
-
-
-def _weakened(options: Options, profiles: Sequence[Profile]) -> tuple[str, ...]:
-    """What makes this gate laxer than the default one."""
-    weakened = []
-    if options.fail_on is None or not Severity.HIGH.at_least(options.fail_on):
-        weakened.append(f"--fail-on {options.fail_on.value if options.fail_on else 'never'}")
-    weakened += [f"--ignore {code}" for code in options.ignore]
-    weakened += [f"--select {code}" for code in options.select]
-    if not {profile.name for profile in profiles}.issuperset(DEFAULT):
-        weakened += [f"--profile {name}" for name in options.profiles]
-    if options.expires_within < DEFAULT_NOTICE:
-        weakened.append(f"--expires-within {options.expires_within.days}")
-    if options.settings is not None and options.settings.max_suppression_days > MAX_DAYS:
-        weakened.append(f"max_suppression_days = {options.settings.max_suppression_days} in {options.settings.path}")
-    if options.at_given:
-        weakened.append(f"--at {options.at:%Y-%m-%dT%H:%M:%SZ}")
-    return tuple(weakened)
 
 
 def _enclaves(context: Context) -> tuple[EnclaveEntry, ...]:

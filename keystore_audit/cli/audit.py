@@ -19,8 +19,8 @@ from keystore_audit.findings import Severity
 from keystore_audit.text import terminal
 
 if TYPE_CHECKING:
-    from keystore_audit.audit import Options
     from keystore_audit.engine.alloy.user_file import UserFile
+    from keystore_audit.options import Options
     from keystore_audit.settings import Settings
 
 ENGINES: Final = ("auto", "both", "alloy", "native")
@@ -178,7 +178,7 @@ def command(keystores: tuple[str, ...], **given: Any) -> int:
 
 def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Options:
     """Return what the options mean, settings and baseline read. Raises errors.UsageError for files that are none."""
-    from keystore_audit.audit import Options
+    from keystore_audit.options import Options
 
     at: datetime | None = given["at"]
     asserted = settings.chosen(given, keystores)
@@ -204,7 +204,6 @@ def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Options:
         launches=given["launches"],
         launch_arguments=dict(given["launch_arguments"]),
         overview=formats.HTML in _formats(given),
-        blast_radius=bool(given.get("verbose")) or formats.HTML in _formats(given),
         settings=asserted,
         baseline=settings.baseline(given, keystores),
         alloy_properties=_alloy_properties(given["alloy_properties"], asserted, keystores),

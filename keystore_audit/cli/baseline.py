@@ -17,7 +17,7 @@ from keystore_audit.errors import EXIT_INCOMPLETE
 from keystore_audit.text import terminal
 
 if TYPE_CHECKING:
-    from keystore_audit.audit import Options
+    from keystore_audit.options import Options
 
 F = TypeVar("F", bound=Callable[..., Any])
 

@@ -21,13 +21,13 @@ from keystore_audit.report.summary import Row, Summary, render_json, render_text
 from keystore_audit.text import terminal
 
 if TYPE_CHECKING:
-    from keystore_audit.audit import Options
     from keystore_audit.fleet.executor import Executor
     from keystore_audit.fleet.parquet import Datasets
     from keystore_audit.fleet.run import Fleet
     from keystore_audit.fleet.search import Found
     from keystore_audit.fleet.tables import Rows
     from keystore_audit.fleet.task import Audited
+    from keystore_audit.options import Options
     from keystore_audit.report.content import Report
     from keystore_audit.report.text import View
 

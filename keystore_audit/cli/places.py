@@ -14,8 +14,8 @@ from keystore_audit.cli.output import Target
 from keystore_audit.errors import UsageError
 
 if TYPE_CHECKING:
-    from keystore_audit.audit import Options
     from keystore_audit.fleet.search import Found
+    from keystore_audit.options import Options
 
 FILE_NAMES: Final = {
     "text": "report.txt",

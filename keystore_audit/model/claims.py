@@ -242,7 +242,9 @@ class _Resolution:
             id=claim.id,
             kind=claim.kind,
             attacker=claim.attacker,
-            source=self._sole(claim) if claim.source == Globs() else self._place(claim.source, away, unread=not allowed),
+            source=self._sole(claim)
+            if claim.source == Globs()
+            else self._place(claim.source, away, unread=not allowed),
             target=self._place(claim.target, away),
             through=self._enclaves(claim.through, unread=False) | away,
             left_out=frozenset() if claim.include_ambient else self._channels.regions[named(AMBIENT)],

@@ -37,6 +37,9 @@ NOT_CHECKED: Final = (
 )
 """What this version does not look at."""
 
+MAX_RANKED: Final = 100
+"""Enclaves up to which every report ranks them; a page for people has more."""
+
 
 class Verdict(str, Enum):
     """The audit's answer: pass (exit code 0), fail (1), incomplete (4)."""
@@ -131,7 +134,8 @@ class Report:
     overview: Overview | None = None
     """What pictures show; None where the audit was not asked for it."""
     blast_radius: tuple[Ranking, ...] | None = None
-    """Enclaves by what their keys open; None where the audit was not asked for it, none where it was too much work."""
+    """Enclaves by what their keys open; None where there are more than MAX_RANKED and no page asks, none where it was
+    too much work."""
 
     @property
     def summary(self) -> dict[Severity, int]:

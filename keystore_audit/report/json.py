@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 from keystore_audit.findings import Finding, Location, Outcome, Result, Severity, Suppression
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.result import EngineRun, ProfileResult, PropertyResult
-from keystore_audit.report.content import EnclaveEntry, Report, SettingsFile
+from keystore_audit.report.content import MAX_RANKED, EnclaveEntry, Report, SettingsFile
 from keystore_audit.report.encoded import encoded, instant
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def _report(report: Report) -> dict[str, Any]:
         "enclaves": [_enclave(entry) for entry in report.enclaves],
         "properties": [_property(result) for result in report.properties],
         "findings": [_finding(finding) for finding in report.findings],
-        "blast_radius": None if report.blast_radius is None else [_ranking(each) for each in report.blast_radius],
+        "blast_radius": _rankings(report),
         "summary": _counts(report.summary),
     }
 
@@ -103,6 +103,13 @@ def _encoded(outcomes: Iterable[Outcome]) -> list[str]:
 
 def _counts(summary: Mapping[Severity, int]) -> dict[str, int]:
     return {severity.value: summary[severity] for severity in Severity}
+
+
+def _rankings(report: Report) -> list[dict[str, Any]] | None:
+    """Whatever other formats are asked for, the same: up to MAX_RANKED enclaves."""
+    if report.blast_radius is None or len(report.enclaves) > MAX_RANKED:
+        return None
+    return [_ranking(each) for each in report.blast_radius]
 
 
 def _ranking(ranking: Ranking) -> dict[str, Any]:

@@ -14,14 +14,12 @@ MAX_RANKED: Final = 5
 """Enclaves that are listed; `flow --from-compromised` tells all of one."""
 
 
-def put(page: Page, rankings: Sequence[Ranking] | None) -> None:
+def put(page: Page, rankings: Sequence[Ranking]) -> None:
     """Add the section: the first of the ranking under most profiles, and of each other one the first alone."""
-    if rankings is None:
-        return
     page.blank()
     page.put(("Blast radius, what the private key of an enclave opens", "bold"))
     if not rankings:
-        page.put("Not worked out: too many enclaves.", indent=2)
+        page.put("Not worked out here: too many enclaves. The HTML report ranks up to 2,000 of them.", indent=2)
     for place, ranking in enumerate(rankings):
         under = f"Under {', '.join(ranking.profiles)}" if len(rankings) > 1 else "Under every profile"
         page.put(f"{under}:", indent=2)

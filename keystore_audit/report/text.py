@@ -87,7 +87,7 @@ def render(report: Report, view: View | None = None) -> str:
         _enclaves(page, report.enclaves)
         _properties(page, report.properties)
         if view.verbose:
-            ranking.put(page, report.blast_radius)
+            ranking.put(page, report.blast_radius or ())
             _outcomes(page, report.outcomes)
         _checked(page, report, verbose=view.verbose)
     page.blank()

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from keystore_audit.audit import Options
 from keystore_audit.cli.options import instant
 from keystore_audit.fleet import task
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.permissions import PermissionsFile
+from keystore_audit.options import Options
 from tests.cli.keystores import AT, keystore, rule
 
 

@@ -13,11 +13,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.access import Access
-from keystore_audit.audit import Options, audit
+from keystore_audit.audit import audit
 from keystore_audit.findings import Finding, Severity
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.profiles import resolve
 from keystore_audit.model.question import Question
+from keystore_audit.options import Options
 from keystore_audit.report.content import Report
 from tests.cli.keystores import answer
 from tests.keystore.builder import GOVERNANCE, PERMISSIONS, Signed, authority, certificate, signed_document

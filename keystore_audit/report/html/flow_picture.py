@@ -127,7 +127,7 @@ def _picture(table: AccessTable, flow: Neighbourhood) -> Html:
         *_column(right, WIDTH - BOX, middle, height, solid[1], bool(flow.outgoing)),
     ]
     box = f"0 0 {WIDTH} {height}"
-    return element("svg", title, lines(drawn), centre, viewBox=box, role="img", class_="flowing")
+    return element("svg", title, lines(drawn), centre, viewBox=box, role="group", class_="flowing")
 
 
 def _height(boxes: Sequence[Sequence[_Line]]) -> int:

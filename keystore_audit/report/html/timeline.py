@@ -58,7 +58,7 @@ def timeline(sheet: Sheet, periods: Sequence[Period]) -> Html:
         *(part for number, period in enumerate(shown) for part in _row(axis, number, period, report.at)),
         *_marks(axis, report.at, report.safe_until, height),
     ]
-    picture = element("svg", lines(drawn), viewBox=f"0 0 {WIDTH} {height}", role="img", class_="timeline")
+    picture = element("svg", lines(drawn), viewBox=f"0 0 {WIDTH} {height}", role="group", class_="timeline")
     parts = [element("div", picture, class_="wide")]
     if len(periods) > len(shown):
         parts.append(element("p", f"{len(periods) - len(shown)} later dates not drawn. {FULL}", class_="soft"))

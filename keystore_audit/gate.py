@@ -1,0 +1,77 @@
+"""The gate: what is accepted, whether everything was decided, the verdict, and what makes it laxer than usual."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from keystore_audit.engine.horizon import Horizon
+from keystore_audit.findings import Finding, Result, Severity
+from keystore_audit.model.profiles import DEFAULT, Profile
+from keystore_audit.options import DEFAULT_NOTICE, Options
+from keystore_audit.properties import Status
+from keystore_audit.properties.result import EngineStatus
+from keystore_audit.report.content import Verdict
+from keystore_audit.rules import BY_CODE
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.judge import Judgement
+from keystore_audit.suppressions import MAX_DAYS, Acceptance, check_codes, check_dates, first_end, limited
+
+
+def acceptances(options: Options) -> tuple[Acceptance, ...]:
+    """The findings that the settings and the baseline accept; raises errors.UsageError for what cannot be accepted."""
+    given = options.settings.acceptances if options.settings else ()
+    check_codes(given, BY_CODE)
+    given = limited(given, {code: rule.severity for code, rule in BY_CODE.items()})
+    acceptances = (*given, *(options.baseline.acceptances if options.baseline else ()))
+    check_dates(acceptances, options.at, options.settings.max_suppression_days if options.settings else MAX_DAYS)
+    return acceptances
+
+
+def complete(context: Context, judgement: Judgement) -> bool:
+    """Whether everything was decided. Each way in which it was not is looked at by itself, whatever the rules say."""
+    meaning = context.meaning
+    return (
+        bool(context.results)
+        and not meaning.doubts
+        and meaning.over_budget is None
+        and all(run.status is EngineStatus.OK for run in context.engines if run.required)
+        and all(result.status is not Status.UNKNOWN for result in context.results)
+        and all(outcome.outcome is not Result.OPEN for outcome in judgement.outcomes)
+    )
+
+
+def verdict(findings: Sequence[Finding], fail_on: Severity | None, *, complete: bool) -> tuple[Verdict, int]:
+    """Incomplete outranks fail: what could not be decided is never a pass, and hides nothing that was found."""
+    if not complete:
+        return Verdict.INCOMPLETE, 4
+    failing = fail_on is not None and any(
+        finding.suppressed is None and finding.severity.at_least(fail_on) for finding in findings
+    )
+    return (Verdict.FAIL, 1) if failing else (Verdict.PASS, 0)
+
+
+def weakened(options: Options, profiles: Sequence[Profile]) -> tuple[str, ...]:
+    """What makes this gate laxer than the default one."""
+    weakened = []
+    if options.fail_on is None or not Severity.HIGH.at_least(options.fail_on):
+        weakened.append(f"--fail-on {options.fail_on.value if options.fail_on else 'never'}")
+    weakened += [f"--ignore {code}" for code in options.ignore]
+    weakened += [f"--select {code}" for code in options.select]
+    if not {profile.name for profile in profiles}.issuperset(DEFAULT):
+        weakened += [f"--profile {name}" for name in options.profiles]
+    if options.expires_within < DEFAULT_NOTICE:
+        weakened.append(f"--expires-within {options.expires_within.days}")
+    if options.settings is not None and options.settings.max_suppression_days > MAX_DAYS:
+        weakened.append(f"max_suppression_days = {options.settings.max_suppression_days} in {options.settings.path}")
+    if options.at_given:
+        weakened.append(f"--at {options.at:%Y-%m-%dT%H:%M:%SZ}")
+    return tuple(weakened)
+
+
+def while_accepted(safe: Horizon, judgement: Judgement, fail_on: Severity | None) -> Horizon:
+    """The horizon, sooner where a finding that would fail this gate is accepted until then."""
+    ends = first_end(finding for finding in judgement.findings if fail_on and finding.severity.at_least(fail_on))
+    if ends is None or (safe.instant is not None and safe.instant <= ends):
+        return safe
+    return replace(safe, instant=ends, why="a finding that is accepted until then counts again")

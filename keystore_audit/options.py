@@ -1,0 +1,65 @@
+"""What an audit is asked, and who is told how far it is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+from zoneinfo import ZoneInfo
+
+from keystore_audit.findings import Severity
+
+if TYPE_CHECKING:
+    from keystore_audit.engine.alloy.user_file import UserFile
+    from keystore_audit.settings import Baseline, Settings
+
+DEFAULT_NOTICE = timedelta(days=30)
+"""How long before it ends a validity is a finding."""
+
+
+class Progress(Protocol):
+    """Told how far an audit is."""
+
+    def stage(self, name: str) -> None:
+        """A new stage begins."""
+
+    def enclaves(self, done: int, total: int) -> None:
+        """So many enclaves are read."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """What an audit is asked (interface contract: docs/reference.md).
+
+    `at` is aware UTC; `fail_on` None: never. `launch_arguments`: values of arguments of the launch files. `overview`:
+    whether the report is to hold what pictures show.
+    """
+
+    at: datetime
+    at_given: bool = False
+    profiles: tuple[str, ...] = ()
+    domain: int | None = None
+    time_zone: ZoneInfo | None = None
+    policy: Path | None = None
+    policy_include: Path | None = None
+    """The directory below which the policy may include files; None: its own."""
+    engine: str = "auto"
+    offline: bool = False
+    alloy_jar: Path | None = None
+    timeout: float = 120.0
+    fail_on: Severity | None = Severity.HIGH
+    expires_within: timedelta = DEFAULT_NOTICE
+    deployed: bool = False
+    select: tuple[str, ...] = field(default=())
+    ignore: tuple[str, ...] = field(default=())
+    settings: Settings | None = None
+    baseline: Baseline | None = None
+    environment: Path | None = None
+    """The file of variables that the robots start with: profile and domain are taken from it where not given."""
+    graphs: tuple[Path, ...] = ()
+    launches: tuple[Path, ...] = ()
+    launch_arguments: Mapping[str, str] = field(default_factory=dict)
+    alloy_properties: tuple[UserFile, ...] = ()
+    overview: bool = False
