@@ -9,11 +9,20 @@ from pathlib import Path
 import pytest
 
 from keystore_audit import resources
-from keystore_audit.engine.alloy.application import ASSERTIONS, EXERCISED, MAIN, NODES, write_commands, write_nodes
+from keystore_audit.engine.alloy.application import (
+    ASSERTIONS,
+    EXERCISED,
+    MAIN,
+    MODULE,
+    NODES,
+    write_commands,
+    write_nodes,
+)
 from keystore_audit.engine.alloy.facts import KEYSTORE, facts
 from keystore_audit.engine.alloy.user_file import CONSISTENT, read_user_file
 from keystore_audit.engine.alloy.user_properties import job
 from keystore_audit.export import export_model
+from keystore_audit.findings import Location
 from keystore_audit.intent.graph import read_graph
 from keystore_audit.intent.intent import Intent
 from keystore_audit.intent.policy import read_policy
@@ -29,7 +38,7 @@ from keystore_audit.model.system import NodeAtom, System
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.model.wiring import wiring
 from tests.engine.alloy_batch import evaluate, outcomes
-from tests.engine.systems import CHATTER, LISTENER, TALKER, healthy
+from tests.engine.systems import CHATTER, LISTENER, TALKER, healthy, stock
 
 pytestmark = [pytest.mark.alloy, pytest.mark.xdist_group("alloy")]
 
@@ -154,6 +163,76 @@ def test_the_exported_model_has_the_nodes(tmp_path: Path) -> None:
     found = outcomes(tmp_path / "m", {}, MAIN)
     assert [name for name in ASSERTIONS if found[name]] == ["NodesHaveTheRightsThatTheyNeed", "WiredFlowsArePermitted"]
     assert "| `N0_" in (tmp_path / "m" / "README.md").read_text()
+
+
+def example() -> System:
+    """The nodes of the example in the source tree: a talker and a listener as sros2 makes their enclaves."""
+
+    def node(label: str, enclave: int, line: int, *, talks: bool) -> NodeAtom:
+        channels = frozenset({CHATTER})
+        return NodeAtom(
+            label=label,
+            location=Location(path="talker_listener.graph.json", line=line, beside=True),
+            enclave=enclave,
+            publishes=channels if talks else frozenset(),
+            subscribes=frozenset() if talks else channels,
+        )
+
+    nodes = (node("/talker", TALKER, 4, talks=True), node("/listener", LISTENER, 12, talks=False))
+    return replace(stock(), nodes=nodes)
+
+
+def test_the_module_opens_and_runs_beside_the_example_of_the_source_tree(tmp_path: Path) -> None:
+    folder = resources.alloy()
+    assert (folder / NODES).read_text() == write_nodes(example())
+    texts = {path.name: path.read_text() for path in folder.glob("*.als")}
+    found = outcomes(tmp_path, texts | {MAIN: write_commands()}, MAIN)
+    assert found == {EXERCISED: True} | dict.fromkeys(ASSERTIONS, False)
+
+
+def theorems(tmp_path: Path, application: str | None = None) -> dict[str, bool]:
+    texts = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+    texts |= {path.name: path.read_text() for path in (Path(__file__).parent / "any_keystore").glob("*.als")}
+    changed = {} if application is None else {MODULE: application}
+    return outcomes(tmp_path, texts | changed, "application_theorems.als")
+
+
+@pytest.mark.slow
+def test_theorems_about_every_application_hold(tmp_path: Path) -> None:
+    assert theorems(tmp_path) == {
+        "WhatNodesTellIsAHop": False,
+        "NodesTellWhatIsWiredAndPermitted": False,
+        "OwnRightsAreRights": False,
+        "TheFourQuestionsDiffer": False,
+        "RightsCarryFlows": False,
+        "AFlowIsWiredAndPermitted": True,
+        "AFlowIsWiredAndNotPermitted": True,
+        "AFlowIsPermittedAndNotWired": True,
+    }
+
+
+MUTANTS = {
+    "a writer's own realm is enough": (" & writes_by_own[receiving]", "", "WhatNodesTellIsAHop"),
+    "a reader's own realm is enough": (" & reads_by_own[sending]", "", "WhatNodesTellIsAHop"),
+    "nodes without an enclave tell": ("\tnodes_of[sending] <: runs_in.", "\tNode <: runs_in.", "WhatNodesTellIsAHop"),
+    "what is wired is permitted": (
+        "\tsome sending, receiving: Realm |\n",
+        "\tsome Channel or some sending, receiving: Realm |\n",
+        "AFlowIsWiredAndNotPermitted",
+    ),
+    "who may tell, tells": ("(publishes_to & may_publish[", "(may_publish[", "NodesTellWhatIsWiredAndPermitted"),
+}
+"""Changes of application.als, and the theorem that finds each out."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MUTANTS)
+def test_a_change_of_the_module_breaks_a_theorem(name: str, tmp_path: Path) -> None:
+    old, new, broken = MUTANTS[name]
+    text = (resources.alloy() / MODULE).read_text()
+    assert text.count(old) == 1
+    found = theorems(tmp_path, text.replace(old, new))
+    assert found[broken] is not broken.startswith("AFlow")
 
 
 def test_names_of_nodes_are_no_part_of_the_model() -> None:
