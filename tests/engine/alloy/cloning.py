@@ -245,6 +245,9 @@ def _about_rule(system: System, chance: random.Random, identity: int, permission
             {"subscribe": channels},
             {"relay": channels},
             {"allow": not system.rules[number].allow},
+            {"allow": not system.rules[number].allow},
+            {"allow": not system.rules[number].allow},
+            {"publish": system.rules[number].subscribe, "subscribe": system.rules[number].publish},
             {"domains": frozenset()},
             {"domains": frozenset(range(len(system.domains)))},
         ]

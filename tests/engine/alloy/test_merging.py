@@ -10,6 +10,9 @@ from keystore_audit.engine.alloy import mentions, twins
 from keystore_audit.engine.alloy.merging import KEPT, Merged, merge
 from keystore_audit.engine.alloy.runner import count_atoms
 from keystore_audit.engine.native import MAX_WITNESSES, NativeEngine
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.permission import Permissions, members
 from keystore_audit.model.system import System
 from keystore_audit.properties import Status
 from keystore_audit.properties.property import Answer, Hop
@@ -163,3 +166,62 @@ def test_the_test_sees_an_enclave_too_few(start: int, monkeypatch: pytest.Monkey
     monkeypatch.setattr("keystore_audit.engine.alloy.merging.KEPT", KEPT)
     monkeypatch.setattr(twins._Twins, "_trust", lambda *_: None)
     assert any(statuses(merge(s).system) != statuses(s) for s in map(system_with_twins, range(start, start + 40)))
+
+
+def test_exchanging_two_twins_exchanges_what_they_can_do_and_changes_nothing_else() -> None:
+    """What the argument rests on, enclave by enclave and channel by channel, as the native engine works it out."""
+    exchanged = 0
+    for seed in range(300):
+        system = system_with_twins(seed)
+        said = mentions.mentions(system)
+        assert said is not None
+        found = twins._Twins(system, said)
+        classes = found.found()
+        able = abilities(system)
+        for alike in classes.classes:
+            first, last = alike[0], alike[-1]
+            if first != last:
+                exchanged += 1
+                theirs = {found._owned(last, channel): channel for channel in classes.own_channels[last]}
+                pairs = [(channel, theirs[found._owned(first, channel)]) for channel in classes.own_channels[first]]
+                assert len(pairs) == len(theirs), seed
+                assert moved(able, (first, last), pairs) == able, seed
+    assert exchanged >= 150
+
+
+Abilities = dict[tuple[int, int, str], frozenset[int]]
+"""By realm, enclave and kind of right: channels (domains for `joined`)."""
+
+
+def abilities(system: System) -> Abilities:
+    """All that each enclave is granted and can do in each realm."""
+    permissions = Permissions(system)
+    found: Abilities = {}
+    for realm in range(len(system.realms)):
+        view = RealmView(system, realm, permissions)
+        for enclave in range(len(system.enclaves)):
+            able = view.abilities(enclave)
+            rights = {
+                "write": able.may_write,
+                "read": able.may_read,
+                "relay": able.may_relay,
+                "forge": able.forges,
+                "overhear": able.overhears,
+                **{operation.value: view.granted(enclave, operation) for operation in Operation},
+            }
+            for kind, channels in rights.items():
+                found[realm, enclave, kind] = frozenset(members(channels))
+            found[realm, enclave, "joined"] = frozenset(members(view.joined(enclave)))
+    return found
+
+
+def moved(able: Abilities, enclaves: tuple[int, int], channels: list[tuple[int, int]]) -> Abilities:
+    """The same after two enclaves, and pairs of channels, were exchanged."""
+    other = dict([enclaves, enclaves[::-1]])
+    place = dict([*channels, *(pair[::-1] for pair in channels)])
+    return {
+        (realm, other.get(enclave, enclave), kind): (
+            rights if kind == "joined" else frozenset(place.get(channel, channel) for channel in rights)
+        )
+        for (realm, enclave, kind), rights in able.items()
+    }
