@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 from keystore_audit.model.blast_radius import Ranked, Ranking
-from keystore_audit.report.html.element import Html, element, folded, joined, lines, name
+from keystore_audit.report.html.element import NOTHING, Html, element, folded, items, joined, lines, name
 from keystore_audit.report.html.sheet import FULL, Sheet
 
 MAX_SEEN: Final = 12
 """Enclaves that are seen without a click."""
 
-MAX_ROWS: Final = 300
-"""Enclaves of one ranking."""
+MAX_ROWS: Final = 200
+"""Rows of one ranking; enclaves with the same numbers are one row."""
+
+MAX_NAMED: Final = 200
+"""Enclaves that are named for one row."""
 
 MAX_RANKINGS: Final = 4
 """Rankings, where profiles differ."""
@@ -47,45 +51,61 @@ def blast_radius(sheet: Sheet, rankings: Sequence[Ranking] | None) -> Html:
 
 
 def _ranking(sheet: Sheet, ranking: Ranking, said: bool) -> Html:
-    enclaves = ranking.enclaves
-    most = max((each.enclaves_reached for each in enclaves), default=0)
-    seen = enclaves if len(enclaves) <= MAX_SEEN + 2 else enclaves[:MAX_SEEN]
+    rows = _alike(ranking.enclaves)
+    most = max((each.enclaves_reached for each in ranking.enclaves), default=0)
+    seen = rows if len(rows) <= MAX_SEEN + 2 else rows[:MAX_SEEN]
     parts = [element("p", f"Under {', '.join(ranking.profiles)}:")] if said else []
     parts.append(_table(sheet, seen, most))
-    rest = enclaves[len(seen) : MAX_ROWS]
+    rest = rows[len(seen) : MAX_ROWS]
     if rest:
-        left_out = len(enclaves) - MAX_ROWS
-        more = element("p", f"{left_out} more. {FULL}", class_="soft") if left_out > 0 else element("span")
-        words = f"{len(enclaves) - len(seen)} more"
+        left_out = sum(map(len, rows[MAX_ROWS:]))
+        more = element("p", f"{left_out} more. {FULL}", class_="soft") if left_out else NOTHING
+        words = f"{sum(map(len, rows[len(seen) :]))} more"
         parts.append(folded(words, _table(sheet, rest, most), more, class_="more"))
-    if any(each.endless for each in enclaves):
+    if any(each.endless for each in ranking.enclaves):
         words = "+: and all names of a class that has no end, counted as one."
         parts.append(element("p", words, class_="soft legend"))
     return joined(parts)
 
 
-def _table(sheet: Sheet, enclaves: Sequence[Ranked], most: int) -> Html:
+def _alike(enclaves: Sequence[Ranked]) -> list[list[Ranked]]:
+    """Enclaves with the same numbers together, where there are many."""
+    if len(enclaves) <= MAX_SEEN + 2:
+        return [[each] for each in enclaves]
+    found: dict[object, list[Ranked]] = {}
+    for each in enclaves:
+        found.setdefault(replace(each, path=""), []).append(each)
+    return list(found.values())
+
+
+def _table(sheet: Sheet, rows: Sequence[Sequence[Ranked]], most: int) -> Html:
     heads = [element("th", text, element("span", note, class_="soft"), scope="col") for text, note in _HEADS]
     head = element("thead", element("tr", element("td"), joined(heads)))
-    rows = [_row(sheet, each, most) for each in enclaves]
-    table = element("table", head, element("tbody", lines(rows)), class_="ranking")
+    table = element("table", head, element("tbody", lines(_row(sheet, row, most) for row in rows)), class_="ranking")
     return element("div", table, class_="wide")
 
 
-def _row(sheet: Sheet, each: Ranked, most: int) -> Html:
+def _row(sheet: Sheet, alike: Sequence[Ranked], most: int) -> Html:
+    each = alike[0]
     number = sheet.numbers.get(each.path)
     shown = name(each.path)
     drawn = sheet.report.overview is not None and number is not None
     head = element("a", shown, href=f"#{sheet.anchor('flow', number or 0)}") if drawn else shown
-    topics = (each.topics_written, each.topics_forged, each.topics_read)
-    more = "+" if each.endless else ""
+    others = [name(other.path) for other in alike[1:MAX_NAMED]]
+    if len(alike) > MAX_NAMED:
+        others.append(element("span", f"and {len(alike) - MAX_NAMED} more"))
+    more = folded(f"and {len(alike) - 1} alike", items(others), class_="more") if others else NOTHING
+    plus = "+" if each.endless else ""
     return element(
         "tr",
-        element("th", head, scope="row"),
+        element("th", head, more, scope="row"),
         element("td", _bar(each, most), f"{each.enclaves_reached}"),
         element("td", f"{each.enclaves_reached_alone}"),
         element("td", f"{each.passes_for}"),
-        *(element("td", f"{count}{more if count else ''}") for count in topics),
+        *(
+            element("td", f"{count}{plus if count else ''}")
+            for count in (each.topics_written, each.topics_forged, each.topics_read)
+        ),
     )
 
 
