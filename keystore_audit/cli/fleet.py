@@ -14,6 +14,7 @@ import click
 
 from keystore_audit import __version__
 from keystore_audit.cli import EXIT_INTERRUPTED, delivery, formats, output, places
+from keystore_audit.cli.interrupts import interrupts_later
 from keystore_audit.cli.program import fault
 from keystore_audit.cli.progress import FleetWatch
 from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, AuditError, NothingToAudit
@@ -159,7 +160,8 @@ class _Run:
                     self.datasets = [stack.enter_context(Datasets(wanted.path)) for wanted in tables]
                 results = stack.enter_context(closing(fleet.audit()))
                 for number, audited in results:
-                    self._take(number, audited, fleet)
+                    with interrupts_later():  # what the summary says of a keystore is there
+                        self._take(number, audited, fleet)
         except OSError as error:
             raise output.Unwritable(f"Cannot write a report: {error.strerror or error}.") from error
 
