@@ -96,7 +96,8 @@ def main() -> None:
         settings.write_text(properties)
         native, both = audit(store, settings, "native"), audit(store, settings, "both")
         status = both[2]["engines"]["alloy"]
-        told = "; ".join(filter(None, [status["status"], status["reason"]]))
+        size = "{asked} of {keystore} atoms".format(**status["atoms"]) if status["atoms"] else ""
+        told = "; ".join(filter(None, [status["status"], size, status["reason"]]))
         print(f"| {row} | {native[0]:.1f} ({native[1]:.1f}) | {both[0]:.1f} ({both[1]:.1f}) | {told} |", flush=True)
 
 
