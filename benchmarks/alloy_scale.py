@@ -15,6 +15,7 @@ import sys
 import time
 from pathlib import Path
 from tempfile import gettempdir
+from typing import Any
 
 if __package__:
     from benchmarks.keystores import build, build_with, wired_permissions
@@ -73,7 +74,7 @@ def keystore(row: str) -> tuple[Path, str]:
     return store, PROPERTIES.format(first=names[0], last=names[1], topic=names[2])
 
 
-def audit(store: Path, settings: Path, engine: str) -> tuple[float, float, dict[str, object]]:
+def audit(store: Path, settings: Path, engine: str) -> tuple[float, float, dict[str, Any]]:
     """Seconds of one audit, CPU seconds of it and its children, and its report."""
     command = [sys.executable, "-m", "keystore_audit", "audit", "--engine", engine, "--format", "json"]
     command += ["--timeout", "600", "--settings", str(settings), str(store)]
