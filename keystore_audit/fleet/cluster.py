@@ -91,7 +91,8 @@ def _client(address: str) -> Client:
         from distributed import Client
     except ImportError as error:
         raise UsageError("--executor needs Dask: install keystore-audit[fleet].") from error
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what is lost is said by the report
+    for name in ("distributed", "distributed.client"):  # each has a level of its own, from Dask's configuration
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # what is lost is said by the report
     try:
         client = Client(f"tcp://{address}", timeout=PATIENCE, set_as_default=False)
     except (OSError, asyncio.TimeoutError) as error:
