@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta, timezone
 from functools import cached_property
@@ -107,7 +107,7 @@ def claim_regions(claims: Iterable[Claim]) -> tuple[Named, ...]:
     for claim in claims:
         for globs in (claim.source, claim.target):
             if globs.topics:
-                regions[named(globs.topics)] = None
+                regions.update(dict.fromkeys(topic_regions(globs.topics)))
         if not claim.include_ambient:
             regions[named(AMBIENT)] = None
     for labelling in _labellings(claims):
@@ -125,6 +125,16 @@ def _labellings(claims: Iterable[Claim]) -> list[Labelling]:
 def named(topics: tuple[str, ...]) -> Named:
     """The region of globs on DDS topics, in every partition."""
     return Matcher.POSIX, (Area(topics=topics, partitions=None),)
+
+
+def topic_regions(topics: tuple[str, ...]) -> tuple[Named, ...]:
+    """The region of the globs, and those of each by itself, so that it is known which of them find nothing."""
+    return (named(topics), *(named((glob,)) for glob in topics))
+
+
+def ungranted(topics: Iterable[str], channels: Channels, used: frozenset[int]) -> Iterator[str]:
+    """The globs that match none of the channels `used`: misspelt ones, of which everything would hold."""
+    return (glob for glob in topics if not channels.regions[named((glob,))] & used)
 
 
 def with_claims(
@@ -158,9 +168,8 @@ def _check(claims: Sequence[Claim], systems: Sequence[System], channels: Channel
             if not matching(glob, paths):
                 raise UsageError(f"{_at(claim)}{glob!r} names no enclave of this keystore{nearest(glob, paths)}.")
         for globs in (claim.source, claim.target):
-            if globs.topics and not channels.regions[named(globs.topics)] & used:
-                names = ", ".join(map(repr, globs.topics))
-                raise UsageError(f"{_at(claim)}no permissions document grants anything on the DDS topic {names}.")
+            for glob in ungranted(globs.topics, channels, used):
+                raise UsageError(f"{_at(claim)}no permissions document grants anything on the DDS topic {glob!r}.")
         if claim.kind is ClaimKind.SEPARATE_DOMAINS:
             both = _all_matching(claim.source.enclaves, paths) & _all_matching(claim.target.enclaves, paths)
             if both:

@@ -9,7 +9,7 @@ from keystore_audit.errors import UsageError
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.channels import Channels, Named
 from keystore_audit.model.claim import PlaceAtom
-from keystore_audit.model.claims import Globs, granted_channels, matching, named, nearest
+from keystore_audit.model.claims import Globs, granted_channels, matching, named, nearest, topic_regions, ungranted
 from keystore_audit.model.system import System
 
 
@@ -24,7 +24,8 @@ class NamedPlace:
 
 def place_regions(places: Iterable[NamedPlace]) -> tuple[Named, ...]:
     """The sets of topics that have names: they take part in the classes, so that a name is exact."""
-    return tuple(dict.fromkeys(named(place.globs.topics) for place in places if place.globs.topics))
+    with_topics = (place.globs.topics for place in places if place.globs.topics)
+    return tuple(dict.fromkeys(region for topics in with_topics for region in topic_regions(topics)))
 
 
 def with_places(
@@ -50,10 +51,8 @@ def _check(places: Sequence[NamedPlace], systems: Sequence[System], channels: Ch
         for glob in place.globs.enclaves:
             if not matching(glob, paths):
                 raise UsageError(f"{place.place}: {glob!r} names no enclave of this keystore{nearest(glob, paths)}.")
-        topics = place.globs.topics
-        if topics and not channels.regions[named(topics)] & used:
-            listed = ", ".join(map(repr, topics))
-            raise UsageError(f"{place.place}: no permissions document grants anything on the DDS topic {listed}.")
+        for glob in ungranted(place.globs.topics, channels, used):
+            raise UsageError(f"{place.place}: no permissions document grants anything on the DDS topic {glob!r}.")
 
 
 def _atom(place: NamedPlace, system: System, channels: Channels, known: set[str]) -> PlaceAtom:

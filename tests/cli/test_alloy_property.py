@@ -158,3 +158,12 @@ def test_what_could_not_be_read_leaves_it_open(sample: str, why: str) -> None:
     ]
     assert len(told) == 2
     assert all(why in message for message in told)
+
+
+def test_a_misspelt_topic_beside_another_of_one_name_is_an_error(tmp_path: Path) -> None:
+    file = tmp_path / "chatter.als"
+    names = "//@ topic Chatter = /chatter\n//@ topic Chatter = /chater\n"
+    file.write_text(f"open keystore_audit\n{names}run SomebodyListens {{ some Chatter }} for 0\n")
+    done = run(GOOD, "--engine", "native", file=file)
+    assert done.returncode == 2
+    assert "no permissions document grants anything on the DDS topic 'rt/chater'" in done.stderr

@@ -215,6 +215,21 @@ def test_a_misspelt_place_is_named_with_line_and_column(tmp_path: Path) -> None:
     assert "s.toml:2:1: '/keybord' names no enclave of this keystore; the nearest is '/keyboard'" in said["stderr"]
 
 
+@pytest.mark.parametrize(
+    "form",
+    [
+        'no_flow = { from = "/keyboard", to = ["topic:/move_turtle", "topic:/mov_turtle"] }',
+        'only_publish = { topic = ["/move_turtle", "/mov_turtle"], enclaves = "/multiplexer" }',
+        'encrypted = { topic = ["/move_turtle", "/mov_turtle"] }',
+    ],
+)
+def test_a_misspelt_topic_beside_others_is_no_part_of_what_holds(tmp_path: Path, form: str) -> None:
+    (tmp_path / "s.toml").write_text(f'[[property]]\nname = "x"\n{form}\n')
+    code, said = audit(str(SAMPLES / "flows/turtlesim_healthy"), "--settings", "s.toml", at=tmp_path)
+    assert code == 2
+    assert "no permissions document grants anything on the DDS topic 'rt/mov_turtle'" in said["stderr"]
+
+
 def test_when_an_asserted_property_ends_is_told() -> None:
     code, report = audit(
         "flows/vehicle_expiring_grant", "--settings", "settings/vehicle.toml", "--profile", "fastdds", at=SAMPLES
