@@ -109,19 +109,21 @@ def ca_private_key_in_tree(keystore: Keystore, context: Context) -> Iterator[Vio
     remedy="Take the key out of the file, make a new one where it belongs, and issue and sign again what it issued and "
     "signed: whoever had the file has the key.",
 )
-def private_key_where_robots_have_it(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A private key stands in a file that enclaves carry or that lies beside them, and is not an enclave's key.pem.
 
     `openssl req -x509 -keyout ca.pem -out ca.pem` writes key and certificate into one file; as a CA file it goes on
-    every robot. Whose key it is is not asked: nobody needs one there. A second key in key.pem counts as well. Keys in
-    other forms than PEM are not seen.
+    every robot. Whose key it is is not asked: nobody needs one there. A second key in key.pem counts as well. In a
+    tree that goes on a robot (--deployed), so does a key in any other file, as in a backup; KA109 speaks of those that
+    authorities' names are on. Keys in other forms than PEM are not seen.
     """
     own = {enclave.key.file.place for enclave in keystore.enclaves if enclave.key is not None}
     carried = {file.place for enclave in keystore.enclaves for file in enclave.files.files.values()}
     folders = {f"{enclave.files.directory}/" for enclave in keystore.enclaves if enclave.files.directory != "."}
+    authorities = {file.place for file in keystore.layout.authority_keys}
     for file in keystore.private_keys:
         beside = file.place.startswith(("public/", "enclaves/", *folders)) or file.place in carried
-        if beside and file.place not in own:
+        if (beside or (context.deployed and file.place not in authorities)) and file.place not in own:
             yield Violation(
                 message=f"A private key is in {file.place}, which goes on robots.",
                 locations=(Location(path=file.place),),

@@ -9,6 +9,7 @@ import pytest
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.files import Status
+from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.model.meaning import Usability
 from tests.rules.evidence import (
@@ -201,6 +202,23 @@ def test_one_unreadable_enclave_hides_no_other() -> None:
 )
 def test_where_a_private_key_may_be(path: str, expected: list[str]) -> None:
     assert becomes(lambda store: replace(store, private_keys=(file(path, None, holds_private_key=True),))) == expected
+
+
+@pytest.mark.parametrize("path", ["notes/old.txt", "private/old.pem"])
+def test_no_other_private_key_goes_on_a_robot(path: str) -> None:
+    def left(store: Keystore) -> Keystore:
+        return replace(store, private_keys=(file(path, None, holds_private_key=True),))
+
+    assert becomes(left, deployed=True) == ["KA118", "KA665"]
+
+
+def test_the_key_of_an_authority_is_told_once() -> None:
+    key = file("private/ca.key.pem", None, holds_private_key=True)
+
+    def left(store: Keystore) -> Keystore:
+        return replace(store, private_keys=(key,), layout=replace(store.layout, authority_keys=(key,)))
+
+    assert becomes(left, deployed=True) == ["KA109", "KA665"]
 
 
 def test_a_second_key_in_a_key_file() -> None:
