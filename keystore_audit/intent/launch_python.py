@@ -42,7 +42,8 @@ def read(source: Source) -> tuple[Action, ...]:
     names: dict[str, Value] = {}
     outer = _Statements(source, names)
     outer.follow(module.body)
-    if outer.entry is None:
+    called = names.get(ENTRY)  # what the name means at last: it may have been given to something else
+    if outer.entry is None or not isinstance(called, Opaque) or called.line != outer.entry.lineno:
         return (*outer.unread, Unread(line=1, reason=f"no function {ENTRY} is defined here, which may start nodes"))
     inner = _Statements(source, dict(names))
     inner.follow(outer.entry.body)

@@ -217,11 +217,17 @@ def _node(call: Call) -> Value:
         environment=(*_mapping(call.get("additional_env")), *_mapping(call.get("env"))),
         components=components,
     )
-    return ActionValue(action=_with(start, unread), name=names.name)
+    return ActionValue(action=_with(start, (*unread, *_on_exit(call))), name=names.name)
 
 
-def _with(action: Action, unread: tuple[Unread, ...]) -> Action:
-    return Group(line=action.line, actions=(action, *unread), scoped=False) if unread else action
+def _with(action: Action, more: tuple[Action, ...]) -> Action:
+    return Group(line=action.line, actions=(action, *more), scoped=False) if more else action
+
+
+def _on_exit(call: Call) -> tuple[Action, ...]:
+    """What comes when a process has ended, which changes nothing for what stands behind it."""
+    actions = tuple(actions_of(call.get("on_exit"), call.line))
+    return (Group(line=call.line, conditions=call.conditions, actions=actions),) if actions else ()
 
 
 def _load(call: Call) -> Value:
@@ -326,7 +332,8 @@ def _inert(call: Call) -> Value:
 
 def _process(call: Call) -> Value:
     said = "a process is started here; whether it is a node, and which, is not known"
-    return ActionValue(action=Unread(line=call.line, conditions=call.conditions, reason=said))
+    process = Unread(line=call.line, conditions=call.conditions, reason=said)
+    return ActionValue(action=_with(process, _on_exit(call)))
 
 
 def _function(call: Call) -> Value:

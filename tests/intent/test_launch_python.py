@@ -328,3 +328,26 @@ def test_large_and_deep_files_end(name: str, tmp_path: Path) -> None:
     else:
         ended = intent.unresolved[0].reason
     assert ended
+
+
+@pytest.mark.parametrize("kind", ["Node", "ExecuteProcess"])
+def test_what_starts_when_a_process_ends_is_started(kind: str, tmp_path: Path) -> None:
+    later = "Node(package='p', executable='e', name='later', ros_arguments=['--enclave', '/later'])"
+    intent = launch(tmp_path, described(f"{kind}(package='p', executable='e', name='n', on_exit=[{later}])"), "py")
+    assert ("/later", "/later") in nodes(intent)
+
+
+@pytest.mark.parametrize(
+    "afterwards",
+    [
+        "generate_launch_description = other",
+        "from other import generate_launch_description",
+        "generate_launch_description: object = other",
+    ],
+)
+def test_a_function_whose_name_means_something_else_at_last_is_not_read(afterwards: str, tmp_path: Path) -> None:
+    text = described("Node(package='p', executable='e', name='n')")
+    assert nodes(launch(tmp_path, text, "py")) == {("/", "/n")}
+    intent = launch(tmp_path, f"{text}\n{afterwards}\n", "py")
+    assert nodes(intent) == set()
+    assert any("No function generate_launch_description" in reason for _line, reason in unresolved(intent))
