@@ -14,7 +14,7 @@ from keystore_audit.findings import Severity
 from keystore_audit.text import terminal
 
 if TYPE_CHECKING:
-    from keystore_audit.report.content import Report
+    from keystore_audit.report.content import NoReport, Report
     from keystore_audit.report.text import View
 
 WIDTH: Final = 80
@@ -24,8 +24,17 @@ MAX_WIDTH: Final = 110
 """Columns on a wide terminal; longer lines are hard to read."""
 
 
-def deliver(reports: Sequence[Report], given: Mapping[str, Any], *, several: bool, stdout: bool = True) -> None:
+def deliver(
+    reports: Sequence[Report],
+    given: Mapping[str, Any],
+    *,
+    several: bool,
+    stdout: bool = True,
+    missing: Sequence[NoReport] = (),
+) -> None:
     """Write every report that was asked for, to standard output if `stdout`; none where there was nothing to report on.
+
+    `missing`: keystores without a report, which documents about several name, so that none of them looks like a pass.
 
     Targets that take a report of each keystore are left to whoever audits several.
     """
@@ -35,10 +44,10 @@ def deliver(reports: Sequence[Report], given: Mapping[str, Any], *, several: boo
         return
     if stdout:
         shown = view(given, stdout=True)
-        output.write_stdout(formats.render(given["kind"], reports, shown, several=several))
+        output.write_stdout(formats.render(given["kind"], reports, shown, several=several, missing=missing))
     kept = view(given, stdout=False)
     for wanted in targets:
-        output.write(wanted, formats.render(wanted.format, reports, kept, several=several))
+        output.write(wanted, formats.render(wanted.format, reports, kept, several=several, missing=missing))
 
 
 def say_not_written(targets: Sequence[output.Target]) -> None:

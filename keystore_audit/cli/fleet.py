@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from keystore_audit.fleet.tables import Rows
     from keystore_audit.fleet.task import Audited
     from keystore_audit.options import Options
-    from keystore_audit.report.content import Report
+    from keystore_audit.report.content import NoReport, Report
     from keystore_audit.report.text import View
 
 WORST_FIRST: Final = (EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, 1, 0)
@@ -280,7 +280,8 @@ class _Run:
             delivery.say_not_written([wanted for wanted in self.given["targets"] if not (wanted.each or wanted.tables)])
             click.echo("keystore-audit: Interrupted.", err=True)
         else:
-            delivery.deliver(reports, self.given, several=self.several, stdout=self.given["kind"] != "text")
+            stdout = self.given["kind"] != "text"
+            delivery.deliver(reports, self.given, several=self.several, stdout=stdout, missing=self._missing())
         return summary.exit_code
 
     def _show_summary(self, summary: Summary) -> None:
@@ -290,11 +291,26 @@ class _Run:
         if self._summarised:
             output.write_stdout(render_text(summary, view))
             return
-        from keystore_audit.report.text import render_total
+        from keystore_audit.report.total import render_total
 
         verdicts = [each.verdict for each in summary.rows if each.verdict is not None]
         if verdicts:
-            output.write_stdout(render_total(verdicts, view))
+            output.write_stdout(render_total(verdicts, self._missing(), width=view.width, color=view.color))
+
+    def _missing(self) -> list[NoReport]:
+        """What an audit was to be of and there is no report of, in order."""
+        from keystore_audit.report.content import NoReport
+
+        unseen = [
+            NoReport(path=path, reason=f"not looked into: {reason}.", exit_code=EXIT_INCOMPLETE)
+            for path, reason in self.found.unseen
+        ]
+        rows = [self.rows[number] for number in sorted(self.rows)]
+        without = (each for each in rows if each.verdict is None)
+        return [
+            *unseen,
+            *(NoReport(path=each.path, reason=each.error, exit_code=each.exit_code) for each in without),
+        ]
 
     def _summary(self, *, interrupted: bool) -> Summary:
         keystores = self.found.keystores

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from keystore_audit.report.content import Report, RuleEntry
+    from keystore_audit.report.content import NoReport, Report, RuleEntry
     from keystore_audit.report.text import View
 
 FORMATS: Final = ("text", "json", "sarif", "junit", "markdown", "html", "statement", "svr")
@@ -16,35 +16,39 @@ HTML: Final = "html"
 """The format that draws: an audit has to work out what pictures show (`Options.overview`)."""
 
 
-def render(kind: str, reports: Sequence[Report], view: View, *, several: bool) -> str:
-    """Return the reports in a format; `several`: more than one keystore was given, whatever came of them."""
+def render(kind: str, reports: Sequence[Report], view: View, *, several: bool, missing: Sequence[NoReport] = ()) -> str:
+    """Return the reports in a format; `several`: more than one keystore was given, whatever came of them.
+
+    `missing`: those of which there is no report. Each format says so, save statements: they are about files that were
+    read.
+    """
     if kind == "json":
         from keystore_audit.report import json
 
-        return json.render_several(reports) if several else json.render(reports[0])
+        return json.render_several(reports, missing) if several else json.render(reports[0])
     if kind == "sarif":
         from keystore_audit.report import sarif
 
-        return sarif.render(reports, rule_entries())
+        return sarif.render(reports, rule_entries(), missing)
     if kind == "junit":
         from keystore_audit.report import junit
 
-        return junit.render(reports)
+        return junit.render(reports, missing)
     if kind == "markdown":
         from keystore_audit.report import markdown
 
-        return markdown.render(reports, view.min_severity)
+        return markdown.render(reports, view.min_severity, missing)
     if kind == HTML:
         from keystore_audit.report.html import render as page
 
-        return page(reports, view.min_severity)
+        return page(reports, view.min_severity, missing)
     if kind in ("statement", "svr"):
         from keystore_audit.report import statement
 
         return statement.render_svr(reports) if kind == "svr" else statement.render_test_result(reports)
     from keystore_audit.report import text
 
-    return text.render_several(reports, view) if several else text.render(reports[0], view)
+    return text.render_several(reports, view, missing) if several else text.render(reports[0], view)
 
 
 def rule_entries() -> tuple[RuleEntry, ...]:

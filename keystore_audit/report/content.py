@@ -88,6 +88,18 @@ class SettingsFile:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class NoReport:
+    """A keystore, or a directory that may hold some, of which there is no report, beside others that have one.
+
+    `reason`: why, raw text. `exit_code`: what it alone makes the run exit with, never 0.
+    """
+
+    path: str
+    reason: str
+    exit_code: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RuleEntry:
     """A registered rule, for the formats that describe rules; `description` is Markdown-free text in paragraphs."""
 

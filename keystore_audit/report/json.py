@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 from keystore_audit.findings import Finding, Location, Outcome, Result, Severity, Suppression
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.result import EngineRun, ProfileResult, PropertyResult
-from keystore_audit.report.content import MAX_RANKED, EnclaveEntry, Report, SettingsFile
+from keystore_audit.report.content import MAX_RANKED, EnclaveEntry, NoReport, Report, SettingsFile
 from keystore_audit.report.encoded import encoded, instant
 
 if TYPE_CHECKING:
@@ -28,17 +28,22 @@ def render(report: Report) -> str:
     return _dump(_report(report), {"outcomes": _encoded(report.outcomes)})
 
 
-def render_several(reports: Sequence[Report]) -> str:
+def render_several(reports: Sequence[Report], missing: Sequence[NoReport] = ()) -> str:
     """Return the reports of several keystores in the order given, with the sum of their counts.
 
-    A keystore that has no report (there was nothing to audit) is not in it: the exit code and stderr tell.
+    `missing`: those that have no report (there was nothing to audit, or a fault).
     """
     summary = dict.fromkeys(Severity, 0)
     for report in reports:
         for severity, count in report.summary.items():
             summary[severity] += count
     described = [{**_report(report), "outcomes": _outcomes(report.outcomes)} for report in reports]
-    document = {"schema_version": SCHEMA_VERSION, "reports": described, "summary": _counts(summary)}
+    document = {
+        "schema_version": SCHEMA_VERSION,
+        "reports": described,
+        "missing": [{"path": each.path, "reason": each.reason, "exit_code": each.exit_code} for each in missing],
+        "summary": _counts(summary),
+    }
     return _dump(document, {})
 
 

@@ -13,7 +13,7 @@ from typing import Final
 from lxml import etree
 
 from keystore_audit.findings import Finding, Outcome, Result
-from keystore_audit.report.content import Report, Verdict
+from keystore_audit.report.content import NoReport, Report, Verdict
 from keystore_audit.report.encoded import instant
 from keystore_audit.text import terminal
 
@@ -32,11 +32,16 @@ MAX_CASES: Final = 200_000
 """Cases of one report; beyond it (3,000 enclaves) those that passed are left out, and the suite says how many."""
 
 
-def render(reports: Sequence[Report]) -> str:
-    """Return the document of all reports, ending in a newline."""
+def render(reports: Sequence[Report], missing: Sequence[NoReport] = ()) -> str:
+    """Return the document of all reports, ending in a newline; `missing`: those of which there is none, as errors."""
     root = etree.Element("testsuites", name="keystore-audit")
     for report in reports:
         _keystore(root, report)
+    for each in missing:
+        suite = etree.SubElement(root, "testsuite", name=f"{terminal(each.path)}: verdict")
+        case = etree.SubElement(suite, "testcase", classname="keystore-audit", name="there is a report", time="0")
+        etree.SubElement(case, "error", message=terminal(each.reason), type="incomplete")
+        _count(suite)
     for count in ("tests", "failures", "errors", "skipped"):
         root.set(count, str(sum(int(suite.get(count, "0")) for suite in root)))
     etree.indent(root)

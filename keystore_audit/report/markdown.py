@@ -8,7 +8,7 @@ from typing import Final
 from keystore_audit.findings import Finding, Location, Severity
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineStatus
-from keystore_audit.report.content import Report, Verdict
+from keystore_audit.report.content import NoReport, Report, Verdict
 from keystore_audit.report.encoded import instant
 from keystore_audit.text import markdown, shorten
 
@@ -39,22 +39,37 @@ _VERDICTS: Final = {
 }
 
 
-def render(reports: Sequence[Report], min_severity: Severity) -> str:
+def render(reports: Sequence[Report], min_severity: Severity, missing: Sequence[NoReport] = ()) -> str:
     """Return the reports one after the other; findings below `min_severity` are counted and not shown.
 
-    Of more reports than a comment holds all are listed and the worst are told, as many as fit.
+    Of more reports than a comment holds all are listed and the worst are told, as many as fit. `missing`: keystores
+    without a report, which come first.
     """
-    budget = MAX_LENGTH // max(len(reports), 1)
+    first = "".join(f"{line}\n" for line in _missing(missing))
+    room = MAX_LENGTH - len(first)
+    budget = room // max(len(reports), 1)
     if budget < LEAST:
-        return _worst(reports, min_severity)
+        return first + _worst(reports, min_severity, room)
     told = [_report(report, min_severity, budget) for report in reports]
-    if sum(map(len, told)) + len(told) <= MAX_LENGTH:
-        return "\n".join(told)
-    return _worst(reports, min_severity)
+    if sum(map(len, told)) + len(told) <= room:
+        return first + "\n".join(told)
+    return first + _worst(reports, min_severity, room)
 
 
-def _worst(reports: Sequence[Report], least: Severity) -> str:
-    """A list of all reports, and those that fit, the worst first."""
+def _missing(missing: Sequence[NoReport]) -> Iterator[str]:
+    """A tenth of the room at most."""
+    if missing:
+        yield f"## keystore-audit: INCOMPLETE: no report of {len(missing)}"
+        yield ""
+        for each in missing[:MAX_TOLD]:
+            yield f"- {markdown(shorten(each.path, MAX_NAME))}: {markdown(shorten(each.reason, MAX_NAME))}"
+        if len(missing) > MAX_TOLD:
+            yield f"- and {len(missing) - MAX_TOLD} more"
+        yield ""
+
+
+def _worst(reports: Sequence[Report], least: Severity, room: int) -> str:
+    """A list of all reports, and those that fit in so many characters, the worst first."""
     worst_first = sorted(reports, key=lambda report: (_WORST.index(report.verdict), report.keystore))
     lines = [f"## keystore-audit: {len(reports)} keystores", "", "| keystore | verdict | findings |", "|---|---|---|"]
     for report in worst_first[:MAX_KEYSTORES]:
@@ -64,8 +79,8 @@ def _worst(reports: Sequence[Report], least: Severity) -> str:
         lines += ["", f"{len(reports) - MAX_KEYSTORES} more keystores are in the full report."]
     text = "\n".join([*lines, ""])
     for number, report in enumerate(worst_first):
-        told = _report(report, least, MAX_LENGTH // MAX_TOLD)
-        if number == MAX_TOLD or len(text) + len(told) > MAX_LENGTH:
+        told = _report(report, least, room // MAX_TOLD)
+        if number == MAX_TOLD or len(text) + len(told) > room:
             return f"{text}\n{len(reports) - number} keystores are told in the full report alone.\n"
         text += f"\n{told}"
     return text

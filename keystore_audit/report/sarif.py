@@ -12,10 +12,11 @@ from functools import lru_cache
 from typing import Any, Final
 from urllib.parse import quote
 
-from keystore_audit.findings import Finding, Location, Severity
+from keystore_audit import __version__
+from keystore_audit.findings import Finding, Location, Severity, fingerprint
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.result import EngineStatus, PropertyResult
-from keystore_audit.report.content import Report, RuleEntry, Verdict
+from keystore_audit.report.content import NoReport, Report, RuleEntry, Verdict
 from keystore_audit.report.encoded import encoded
 from keystore_audit.text import markdown, percent_path, shorten
 
@@ -51,9 +52,18 @@ _SECURITY_SEVERITY: Final = {
 """Numbers that services sort by, in the ranges of CVSS: over 9.0 critical, 7.0 high, 4.0 medium, 0.1 low."""
 
 
-def render(reports: Sequence[Report], rules: Sequence[RuleEntry]) -> str:
-    """Return the log of all reports; `rules`: every registered rule, so that each result finds its own."""
-    runs = ",\n    ".join(_run(report, rules, len(reports)) for report in reports)
+_UNDECIDED: Final = "KA901"
+"""The rule of what is not decided."""
+
+
+def render(reports: Sequence[Report], rules: Sequence[RuleEntry], missing: Sequence[NoReport] = ()) -> str:
+    """Return the log of all reports; `rules`: every registered rule, so that each result finds its own.
+
+    `missing`: keystores without a report, each a run that was not successful, with one result that says so.
+    """
+    number = len(reports) + len(missing)
+    told = [*(_run(report, rules, number) for report in reports), *(_no_run(each, rules) for each in missing)]
+    runs = ",\n    ".join(told)
     return f'{{\n  "$schema": {encoded(SCHEMA)},\n  "version": "2.1.0",\n  "runs": [\n    {runs}\n  ]\n}}\n'
 
 
@@ -68,12 +78,6 @@ def _run(report: Report, rules: Sequence[RuleEntry], runs: int) -> str:
     ]
     if runs <= MAX_RUNS:  # of more, services take nothing
         results = results[: _fitting(results, MAX_COMPRESSED // runs - _REST)]
-    driver = {
-        "name": "keystore-audit",
-        "semanticVersion": report.version,
-        "version": report.version,
-        "informationUri": "https://design.ros2.org/articles/ros2_dds_security.html",
-    }
     head = {
         "automationDetails": {"id": f"keystore-audit/{_uri(report.keystore)}/"},
         "columnKind": "utf16CodeUnits",
@@ -87,15 +91,69 @@ def _run(report: Report, rules: Sequence[RuleEntry], runs: int) -> str:
             "notChecked": list(report.scope.not_checked),
         },
     }
-    tool = encoded(driver)[:-1] + f', "rules": [\n      {_described(tuple(rules))}\n    ]}}'
+    return _assembled(report.version, tuple(_worst(finding) for finding in report.findings), rules, head, results)
+
+
+def _no_run(each: NoReport, rules: Sequence[RuleEntry]) -> str:
+    """The run of a keystore without a report."""
+    index = next(number for number, rule in enumerate(rules) if rule.code == _UNDECIDED)
+    head = {
+        "automationDetails": {"id": f"keystore-audit/{_uri(each.path)}/"},
+        "columnKind": "utf16CodeUnits",
+        "invocations": [
+            {
+                "executionSuccessful": False,
+                "exitCode": each.exit_code,
+                "toolExecutionNotifications": [_notification("error", each.reason)],
+            }
+        ],
+    }
+    result = {
+        "ruleId": _UNDECIDED,
+        "ruleIndex": index,
+        "level": "error",
+        "message": {"text": shorten(f"Nothing is decided about {each.path}: {each.reason}", MAX_MESSAGE)},
+        "locations": [_location(Location(path=each.path, beside=True), _Base(each.path))],
+        "partialFingerprints": {"keystoreAudit/v1": fingerprint(_UNDECIDED, None, each.path, "no report")},
+    }
+    return _assembled(__version__, (), rules, head, [encoded(result)])
+
+
+def _assembled(
+    version: str,
+    found: Iterable[tuple[str, Severity]],
+    rules: Sequence[RuleEntry],
+    head: Mapping[str, Any],
+    results: Sequence[str],
+) -> str:
+    """One run. `found`: the codes of findings, each with how much it matters."""
+    driver = {
+        "name": "keystore-audit",
+        "semanticVersion": version,
+        "version": version,
+        "informationUri": "https://design.ros2.org/articles/ros2_dds_security.html",
+    }
+    worst = {rule.code: rule.severity for rule in rules}
+    for code, severity in found:
+        if severity.at_least(worst[code]):
+            worst[code] = severity
+    described = ",\n      ".join(_described(rule, worst[rule.code]) for rule in rules)
+    tool = encoded(driver)[:-1] + f', "rules": [\n      {described}\n    ]}}'
     listed = ",\n      ".join(results)
     return f'{{"tool": {{"driver": {tool}}}, {encoded(head)[1:-1]}, "results": [\n      {listed}\n    ]}}'
 
 
-@lru_cache(maxsize=1)
-def _described(rules: tuple[RuleEntry, ...]) -> str:
-    """The rules, the same in every run."""
-    return ",\n      ".join(encoded(_rule(rule)) for rule in rules)
+def _worst(finding: Finding) -> tuple[str, Severity]:
+    """The code, and how much the finding matters: what leaves the audit undecided stops a release, as high does."""
+    severity = finding.severity
+    undecided = finding.undecided and not severity.at_least(Severity.HIGH)
+    return finding.code, Severity.HIGH if undecided else severity
+
+
+@lru_cache(maxsize=1_000)
+def _described(rule: RuleEntry, worst: Severity) -> str:
+    """A rule. `worst`: the severity of its worst finding in the run, or its own: services take no result's."""
+    return encoded(_rule(rule, worst))
 
 
 def _fitting(results: Sequence[str], room: int) -> int:
@@ -179,7 +237,7 @@ def _notification(level: str, text: str) -> dict[str, Any]:
     return {"level": level, "message": {"text": text}}
 
 
-def _rule(rule: RuleEntry) -> dict[str, Any]:
+def _rule(rule: RuleEntry, worst: Severity) -> dict[str, Any]:
     first, _, _ = rule.description.partition("\n\n")
     help_text = f"{rule.description}\n\nWhat to do: {rule.remedy}\n\nClause: {rule.clause}"
     return {
@@ -195,9 +253,9 @@ def _rule(rule: RuleEntry) -> dict[str, Any]:
         "defaultConfiguration": {"level": _LEVELS[rule.severity]},
         "properties": {
             "tags": ["security", "ros2", "dds-security", rule.code[:3]],
-            "security-severity": _SECURITY_SEVERITY[rule.severity],
+            "security-severity": _SECURITY_SEVERITY[worst],
             "precision": "very-high",
-            "problem.severity": "error" if rule.severity.at_least(Severity.HIGH) else "warning",
+            "problem.severity": "error" if worst.at_least(Severity.HIGH) else "warning",
         },
     }
 
@@ -208,13 +266,13 @@ def _result(finding: Finding, rule: int, base: _Base, paths: Sequence[Counterexa
     result: dict[str, Any] = {
         "ruleId": finding.code,
         "ruleIndex": rule,
-        "level": _LEVELS[finding.severity],
+        "level": _LEVELS[_worst(finding)[1]],
         "message": {"text": shorten(_said(finding), MAX_MESSAGE)},
         "locations": [_location(places[0], base)],
         "partialFingerprints": {"keystoreAudit/v1": finding.fingerprint},
         "properties": {
             "severity": finding.severity.value,
-            "security-severity": _SECURITY_SEVERITY[finding.severity],
+            "security-severity": _SECURITY_SEVERITY[_worst(finding)[1]],
             "enclave": finding.enclave,
             "profiles": list(finding.profiles),
             "clause": finding.clause,

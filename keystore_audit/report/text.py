@@ -17,11 +17,12 @@ from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
 from keystore_audit.report import ranking
 from keystore_audit.report.consequences import Consequences
-from keystore_audit.report.content import EnclaveEntry, Report, Verdict
+from keystore_audit.report.content import EnclaveEntry, NoReport, Report, Verdict
 from keystore_audit.report.encoded import instant
 from keystore_audit.report.json import TOOL
 from keystore_audit.report.next_step import OF_THE_AUDIT, next_step
 from keystore_audit.report.page import Page, Piece
+from keystore_audit.report.total import render_total
 from keystore_audit.text import shorten
 
 MAX_PLACES: Final = 6
@@ -95,20 +96,12 @@ def render(report: Report, view: View | None = None) -> str:
     return page.render()
 
 
-def render_several(reports: Sequence[Report], view: View | None = None) -> str:
-    """Return the reports one after the other, in the order given, and a line that sums them up."""
+def render_several(reports: Sequence[Report], view: View | None = None, missing: Sequence[NoReport] = ()) -> str:
+    """Return the reports in the order given, those that are `missing`, and a line that sums them up."""
     view = view or View()
     parts = [render(report, view) for report in reports]
-    return "\n".join([*parts, render_total([report.verdict for report in reports], view)])
-
-
-def render_total(verdicts: Sequence[Verdict], view: View) -> str:
-    """Return the line that sums up several reports."""
-    counts = Counter(verdicts)
-    page = Page(width=view.width, color=view.color)
-    words = ", ".join(f"{counts[verdict]} {verdict.value}" for verdict in Verdict)
-    page.put((f"{len(verdicts)} keystores: {words}", "bold"))
-    return page.render()
+    verdicts = [report.verdict for report in reports]
+    return "\n".join([*parts, render_total(verdicts, missing, width=view.width, color=view.color)])
 
 
 def _opening(page: Page, report: Report) -> None:

@@ -64,7 +64,7 @@ def test_keys_stand_in_the_order_of_the_contract(make_report: MakeReport, valida
 
 def test_several_keystores(make_report: MakeReport, validate: Any) -> None:
     document = validate(json.render_several([make_report("a"), make_report("b")]))
-    assert list(document) == ["schema_version", "reports", "summary"]
+    assert list(document) == ["schema_version", "reports", "missing", "summary"]
     assert [report["keystore"]["path"] for report in document["reports"]] == ["./keys/a", "./keys/b"]
     assert document["summary"] == {"critical": 2, "high": 2, "medium": 2, "low": 0, "info": 2}
 

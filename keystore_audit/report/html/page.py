@@ -13,7 +13,7 @@ from typing import Final
 
 from keystore_audit.findings import Severity
 from keystore_audit.properties.property import Status
-from keystore_audit.report.content import Report, Verdict
+from keystore_audit.report.content import NoReport, Report, Verdict
 from keystore_audit.report.encoded import instant
 from keystore_audit.report.html.blast_radius import blast_radius
 from keystore_audit.report.html.certificates import certificates
@@ -49,20 +49,22 @@ class _Section:
     body: Html
 
 
-def render(reports: Sequence[Report], min_severity: Severity = Severity.INFO) -> str:
+def render(reports: Sequence[Report], min_severity: Severity = Severity.INFO, missing: Sequence[NoReport] = ()) -> str:
     """Return the reports as one HTML document; findings below `min_severity` are counted and not shown.
 
+    `missing`: keystores without a report, which come first.
     Without `Report.overview`, what pictures show is left out.
     """
     several = len(reports) > 1
     sheets = [sheet(report, f"k{n}-" if several else "", min_severity) for n, report in enumerate(reports, start=1)]
     sections = [(each, list(_sections(each))) for each in sheets]
-    title = _title(reports)
+    title = _title(reports, missing)
     skip = element("a", "Skip to the report", href="#main", class_="skip")
     few = len(sheets) <= MAX_CONTENTS
     listed = lines(_contents(each, parts if few else ()) for each, parts in sections)
     contents = element("nav", listed, aria_label="Contents")
     body = [
+        _missing(missing) if missing else NOTHING,
         _several(sheets) if several else NOTHING,
         *(_report(each, parts) for each, parts in sections),
         _foot(reports),
@@ -72,7 +74,9 @@ def render(reports: Sequence[Report], min_severity: Severity = Severity.INFO) ->
     return f"<!DOCTYPE html>\n{document.markup}\n"
 
 
-def _title(reports: Sequence[Report]) -> str:
+def _title(reports: Sequence[Report], missing: Sequence[NoReport]) -> str:
+    if missing:
+        return f"INCOMPLETE: {len(missing)} of {len(reports) + len(missing)} without a report (keystore-audit)"
     worst = min((report.verdict for report in reports), key=(Verdict.INCOMPLETE, Verdict.FAIL, Verdict.PASS).index)
     what = shorten(reports[0].keystore, MAX_TITLE) if len(reports) == 1 else f"{len(reports)} keystores"
     return f"{worst.value.upper()}: {what} (keystore-audit)"
@@ -168,6 +172,27 @@ def _statuses(report: Report) -> str:
     counts = Counter(result.status for result in report.properties)
     marks = ((Status.UNKNOWN, "?"), (Status.VIOLATED, "✗"))
     return " ".join(f"{counts[status]} {mark}" for status, mark in marks if counts[status]) or "✓"
+
+
+def _missing(missing: Sequence[NoReport]) -> Html:
+    """Of what there is no report, and why."""
+    rows = [
+        element(
+            "tr",
+            element("td", verdict(Verdict.INCOMPLETE)),
+            element("th", element("code", shorten(each.path, MAX_TITLE)), scope="row"),
+            element("td", each.reason),
+        )
+        for each in missing
+    ]
+    heads = ("verdict", "keystore", "why there is no report")
+    table = element(
+        "table",
+        element("thead", element("tr", *(element("th", text, scope="col") for text in heads))),
+        element("tbody", lines(rows)),
+        class_="several",
+    )
+    return element("section", element("h1", f"{len(missing)} without a report"), table)
 
 
 def _several(sheets: Sequence[Sheet]) -> Html:
