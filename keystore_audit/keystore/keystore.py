@@ -98,7 +98,7 @@ def read_keystore(path: str | os.PathLike[str], *, progress: Callable[[int, int]
             digest=_digest(records),
             contents=tuple(_contents(records)),
             strays=strays,
-            unread=len(_unread(root, layout)) - sum(stray.document is None for stray in strays),
+            unread=len(_unread(root, layout)) - sum(stray.file.status.unknown for stray in strays),
         )
 
 

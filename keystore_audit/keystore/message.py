@@ -1,14 +1,32 @@
-"""Whether a file may be an S/MIME message at all, whatever its name: asked of every file of a keystore."""
+"""Whether a file may be an S/MIME message at all, or hold one, whatever its name: asked of every file of a keystore."""
 
 from __future__ import annotations
 
+import binascii
+import re
 from typing import Final
+
+from keystore_audit.keystore.cms import CmsError, read_signed_data
 
 _BLANK_LINES: Final = (b"\n\n", b"\n\r", b"\n\0")
 """What ends a header: OpenSSL ends lines at LF, and one that begins with CR, LF or NUL is blank (asn_mime.c)."""
 
 _TYPES: Final = (b"multipart/signed", b"pkcs7-mime")
 """What the header of a signed message has to say somewhere, in any case of letters."""
+
+_TYPE_FIELD: Final = b"content-type"
+
+_MAX_FIELD: Final = 1024
+"""How far before the type its field begins: OpenSSL reads no longer line at once (`mime.MAX_LINE`)."""
+
+MAX_MENTIONS: Final = 1000
+"""Mentions of a type below the first header that are looked at."""
+
+_SIGNED_DATA: Final = bytes.fromhex("06092a864886f70d010702")
+"""The identifier of signed data (RFC 5652, 5.1), near the beginning of a signature in DER or BER."""
+
+_ARMOUR: Final = re.compile(rb"-----BEGIN (PKCS7|CMS|PKCS #7 SIGNED DATA)-----([^-]*)-----END \1-----")
+"""A signature in the textual encoding of RFC 7468, or as OpenSSL calls it."""
 
 
 def may_be_message(data: bytes) -> bool:
@@ -23,3 +41,54 @@ def may_be_message(data: bytes) -> bool:
         if found >= 0 and not any(data.find(line, 0, found) >= 0 for line in _BLANK_LINES):
             return True
     return False
+
+
+def concealed(data: bytes) -> str:
+    """How `data` holds a signed message that OpenSSL does not read in this form, words; "" if it holds none.
+
+    Anybody can give it another form, since the signature is not over the form: below other text a message only has to
+    be cut out, and what is in PEM or DER needs a header. Certificates in such a form, which nobody signed, are none.
+    """
+    if _further(data):
+        return "a signed message stands in it below other text"
+    if data[:1] == b"0" and _SIGNED_DATA in data[:32] and _is_signed(data):
+        return "it is a signature in DER, without the S/MIME around it"
+    if any(_is_signed(_decoded(armour[2])) for armour in _ARMOUR.finditer(data)):
+        return "a signature in PEM stands in it, without the S/MIME around it"
+    return ""
+
+
+def _further(data: bytes) -> bool:
+    """Whether a line below the first header gives the type of a signed message."""
+    lowered = data.lower()
+    ends = [end for line in _BLANK_LINES if (end := data.find(line)) >= 0]
+    begin = 0 if data[:1] in (b"\n", b"\r") else min(ends, default=len(data))
+    for kind in _TYPES:
+        found = begin - 1
+        for _mention in range(MAX_MENTIONS):
+            found = lowered.find(kind, found + 1)
+            if found < 0:
+                break
+            line = lowered.rfind(b"\n", max(found - _MAX_FIELD, 0), found) + 1
+            if lowered[line : line + 1] in (b" ", b"\t"):  # folded
+                line = lowered.rfind(b"\n", max(line - _MAX_FIELD, 0), max(line - 1, 0)) + 1
+            if lowered.startswith(_TYPE_FIELD, line):
+                return True
+        else:
+            return True  # nobody writes so many; what stands there is not known
+    return False
+
+
+def _decoded(text: bytes) -> bytes:
+    try:
+        return binascii.a2b_base64(text)
+    except ValueError:
+        return b""
+
+
+def _is_signed(der: bytes) -> bool:
+    """Whether signed data has a signature, or cannot be read; what carries certificates alone has none."""
+    try:
+        return bool(read_signed_data(der).signers)
+    except CmsError:
+        return True

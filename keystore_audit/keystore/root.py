@@ -22,7 +22,7 @@ from keystore_audit.keystore.descent import (
     refusal,
 )
 from keystore_audit.keystore.files import Entry, EntryKind, File, Listing, Status
-from keystore_audit.keystore.message import may_be_message
+from keystore_audit.keystore.message import concealed, may_be_message
 
 MAX_FILE_BYTES: Final = 4 * 1024 * 1024
 """Largest file that is read: a permissions document of 20,000 topics has about 2 MB; no parser gets more."""
@@ -278,7 +278,7 @@ class Root:
             message = may_be_message(os.pread(descriptor, _BEGINNING, 0))
             return _Reading(status=Status.TOO_LARGE, detail=too_large, mode=mode, may_be_message=message)
         digest = hashlib.sha256(content).hexdigest()
-        message = may_be_message(content)
+        message = may_be_message(content) or concealed(content) != ""
         if message:
             self._messages.setdefault(digest, content)
         return _Reading(

@@ -12,6 +12,7 @@ from typing import Final
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.governance import GovernanceFile, read_governance
+from keystore_audit.keystore.message import concealed
 from keystore_audit.keystore.permissions import PermissionsFile, read_permissions
 from keystore_audit.keystore.smime import Candidates
 
@@ -47,10 +48,19 @@ def is_message_by_name(file: File) -> bool:
 def read_strays(messages: Iterable[File], carried: Collection[str], candidates: Candidates) -> Iterator[Stray]:
     """Read every message but those `carried` by enclaves; what OpenSSL takes for no message is left out.
 
+    A message in a form that OpenSSL does not read is one that could not be read (`message.concealed`).
+
     `messages`: files that may be one, each content once; without content, they were not read. `carried`: the SHA-256 of
     the documents of the enclaves, since a copy of one gives nothing more.
     """
-    others = [file for file in messages if file.sha256 not in carried]
+    others = []
+    for file in messages:
+        how = concealed(file.content) if file.content is not None else ""
+        if how:  # in what enclaves carry, too
+            detail = f"{how}; anybody can make a document of it, and it was not read"
+            yield Stray(file=replace(file, content=None, detail=detail), document=None)
+        elif file.sha256 not in carried:
+            others.append(file)
     yield from (Stray(file=file, document=None) for file in others if file.content is None)
     readable = [file for file in others if file.content is not None]
     if len(readable) > MAX_STRAYS:  # one that may say anything stands for all of them

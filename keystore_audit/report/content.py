@@ -30,8 +30,8 @@ ASSUMPTIONS: Final = (
 
 NOT_CHECKED: Final = (
     (
-        "Signed documents that are kept elsewhere than in this directory, though peers take whatever valid document is "
-        "presented to them."
+        "Signed documents that are kept elsewhere than in this directory, or in archives in it, though peers take "
+        "whatever valid document is presented to them."
     ),
     "Flows that no settings ask about, and flows by timing, acknowledgements or matching.",
 )

@@ -5,6 +5,8 @@ from __future__ import annotations
 import ctypes
 import ctypes.util
 import os
+import subprocess
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -17,7 +19,7 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Keystore, read_keystore
-from keystore_audit.keystore.message import may_be_message
+from keystore_audit.keystore.message import concealed, may_be_message
 from keystore_audit.keystore.mime import MimeError, read_message
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.root import MAX_FILE_BYTES
@@ -247,3 +249,74 @@ def test_junk_is_a_stray_only_where_openssl_may_read_on(data: bytes, tmp_path: P
     keystore = read_keystore(root)
     assert all(stray.document is not None and stray.document.signed.defects for stray in keystore.strays)
     assert bool(keystore.strays) is (b"multipart/signed" in data)
+
+
+# --- messages in other forms
+
+
+def by_openssl(message: bytes, *options: str) -> bytes:
+    """What the command line tool makes of a message."""
+    command = ("openssl", "cms", "-cmsout", "-inform", "SMIME", *options)
+    return subprocess.run(command, input=message, check=True, capture_output=True).stdout
+
+
+CONCEALED: dict[str, Callable[[bytes], bytes]] = {
+    "below a blank line": lambda message: b"\n" + message,
+    "below a letter": lambda message: b"From: me\nSubject: rights\n\n" + message,
+    "below CRLF": lambda message: b"Subject: rights\r\n\r\n" + message.replace(b"\n", b"\r\n"),
+    "below another message": lambda message: message + message,
+    "folded": lambda message: b"\n" + message.replace(b"Content-Type: multipart", b"Content-Type:\n multipart"),
+    "DER": lambda message: by_openssl(message, "-outform", "DER"),
+    "PEM": lambda message: b"notes\n" + by_openssl(message, "-outform", "PEM"),
+}
+
+
+@pytest.mark.parametrize("form", CONCEALED)
+def test_a_message_in_another_form_may_say_anything(form: str, message: bytes, tmp_path: Path) -> None:
+    content = CONCEALED[form](message)
+    assert concealed(content) != ""
+    root = sros2(tmp_path / "keys", ["/talker"])
+    (root / "notes").write_bytes(content)
+    (stray,) = read_keystore(root).strays
+    assert (stray.place, stray.document) == ("notes", None)
+    assert "anybody can make a document of it" in stray.file.detail
+
+
+def test_a_message_behind_an_enclaves_own_may_say_anything(tmp_path: Path) -> None:
+    root = sros2(tmp_path / "keys", ["/talker"])
+    own = root / "enclaves/talker/permissions.p7s"
+    own.write_bytes(own.read_bytes() + b"\n" + signed_document(DOCUMENT, authority_of(root)))
+    (stray,) = read_keystore(root).strays
+    assert (stray.place, stray.document) == ("enclaves/talker/permissions.p7s", None)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"See multipart/signed in RFC 8551.\n\nA Content-Type: multipart/signed in a line of text.\n",
+        b"\n\nmultipart/signed\n",
+        b"-----BEGIN PKCS7-----\n-----END CMS-----\n",
+        b"0" * 100,
+    ],
+)
+def test_what_only_speaks_of_messages_is_none(content: bytes, tmp_path: Path) -> None:
+    root = sros2(tmp_path / "keys", ["/talker"])
+    (root / "notes").write_bytes(content)
+    assert read_keystore(root).strays == ()
+
+
+@pytest.mark.parametrize("form", ["DER", "PEM"])
+def test_certificates_in_an_envelope_are_no_message(form: str, signer: Signed, tmp_path: Path) -> None:
+    (tmp_path / "ca.pem").write_bytes(signer.pem)
+    command = ("openssl", "crl2pkcs7", "-nocrl", "-certfile", str(tmp_path / "ca.pem"), "-outform", form)
+    assert concealed(subprocess.run(command, check=True, capture_output=True).stdout) == ""
+
+
+def test_stock_documents_conceal_nothing(message: bytes) -> None:
+    assert [concealed(each) for each in (message, message.replace(b"\n", b"\r\n"))] == ["", ""]
+
+
+@pytest.mark.parametrize("piece", [b"multipart/signed", b"multipart/signed\n", b"-----BEGIN CMS-----", b"\n\n "])
+def test_large_files_of_mentions_end(piece: bytes) -> None:
+    content = b"\n" + piece * (MAX_FILE_BYTES // len(piece))
+    assert (concealed(content) != "") is (b"multipart" in piece)

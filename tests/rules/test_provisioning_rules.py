@@ -307,3 +307,13 @@ def test_a_year_is_not_too_long(fleet: Fleet, tmp_path: Path) -> None:
         fleet.document("/talker", "rt/chatter", start="2026", end="2027")
     )
     assert "KA665" not in found(root, deployed=True)
+
+
+def test_a_document_behind_a_letter_is_never_a_pass(fleet: Fleet, tmp_path: Path) -> None:
+    root = fleet.robot(tmp_path / "keys")
+    assert "KA663" not in found(root)
+    (root / "letter").write_bytes(b"Subject: your rights\n\n" + fleet.document("/talker", "rt/*"))
+    told = report(root)
+    assert told.exit_code == 4
+    (finding,) = [each for each in told.findings if each.code == "KA663"]
+    assert finding.message.startswith("letter may give anything to anybody: A signed message stands in it below")
