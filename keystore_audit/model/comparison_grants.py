@@ -107,7 +107,7 @@ def _draft(
 
 
 def _differences(sides: Sides, pair: Pair, path: str) -> Iterator[tuple[_Right, int, Location | None, Location | None]]:
-    if _is_refused(sides, pair, path):
+    if is_refused(sides, pair, path):
         return  # whether it starts says so
     grants = pair.old.own_grant(path), pair.new.own_grant(path)
     old, new = given(pair.old, grants[0]), given(pair.new, grants[1])
@@ -195,7 +195,8 @@ def given(view: View, grant: int | None) -> Given:
     return Given(publish, subscribe, relay, view.decisions.joins(grant))
 
 
-def _is_refused(sides: Sides, pair: Pair, path: str) -> bool:
+def is_refused(sides: Sides, pair: Pair, path: str) -> bool:
+    """Whether an implementation takes the enclave's permissions, old or new, for none."""
     return any(is_void(by_path[path].permissions, pair.lead, sides.accesses) for by_path in sides.enclaves)
 
 

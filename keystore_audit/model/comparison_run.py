@@ -17,6 +17,8 @@ from keystore_audit.model.comparison_governance import governance_changes
 from keystore_audit.model.comparison_grants import grant_changes, validity_changes
 from keystore_audit.model.comparison_influence import influence_changes
 from keystore_audit.model.comparison_labels import ConcernedLabels
+from keystore_audit.model.comparison_later import KIND as LATER
+from keystore_audit.model.comparison_later import later_changes
 from keystore_audit.model.comparison_reach import Reach
 from keystore_audit.model.comparison_sides import Sides
 from keystore_audit.model.comparison_trust import trust_changes
@@ -44,7 +46,9 @@ def compare(
     labels = labels or {}
     sides = Sides(old, new, profiles, at, zone, domain, [glob for each in labels.values() for glob in each.topics])
     rights = grant_changes(sides)
-    drafts = [*trust_changes(sides), *governance_changes(sides), *validity_changes(sides, rights), *rights]
+    dates = validity_changes(sides, rights)
+    later = later_changes(sides, frozenset(path for draft in dates for path in draft.enclaves))
+    drafts = [*trust_changes(sides), *governance_changes(sides), *dates, *later, *rights]
     causes = Causes(drafts)
     unaccounted = [*Reach(sides, causes).work_out(), *influence_changes(sides, causes)]
     found = [*causes.drafts, *unaccounted]
@@ -78,7 +82,7 @@ def _signed_again(sides: Sides, found: Iterable[Draft]) -> Iterator[Draft]:
         path
         for draft in found
         for path in draft.enclaves
-        if draft.kind in ("protection", "right", "grant-validity", "signature", "signer", "authority")
+        if draft.kind in ("protection", "right", "grant-validity", LATER, "signature", "signer", "authority")
     }
     others = any(draft.layer in (Layer.ACCESS, Layer.ATTACKERS, Layer.INFLUENCE) for draft in found)
     again: list[str] = []

@@ -1,0 +1,132 @@
+"""Rights that begin later: of grants whose dates have not begun at the instant, before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Final, NamedTuple
+
+from keystore_audit.findings import Location
+from keystore_audit.model.comparison import Direction, Layer, direction_of
+from keystore_audit.model.comparison_drafts import Draft, in_order
+from keystore_audit.model.comparison_grants import Given, given, is_refused
+from keystore_audit.model.comparison_sides import Pair, Sides, View
+
+KIND: Final = "later-rights"
+
+_WORDS: Final = {
+    Direction.GAINED: "may do more, once a grant begins that is not in force yet, on",
+    Direction.LOST: "may do less, once a grant begins that is not in force yet, on",
+    Direction.MIXED: "may do other things, once a grant begins that is not in force yet, on",
+    Direction.CHANGED: "has other grants that are not in force yet, with the same rights",
+}
+
+
+_Parts = tuple[int, int, int]
+"""Channels on which one may publish, subscribe, relay."""
+
+
+class _Later(NamedTuple):
+    """A grant by what it says: when, and channels by operation."""
+
+    begins: datetime
+    ends: datetime
+    parts: _Parts
+
+
+@dataclass(frozen=True, slots=True)
+class _Side:
+    """Those of an enclave in one keystore; `where`: the first of them. `now`: what its own grant in force gives."""
+
+    grants: frozenset[_Later]
+    now: _Parts
+    where: Location | None
+
+    @property
+    def ever(self) -> _Parts:
+        """What it may do now or later."""
+        return _union((self.now, *self.soon))
+
+    @property
+    def soon(self) -> list[_Parts]:
+        return [grant.parts for grant in self.grants]
+
+
+def later_changes(sides: Sides, told: frozenset[str]) -> list[Draft]:
+    """One draft for all enclaves whose grants that begin later changed alike.
+
+    It is a gain where such a grant gives what none did before, now or later: what begins tomorrow is signed today.
+    `told`: enclaves of which it is said that their grant has other dates.
+    """
+    found: dict[tuple[str, Direction], tuple[list[str], int, Location | None, Location | None]] = {}
+    for pair in sides.pairs:
+        for path, direction, channels, old, new in _differences(sides, pair):
+            if direction is Direction.CHANGED and path in told:
+                continue
+            profiles, union, one, other = found.setdefault((path, direction), ([], 0, old, new))
+            profiles += pair.profiles
+            found[path, direction] = profiles, union | channels, one, other
+    folds: dict[tuple[Direction, int, tuple[str, ...]], list[tuple[str, Location | None, Location | None]]] = {}
+    for (path, direction), (profiles, union, old, new) in found.items():
+        folds.setdefault((direction, union, in_order(profiles, sides)), []).append((path, old, new))
+    return [
+        Draft(
+            layer=Layer.TRUST,
+            kind=KIND,
+            direction=direction,
+            what=_WORDS[direction],
+            enclaves=tuple(path for path, _old, _new in members),
+            profiles=profiles,
+            channels=channels,
+            old=members[0][1],
+            new=members[0][2],
+        )
+        for (direction, channels, profiles), members in folds.items()
+    ]
+
+
+def _differences(sides: Sides, pair: Pair) -> Iterator[tuple[str, Direction, int, Location | None, Location | None]]:
+    for path in sides.compared:
+        if is_refused(sides, pair, path):
+            continue
+        old, new = (_side(view, path, sides.mask) for view in (pair.old, pair.new))
+        if old.grants == new.grants:
+            continue
+        gained = _beyond(_union(new.soon), old.ever)
+        lost = _beyond(_union(old.soon), new.ever)
+        yield path, direction_of(gains=bool(gained), losses=bool(lost)), gained | lost, old.where, new.where
+
+
+def _side(view: View, path: str, mask: int) -> _Side:
+    system = view.system
+    enclave = system.enclaves[view.numbers[path]]
+    documents = {enclave.permissions} if enclave.permissions is not None else set()
+    for realm in view.realms:
+        documents |= realm.accepted
+    found: set[_Later] = set()
+    where = None
+    for number, grant in enumerate(system.grants):
+        if grant.document in documents and enclave.identity in grant.names and grant.not_before > system.now:
+            parts = _parts(given(view, number), mask)
+            begins, ends = system.instants[grant.not_before], system.instants[grant.not_after]
+            if any(parts) and begins <= ends:
+                found.add(_Later(begins, ends, parts))
+                where = where or grant.location
+    return _Side(frozenset(found), _parts(given(view, view.own_grant(path)), mask), where)
+
+
+def _parts(rights: Given, mask: int) -> _Parts:
+    return rights.publish & mask, rights.subscribe & mask, rights.relay & mask
+
+
+def _union(several: Iterable[_Parts]) -> _Parts:
+    publish = subscribe = relay = 0
+    for one in several:
+        publish, subscribe, relay = publish | one[0], subscribe | one[1], relay | one[2]
+    return publish, subscribe, relay
+
+
+def _beyond(one: _Parts, other: _Parts) -> int:
+    """The channels on which some operation is given by one and not by the other."""
+    return (one[0] & ~other[0]) | (one[1] & ~other[1]) | (one[2] & ~other[2])

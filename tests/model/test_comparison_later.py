@@ -1,0 +1,89 @@
+"""Grants that are signed today and begin later: they are no new signature with the same meaning."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import replace
+from datetime import datetime, timezone
+from pathlib import Path
+
+import pytest
+
+from keystore_audit.keystore.keystore import read_keystore
+from keystore_audit.model.comparison import Comparison, FailOn
+from keystore_audit.model.comparison_run import compare
+from keystore_audit.model.profiles import resolve
+from tests.model.comparing import AT, Store, compared, criterion, grant, permissions, rule
+from tests.model.single_changes import BASE
+
+NOW = {"end": "2029-12-31T00:00:00"}
+NEXT = {"start": "2030-01-01T00:00:00"}
+ONE, ALL = rule(criterion("publish", "rt/chatter")), rule(criterion("publish", "*"))
+
+
+def granted(*grants: str) -> Store:
+    return BASE.member("/talker", permissions=permissions(*grants))
+
+
+def told(found: Comparison) -> list[tuple[str, str]]:
+    return [(change.kind, change.direction.value) for change in found.changes if "/talker" in change.enclaves]
+
+
+ALONE = granted(grant("/talker", ONE, **NOW))
+RENEWED = granted(grant("/talker", ONE, **NOW), grant("/talker", ONE, **NEXT))
+WIDER = granted(grant("/talker", ONE, **NOW), grant("/talker", ALL, **NEXT))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "direction"),
+    [
+        (ALONE, WIDER, "gained"),
+        (WIDER, ALONE, "lost"),
+        (RENEWED, WIDER, "gained"),
+        (ALONE, RENEWED, "changed"),
+        (ALONE, replace(ALONE, strays={"old.p7s": permissions(grant("/talker", ALL, **NEXT))}), "gained"),
+    ],
+)
+def test_what_begins_later_is_told_now(old: Store, new: Store, direction: str, tmp_path: Path) -> None:
+    found = compared(old, new, tmp_path)
+    assert ("later-rights", direction) in told(found)
+    assert "signed-again" not in [kind for kind, _direction in told(found)]
+    assert bool(found.failing(FailOn.GAINED)) is (direction == "gained")
+
+
+def test_the_same_signed_again_is_silent(tmp_path: Path) -> None:
+    again = granted(grant("/talker", ONE, ONE, **NOW), grant("/talker", ALL, ONE, **NEXT))
+    assert told(compared(WIDER, again, tmp_path)) == [("signed-again", "info")]
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_right_that_comes_one_day_is_told_today(seed: int, tmp_path: Path) -> None:
+    """Whatever a comparison at a later instant finds gained is a change now; it fails if there was never such a right.
+
+    `ever`: the old grants as one that is always in force.
+    """
+    chance = random.Random(seed)
+    years = ("2024", "2027", "2028", "2029", "2030")
+
+    def some() -> tuple[Store, Store]:
+        grants, rules = [], []
+        for _grant in range(chance.randint(1, 3)):
+            first, last = sorted(chance.sample(years, 2))
+            topics = chance.sample(("rt/a", "rt/b", "rt/c*", "*"), chance.randint(1, 2))
+            rules.append(rule(criterion(chance.choice(("publish", "subscribe")), *topics)))
+            grants.append(grant("/talker", rules[-1], start=f"{first}-01-01T00:00:00", end=f"{last}-01-01T00:00:00"))
+        return granted(*grants), granted(grant("/talker", *rules))
+
+    (one, always), (other, _always) = some(), some()
+    stores = {"old": one, "ever": always, "new": other}
+    old, ever, new = (read_keystore(store.write(tmp_path / name)) for name, store in stores.items())
+    profiles = resolve(("spec",))
+    now = compare(old, new, profiles, AT)
+    for year in range(2027, 2030):
+        later = datetime(year, 6, 1, tzinfo=timezone.utc)
+        assert not gained(compare(old, new, profiles, later)) or now.failing(FailOn.ANY), year
+        assert not gained(compare(ever, new, profiles, later)) or now.failing(FailOn.GAINED), year
+
+
+def gained(found: Comparison) -> bool:
+    return any(change.kind == "right" and change.gains for change in found.changes)
