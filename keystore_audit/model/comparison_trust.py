@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import datetime
 from typing import Final, NamedTuple
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.crl import RevocationList
-from keystore_audit.keystore.files import Status
+from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
@@ -57,13 +57,15 @@ _Placed = tuple[_Fact, Location | None, Location | None]
 def trust_changes(sides: Sides) -> list[Draft]:
     """One draft for each change, of all enclaves that have it."""
     found: dict[_Fact, tuple[list[str], list[tuple[Aspect, ...]], Location | None, Location | None]] = {}
+    placed = list(_shared_keys(sides))
     for path in sides.common:
         old, new = (by_path[path] for by_path in sides.enclaves)
-        for fact, one, other in _facts(old, new, sides.at):
-            key = fact._replace(aspects=()) if fact.kind.endswith("-validity") else fact
-            held = found.setdefault(key, ([], [], one, other))
-            held[0].append(path)
-            held[1].append(fact.aspects)
+        placed.extend((path, each) for each in _facts(old, new, sides.at))
+    for path, (fact, one, other) in placed:
+        key = fact._replace(aspects=()) if fact.kind.endswith("-validity") else fact
+        held = found.setdefault(key, ([], [], one, other))
+        held[0].append(path)
+        held[1].append(fact.aspects)
     drafts = [*_of_keystores(*sides.keystores), *_of_enclaves(sides)]
     for fact, (paths, aspects, one, other) in found.items():
         drafts.append(_draft(fact._replace(aspects=spanned(aspects)), tuple(dict.fromkeys(paths)), one, other))
@@ -93,12 +95,48 @@ def _of_keystores(old: Keystore, new: Keystore) -> Iterator[Draft]:
     if kinds[0] != kinds[1]:
         aspect = Aspect(what="layout", old=kinds[0], new=kinds[1], direction=Direction.CHANGED)
         yield _draft(_Fact("layout", Direction.CHANGED, "the layout", (aspect,)), (), None, None)
-    before, after = bool(old.authority_keys), bool(new.authority_keys)
-    if before != after:
-        direction = Direction.GAINED if after else Direction.LOST
-        there = [Location(path=k.authority_keys[0].file.place) if k.authority_keys else None for k in (old, new)]
-        word = "is there" if after else "is no longer there"
-        yield _draft(_Fact("authority-key", direction, f"the private key of an authority {word}", ()), (), *there)
+    ofs = [{each.key or each.file.place: each.file.place for each in k.authority_keys} for k in (old, new)]
+    yield from _left_keys("authority-key", "the private key of an authority", ofs[0], ofs[1])
+    others = [{file.sha256 or file.place: file.place for file in _other_private_keys(k)} for k in (old, new)]
+    yield from _left_keys("private-key", "a private key that is no enclave's", others[0], others[1])
+
+
+def _left_keys(kind: str, what: str, old: Mapping[str, str], new: Mapping[str, str]) -> Iterator[Draft]:
+    """Private keys that lie in one keystore alone: their places, by what tells them apart."""
+    come, gone = ([place for key, place in one.items() if key not in other] for one, other in ((new, old), (old, new)))
+    if come or gone:
+        verb = "is there" if not gone else ("is no longer there" if not come else "is another")
+        fact = _Fact(kind, direction_of(gains=bool(come), losses=bool(gone)), f"{what} {verb}", ())
+        yield _draft(fact, (), *(Location(path=min(places)) if places else None for places in (gone, come)))
+
+
+def _other_private_keys(keystore: Keystore) -> Iterator[File]:
+    """Files that hold a private key and are neither an enclave's key file nor called after an authority."""
+    own = {enclave.key.file.place for enclave in keystore.enclaves if enclave.key is not None}
+    own |= {file.place for file in keystore.layout.authority_keys}
+    return (file for file in keystore.private_keys if file.place not in own)
+
+
+def _shared_keys(sides: Sides) -> Iterator[tuple[str, _Placed]]:
+    """Enclaves whose identity has the key of another one: whoever holds it has the rights of both."""
+    holders: list[dict[str, set[str]]] = [{}, {}]
+    for found, by_path in zip(holders, sides.enclaves, strict=True):
+        for path, enclave in by_path.items():
+            if (first := _first(enclave.certificate)) is not None:
+                found.setdefault(first.key, set()).add(path)
+    for path in sides.common:
+        firsts = [_first(by_path[path].certificate) for by_path in sides.enclaves]
+        one, other = (
+            found[first.key] - {path} if first is not None else set()
+            for found, first in zip(holders, firsts, strict=True)
+        )
+        if one != other:
+            direction = direction_of(gains=bool(other - one), losses=bool(one - other))
+            told = [", ".join(sorted(paths)) or None for paths in (one, other)]
+            aspect = Aspect(what="shared with", old=told[0], new=told[1], direction=direction)
+            word = "another enclave" if direction is not Direction.LOST else "another enclave no longer"
+            fact = _Fact("identity-shared", direction, f"its identity has the key of {word}", (aspect,))
+            yield path, (fact, _place(firsts[0]), _place(firsts[1]))
 
 
 def _of_enclaves(sides: Sides) -> Iterator[Draft]:
