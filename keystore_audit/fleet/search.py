@@ -62,9 +62,14 @@ def find_keystores(directory: str) -> Found:
 
 
 def _links_out(entries: list[os.DirEntry[str]], inside: str) -> Iterator[tuple[str, str]]:
-    """Links to directories that are not looked through in their own place."""
+    """Links to directories that are not looked through in their own place; those that lead nowhere are none."""
     for entry in entries:
-        if entry.is_symlink() and os.path.isdir(entry.path):
-            target = os.path.realpath(entry.path)
-            if os.path.commonpath((inside, target)) != inside:
-                yield entry.path, "a link to a directory elsewhere, which is not followed"
+        if not entry.is_symlink():
+            continue
+        try:
+            directory = entry.is_dir()
+        except OSError as error:  # in a directory that is closed, or a circle: nobody knows what is there
+            yield entry.path, f"a link: {error.strerror or error}"
+            continue
+        if directory and os.path.commonpath((inside, os.path.realpath(entry.path))) != inside:
+            yield entry.path, "a link to a directory elsewhere, which is not followed"

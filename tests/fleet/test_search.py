@@ -67,6 +67,13 @@ def test_a_link_that_leads_out_is_said_and_one_within_is_not(tmp_path: Path) -> 
     assert [path for path, _reason in found.unseen] == [str(tmp_path / "fleet/other")]
 
 
+def test_a_link_of_which_nobody_knows_where_it_leads_is_said(tmp_path: Path) -> None:
+    (tmp_path / "circle").symlink_to("circle")
+    (tmp_path / "nowhere").symlink_to("gone")
+    (tmp_path / "file").symlink_to(__file__)
+    assert [path for path, _reason in find_keystores(str(tmp_path)).unseen] == [f"{tmp_path}/circle"]
+
+
 def test_what_cannot_be_listed_is_said(tmp_path: Path) -> None:
     found = find_keystores(str(tmp_path / "nowhere"))
     assert (found.keystores, [path for path, _reason in found.unseen]) == ((), [str(tmp_path / "nowhere")])

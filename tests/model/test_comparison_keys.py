@@ -76,10 +76,9 @@ def test_private_keys_that_lie_about(
             leave(root)
         keystores.append(read_keystore(root))
     profiles = resolve(())
-    there, back = (compare(*pair, profiles, AT) for pair in (keystores, keystores[::-1]))
-    found = [
-        (change.kind, change.direction.value) for change in there.changes if change.direction is not Direction.INFO
-    ]
+    one, other = keystores
+    there, back = compare(one, other, profiles, AT), compare(other, one, profiles, AT)
+    found = [(each.kind, each.direction.value) for each in there.changes if each.direction is not Direction.INFO]
     assert found == ([expected] if expected else [])
     assert bool(there.failing(FailOn.GAINED)) is (expected is not None)
     turned = {"gained": "lost", "mixed": "mixed"}
