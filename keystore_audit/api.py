@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 from zoneinfo import ZoneInfo
 
-from keystore_audit.audit import audit as _audit
 from keystore_audit.cli.formats import FORMATS
 from keystore_audit.cli.formats import render as _render
 from keystore_audit.errors import AuditError, NothingToAudit, UsageError
 from keystore_audit.findings import Finding, Location, Severity
 from keystore_audit.options import DEFAULT_NOTICE, Options
+from keystore_audit.pipeline import audit as _audit
 from keystore_audit.report.content import EnclaveEntry, Report, Verdict
 
 if TYPE_CHECKING:

@@ -9,11 +9,11 @@ from datetime import date
 from itertools import chain
 from typing import Final
 
-from keystore_audit.audit import audit
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Finding, Location, Severity
 from keystore_audit.model.profiles import DEFAULT
 from keystore_audit.options import Options, Progress
+from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.settings import MAX_BASELINE_BYTES, Baseline
 from keystore_audit.suppressions import MAX_DAYS, Acceptance, Fate, Use, acceptable, check_dates, uses

@@ -17,12 +17,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from keystore_audit import resources
-from keystore_audit.audit import audit
 from keystore_audit.baseline import create, prune, written
 from keystore_audit.cli import audit as command_line
 from keystore_audit.findings import Location, Severity
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.options import Options
+from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Verdict
 from keystore_audit.settings import Baseline, read_baseline
 from keystore_audit.suppressions import Acceptance, Fate, acceptable, accepted, uses

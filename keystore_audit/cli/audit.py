@@ -227,7 +227,7 @@ def _alloy_properties(
 
 
 def _audit_one(keystore: str, options: Options, given: Mapping[str, Any]) -> int:
-    from keystore_audit.audit import audit
+    from keystore_audit.pipeline import audit
 
     watch = Watch(visible=not given["quiet"] and sys.stderr.isatty())
     try:

@@ -26,7 +26,7 @@ R = TypeVar("R")
 PATIENCE: Final = 5.0
 """Seconds that a process gets to end what it started (a Java of its own) before it is killed."""
 
-_PRELOADED: Final = ("keystore_audit.audit", "keystore_audit.fleet.task", "keystore_audit.report.text")
+_PRELOADED: Final = ("keystore_audit.pipeline", "keystore_audit.fleet.task", "keystore_audit.report.text")
 """Loaded once, by the process from which the others are forked: each is then there in milliseconds."""
 
 

@@ -13,10 +13,10 @@ from threading import Lock
 from typing import Any, Final
 
 from keystore_audit import __version__
-from keystore_audit.audit import audit
 from keystore_audit.errors import EXIT_INCOMPLETE, AuditError
 from keystore_audit.keystore.identity import Identity, read_identities
 from keystore_audit.options import Options, Progress
+from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
 
 MEMORY: Final = 25

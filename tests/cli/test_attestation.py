@@ -14,9 +14,9 @@ from typing import Any
 
 import pytest
 
-from keystore_audit.audit import audit
 from keystore_audit.cli.program import run
 from keystore_audit.options import Options
+from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
 from keystore_audit.report.statement import render_svr
 

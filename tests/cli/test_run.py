@@ -95,12 +95,12 @@ class TestExitCodes:
     def test_4_for_a_fault_of_our_own_without_its_words(
         self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], healthy: Path
     ) -> None:
-        import keystore_audit.audit
+        import keystore_audit.pipeline
 
         def fault(*_args: object, **_more: object) -> None:
             raise RuntimeError("-----BEGIN PRIVATE KEY-----")
 
-        monkeypatch.setattr(keystore_audit.audit, "audit", fault)
+        monkeypatch.setattr(keystore_audit.pipeline, "audit", fault)
         for verbose in ([], ["-v"]):
             assert run_here([str(healthy), *verbose]) == 4
             out, err = capsys.readouterr()

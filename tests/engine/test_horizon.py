@@ -10,8 +10,8 @@ import pytest
 from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
 from cryptography.x509 import load_pem_x509_certificate
 
-from keystore_audit.audit import audit
 from keystore_audit.options import Options
+from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
 from tests.keystore.builder import END, START, Signed, crl, signed_document, sros2
 

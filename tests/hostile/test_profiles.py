@@ -15,7 +15,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.access import Access as Answers
-from keystore_audit.audit import audit
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.keystore.permissions import Operation, Rule
 from keystore_audit.model.access_view import AccessViews
@@ -31,6 +30,7 @@ from keystore_audit.model.semantics import read_grant
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.options import Options
+from keystore_audit.pipeline import audit
 from tests.keystore.builder import Signed, authority, certificate, signed_document
 from tests.oracles.vendors import recipe as r
 

@@ -106,3 +106,13 @@ def test_the_manual_names_every_argument(repository: Path, function: Callable[..
 def test_reports_are_json_by_the_schema_s_keys(samples: Path) -> None:
     report = api.audit(samples / "healthy/turtlesim", engine="native", at=AT)
     assert json.loads(api.render(report))["verdict"] == report.verdict.value == "pass"
+
+
+def test_the_package_has_the_names_of_the_interface() -> None:
+    import keystore_audit
+
+    assert keystore_audit.__all__ == api.__all__
+    for name in api.__all__:
+        assert getattr(keystore_audit, name) is getattr(api, name)
+    with pytest.raises(AttributeError, match="has no attribute 'audits'"):
+        _ = keystore_audit.audits

@@ -23,9 +23,9 @@ from in_toto_attestation.v1.statement import Statement
 from junitparser import Error, Failure, JUnitXml, Skipped
 
 from keystore_audit import resources
-from keystore_audit.audit import audit
 from keystore_audit.cli import audit as command_line
 from keystore_audit.cli.formats import FORMATS, render, rule_entries
+from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.report.sarif import _rule
 from keystore_audit.report.text import View

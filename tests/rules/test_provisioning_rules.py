@@ -13,12 +13,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.access import Access
-from keystore_audit.audit import audit
 from keystore_audit.findings import Finding, Severity
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.profiles import resolve
 from keystore_audit.model.question import Question
 from keystore_audit.options import Options
+from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
 from tests.cli.keystores import answer
 from tests.keystore.builder import GOVERNANCE, PERMISSIONS, Signed, authority, certificate, signed_document
@@ -278,17 +278,17 @@ def test_a_keystore_that_cannot_be_audited_hides_no_other(fleet: Fleet, tmp_path
 def test_a_fault_with_one_keystore_hides_no_other(
     fleet: Fleet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    import keystore_audit.audit
+    import keystore_audit.pipeline
 
     one, two = fleet.robot(tmp_path / "one"), fleet.robot(tmp_path / "two")
-    really = keystore_audit.audit.read_keystore
+    really = keystore_audit.pipeline.read_keystore
 
     def fails(path: str, **more: object) -> object:
         if path == str(one):
             raise RuntimeError("-----BEGIN PRIVATE KEY-----")
         return really(path, **more)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(keystore_audit.audit, "read_keystore", fails)
+    monkeypatch.setattr(keystore_audit.pipeline, "read_keystore", fails)
     code, out = answer("audit", one, two, "--engine", "native", "-f", "json", "--at", INSTANT)
     assert (code, [each["keystore"]["path"] for each in json.loads(out)["reports"]]) == (4, [str(two)])
     said = capsys.readouterr().err
