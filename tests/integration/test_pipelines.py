@@ -30,8 +30,7 @@ def test_the_hook_audits_what_is_in_the_working_directory(
     done = subprocess.run([PROGRAMS / command[0], *command[1:]], cwd=tmp_path, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (code, "")
     assert hook["pass_filenames"] is False  # a keystore is judged as a whole
-    assert re.search(hook["files"], "src/keys/enclaves/talker/permissions.p7s")
-    assert not re.search(hook["files"], "src/main.py")
+    assert hook["always_run"] is True  # by names alone, nothing would see links that changed, and files that are gone
 
 
 def action(repository: Path, tmp_path: Path, **inputs: str) -> tuple[int, dict[str, str], str]:
@@ -64,6 +63,18 @@ def test_the_action_says_what_the_audit_says(repository: Path, tmp_path: Path, s
     assert (found, outputs["exit-code"]) == (code, str(code))
     assert '"version": "2.1.0"' in Path(outputs["sarif"]).read_text()
     assert f"## keystore-audit: {'PASS' if code == 0 else 'FAIL'}" in summary
+
+
+@pytest.mark.parametrize(("alloy", "engine"), [("false", "native"), ("true", "both"), ("True", "both"), ("no", "both")])
+def test_the_action_leaves_alloy_out_where_it_is_told_to_alone(repository: Path, alloy: str, engine: str) -> None:
+    for step in loaded(repository / "action.yml")["runs"]["steps"]:
+        (line,) = (line for line in step["run"].splitlines() if "$ALLOY" in line)
+        calls = "keystore-audit() { echo called; }; RUNNER_TEMP=; "
+        script = calls + line.replace('"$RUNNER_TEMP/keystore-audit/bin/keystore-audit"', "keystore-audit")
+        done = subprocess.run(
+            ["bash", "-c", f"{script}; echo ${{engine:-}}"], env={"ALLOY": alloy}, capture_output=True, text=True
+        )
+        assert done.stdout.split() in ([engine], ["called"] if engine == "both" else [])
 
 
 def test_the_action_runs_nothing_that_its_inputs_say(repository: Path, tmp_path: Path) -> None:
