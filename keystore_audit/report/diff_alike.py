@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import replace
 
@@ -14,7 +15,8 @@ _PATH, _ABOVE = "\0", "\1"
 def alike(changes: Iterable[Change]) -> list[tuple[Change, tuple[str, ...]]]:
     """Each change that is not like one before it, with the enclaves of those that are.
 
-    Two are alike where each is the other with its path, or the path above it, put for that of the other in every name.
+    Two are alike where each is the other with its path, or the path above it, put for that of the other in every name;
+    whole segments of it, since nobody sees the path /a in /arm.
     """
     found: dict[str, tuple[Change, list[str]]] = {}
     for change in changes:
@@ -32,5 +34,5 @@ def _form(change: Change) -> str:
         return repr(change)
     (path,) = change.enclaves
     above = path.rpartition("/")[0]
-    form = repr(replace(change, old=None, new=None)).replace(repr(path)[1:-1], _PATH)
+    form = re.sub(re.escape(repr(path)[1:-1]) + r"(?!\w)", _PATH, repr(replace(change, old=None, new=None)))
     return form.replace(repr(above)[1:-1] + "/", _ABOVE) if above else form

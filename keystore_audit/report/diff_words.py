@@ -106,7 +106,7 @@ def consequence(each: Consequence, comparison: Comparison) -> str:
 
 def others(paths: Sequence[str]) -> str:
     """Enclaves with a change like the one that was told."""
-    return f"likewise, each with its own path in the names: {enclaves(paths)}"
+    return f"likewise, each with its own path, or the one above it, in the names: {enclaves(paths)}"
 
 
 def left_out(consequences: Sequence[Consequence]) -> str:
