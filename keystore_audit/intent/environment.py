@@ -3,7 +3,8 @@
 The file is one of assignments, as a shell's `export`, systemd's EnvironmentFile or a container's env file has them.
 Nothing is expanded or run, and a line that these read differently is an error: one that goes on after a backslash, a
 carriage return (a shell takes it into the value), a comment behind a value without `export` (systemd and containers
-take it into the value). Source of what the variables mean: rcl's `security.c` and rmw_dds_common's `security.cpp`.
+take it into the value), blanks there (containers take them into it). Source of what the variables mean: rcl's
+`security.c` and rmw_dds_common's `security.cpp`.
 """
 
 from __future__ import annotations
@@ -100,6 +101,8 @@ def read_environment(path: Path) -> Environment:
             raise UsageError(f"{place}: no assignment; expected NAME=VALUE.")
         export, name, value = match.groups()
         if name in VARIABLES:
+            if export is None and content.endswith((" ", "\t")):
+                raise UsageError(f"{place}: blanks behind a value, which containers take into it; expected none.")
             found[name] = Setting(
                 value=_value(value, place, commented=export is not None),
                 location=Location(path=str(path), line=number, beside=True),

@@ -94,6 +94,8 @@ def test_assignments_are_read(text: str, value: str, tmp_path: Path) -> None:
         ("ROS_DISTRO=a b", "robot.env:1: a value"),
         ("ROS_DISTRO='humble", "robot.env:1: a value"),
         ("ROS_DISTRO=humble # a comment", "robot.env:1: a comment"),
+        ("ROS_SECURITY_ENABLE=true ", "robot.env:1: blanks behind a value"),
+        ('ROS_SECURITY_ENABLE="true"\t', "robot.env:1: blanks behind a value"),
         ("ROS_DISTRO=humble\r\n", "robot.env:1: a carriage return"),
         ("ROS_DISTRO=humble\u00a0", "robot.env:1: a value"),
         ("A=1 ROS_DISTRO=humble", "robot.env:1: more than one assignment"),
