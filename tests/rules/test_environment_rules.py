@@ -72,7 +72,7 @@ def test_one_enclave_alone_may_be_every_process(tmp_path: Path) -> None:
         ("ROS_DISTRO=humble", "humble"),
         ("export ROS_DISTRO='humble'  # so", "humble"),
         ('ROS_DISTRO="humble"', "humble"),
-        ("ROS_DISTRO=jazzy\n\n# later\n ROS_DISTRO=humble ", "humble"),
+        ("ROS_DISTRO=jazzy\n\n# later\n ROS_DISTRO=humble", "humble"),
         ("export ROS_DISTRO=humble # a comment", "humble"),
         ("PATH=$PATH:/bin\nROS_DISTRO=humble", "humble"),
         ("A='ROS_DISTRO=foxy; x' # it's so\nB=a;b\nC=x y \"z\\\" 'z\"\nROS_DISTRO=humble", "humble"),
