@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import reduce
+from operator import or_
 
 from keystore_audit.errors import UsageError
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.claims import AMBIENT, Globs, matching
+from keystore_audit.model.comparison import Layer
 from keystore_audit.model.comparison_drafts import Draft, Effect
 from keystore_audit.model.comparison_sides import Sides
 from keystore_audit.model.labels import Labelling
@@ -32,10 +35,14 @@ def label_globs(labelling: Labelling, labels: Iterable[str]) -> dict[str, Globs]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Labelled:
-    """Enclaves with a label; and names with it, or that those enclaves may use in either keystore."""
+    """Enclaves with a label; and names with it, or that those enclaves may use in either keystore.
+
+    `users`: enclaves that may use a name with it in either keystore: what becomes of their identities matters to it.
+    """
 
     paths: frozenset[str]
     channels: int
+    users: frozenset[str]
 
 
 class ConcernedLabels:
@@ -62,7 +69,9 @@ def _concerns(labelled: _Labelled, said: Draft | Effect) -> bool:
     # Whose governance says something of names that none of them uses does not count.
     protects = isinstance(said, Draft) and said.kind == "protection"
     ends = said.influenced.ends if said.influenced is not None else ()
-    by_path = not protects and not labelled.paths.isdisjoint(said.enclaves)
+    trust = isinstance(said, Draft) and said.layer is Layer.TRUST and not said.channels
+    paths = labelled.paths | labelled.users if trust else labelled.paths
+    by_path = not protects and not paths.isdisjoint(said.enclaves)
     return by_path or bool(labelled.channels & said.channels) or not labelled.paths.isdisjoint(ends)
 
 
@@ -74,19 +83,24 @@ def _labelled(sides: Sides, label: str, globs: Globs) -> _Labelled:
         if not matched and not sides.unknown:
             raise UsageError(f"--label {label}: {glob} is no enclave of either keystore")
         paths.update(matched)
-    used, theirs = 0, 0
+    theirs = 0
+    usable: dict[str, int] = {}
     for pair in sides.pairs:
         for view in (pair.old, pair.new):
             for path, number in view.numbers.items():
                 names = 0
                 for operation in Operation:
                     names |= view.accepted(number, operation)
-                used |= names
+                usable[path] = usable.get(path, 0) | names
                 theirs |= names if path in paths else 0
-    own = 0
+    own, used = 0, reduce(or_, usable.values(), 0)
     for glob in globs.topics:
         channels = sides.claimed(glob)
         if not channels & used and not sides.unknown:
             raise UsageError(f"--label {label}: {glob} is no topic that anybody may use in either keystore")
         own |= channels
-    return _Labelled(paths=frozenset(paths), channels=own | theirs & ~sides.named(AMBIENT))
+    return _Labelled(
+        paths=frozenset(paths),
+        channels=own | theirs & ~sides.named(AMBIENT),
+        users=frozenset(path for path, names in usable.items() if names & own),
+    )

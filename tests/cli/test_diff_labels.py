@@ -85,6 +85,7 @@ def compared(tmp_path: Path, new: Store, *arguments: str) -> int:
         (added("/new", rule(criterion("publish", "rt/heard"))), True),
         (added("/store"), True),
         (replace(BASE, permissions=(authority("other"),)), True),
+        (BASE.member("/a", key="/bb"), True),  # /bb may publish /own: whoever passes for it may too
     ],
 )
 def test_what_concerns_a_label_fails(
