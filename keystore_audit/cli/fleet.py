@@ -232,6 +232,8 @@ class _Run:
         if audited.made is None:
             hint = places.command_meant(path) if audited.exit_code == EXIT_NOTHING_TO_AUDIT else ""
             click.echo(f"keystore-audit: {terminal(audited.error)}{hint}", err=True)
+            for wanted in self._each:  # that of an earlier run would look like one of this
+                places.own_file(wanted, self.reports[path]).path.unlink(missing_ok=True)
             self.rows[number] = without_report(path, audited.exit_code, audited.error)
             self.texts[number] = ""
         else:

@@ -59,6 +59,19 @@ def test_a_report_of_each_and_a_summary_of_all(fleet: Path, tmp_path: Path) -> N
     assert "and 7 more" in page
 
 
+def test_no_older_report_stays_where_there_is_none_now(tmp_path: Path) -> None:
+    root = robots(tmp_path / "fleet", 2)
+    run = ("-r", root, *NATIVE, "-o", f"json={tmp_path}/out/", "-o", f"statement={tmp_path}/out/")
+    answer(*run)
+    older = [tmp_path / "out/r001/keys" / name for name in ("report.json", "report.statement.json")]
+    assert all(path.exists() for path in older)
+    shutil.rmtree(root / "r001/keys/enclaves/talker")
+    assert answer(*run)[0] == 3
+    assert summary(tmp_path / "out")["keystores"][1]["report"] is None
+    assert not any(path.exists() for path in older)
+    assert (tmp_path / "out/r000/keys/report.statement.json").exists()
+
+
 @pytest.mark.parametrize("form", ["text", "json", "sarif"])
 def test_processes_say_what_one_says(fleet: Path, form: str) -> None:
     named = sorted(fleet.glob("*/keys"))
