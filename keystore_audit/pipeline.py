@@ -40,6 +40,7 @@ from keystore_audit.report.not_checked import unread, untested
 from keystore_audit.rules import RULES
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import Judgement, judge
+from keystore_audit.rules.wording import listed
 from keystore_audit.suppressions import accepted_by
 
 if TYPE_CHECKING:
@@ -288,3 +289,6 @@ def _not_compared(context: Context) -> Iterator[str]:
         yield "The policy that the keystore was generated from (--policy)."
     if context.observed is None:
         yield "The nodes that will use the keystore (--graph, --launch)."
+    elif context.observed.unused:
+        unused = listed(context.observed.unused)
+        yield f"What {unused} may do: no node that --graph or --launch shows is in there."

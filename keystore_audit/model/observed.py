@@ -98,7 +98,10 @@ class Undecided:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observation:
-    """What files say of the system, compared with one keystore. `paths`: of the files, as the user gave them."""
+    """What files say of the system, compared with one keystore. `paths`: of the files, as the user gave them.
+
+    `unused`: enclaves of which the files show no node, so that nothing of theirs was compared.
+    """
 
     paths: tuple[str, ...]
     missing: tuple[MissingGrant, ...]
@@ -107,6 +110,7 @@ class Observation:
     unknown: tuple[UnknownEnclave, ...]
     unresolved: tuple[Unresolved, ...]
     undecided: tuple[Undecided, ...]
+    unused: tuple[str, ...]
 
 
 def observe(
@@ -139,6 +143,7 @@ def observe(
         unknown=tuple(_unknown(intents, keystore)),
         unresolved=unresolved,
         undecided=tuple(each for one in compared for each in one.undecided()),
+        unused=tuple(enclave.path for enclave in keystore.enclaves if enclave.path not in told.enclaves),
     )
 
 

@@ -83,3 +83,15 @@ def test_a_graph_does_not_weaken_the_gate(samples: Path) -> None:
     graph = samples / "graphs/turtlesim.graph.json"
     _code, text = answer("audit", "--engine", "native", "-f", "json", root, "--graph", graph)
     assert json.loads(text)["weakened"] == []
+
+
+def test_enclaves_that_a_graph_leaves_out_are_said_not_to_be_compared(samples: Path, tmp_path: Path) -> None:
+    """A right that is too much in an enclave without a node is no finding, so that the report has to say it."""
+    whole = json.loads((samples / "graphs/turtlesim.graph.json").read_text())
+    nodes = [node for node in whole["nodes"] if node["enclave"] != "/keyboard"]
+    assert len(nodes) < len(whole["nodes"])
+    part = tmp_path / "part.graph.json"
+    part.write_text(json.dumps({**whole, "nodes": nodes}))
+    for graph, said in ((part, True), (samples / "graphs/turtlesim.graph.json", False)):
+        _code, text = answer("audit", "--engine", "native", "--at", AT, samples / "healthy/turtlesim", "--graph", graph)
+        assert ("What /keyboard may do: no node that" in " ".join(text.split())) is said
