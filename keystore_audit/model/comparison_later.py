@@ -87,10 +87,14 @@ def later_changes(sides: Sides, told: frozenset[str]) -> list[Draft]:
 
 
 def _differences(sides: Sides, pair: Pair) -> Iterator[tuple[str, Direction, int, Location | None, Location | None]]:
+    later = tuple(_begin_later(view) for view in (pair.old, pair.new))
+    if not any(later):  # nearly always
+        return
     for path in sides.compared:
         if is_refused(sides, pair, path):
             continue
-        old, new = (_side(view, path, sides.mask) for view in (pair.old, pair.new))
+        old = _side(pair.old, later[0], path, sides.mask)
+        new = _side(pair.new, later[1], path, sides.mask)
         if old.grants == new.grants:
             continue
         gained = _beyond(_union(new.soon), old.ever)
@@ -98,7 +102,11 @@ def _differences(sides: Sides, pair: Pair) -> Iterator[tuple[str, Direction, int
         yield path, direction_of(gains=bool(gained), losses=bool(lost)), gained | lost, old.where, new.where
 
 
-def _side(view: View, path: str, mask: int) -> _Side:
+def _begin_later(view: View) -> list[int]:
+    return [number for number, grant in enumerate(view.system.grants) if grant.not_before > view.system.now]
+
+
+def _side(view: View, later: list[int], path: str, mask: int) -> _Side:
     system = view.system
     enclave = system.enclaves[view.numbers[path]]
     documents = {enclave.permissions} if enclave.permissions is not None else set()
@@ -106,8 +114,9 @@ def _side(view: View, path: str, mask: int) -> _Side:
         documents |= realm.accepted
     found: set[_Later] = set()
     where = None
-    for number, grant in enumerate(system.grants):
-        if grant.document in documents and enclave.identity in grant.names and grant.not_before > system.now:
+    for number in later:
+        grant = system.grants[number]
+        if grant.document in documents and enclave.identity in grant.names:
             parts = _parts(given(view, number), mask)
             begins, ends = system.instants[grant.not_before], system.instants[grant.not_after]
             if any(parts) and begins <= ends:
