@@ -221,6 +221,8 @@ def _report(context: Context, judgement: Judgement, safe: Horizon, options: Opti
         findings=judgement.findings,
         outcomes=judgement.outcomes,
         scope=_scope(context),
+        deployed=options.deployed,
+        domain=options.domain,
         files=context.keystore.contents,
         settings=_settings(options.settings),
         baseline=_settings(options.baseline),

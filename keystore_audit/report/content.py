@@ -141,6 +141,10 @@ class Report:
     scope: Scope
     settings: SettingsFile | None = None
     baseline: SettingsFile | None = None
+    deployed: bool = False
+    """Whether it was judged as a tree that goes on a robot."""
+    domain: int | None = None
+    """The only domain that robots use; None: any."""
     files: tuple[tuple[str, str], ...] = ()
     """Path (relative to the keystore) and SHA-256, in hexadecimal, of every file that was read, by path."""
     overview: Overview | None = None

@@ -110,6 +110,8 @@ def _details(report: Report) -> dict[str, Any]:
         "safeUntil": None if report.safe_until is None else instant(report.safe_until),
         "keystoreDigest": report.digest,
         "profiles": names,
+        "deployed": report.deployed,
+        "domain": report.domain,
         "engines": {run.name: run.version or "" for run in report.engines if run.status is EngineStatus.OK},
         "weakened": list(report.weakened),
         "assumptions": list(report.assumptions),

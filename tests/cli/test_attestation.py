@@ -53,6 +53,15 @@ def _no_output(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(io.BytesIO(), "utf-8"))
 
 
+@pytest.mark.parametrize("kind", ["svr", "statement"])
+def test_it_says_what_it_was_judged_as(keystore: Path, kind: str) -> None:
+    """CA private keys are a note where keystores are made: a verifier has to see that no robot was asked about."""
+    for options, expected in (((), (False, None)), (("--deployed", "--domain", "0"), (True, 0))):
+        predicate = statement(keystore, *options, kind=kind)["predicate"]
+        details = predicate.get("verifier", predicate)["keystoreAudit"]
+        assert (details["deployed"], details["domain"]) == expected
+
+
 def test_every_file_is_a_subject_with_its_hash(keystore: Path) -> None:
     said = statement(keystore)
     files = {path.relative_to(keystore).as_posix() for path in keystore.rglob("*") if path.is_file()}
