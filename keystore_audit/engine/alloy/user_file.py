@@ -52,6 +52,10 @@ OPENED: Final = frozenset(
 ABOUT: Final = ("enclave", "topic", "severity", "statement")
 """What a directive may be about."""
 
+_MULTIPLICITIES: Final = ("one", "lone", "some", "disj")
+_BEGINNING: Final = (*_MULTIPLICITIES, "all", "no", "{", "[", "(", "|", ",")
+"""What stands before the first name of a declaration, or before a further one."""
+
 _DIRECTIVE: Final = re.compile(r"//@[ \t]*(\S+)[ \t]+([^\s=]+)[ \t]*=[ \t]*(.*?)[ \t]*")
 _NAME: Final = re.compile(r"[A-Z][A-Za-z0-9_]*", re.ASCII)
 _ATOM: Final = re.compile(r"[A-Z]{1,2}[0-9]+(_.*)?", re.ASCII)
@@ -124,6 +128,7 @@ class _Reader:
         if not self._opened:
             raise Wrong(self._code[0], f"expected `open {VOCABULARY}`, which has the words to speak of a keystore")
         severities, statements, places = self._directives()
+        self._check_variables(self._taken | {place.name for place in places})
         return UserFile(
             path=self._source.path,
             text=self._text(),
@@ -237,6 +242,26 @@ class _Reader:
         if token is before or token.kind != "word":
             raise Wrong(token, f"expected {what}, found {token.text!r}")
         return token
+
+    def _check_variables(self, taken: frozenset[str]) -> None:
+        """Variables that are called like a word of the model would hide it: what follows would ask something else."""
+        words = ["", "", *(token.text for token in self._code), ""]
+        for place, token in enumerate(self._code, 2):
+            after, before = words[place + 1], words[place - 1]
+            if token.text not in taken or after not in (":", ",", "="):
+                continue
+            begins = before in _BEGINNING and not (before in _MULTIPLICITIES and words[place - 2] == ":")
+            if before in ("let", ",") if after == "=" else begins and self._leads_to_colon(place - 2):
+                raise Wrong(
+                    token, f"{token.text!r} has a meaning in the model already: call the variable something else"
+                )
+
+    def _leads_to_colon(self, place: int) -> bool:
+        """Whether the word at the place is of a list of names that ends in a colon."""
+        place += 1
+        while place + 1 < len(self._code) and self._code[place].text == ",":
+            place += 2
+        return place < len(self._code) and self._code[place].text == ":"
 
     @property
     def _end(self) -> Token:

@@ -104,6 +104,10 @@ REFUSED = {
     "run A {} for 0\n//@ topic Arm = x": "4:1 'x' is no topic",
     "run A {} for 0\n//@ enclave arm = /x": "4:1 'arm' is no name",
     "run A {} for 0\n//@ enclave E0_arm = /x": "4:1 'E0_arm' is no name",
+    "run A { some x, Enclave: none | x = x } for 0": "3:17 'Enclave' has a meaning",
+    "run A { let Enclave = none | no Enclave } for 0": "3:13 'Enclave' has a meaning",
+    "pred p[Enclave: none] { no Enclave } run A {} for 0": "3:8 'Enclave' has a meaning",
+    "//@ enclave X = /x\nrun A { no { disj X, y: univ | X = y } } for 0": "4:19 'X' has a meaning",
     "run A {} for 0\n//@ enclave Enclave = /x": "4:1 'Enclave' has a meaning",
     "run A {} for 0\n//@ enclave ENCRYPT = /x": "4:1 'ENCRYPT' has a meaning",
     "run A {} for 0\n//@ enclave X = /x\n//@ topic X = /x": "5:1 'X' has a meaning",
@@ -116,6 +120,20 @@ REFUSED = {
 @pytest.mark.parametrize("text", REFUSED)
 def test_what_is_refused_is_said_with_line_and_column(text: str) -> None:
     assert refused(HEAD + text).startswith(REFUSED[text]), refused(HEAD + text)
+
+
+@pytest.mark.parametrize(
+    "formula",
+    [
+        "all x: Enclave, c: Channel | x = x and c = c",
+        "all x: one Enclave, c: one Channel | x = x",
+        "some l: Enclave - X, r: Realm | some X.(feeds[r]) & l.(knows[r])",
+        "let x = X, y = Enclave | x = y",
+        "one Enclave and some granted[Realm, publish_allowed]",
+    ],
+)
+def test_words_of_the_vocabulary_are_no_variables_where_they_are_used(formula: str) -> None:
+    assert read(f"{HEAD}//@ enclave X = /x\nrun A {{ {formula} }} for 0\n").commands != ()
 
 
 def test_a_file_that_does_not_open_the_vocabulary_is_refused() -> None:
