@@ -56,8 +56,9 @@ def test_native_and_alloy_agree_on_random_systems() -> None:
 
 def test_asking_whether_anything_differs_finds_what_asking_one_by_one_finds() -> None:
     """The short cut of the test above, against a command for each property, with one expectation turned each time."""
-    systems = [some_system(seed) for seed in range(len(PROPERTIES))]
+    some = PROPERTIES[::3]
+    systems = [some_system(seed) for seed in range(len(some))]
     alone = decide_batch(systems)
-    turned = [answers | {prop.id: not answers[prop.id]} for prop, answers in zip(PROPERTIES, alone, strict=True)]
+    turned = [answers | {prop.id: not answers[prop.id]} for prop, answers in zip(some, alone, strict=True)]
     assert [each.differing for each in compare_batch(systems, alone)] == [()] * len(systems)
-    assert [each.differing for each in compare_batch(systems, turned)] == [(prop.id,) for prop in PROPERTIES]
+    assert [each.differing for each in compare_batch(systems, turned)] == [(prop.id,) for prop in some]

@@ -23,7 +23,7 @@ from tests.engine.systems import CHATTER, TALKER, healthy_builder
 SYSTEMS = 200
 """Random systems that are decided natively; the seeds are fixed."""
 
-ASKED = 20
+ASKED = 8
 """Of these, systems that the Analyzer is asked about as they are, and merged."""
 
 
