@@ -24,6 +24,7 @@ from keystore_audit.rules.identity import IDENTITY
 from keystore_audit.rules.labels import LABELS
 from keystore_audit.rules.layout import LAYOUT
 from keystore_audit.rules.observed import OBSERVED
+from keystore_audit.rules.partition import PARTITION
 from keystore_audit.rules.permissions import PERMISSIONS
 from keystore_audit.rules.portability import PORTABILITY
 from keystore_audit.rules.private_key import PRIVATE_KEY
@@ -62,6 +63,7 @@ RULES: tuple[Rule[Any], ...] = tuple(
             *BREADTH,
             *DIVERGENCE,
             *RULE_ORDER,
+            *PARTITION,
             *DRIFT,
             *PORTABILITY,
             *ROS_SERVICES,

@@ -116,6 +116,18 @@ def _partitions() -> Iterator[Story]:
         ),
         good=Case("A rule for each partition.", _rules_of(*(Rule(publish=(criterion,)) for criterion in apart))),
     )
+    read = Criterion(topics=("rt/map",), partitions=("*",))
+    secret = replace(read, partitions=("secret",))
+    yield from pair(
+        "KA637",
+        "partition-evaded",
+        bad=Case(
+            "The talker may not read /map in the partition secret, and may in *, which is meant for all others. Its "
+            "reader goes into the partition *, which the denial does not match, and meets the writers in secret.",
+            _rules_of(Rule(subscribe=(secret,), allow=False), Rule(subscribe=(read,))),
+        ),
+        good=Case("What is allowed is named.", _rules_of(Rule(subscribe=(replace(read, partitions=("public",)),)))),
+    )
     two = tuple(Rule(publish=(Criterion(topics=("rt/map",), partitions=(name,)),)) for name in ("east", "west"))
     yield from pair(
         "KA607",

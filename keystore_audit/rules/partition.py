@@ -1,0 +1,129 @@
+"""KA637: endpoints in partitions that are patterns get around what permissions say of partitions."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from typing import Any, Final
+
+from keystore_audit.findings import Severity
+from keystore_audit.keystore.governance import Text
+from keystore_audit.keystore.permissions import Criterion, Grant
+from keystore_audit.keystore.permissions import Rule as PermissionsRule
+from keystore_audit.model.coverage import has_wildcard
+from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.model.profiles.access import PartitionReading
+from keystore_audit.model.semantics import DEFAULT_PARTITION
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.permissions import WRITE_AGAIN, about, all_grants
+from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.subjects import PermissionsUse, speaks
+from keystore_audit.rules.wording import quoted
+
+EVERY_PARTITION: Final = "*"
+"""The partition in which an endpoint meets those of all others (DDS 1.4, 2.2.3.13)."""
+
+_ONE_CHARACTER: Final = re.compile(r"\?|\[[^\]]*\]")
+
+
+@rule(
+    "KA637",
+    "partition-evaded",
+    Severity.HIGH,
+    on=PermissionsUse,
+    clause="DDS 1.4, 2.2.3.13 (PARTITION); DDS-Security 1.1, 9.4.1.3.2.3 (partitions); measured",
+    remedy=f"ROS 2 uses no partitions: take them out of the rules, and name the topics alone: {WRITE_AGAIN}",
+    applies=speaks,
+)
+def partition_evaded(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+    """Where an endpoint may be in a partition that is a pattern, and so meet data that the rules keep from it.
+
+    To permissions the partition of an endpoint is a plain string, to matching it is a pattern (measured on Cyclone DDS
+    0.10.2 and Fast DDS 2.9.1): a denial in `secret` says nothing of `*`, and who is allowed in `?` may go into `*`.
+    What this audit says of flows and rights takes partitions for plain names. Topics are compared one expression with
+    another; two with wildcards are taken to overlap.
+    """
+    for grant in all_grants(use):
+        for number, each in enumerate(grant.rules):
+            for criterion in each.criteria:
+                if each.allow:
+                    yield from _beyond(use, grant, criterion)
+                else:
+                    yield from _evaded(use, grant, number, criterion)
+
+
+def _beyond(use: PermissionsUse, grant: Grant, criterion: Criterion) -> Iterator[Violation]:
+    """An allowed expression that matches patterns which match more than it does."""
+    for text in criterion.partitions or ():
+        wider = _ONE_CHARACTER.sub(EVERY_PARTITION, text.text)
+        if wider == text.text or not _matches(text.text, wider):
+            continue
+        yield about(
+            use,
+            grant,
+            text.line,
+            f"{criterion.operation.value} is allowed in partitions that {quoted(text.text)} matches, and it matches "
+            f"{quoted(wider)}: an endpoint there meets those of all partitions that this matches as a pattern.",
+            key=f"{grant.subject_name.text} {criterion.operation.value} {text.text}",
+        )
+
+
+def _evaded(use: PermissionsUse, grant: Grant, number: int, criterion: Criterion) -> Iterator[Violation]:
+    """A denial in some partitions, though a pattern that meets them is allowed later on."""
+    listed = criterion.partitions is not None
+    denied = tuple(text.text for text in criterion.partitions or ()) or DEFAULT_PARTITION
+    way = next(_ways(grant, grant.rules[number + 1 :], criterion, denied), None)
+    if way is not None:
+        where = f"partition {', '.join(map(quoted, denied))}" if listed else "the default partition"
+        yield about(
+            use,
+            grant,
+            criterion.line,
+            f"{criterion.operation.value} is denied in {where} and allowed in {quoted(way)}, which no denial matches: "
+            "an endpoint there meets those of all partitions that this matches as a pattern.",
+            profiles=_reading(listed=listed),
+            key=f"{grant.subject_name.text} {criterion.operation.value} denied {' '.join(denied)}",
+        )
+
+
+def _ways(grant: Grant, later: Sequence[PermissionsRule], criterion: Criterion, denied: Sequence[str]) -> Iterator[str]:
+    """Partitions that are patterns, allowed by a later rule or by default and not matched by the denial."""
+    allowed = [
+        text.text
+        for each in later
+        if each.allow
+        for other in each.criteria
+        if other.operation is criterion.operation and _overlap(other.topics, criterion.topics)
+        for text in other.partitions or ()
+    ]
+    if grant.default_allow:
+        allowed.append(EVERY_PARTITION)
+    for text in allowed:
+        for way in (EVERY_PARTITION, text):
+            if has_wildcard(way) and _matches(text, way) and not any(_matches(one, way) for one in denied):
+                yield way
+
+
+def _overlap(some: Sequence[Text], others: Sequence[Text]) -> bool:
+    return any(
+        _matches(one.text, other.text)
+        or _matches(other.text, one.text)
+        or (has_wildcard(one.text) and has_wildcard(other.text))
+        for one in some
+        for other in others
+    )
+
+
+def _matches(expression: str, name: str) -> bool:
+    return parse(expression, Matcher.POSIX).matches(name)
+
+
+def _reading(*, listed: bool) -> tuple[str, ...]:
+    """Profiles under which a denial holds where it lists partitions in those alone, else in the default one alone."""
+    readings = set(PartitionReading) - {PartitionReading.RULE} if listed else {PartitionReading.CRITERION_DEFAULT}
+    return tuple(name for name, profile in VARIANTS.items() if profile.access.partitions in readings)
+
+
+PARTITION: tuple[Rule[Any], ...] = (partition_evaded,)
+"""What partitions that are patterns get around."""

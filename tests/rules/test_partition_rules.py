@@ -1,0 +1,75 @@
+"""KA637: partitions that are patterns; one change makes the rule speak."""
+
+from __future__ import annotations
+
+import pytest
+
+from keystore_audit.findings import Finding, Severity
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.permissions import Rule
+from keystore_audit.rules.judge import judge
+from keystore_audit.rules.partition import PARTITION
+from tests.rules.divergent import Listed, ruled, talking
+from tests.rules.evidence import context
+
+MAP = ("rt/map",)
+
+
+def at(*partitions: str) -> Listed:
+    return [(MAP, partitions)]
+
+
+def spoken(store: Keystore) -> tuple[Finding, ...]:
+    return judge(context(store), PARTITION).findings
+
+
+def denied(*partitions: str) -> Rule:
+    return ruled(allows=False, subscribe=at(*partitions))
+
+
+EVADED = talking(denied("secret"), ruled(line=43, subscribe=at("*")))
+CASES: dict[str, tuple[Keystore, list[str]]] = {"KA637": (EVADED, ["KA637"])}
+
+
+def test_a_denial_in_a_partition_and_a_pattern_that_is_allowed() -> None:
+    (finding,) = spoken(EVADED)
+    assert (finding.code, finding.severity) == ("KA637", Severity.HIGH)
+    assert "denied in partition 'secret' and allowed in '*'" in finding.message
+    assert [place.line for place in finding.locations] == [42]
+    assert {"spec", "cyclonedds-11"} <= set(finding.profiles)
+    assert not any(name.startswith("fastdds") for name in finding.profiles), "there it denies in all"
+
+
+@pytest.mark.parametrize(
+    ("store", "way"),
+    [
+        (talking(denied("secret"), ruled(subscribe=at("s*"))), "'s*'"),
+        (talking(denied("secret"), ruled(subscribe=at("?"))), "'*'"),
+        (talking(denied("secret"), default_allow=True), "'*'"),
+        (talking(ruled(allows=False, subscribe=[(MAP, None)]), ruled(subscribe=at("*"))), "'*'"),
+        (talking(denied("secret"), ruled(subscribe=[(["rt/*"], ["*"])])), "'*'"),
+        (talking(ruled(publish=at("lab?"))), "'lab*'"),
+        (talking(ruled(publish=at("[!a]"))), "'*'"),
+    ],
+)
+def test_ways_around_partitions(store: Keystore, way: str) -> None:
+    assert any(way in finding.message for finding in spoken(store))
+
+
+@pytest.mark.parametrize(
+    "store",
+    [
+        talking(ruled(subscribe=at("*"))),
+        talking(ruled(subscribe=at("lab*", "public"))),
+        talking(ruled(subscribe=at("lab[12]"))),
+        talking(denied("*"), ruled(subscribe=at("*"))),
+        talking(denied("s*"), ruled(subscribe=at("s*"))),
+        talking(ruled(subscribe=at("*")), denied("secret")),
+        talking(denied("secret"), ruled(subscribe=at("public"))),
+        talking(denied("secret"), ruled(publish=at("*"))),
+        talking(denied("secret"), ruled(subscribe=[(["rt/other"], ["*"])])),
+        talking(ruled(allows=False, subscribe=[(MAP, None)]), ruled(subscribe=[(MAP, None)])),
+    ],
+)
+def test_what_gets_around_nothing(store: Keystore) -> None:
+    assert spoken(store) == ()
