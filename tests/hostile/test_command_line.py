@@ -109,12 +109,15 @@ REACHING = (*documents.TYPES, *documents.STRUCTURE, *directories.LINKS, *directo
 def test_the_kernel_sees_no_open_outside(
     base: Base, repository: Path, scratch: Path, tmp_path: Path, oracle: Callable[[str], str]
 ) -> None:
-    """strace(1) names what each descriptor really is, whichever library asked for it."""
+    """strace(1) names what each descriptor really is, whichever library asked for it.
+
+    In one process: several meet in a socket of multiprocessing's, and read as this one does.
+    """
     strace = oracle("strace")
     cases = [case for case in REACHING if case.name in EVERY]
     stores = [spoiled(base, tmp_path / str(number), case) for number, case in enumerate(cases)]
     log = tmp_path / "log"
-    command = [sys.executable, "-m", "keystore_audit", "--engine", "native", "--at", AT, "-f", "json"]
+    command = [sys.executable, "-m", "keystore_audit", "-j", "1", "--engine", "native", "--at", AT, "-f", "json"]
     done = subprocess.run(
         [strace, "-f", "-y", "--seccomp-bpf", "-o", log, "-e", f"trace={TRACED}", *command, *(s.root for s in stores)],
         capture_output=True,

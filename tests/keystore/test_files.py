@@ -253,7 +253,8 @@ def test_unreadable_files_and_directories_as_this_user(keystore: Path) -> None:
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another user; the same runs as this one above")
 def test_unreadable_files_and_directories_as_another_user() -> None:
-    if os.fork() == 0:  # in a child, since there is no way back
+    child = os.fork()
+    if child == 0:  # since there is no way back
         code = 1
         try:
             os.setgroups([])
@@ -269,7 +270,7 @@ def test_unreadable_files_and_directories_as_another_user() -> None:
             code = 0
         finally:
             os._exit(code)
-    assert os.waitstatus_to_exitcode(os.wait()[1]) == 0
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
 
 
 def _unreadable(path: Path) -> None:
