@@ -117,14 +117,14 @@ def test_a_finding_is_written_with_its_first_place() -> None:
 def test_links_are_relative_and_lead_to_files_inside(story: Story) -> None:
     """git keeps other links, a source distribution does not, and it follows links to directories.
 
-    One that leads nowhere is no file to either: what it stands for cannot be read, which is what such a sample is about.
+    One that leads nowhere is no file to either: that it cannot be followed is what such a sample is about.
     """
     sample = SAMPLES / story.directory
     for place in sample.rglob("*"):
         if place.is_symlink():
             assert not place.readlink().is_absolute()
-            assert place.is_file() or not place.exists(), f"{place} leads to a directory"
-            assert place.resolve().is_relative_to(sample.resolve())
+            assert not place.is_dir(), f"{place} leads to a directory"
+            assert not place.exists() or place.resolve().is_relative_to(sample.resolve())
 
 
 def test_the_samples_stay_small() -> None:
