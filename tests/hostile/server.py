@@ -91,7 +91,7 @@ def installation() -> tuple[str, ...]:
 
 def preload() -> None:
     """Import everything that an audit may need, so that the children need not."""
-    for name in ("audit", "cli.audit", "cli.output", "report.json", "report.text"):
+    for name in ("pipeline", "cli.audit", "cli.output", "report.json", "report.text"):
         import_module(f"keystore_audit.{name}")
     import_module("xmlschema")  # imported by the program only where a schema's words are needed
 
