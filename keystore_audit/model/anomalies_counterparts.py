@@ -11,7 +11,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.anomalies_classes import Effort
 from keystore_audit.model.anomalies_rules import domain_bits
-from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.expression import Matcher, Pattern, parse
 from keystore_audit.model.names import AMBIENT_TOPICS, REPLY_PREFIX, REQUEST_PREFIX, SERVICE_PREFIX
 from keystore_audit.model.semantics import ReadGrant, ReadRule
 
@@ -58,6 +58,7 @@ class Counterparts:
         self._default = any(grant.default_allow for grant in self._grants)
         self._open = {operation: _open(governances, operation) for operation in _COUNTERPART}
         self._by_topic: Mapping[str, Sequence[ReadGrant]] | None = None
+        self._decisions: dict[tuple[int, Operation], _Decisions] = {}
 
     def missing(self, grant: ReadGrant) -> Iterator[tuple[Operation, str]]:
         """The topics that the grant allows by name and nobody may be at the other end of."""
@@ -104,20 +105,41 @@ class Counterparts:
 
     def _places(self, grant: ReadGrant, operation: Operation, topic: str) -> int:
         """The domains in which the grant allows it, in whatever partition."""
+        known = self._decisions.get((id(grant), operation))
+        if known is None:
+            known = self._decisions[id(grant), operation] = _Decisions(grant, operation, self._matcher)
+        self._effort.compare(len(known.wild) // 64)
+        return known.places(topic)
+
+
+class _Decisions:
+    """What the rules of a grant decide about an operation, in their order: found by name, or by wildcards.
+
+    `wild`: patterns with their places in that order.
+    """
+
+    def __init__(self, grant: ReadGrant, operation: Operation, matcher: Matcher) -> None:
+        self.grant = grant  # kept, so that its id stays its own
+        self.wild: list[tuple[int, Pattern]] = []
+        self._areas = [(rule, area) for rule in grant.rules for area in rule.region(operation)]
+        self._named: dict[str, list[int]] = {}
+        for place, (_rule, area) in enumerate(self._areas):
+            for text in area.topics:
+                self._named.setdefault(text, []).append(place)
+                if _WILDCARD.search(text):
+                    self.wild.append((place, parse(text, matcher)))
+
+    def places(self, topic: str) -> int:
+        """The domains in which the topic is allowed, as bits."""
         allowed, denied = 0, 0
-        for rule in grant.rules:
-            for area in rule.region(operation):
-                if topic in area.topics or any(_matches(text, self._matcher, topic) for text in area.topics):
-                    domains = domain_bits(rule.domains)
-                    if rule.allow:
-                        allowed |= domains & ~denied
-                    elif area.partitions is None:
-                        denied |= domains
+        found = {*self._named.get(topic, ()), *(place for place, pattern in self.wild if pattern.matches(topic))}
+        for rule, area in map(self._areas.__getitem__, sorted(found)):
+            domains = domain_bits(rule.domains)
+            if rule.allow:
+                allowed |= domains & ~denied
+            elif area.partitions is None:
+                denied |= domains
         return allowed
-
-
-def _matches(text: str, matcher: Matcher, topic: str) -> bool:
-    return _WILDCARD.search(text) is not None and parse(text, matcher).matches(topic)
 
 
 def _listed(rules: Iterable[ReadRule], operation: Operation) -> set[str]:

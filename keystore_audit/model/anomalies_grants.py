@@ -236,26 +236,28 @@ def _matches(text: str, matcher: Matcher, topic: str, effort: Effort) -> bool:
 def counterpart_anomalies(grant: ReadGrant, missing: Iterable[tuple[Operation, str]]) -> Iterator[Anomaly]:
     """Topics that the grant allows and nobody is at the other end of."""
     subject = grant.grant.subject_name.text
+    lines: dict[tuple[Operation, str], int | None] | None = None
     for operation, topic in missing:
+        if lines is None:  # nearly always nothing is missing
+            lines = _lines(grant)
         yield Anomaly(
             kind=AnomalyKind.NO_COUNTERPART,
             allow=True,
             subject=subject,
-            line=next(
-                (
-                    text.line
-                    for rule in grant.grant.rules
-                    if rule.allow
-                    for criterion in rule.criteria
-                    if criterion.operation is operation
-                    for text in criterion.topics
-                    if text.text == topic
-                ),
-                grant.grant.line,
-            ),
+            line=lines.get((operation, topic), grant.grant.line),
             other=None,
             texts=(topic,),
             other_text=operation.value,
             point=None,
             key=f"{operation.value} {topic}",
         )
+
+
+def _lines(grant: ReadGrant) -> dict[tuple[Operation, str], int | None]:
+    """The first line of each expression of its allow rules."""
+    lines: dict[tuple[Operation, str], int | None] = {}
+    for rule in grant.grant.rules:
+        for criterion in rule.criteria if rule.allow else ():
+            for text in criterion.topics:
+                lines.setdefault((criterion.operation, text.text), text.line)
+    return lines
