@@ -1,8 +1,9 @@
 /**
  * The application beside its keystore: ROS 2 nodes, how they are wired, and whether they may be.
  *
- * Which node publishes and subscribes to what is a fact of the module `nodes`, which keystore-audit writes from a graph,
- * a launch file or a policy. Three questions are kept apart, and a fourth is what joins them:
+ * Which node publishes and subscribes to what is a fact of the module `nodes`, which keystore-audit writes from what it
+ * is given: a graph (what runs, as ROS 2 tools list it), a launch file (what is to be started), or a policy (of which
+ * SROS2 makes permissions). Four questions are kept apart:
  *
  *   wired                      one node publishes what another subscribes to: what is meant to happen
  *   permitted                  the documents of both enclaves, and nothing else, let it happen
@@ -21,7 +22,10 @@ fun nodes_of[realm: Realm]: set Node { runs_in.in_realm.realm }
 
 -- endpoints: one node, one channel
 
-/** Channels that nodes are to publish, and their enclave may not: under Enforce, making the publisher fails. */
+/**
+ * Channels that nodes are to publish, and their enclave may not: where ROS 2 enforces security, making the writer
+ * fails.
+ */
 fun publishes_without_right[realm: Realm]: Node -> Channel {
 	nodes_of[realm] <: publishes_to - runs_in.(writes_by_own[realm])
 }

@@ -1,4 +1,9 @@
-/** The audit: every property of `properties`, after the runs that show what they speak of. */
+/**
+ * The audit: every property of `properties`, after the runs that show what they speak of.
+ *
+ * To read the model, begin with `dds_security`: words, order of the modules, and why `for 0` is a proof.
+ * The first two are opened again so that the window shows their atoms by short names.
+ */
 module audit
 open dds_security
 open keystore
@@ -28,18 +33,24 @@ check ReadersCannotForge for 0
 check RelaysCannotRead for 0
 check NoEnclaveBridgesDomains for 0
 
--- for the window, which draws the functions of the main module
+-- for the Analyzer's window, which draws functions without arguments, and those of the main module only
 
-/** Who has which identity, permissions and governance, and who signed or issued these. */
+/** Who has which identity. */
 fun has_identity: Enclave -> Certificate { identity }
+/** Who carries which permissions document. */
 fun has_permissions: Enclave -> Document { permissions }
+/** Whose realm has which governance document. */
 fun has_governance: Enclave -> Document { in_realm.governance }
+/** Who signed a document. */
 fun signed_by: Document -> Certificate { signer }
+/** Who issued a certificate; of one that signed itself, nobody else. */
 fun issued_by: Certificate -> Certificate { issuer - iden }
 
-/** Who can write and read in some realm, and who can without a grant. */
+/** Who can write in some realm. */
 fun writes: Enclave -> Channel { { e: Enclave, c: Channel | some r: Realm | c in e.(may_write[r]) } }
+/** Who can read in some realm. */
 fun reads: Enclave -> Channel { { e: Enclave, c: Channel | some r: Realm | c in e.(may_read[r]) } }
+/** Who can write or read in some realm without a grant. */
 fun ungranted: Enclave -> Channel {
 	{ e: Enclave, c: Channel | some r: Realm | c in e.(writes_without_a_grant[r] + reads_without_a_grant[r]) }
 }

@@ -2,7 +2,8 @@
  * Who a participant believes (DDS-Security 1.1, 8.3 and 9.3).
  *
  * That a signature verifies under a key is a fact that keystore-audit has established with real cryptography. Here
- * such facts are composed. The certificates of a CA file are trust anchors each (9.3.1.1): one step is a chain.
+ * such facts are composed. One step is a chain: the certificates of a CA file are trust anchors each (9.3.1.1), and
+ * where implementations want more above a CA, `identity_ca` has only those for which they find it.
  */
 module authentication
 open precedence
@@ -12,7 +13,8 @@ fun open_realm: set Realm { governance.(opaque & Document) }
 
 /**
  * What each realm accepts on the word of its certificates `pool`, if exactly the certificates `valid` are in force:
- * certificates that an authority of the pool issued.
+ * certificates that an authority of the pool issued. `valid` is a parameter since the same is asked with and without
+ * dates.
  */
 fun vouched[pool: Realm -> Certificate, valid: set Certificate]: Realm -> Certificate {
 	(pool & Realm -> (authority & valid)).~issuer & Realm -> valid

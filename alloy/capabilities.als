@@ -9,7 +9,7 @@
 module capabilities
 open permissions
 
-/** Enclaves that a realm lets in where it does not control who joins: all, or those with some grant in force. */
+/** Enclaves that a realm lets in where it does not control who joins: all, or (`requires_grant`) those with a grant. */
 fun admitted[realm: Realm]: set Enclave {
 	realm in requires_grant implies held[realm.accepted].Grant + unbounded[realm] else Enclave
 }
@@ -38,14 +38,21 @@ fun may_read[realm: Realm]: Enclave -> Channel {
 /** Channels whose submessage keys the enclave gets to relay them. */
 fun relays[realm: Realm]: Enclave -> Channel { within_reach[realm] & presentable[realm, relay_allowed] }
 
-/** Channels whose payloads an enclave recovers from packets, with the keys it holds without being a reader. */
+/**
+ * Channels whose payloads an enclave recovers from packets, with the keys it holds without being a reader. The
+ * payload is in the clear, and so is the submessage around it (`bare`), or the enclave has its key as a relay.
+ */
 fun overhears[realm: Realm]: Enclave -> Channel {
 	let in_clear = Channel - realm.(payload_protection[encrypting]),
 		bare = in_clear - realm.(submessage_protection[encrypting]) |
 		within_reach[realm] & Enclave -> bare + relays[realm] & Enclave -> in_clear
 }
 
-/** Channels on which an enclave can make packets that readers take for those of a permitted writer. */
+/**
+ * Channels on which an enclave can make packets that readers take for those of a permitted writer. It needs the key of
+ * each layer that is protected (that of messages every member has), on a channel on which no layer tells who of those
+ * that have the key made it (`anonymous`).
+ */
 fun forges[realm: Realm]: Enclave -> Channel {
 	let reach = within_reach[realm], reader = may_read[realm],
 		anonymous = Channel
@@ -58,7 +65,7 @@ fun forges[realm: Realm]: Enclave -> Channel {
 /** Channels whose samples the enclave learns, as a reader or from packets. */
 fun knows[realm: Realm]: Enclave -> Channel { may_read[realm] + overhears[realm] }
 
-/** Channels whose readers take samples from the enclave, as a permitted writer or as a forger. */
+/** Channels whose readers, if there are any, take samples from the enclave, as a permitted writer or as a forger. */
 fun feeds[realm: Realm]: Enclave -> Channel { may_write[realm] + forges[realm] }
 
 /** Channels on which there may be something to read: some enclave may write. */

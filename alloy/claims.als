@@ -1,9 +1,9 @@
 /**
- * What users claim of their own keystore, in the forms that `keystore-audit.toml` has.
+ * What users claim of their own keystore, in the forms that their settings file has (`keystore-audit.toml`).
  *
- * The places of a claim are written into the main file, as functions. A claim about flows is a `run` that looks for
- * a compartment (see `information_flow`): `separated` has an instance where nothing flows. Every other claim is a
- * `check`, whose counterexample tells who does what, like those of `properties`.
+ * The places of a claim, sets of enclaves or of channels, are written into `audit`, as functions, with its command. A
+ * claim about flows is a `run` that looks for a compartment (see `information_flow`): `separated` has an instance where
+ * nothing flows. Every other claim is a `check`, whose counterexample tells who does what, like those of `properties`.
  */
 module claims
 open information_flow
@@ -30,7 +30,10 @@ fun own_grant[realm: Realm]: Enclave -> Grant {
 /** Enclaves whose own permissions, or who themselves, could not be read, so that they may have any right. */
 fun own_unread: set Enclave { opaque & Enclave + permissions.(opaque & Document) }
 
-/** Domains that each enclave joins by its own document. */
+/**
+ * Domains that each enclave joins by its own document: as `joins`. An open realm lets everybody in, whatever it
+ * requires; there `joins` has no need to say so, since an unreadable document makes everybody unbounded.
+ */
 fun joins_by_own[realm: Realm]: Enclave -> Domain {
 	let grants = own_grant[realm],
 		let_in = realm in requires_grant - open_realm implies grants.Grant + own_unread else Enclave |
@@ -55,13 +58,16 @@ fun reads_by_own[realm: Realm]: Enclave -> Channel {
 	& (Enclave -> realm.read_uncontrolled + own_grant[realm].subscribe_allowed + own_unread -> Channel)
 }
 
-/** Whom one hop reaches from some of `holders`, if every enclave uses its own documents and nobody attacks. */
+/** As `next` by right: whom one hop reaches from some of `holders`, if every enclave uses its own documents alone. */
 fun next_by_own[holders: set Enclave + Outsider, usable: set Channel, sending, receiving: Realm]: set Enclave {
 	(in_realm.receiving <: (reads_by_own[receiving] & reads_by_own[sending]))
 		.(usable & holders.(in_realm.sending <: writes_by_own[receiving]))
 }
 
-/** As `separated`, where every enclave uses its own documents and nobody attacks: the intended flow is not possible. */
+/**
+ * As `separated`, where every enclave uses its own documents and nobody attacks: the intended flow is not possible. A
+ * claim of "able" is violated where there is such a compartment.
+ */
 pred cut_off[inside, source: set Enclave + Outsider, first: set Channel, target: set Enclave + Outsider,
              last: set Channel, through: set Enclave, usable: set Channel] {
 	source in inside

@@ -1,6 +1,10 @@
 /**
  * Observational determinism of declared forwards: two runs side by side.
  *
+ * A user declares a *forward* of an enclave: what comes on some topics it publishes on others, as it came. Enclaves
+ * that have forwards publish nothing else. (Topics and samples: see `dds_security`.) What is *high* is secret, or
+ * not to be relied on; what is on *low* topics is seen.
+ *
  * Where somebody says what nodes do, more can be asked than where data can get to: whether what is seen on some topics
  * is decided by the inputs alone, whatever the scheduler does, and whatever comes on inputs that are high. Two runs of
  * one system get the same inputs, but for those that are `free`; what is seen of them must be the same.
@@ -13,8 +17,9 @@
  * called by these two names, and every other by one of them. The bound is not complete by itself: as many steps are,
  * as there are rounds until no new pair of states comes, which keystore-audit works out and gives to each command.
  *
- * This module stands alone. The atoms are `one sig`s of the main file, which keystore-audit writes; without any, it
- * speaks of every system within a scope.
+ * This module stands alone. The atoms are `one sig`s of the main file, which keystore-audit writes with its commands:
+ * `two_runs implies always alike` is checked, and a run of `two_runs` in which eventually something `shows` must exist.
+ * Without atoms, the module speaks of every system within a scope.
  */
 module determinism
 
@@ -23,7 +28,7 @@ abstract sig Value {}
 /** Two things that it may say. */
 one sig One, Another extends Value {}
 
-/** A topic of which something depends. */
+/** A topic on which something depends. */
 abstract sig Topic {}
 /** A topic on which everything is seen. */
 abstract sig Low extends Topic {}

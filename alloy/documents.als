@@ -1,8 +1,11 @@
 /**
  * Which signed documents a participant obeys (DDS-Security 1.1, 9.4.1.1).
  *
- * The signer must be the permissions CA. Some implementations take any certificate that the CA issued for a signer
- * (CVE-2023-24010): realms of the others are `pins_signer`.
+ * The signer must be the permissions CA. Some implementations are also content with any certificate that the CA issued
+ * (a published weakness, CVE-2023-24010). Those that are not *pin* the signer: their realms are in `pins_signer`.
+ *
+ * So two notions go side by side from here on: `genuine`, what the permissions CA has said, and `accepted`, what peers
+ * obey. Rights by the second that are none by the first are what an attacker looks for.
  */
 module documents
 open authentication
@@ -14,15 +17,18 @@ fun genuine: Realm -> Document {
 }
 
 /**
- * Certificates that a realm takes for signers because they chain to the permissions CA, over any number of
- * authorities, since a message brings intermediates along: none where it pins.
+ * Certificates that a realm takes for signers because they chain to the permissions CA: none where it pins. Several
+ * steps count here, since a signed document may bring the intermediates between along.
  */
 fun vouched_signer: Realm -> Certificate { chained & (Realm - pins_signer) -> fit_to_sign }
 
-/** Certificates below the permissions CAs of a realm. */
+/** Certificates below the permissions CAs of a realm: issued by one, or by an authority that is below one. */
 fun chained: Realm -> Certificate { permissions_ca.^(~(issuer :> authority)) }
 
-/** Whose documents a realm obeys: the permissions CA's own, if it is fit to sign where nobody pins, and those signers'. */
+/**
+ * Whose documents a realm obeys: where it pins, the permissions CA's; elsewhere those of every certificate that is
+ * fit to sign, and is the permissions CA or chains to it.
+ */
 fun trusted_signer: Realm -> Certificate {
 	pins_signer <: permissions_ca + (permissions_ca & Realm -> fit_to_sign) + vouched_signer
 }

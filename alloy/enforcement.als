@@ -15,7 +15,10 @@ fun unenforced: Realm -> Channel {
 		} }
 }
 
-/** Channels on which an enclave has its samples taken, without a grant to publish or, where it forges, to subscribe. */
+/**
+ * Channels on which an enclave has its samples taken without a grant to publish. Who forges with keys that a grant to
+ * subscribe brought along is left to `forged_by_readers`: there only authentication of the origin helps.
+ */
 fun writes_without_a_grant[realm: Realm]: Enclave -> Channel {
 	may_write[realm] + (forges[realm] - granted[realm, subscribe_allowed]) - granted[realm, publish_allowed]
 }
@@ -28,12 +31,14 @@ fun forged_by_readers[realm: Realm]: Enclave -> Channel {
 	(forges[realm] & granted[realm, subscribe_allowed] & Enclave -> realm.written) - granted[realm, publish_allowed]
 }
 
-/** Channels that an enclave is there to relay, and reads without a grant to subscribe: payloads are in the clear. */
+/** Channels that an enclave is there to relay, and reads without a grant to subscribe: the payload is in the clear. */
 fun read_by_relays[realm: Realm]: Enclave -> Channel {
 	relays[realm] - Enclave -> realm.(payload_protection[encrypting]) - granted[realm, subscribe_allowed]
 }
 
-/** Channels that an enclave reads, and whose samples it could carry into another domain, where it has its own taken. */
+/**
+ * Channels that an enclave knows, and whose samples it could carry into another domain: it feeds some channel there.
+ */
 fun carried_across[realm: Realm]: Enclave -> Channel {
 	knows[realm] & feeds[realm].in_domain.(Domain -> Domain - iden).~in_domain
 }

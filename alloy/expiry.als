@@ -1,10 +1,16 @@
 /**
  * Time passes: what a keystore is worth later, as certificates and grants end, and others begin.
  *
- * Needs facts whose audit instant moves (keystore-audit writes them with this module, in a folder of their own): there
- * `Clock` is variable and `audit_instant` is where it stands. It starts at the audit, goes on from instant to instant,
- * and rests at the last one. Between two instants of the keystore stands one more, so that the time between is looked
- * at as well. As many steps as there are instants are complete: the clock does nothing else, and nothing else changes.
+ * Needs a module `keystore` whose audit instant moves. keystore-audit writes one beside this module, in the folder
+ * `expiry`: there `Clock` is a variable `one sig` within `Instant`, `audit_instant` is where it stands, and
+ * `Beginning` is the instant of the audit. Beside any other `keystore` this module has names without a meaning, and
+ * does not run.
+ *
+ * The clock starts at the audit, goes on from instant to instant, and rests at the last one. Between two instants of
+ * the keystore stands one more, so that the time between is looked at as well. As many steps as there are instants
+ * from the audit on are complete: the clock does nothing else, and nothing else changes. Fewer steps are worth
+ * nothing: then no trace comes to its rest, there is none, and every check "holds". The commands that are written
+ * have just as many.
  *
  * Rights can end with time and begin with time: with a grant whose validity begins later, and with one that ends,
  * where it stood before a wider one and implementations skip grants out of date.
@@ -12,13 +18,13 @@
 module expiry
 open claims
 
-/** The clock starts at the audit, goes on, and rests at the end. */
+/** The clock starts at the audit, goes on, and rests at the end: so there is one trace, and nothing to choose in it. */
 fact TimePasses {
 	Clock = Beginning
 	always Clock' = (some Clock.following implies Clock.following else Clock)
 }
 
-/** A compartment for each moment, for claims that must hold at all of them. */
+/** A compartment for each moment, for claims that must hold at all of them: a set that the solver finds, so a field. */
 one sig Compartment { var inside: set Enclave + Outsider }
 
 /** No enclave is cut off by its authorities while its own certificate is in force. */

@@ -1,9 +1,11 @@
 /**
  * What declared forwards rest on: who hands samples to whom, and where something high can come to.
  *
- * `determinism` speaks of slots and writers. That these are those of the keystore is decided here, again and from its
- * facts alone: who may hand samples to a forward, or put them where they are seen, and which enclaves lie inside of what
- * can be reached from something high, nodes without declared forwards passing on whatever they get. Nobody attacks.
+ * `determinism` (read it first) speaks of forwards, slots and inputs, without rights or documents. That these are
+ * those of the keystore is decided here, again and from its facts alone: who may hand samples to a forward, or put
+ * them where they are seen, and how far what is high can come, where enclaves without forwards pass on whatever they
+ * get. Nobody attacks. The sets that keystore-audit used stand in the main file that it writes, with one check that
+ * they are right.
  */
 module forwarding
 open information_flow
@@ -19,13 +21,20 @@ fun publishers[put: set Channel]: set Enclave {
 	{ e: Enclave | some sending, receiving: Realm | some put & e.(sends[sending, receiving]) }
 }
 
-/** Channels of what is high, between two realms: those of `first`, what `inside` puts, and what is passed on. */
+/**
+ * Channels that may carry what is high, from one realm to another: those of `first`, which are high themselves,
+ * those on which somebody of `inside` puts a sample, and those on which forwards that something high reaches pass it
+ * on (`passed`).
+ */
 fun tainted[inside: set Enclave, passed: Enclave -> Channel, first, usable: set Channel,
             sending, receiving: Realm]: set Channel {
 	first + usable & inside.(sends[sending, receiving]) + Enclave.(passed & sends[sending, receiving])
 }
 
-/** Nothing high comes to anybody outside of `inside` but to nodes that are declared, nor to those of `closed`. */
+/**
+ * What is high stays where it is said to be. Whoever gets it is `inside`, or one of the enclaves that have forwards
+ * (`declared`) and pass on only what these say; and what the other forwards take in (`closed`) is not high.
+ */
 pred contained[inside, declared: set Enclave, passed, closed: Enclave -> Channel, first, usable: set Channel] {
 	all sending, receiving: Realm |
 		let taint = tainted[inside, passed, first, usable, sending, receiving] {

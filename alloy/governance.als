@@ -3,6 +3,9 @@
  *
  * The first domain rule that covers a domain decides about it, and of that rule the first topic rule that matches a
  * topic. Where none does, endpoints cannot be created: such channels are not governed, and nothing happens there.
+ *
+ * A realm whose governance could not be read is an *open* one (`open_realm`): it governs everything, controls nobody
+ * and protects nothing, since that is the worst that the document can say.
  */
 module governance
 open documents
@@ -68,7 +71,7 @@ fun authenticating_origin: set ProtectionKind {
 	SIGN_WITH_ORIGIN_AUTHENTICATION + ENCRYPT_WITH_ORIGIN_AUTHENTICATION
 }
 
-/** Channels, in open realms, of a protection that is one of `kinds`: all, if NONE is among them. */
+/** What open realms add to the channels of which a protection is one of `kinds`: there every protection is NONE. */
 fun unprotected[kinds: set ProtectionKind]: Realm -> Channel {
 	NONE in kinds implies open_realm -> Channel else none -> none
 }
@@ -88,12 +91,12 @@ fun payload_protection[kinds: set ProtectionKind]: Realm -> Channel {
 	channels_under[data_protection_kind.kinds] + unprotected[kinds]
 }
 
-/** Channels whose endpoints are announced encrypted. */
+/** Channels whose endpoints are announced encrypted in discovery: the topic rule wants it, the domain rule says how. */
 fun discovery_encrypted: Realm -> Channel {
 	channels_under[enable_discovery_protection] & channels_within[discovery_protection_kind.encrypting]
 }
 
-/** Channels on which a participant's word that a writer lives is taken from members of the domain alone. */
+/** Channels of which members of the domain alone can say that a writer lives: here too both rules have a part. */
 fun liveliness_authenticated: Realm -> Channel {
 	channels_under[enable_liveliness_protection]
 	& channels_within[liveliness_protection_kind.(ProtectionKind - NONE)]

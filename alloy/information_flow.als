@@ -9,8 +9,8 @@
  *   imposed         a `forger` has its sample taken, by any identity whose key it has, or by the reader's own keys
  *   intercepted     an `eavesdropper` recovers a sample that was never meant for it
  *
- * Who forges and who eavesdrops is the attacker. *honest*: nobody does. *source*: where the flow begins, they forge.
- * *relays*: everybody does both, the outsider too.
+ * Who forges and who eavesdrops is the attacker, of whom a claim names one. *honest*: nobody does. *source*: those with
+ * whom the flow begins forge. *relays*: everybody on the way does both, the outsider too; not `relay`, the right.
  *
  * That data cannot get from one place to another has a certificate: a compartment, a set of participants that holds
  * the beginning, that no hop leads out of, and that the end is not in. The Analyzer looks for one. If there is one, no
@@ -21,7 +21,7 @@
 module information_flow
 open vacuity
 
-/** Somebody who has no key of the keystore, and can see and send packets. */
+/** Somebody who has no key of the keystore, and can see and send packets. An atom, so that data can stay with it. */
 one sig Outsider {}
 
 /** As whom each enclave can act: every enclave with its key, which an unreadable enclave may have or lend. */
@@ -29,7 +29,7 @@ fun acts_as: Enclave -> Enclave {
 	Enclave <: iden + one_key + (opaque & Enclave) -> Enclave + Enclave -> (opaque & Enclave)
 }
 
-/** As whom each enclave does act, where `attackers` use each key that they have, and the others their name alone. */
+/** As whom each enclave does act: as itself; if it is one of `attackers`, also as those whose key it has. */
 fun guise[attackers: set Enclave + Outsider]: Enclave -> Enclave { Enclave <: iden + attackers <: acts_as }
 
 /** Channels that each member of a realm subscribes to by right. */
@@ -39,6 +39,8 @@ fun takes[realm: Realm]: Enclave -> Channel { in_realm.realm <: may_read[realm] 
 fun emits[realm: Realm]: Enclave -> Channel { in_realm.realm <: may_write[realm] }
 
 -- by right: members of two realms each ask for the rights of the other
+-- Of a reader its own realm is asked too. Of a writer it is not: what a realm forbids its own is no protection for
+-- others.
 
 /** Channels on which members of the realm `sending` write to members of `receiving`. */
 fun sends[sending, receiving: Realm]: Enclave -> Channel { in_realm.sending <: may_write[receiving] }
@@ -53,7 +55,7 @@ fun imposes[forgers: set Enclave + Outsider, realm: Realm]: (Enclave + Outsider)
 	(forgers <: acts_as).(feeds[realm]) + (forgers & Outsider) -> realm.unguarded
 }
 
-/** Channels that reach each participant through a member of the realm as whom it acts. */
+/** Channels that each participant gets as a reader, through a member of the realm as whom it acts. */
 fun obtains[eavesdroppers: set Enclave + Outsider, realm: Realm]: Enclave -> Channel {
 	guise[eavesdroppers].(takes[realm])
 }
@@ -63,7 +65,10 @@ fun obtains[eavesdroppers: set Enclave + Outsider, realm: Realm]: Enclave -> Cha
 /** Channels on which each participant writes as a member of the realm. */
 fun exposes[forgers: set Enclave + Outsider, realm: Realm]: Enclave -> Channel { guise[forgers].(emits[realm]) }
 
-/** Channels of which `eavesdroppers` recover what members of the realm write, and the outsider if it is one. */
+/**
+ * Channels of which `eavesdroppers` recover from packets what members of the realm write, and the outsider if it is
+ * one.
+ */
 fun intercepts[eavesdroppers: set Enclave + Outsider, realm: Realm]: (Enclave + Outsider) -> Channel {
 	(eavesdroppers <: acts_as).(overhears[realm]) + (eavesdroppers & Outsider) -> realm.in_clear
 }
@@ -92,15 +97,23 @@ fun getters[channels: set Channel, eavesdroppers: set Enclave + Outsider, realm:
 	(obtains[eavesdroppers, realm] + intercepts[eavesdroppers, realm]).channels
 }
 
-/** Participants whose samples some member of the realm takes, or is to take, on one of `channels`. */
+/** Participants whose samples members of the realm take on one of `channels`, if they read there. */
 fun putters[channels: set Channel, forgers: set Enclave + Outsider, realm: Realm]: set Enclave + Outsider {
 	(may_write[realm] + imposes[forgers, realm]).channels
 }
 
 /**
  * No flow from `source`, or from a sample of `first`, to `target`, or to a sample of `last`, over participants other
- * than `through`: `inside` is a compartment. Who gets a sample of `first`, or puts one on `last`, is passed over; an
- * enclave of `source` or `target` is where the flow begins or ends, and may be in `through`.
+ * than `through`: `inside` is a compartment. Of each pair, source or first, target or last, a claim uses one; the other
+ * is empty. `usable`: channels that hops may take.
+ *
+ * `through` are gateways ("never, except through these"): data may come to them and is not followed any further, so
+ * they need not be inside. That goes for who gets a sample of `first` too, and one who could put it on `last` counts
+ * only if it is inside. An enclave of `source` is inside in any case, since the flow begins there.
+ *
+ * Hence the two conditions at the end. No hop leads from inside to anywhere else, nor to the target. An enclave that is
+ * source and target at once (`home`) is inside, so of it another question is asked: whether anybody else inside has a
+ * hop to it. What an enclave tells itself is no flow.
  */
 pred separated[inside, source: set Enclave + Outsider, first: set Channel, target: set Enclave + Outsider,
                last: set Channel, through: set Enclave, usable: set Channel,
@@ -117,7 +130,9 @@ pred separated[inside, source: set Enclave + Outsider, first: set Channel, targe
 	}
 }
 
-/** Somewhere data does flow: two participants can tell each other something by right, so that there is a flow to ask for. */
+/**
+ * Somewhere data does flow: one participant can tell another something by right, so that there is a flow to ask for.
+ */
 pred FlowIsExercised {
 	some sending, receiving: Realm, channel: Channel, writer, reader: Enclave {
 		writer != reader

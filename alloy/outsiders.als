@@ -3,7 +3,8 @@
  * (DDS-Security 1.1, 8.1 and 9.5): read, learn names, inject, replay, and feign that others live.
  *
  * Each function is the set of channels where nothing stands in the way. Where unauthenticated participants are
- * allowed, their messages come in the clear, whatever protects those of the others (measured on Cyclone DDS).
+ * allowed, which have no identity and no keys, their messages come in the clear, whatever protects those of the others
+ * (measured on Cyclone DDS).
  */
 module outsiders
 open capabilities
@@ -21,7 +22,10 @@ fun announced_outside: Realm -> Channel {
 	governed & (written + read) - message_protection[encrypting] - discovery_encrypted
 }
 
-/** Channels on which readers take whole messages from anybody, as far as these are not protected inside. */
+/**
+ * Channels on which readers look into messages of anybody; the submessages and payloads there may still be
+ * protected.
+ */
 fun open_messages: Realm -> Channel { governed & (message_protection[NONE] + unauthenticated_allowed.~in_domain) }
 
 /** Channels on which readers take submessages from anybody: nothing tells who numbered or announced a sample. */

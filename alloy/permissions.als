@@ -1,9 +1,10 @@
 /**
  * What permissions documents grant (DDS-Security 1.1, 9.4.1.3 and 9.4.3).
  *
- * Of a document, one grant that names the certificate decides (`chosen`); of the grant, the first rule that
- * matches; else its default. Any enclave may present any document: peers look for a grant that names the
- * presenter, so the rights of an enclave are the union over all documents, not those of the document it holds.
+ * Of a document, one grant that names the certificate decides (`chosen`); of the grant, the first rule that matches;
+ * else its default. A document is not bound to who carries it. Any enclave may present any document: peers look for
+ * a grant that names the presenter, so the rights of an enclave are the union over all documents, not those of the
+ * document in its folder.
  */
 module permissions
 open governance
@@ -17,7 +18,10 @@ fun chosen: Certificate -> Grant {
 		first = eligible - preceded_by.eligible | ~first :> in_force
 }
 
-/** Where a rule says something, by those of its criteria that are of one kind: only in its own domains. */
+/**
+ * Where a rule says something by `criteria`, which is one of `publish`, `subscribe`, `relay`: only in its own
+ * domains.
+ */
 fun matching[criteria: Rule -> Channel]: Rule -> Channel {
 	{ r: Rule, c: r.criteria | c.in_domain in r.domains }
 }
@@ -42,7 +46,10 @@ fun joining: Grant -> Domain {
 	{ g: Grant, d: (g.rule & allow_rule).domains } + default_allow -> Domain
 }
 
-/** Grants that count for each enclave in a realm that obeys `documents`. */
+/**
+ * Grants that count for each enclave in a realm that obeys `documents`, whichever of these they are in: what it can
+ * show, not what is in its folder (for that see `own_grant` in `claims`).
+ */
 fun held[documents: set Document]: Enclave -> Grant {
 	{ e: Enclave, g: e.identity.chosen & documents.grant }
 }
@@ -50,7 +57,10 @@ fun held[documents: set Document]: Enclave -> Grant {
 /** What the permissions CA gave each enclave: rights of the kind `allowed`, by genuine documents alone. */
 fun granted[realm: Realm, allowed: Grant -> Channel]: Enclave -> Channel { held[realm.genuine].allowed }
 
-/** Enclaves that may have any right: by a document that we could not read, or by one that they sign themselves. */
+/**
+ * Enclaves that may have any right: by a document that they sign themselves, or by one that we could not read. That may
+ * name anybody, so it makes all of them unbounded.
+ */
 fun unbounded[realm: Realm]: set Enclave {
 	some opaque & Document implies Enclave else opaque & Enclave + realm.self_granting
 }

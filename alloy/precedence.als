@@ -1,5 +1,5 @@
 /**
- * Order: before and after in time, and which of several siblings in a document decides.
+ * Order: before and after in time, and among siblings in a document, of which the first that applies decides.
  */
 module precedence
 open keystore

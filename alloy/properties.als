@@ -2,7 +2,8 @@
  * The properties that keystore-audit asserts of every keystore, by name: see `keystore-audit explain PROPERTY`.
  *
  * Each begins with `all`, and the names of its variables are roles: in a counterexample they tell who does what to
- * whom. A family is worth something only where it has something to speak of: see the module `vacuity`.
+ * whom. A family is worth something only where it has something to speak of: see the module `vacuity`. Above each
+ * family stand its clauses of DDS-Security 1.1.
  */
 module properties
 open enforcement
@@ -42,7 +43,10 @@ assert NoEnclaveGrantsItselfRights {
 		enclave not in realm.self_granting and no enclave.permissions & (realm.accepted - realm.genuine)
 }
 
-/** Who vouches for identities does not sign permissions: no key is that of an identity CA and of a permissions CA. */
+/**
+ * Who vouches for identities does not sign permissions: no key is that of an identity CA and of a permissions CA. Who
+ * steals such a key has everything at once; and where signers are not pinned, identities fit to sign sign permissions.
+ */
 assert OneCaForOneRole {
 	all realm: Realm, certificate: realm.identity_ca, other_certificate: realm.permissions_ca |
 		certificate.public_key != other_certificate.public_key
@@ -102,7 +106,10 @@ assert RelaysCannotRead {
 	all realm: Realm, enclave: Enclave, channel: Channel | channel not in enclave.(read_by_relays[realm])
 }
 
-/** No enclave reads in one domain and writes in another. */
+/**
+ * No enclave reads in one domain and writes in another; domains of one class (`Domain`) count as one. `carried_across`
+ * decides; the second channel is asked for so that a counterexample names both ends of the bridge.
+ */
 assert NoEnclaveBridgesDomains {
 	all realm: Realm, enclave: Enclave, channel: enclave.(carried_across[realm]), other_channel: enclave.(feeds[realm]) |
 		channel.in_domain = other_channel.in_domain

@@ -1,5 +1,6 @@
 /**
- * What is meant to happen, and whether it can: a command spreads from enclave to enclave, by right alone.
+ * What is meant to happen, and whether it can: a command (to a robot: stop) spreads from enclave to enclave, by
+ * right alone.
  *
  * Security that lets nothing through is no use, and a keystore in which the intended flow is impossible passes every
  * check. Here a run shows a scenario, and fairness makes a liveness property of it: what is permitted and wired, and
@@ -9,7 +10,7 @@
 module scenarios
 open propagation
 
-/** What somebody wants to arrive; who has received it. */
+/** What somebody wants to arrive, and who has received it so far. */
 one sig Command { var known_to: set Enclave }
 
 /** Nobody attacks in a scenario. */

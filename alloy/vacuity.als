@@ -8,7 +8,10 @@
 module vacuity
 open properties
 
-/** The facts do not contradict each other: the one structure that the checks speak of exists. */
+/**
+ * The facts do not contradict each other: the one structure that the checks speak of exists. What it asks is true of
+ * any keystore; that there is an instance at all, which a contradiction anywhere would prevent, is the point.
+ */
 pred FactsAreConsistent { one audit_instant }
 
 /** Somebody is there to be authenticated: an enclave with an identity, or one that may be anybody. */

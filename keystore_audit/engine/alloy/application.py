@@ -44,7 +44,11 @@ def write_nodes(system: System) -> str:
         )
     ]
     head = [
-        "/** The nodes of a graph, launch file or policy, and their wiring, written by keystore-audit. Do not edit. */",
+        "/**",
+        " * The nodes of a graph, launch file or policy, and their wiring, written by keystore-audit. Do not edit.",
+        " *",
+        " * `runs_in`: the enclave with which a node starts. `publishes_to`, `subscribes_to`: what it is there to do.",
+        " */",
         "module nodes",
         "open keystore",
         "",

@@ -58,18 +58,24 @@ TIME: Final = "expiry"
 README: Final = "README.md"
 
 _DRAWN: Final = """\
--- for the window, which draws the functions of the main module
+-- for the Analyzer's window, which draws functions without arguments, and those of the main module only
 
-/** Who has which identity, permissions and governance, and who signed or issued these. */
+/** Who has which identity. */
 fun has_identity: Enclave -> Certificate { identity }
+/** Who carries which permissions document. */
 fun has_permissions: Enclave -> Document { permissions }
+/** Whose realm has which governance document. */
 fun has_governance: Enclave -> Document { in_realm.governance }
+/** Who signed a document. */
 fun signed_by: Document -> Certificate { signer }
+/** Who issued a certificate; of one that signed itself, nobody else. */
 fun issued_by: Certificate -> Certificate { issuer - iden }
 
-/** Who can write and read in some realm, and who can without a grant. */
+/** Who can write in some realm. */
 fun writes: Enclave -> Channel { { e: Enclave, c: Channel | some r: Realm | c in e.(may_write[r]) } }
+/** Who can read in some realm. */
 fun reads: Enclave -> Channel { { e: Enclave, c: Channel | some r: Realm | c in e.(may_read[r]) } }
+/** Who can write or read in some realm without a grant. */
 fun ungranted: Enclave -> Channel {
 	{ e: Enclave, c: Channel | some r: Realm | c in e.(writes_without_a_grant[r] + reads_without_a_grant[r]) }
 }
@@ -110,7 +116,12 @@ def commands(properties: Sequence[Property], system: System | None = None, *, wi
     """
     asked = claims.write_claims(system) if system is not None else ""
     lines = [
-        "/** The audit: every property of `properties`, after the runs that show what they speak of. */",
+        "/**",
+        " * The audit: every property of `properties`, after the runs that show what they speak of.",
+        " *",
+        " * To read the model, begin with `dds_security`: words, order of the modules, and why `for 0` is a proof.",
+        *([" * The first two are opened again so that the window shows their atoms by short names."] if window else []),
+        " */",
         "module audit",
         *(["open dds_security", "open keystore"] if window else []),
         "open claims" if asked else "open vacuity",
@@ -133,7 +144,10 @@ def _header(system: System) -> str:
         " *",
         f" * As read by {text.alloy_comment(', '.join(system.profiles))}.",
         f" * What could not be read {counted}. The audit instant is {instant}.",
-        " * Above each atom stands what it is in the keystore, and where.",
+        " * Above each atom stands what it is in the keystore, and where; what functions mean, `dds_security` says.",
+        " * A channel is called by one of its names, and stands for all names that no document tells apart from it.",
+        " * ROS 2 topics begin with `rt/`; a service is two topics, which begin with `rq/` and `rr/`. `DDS only`: in",
+        " * this channel lies no name of ROS 2.",
         " */",
         "module keystore",
         "open dds_security",
