@@ -26,10 +26,14 @@ Operation = Literal["publish", "subscribe", "relay"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Right:
-    """A right that `document` gives; `location`: the rule that allows it, or the grant that does by default."""
+    """A right that `document` gives; `location`: the rule that allows it, or the grant that does by default.
+
+    `by_pattern`: it is one to be in a partition that is a pattern, which the channel's matches.
+    """
 
     document: DocumentAtom
     location: Location
+    by_pattern: bool = False
 
 
 def governance(system: System, realm: int) -> DocumentAtom | None:
@@ -61,17 +65,25 @@ def topic_rule(system: System, realm: int, channel: int) -> TopicRuleAtom | None
 
 
 def rights(system: System, enclave: int, operation: Operation, channel: int) -> tuple[Right, ...]:
-    """Return every right of an enclave to do `operation` on a channel, whoever signed the document that gives it."""
+    """Return every right of an enclave to do `operation` on a channel, whoever signed the document that gives it.
+
+    Rights about the channel itself come first, those to be in a partition that is a pattern for it last.
+    """
     identity = system.enclaves[enclave].identity
     if identity is None:
         return ()
+    meeting = [number for number, others in enumerate(system.meets) if channel in others]
     found = []
     for number, document in enumerate(system.documents):
         grant = _chosen(system, number, identity)
-        location = None if grant is None else _allowing(system, grant, operation, channel)
-        if location is not None:
-            found.append(Right(document=document, location=location))
-    return tuple(found)
+        if grant is None:
+            continue
+        for each in (channel, *meeting):
+            location = _allowing(system, grant, operation, each)
+            if location is not None:
+                found.append(Right(document=document, location=location, by_pattern=each != channel))
+                break
+    return tuple(sorted(found, key=lambda right: right.by_pattern))
 
 
 def signed_by_ca(system: System, realm: int, document: DocumentAtom) -> bool:

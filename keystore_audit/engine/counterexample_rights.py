@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 from keystore_audit.engine import causes
 from keystore_audit.engine import counterexample_identities as identities
@@ -19,6 +20,10 @@ class Way:
 
     why: str
     steps: tuple[Step, ...]
+
+
+_BY_PATTERN: Final = "it may be in a partition that is a pattern, which meets this one"
+"""How a right is used that is about other partitions (KA637)."""
 
 
 def way(case: Case, enclave: int, operation: Operation) -> Way:
@@ -54,7 +59,7 @@ def _as_itself(case: Case, enclave: int, operation: Operation) -> Way | None:
         if causes.signed_by_ca(case.system, case.realm, right.document)
     ]
     if granted and not case.is_open:
-        return Way(why="", steps=_steps(case, enclave, granted[0].location))
+        return Way(why=_BY_PATTERN if granted[0].by_pattern else "", steps=_steps(case, enclave, granted[0].location))
     return _uncontrolled(case, enclave, operation) or _conceded(case, enclave, operation)
 
 

@@ -42,7 +42,7 @@ class NativeEngine:
 
     def __init__(self, systems: Sequence[System]) -> None:
         self.systems = tuple(systems)
-        self._decisions: dict[tuple[int, int, int], Decisions] = {}
+        self._decisions: dict[tuple[int, int, int, int], Decisions] = {}
 
     @cached_property
     def answers(self) -> tuple[dict[str, Answer], ...]:
@@ -76,7 +76,7 @@ class NativeEngine:
 
     def _shared(self, system: System) -> Decisions:
         """Decisions for all systems that hold the same grants, rules and channels, as one keystore's mostly do."""
-        key = (id(system.grants), id(system.rules), id(system.channels))  # alive as long as `systems`
+        key = (id(system.grants), id(system.rules), id(system.channels), id(system.meets))  # alive as long as `systems`
         if key not in self._decisions:
             self._decisions[key] = Decisions(system)
         return self._decisions[key]

@@ -169,7 +169,7 @@ class RealmView:
         return p.governed & ~(p.rtps_encrypts | p.metadata_encrypts | p.data_encrypts)
 
     def granted(self, enclave: int, operation: Operation) -> int:
-        """Channels for which the permissions CA gave the enclave the right."""
+        """Channels for which the permissions CA gave the enclave the right, or where it is met by one that it gave."""
         return self._right(enclave, operation, genuine=True)
 
     def presentable(self, enclave: int, operation: Operation) -> int:
@@ -186,7 +186,7 @@ class RealmView:
             allowed = 0
             for grant in self._permissions.chosen(self._system.enclaves[enclave].identity, documents):
                 allowed |= self._permissions.allowed(grant, operation)
-            self._rights[key] = allowed
+            self._rights[key] = self._permissions.met(allowed)
         return self._rights[key]
 
     def joined(self, enclave: int) -> int:

@@ -15,10 +15,12 @@ from typing import NamedTuple
 
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.access_view import ReadDocument
-from keystore_audit.model.atoms import TopicClass, classify
+from keystore_audit.model.atoms import TopicClass
 from keystore_audit.model.domains import Interval, contains, describe, elementary
-from keystore_audit.model.expression import Matcher, Pattern, parse
+from keystore_audit.model.expression import Matcher
 from keystore_audit.model.names import is_ros_dds_name
+from keystore_audit.model.partition_patterns import meetings
+from keystore_audit.model.patterns import Patterns
 from keystore_audit.model.profiles import Access
 from keystore_audit.model.semantics import Region
 from keystore_audit.model.system import ChannelAtom, DomainAtom
@@ -50,7 +52,8 @@ class Channels:
     """The classes, and what each region matches.
 
     `regions`: the channels of each, in every governed domain class. `starts`: by domain class, its first channel.
-    `columns`: what the channels of a governed domain class stand for, in order.
+    `columns`: what the channels of a governed domain class stand for, in order. `meets`: by channel, the others in
+    which an endpoint is met too, since its partition may be a pattern; empty where no channel meets another.
     """
 
     domains: tuple[DomainAtom, ...]
@@ -58,6 +61,7 @@ class Channels:
     regions: Mapping[Named, frozenset[int]]
     starts: tuple[int, ...]
     columns: Sequence[_Column] = ()
+    meets: tuple[frozenset[int], ...] = ()
 
     def cells(self, channel: int) -> list[Cell]:
         """What a channel stands for: those that are told apart in no region are one channel."""
@@ -122,15 +126,21 @@ def build_channels(
     governed: Sequence[bool],
     regions: Iterable[Named],
     points: Sequence[Point] | None = None,
+    opening: frozenset[Named] | None = frozenset(),
 ) -> Channels:
     """The channels of all governed domain classes (`governed`, parallel to `domains`), one more for each ungoverned
     one.
 
-    `points`: only these names, each a channel of its own; None: all names, in classes. Raises errors.BudgetExceeded
-    where the classes are too many.
+    `points`: only these names, each a channel of its own, which meets no other; None: all names, in classes.
+    `opening`: the regions in which somebody may be allowed to have endpoints (None: anywhere); in no other is it asked
+    what patterns meet. Raises errors.BudgetExceeded where the classes are too many.
     """
     shapes = _Shapes(regions)
-    columns = shapes.columns() if points is None else [shapes.column(point) for point in points]
+    met: Mapping[int, frozenset[int]] = {}
+    if points is None:
+        columns, met = shapes.columns(opening)
+    else:
+        columns = [shapes.column(point) for point in points]
     _check_cells(len(columns), sum(governed), "classes of topics in {} classes of domains")
     channels: list[ChannelAtom] = []
     starts: list[int] = []
@@ -149,13 +159,26 @@ def build_channels(
             )
             for column in columns
         )
+    ruled = [start for start, is_governed in zip(starts, governed, strict=True) if is_governed]
     return Channels(
         domains=domains,
         channels=tuple(channels),
-        regions=shapes.found(columns, [start for start, ruled in zip(starts, governed, strict=True) if ruled]),
+        regions=shapes.found(columns, ruled),
         starts=tuple(starts),
         columns=columns,
+        meets=_meets(met, ruled, len(channels)),
     )
+
+
+def _meets(met: Mapping[int, frozenset[int]], starts: Sequence[int], count: int) -> tuple[frozenset[int], ...]:
+    """By channel, what it meets: what its column does, in its domain."""
+    if not met:
+        return ()
+    found = [frozenset[int]()] * count
+    for start in starts:
+        for column, others in met.items():
+            found[start + column] = frozenset(start + other for other in others)
+    return tuple(found)
 
 
 def document_channels(
@@ -173,6 +196,8 @@ def document_channels(
     governed: dict[tuple[Interval, ...], None] = {}
     ruled: dict[tuple[Interval, ...], None] = {}
     regions: dict[Named, None] = dict.fromkeys(claimed)
+    opening: set[Named] = set()
+    by_default = False
     for access, documents in read.items():
         for document in documents:
             for domain_rule in document.domain_rules or ():
@@ -180,16 +205,19 @@ def document_channels(
                 for topic_rule in domain_rule.topic_rules:
                     regions[access.matcher, topic_rule.region] = None
             for grant in document.grants or ():
+                by_default = by_default or grant.default_allow
                 for rule in grant.rules:
                     ruled[rule.domains] = None
                     for region in (rule.publish, rule.subscribe, rule.relay):
                         regions[access.matcher, region] = None
+                        if rule.allow:
+                            opening.add((access.matcher, region))
                     if access.first_rule_decides_topic:
                         regions[access.matcher, rule.listed] = None
     domains = domain_classes([*governed, *ruled])
     wanted = [*governed, *ruled] if ungoverned else [*governed]
     covers = [any(contains(cover, domain.intervals[0][0]) for cover in wanted) for domain in domains]
-    return build_channels(domains, covers, regions, points)
+    return build_channels(domains, covers, regions, points, None if by_default else frozenset(opening))
 
 
 def _check_cells(classes: int, others: int, words: str) -> None:
@@ -207,8 +235,8 @@ class _Shapes:
     """The regions by what they mean: however many are written alike, or mean the same to several implementations."""
 
     def __init__(self, regions: Iterable[Named]) -> None:
-        self._topics = _Patterns()
-        self._partitions = _Patterns()
+        self._topics = Patterns()
+        self._partitions = Patterns()
         self._numbers: dict[_Shape, int] = {}
         self._of = {named: self._number(named) for named in dict.fromkeys(regions)}
 
@@ -225,8 +253,11 @@ class _Shapes:
         )
         return self._numbers.setdefault(shape, len(self._numbers))
 
-    def columns(self) -> list[_Column]:
-        """The cells (topic class × partition class) that no shape tells apart, merged."""
+    def columns(self, opening: frozenset[Named] | None) -> tuple[list[_Column], dict[int, frozenset[int]]]:
+        """The cells (topic class × partition class) that no shape tells apart, merged, and which meet which others.
+
+        What a cell is met by is part of what tells it apart: rights in one column mean one thing then.
+        """
         topics, partitions = self._topics.classes(), [self._partitions.empty(), *self._partitions.classes()]
         _check_cells(len(topics), len(partitions), "topic classes in {} partition classes")
         topics_of, partitions_of = self._topics.places(topics), self._partitions.places(partitions)
@@ -239,11 +270,36 @@ class _Shapes:
                             cell = row[topic]
                             if not cell or cell[-1] != number:
                                 cell.append(number)
-        merged: dict[tuple[int, ...], list[tuple[int, int]]] = {}
+        allowing = None if opening is None else {self._of[named] for named in opening}
+        met_by = self._met_by(allowing, partitions, partitions_of)
+        merged: dict[tuple[tuple[int, ...], frozenset[tuple[int, ...]]], list[tuple[int, int]]] = {}
+        edges: list[tuple[tuple[int, int], tuple[int, int]]] = []
         for partition, row in enumerate(hits):
             for topic, cell in enumerate(row):
-                merged.setdefault(tuple(cell), []).append((partition, topic))
-        return [_column(signature, cells, topics, partitions) for signature, cells in merged.items()]
+                others = frozenset[tuple[int, ...]]()
+                if partition in met_by:
+                    meeting = [p for p in met_by[partition] if allowing is None or allowing & {*hits[p][topic]}]
+                    edges += (((p, topic), (partition, topic)) for p in meeting)
+                    others = frozenset(tuple(hits[p][topic]) for p in meeting) - {tuple(cell)}
+                merged.setdefault((tuple(cell), others), []).append((partition, topic))
+        columns = [_column(signature, cells, topics, partitions) for (signature, _), cells in merged.items()]
+        return columns, _between(merged.values(), edges)
+
+    def _met_by(
+        self, allowing: set[int] | None, partitions: Sequence[TopicClass], places: Sequence[Sequence[int]]
+    ) -> dict[int, list[int]]:
+        """By partition class: the others in which somebody may have endpoints that patterns make meet it."""
+        asked: set[int] = set()
+        for shape, number in self._numbers.items():
+            for _, listed in shape if allowing is None or number in allowing else ():
+                asked.update(range(len(partitions)) if listed is None else (q for p in listed for q in places[p]))
+        if allowing is None:
+            asked.update(range(len(partitions)))
+        met_by: dict[int, list[int]] = {}
+        for place, others in meetings(self._partitions.patterns, partitions, sorted(asked - {0})).items():
+            for other in others:
+                met_by.setdefault(other, []).append(place)
+        return met_by
 
     def column(self, point: Point) -> _Column:
         """One topic name in one partition."""
@@ -281,6 +337,20 @@ class _Shapes:
         return {named: frozen[number] for named, number in self._of.items()}
 
 
+def _between(
+    columns: Iterable[Sequence[tuple[int, int]]], edges: Sequence[tuple[tuple[int, int], tuple[int, int]]]
+) -> dict[int, frozenset[int]]:
+    """What columns meet what other columns, since cells of theirs do."""
+    if not edges:
+        return {}
+    place = {cell: number for number, cells in enumerate(columns) for cell in cells}
+    found: dict[int, set[int]] = {}
+    for one, other in edges:
+        if place[one] != place[other]:
+            found.setdefault(place[one], set()).add(place[other])
+    return {number: frozenset(others) for number, others in found.items()}
+
+
 def _chosen(
     rows: list[list[list[int]]], patterns: Sequence[int], places: Sequence[Sequence[int]]
 ) -> list[list[list[int]]]:
@@ -309,51 +379,3 @@ def _column(
         topics=topics,
         partitions=partitions,
     )
-
-
-class _Patterns:
-    """Expressions of one sort of name, each meaning once."""
-
-    def __init__(self) -> None:
-        self._patterns: list[Pattern] = []
-        self._by_meaning: dict[object, int] = {}
-        self._known: dict[tuple[str, Matcher], int] = {}
-        self._literals: dict[str, int] = {}
-        self._wildcards: list[int] = []
-
-    def number(self, text: str, matcher: Matcher) -> int:
-        """The number of the pattern."""
-        number = self._known.get((text, matcher))
-        if number is None:
-            pattern = parse(text, matcher)
-            number = self._by_meaning.setdefault((pattern.rewinds, pattern.pieces), len(self._patterns))
-            if number == len(self._patterns):
-                self._patterns.append(pattern)
-                if pattern.literal is None:
-                    self._wildcards.append(number)
-                else:
-                    self._literals[pattern.literal] = number
-            self._known[text, matcher] = number
-        return number
-
-    def classes(self) -> tuple[TopicClass, ...]:
-        """The classes of all non-empty names."""
-        return classify(self._patterns)
-
-    def empty(self) -> TopicClass:
-        """The class of the empty name alone: the default partition."""
-        return TopicClass(members=self.matching(""), witness="", ros=False, infinite=False)
-
-    def matching(self, name: str) -> frozenset[int]:
-        """The patterns that match the name."""
-        literal = self._literals.get(name)
-        found = [number for number in self._wildcards if self._patterns[number].matches(name)]
-        return frozenset(found if literal is None else [literal, *found])
-
-    def places(self, classes: Sequence[TopicClass]) -> list[list[int]]:
-        """By pattern: the classes whose names it matches."""
-        places: list[list[int]] = [[] for _ in self._patterns]
-        for place, each in enumerate(classes):
-            for member in each.members:
-                places[member].append(place)
-        return places

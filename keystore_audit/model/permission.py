@@ -41,6 +41,8 @@ class Decisions:
     def __init__(self, system: System) -> None:
         self._system = system
         self._allowed: dict[tuple[int, Operation], int] = {}
+        self._meets = {number: bits(others) for number, others in enumerate(system.meets) if others}
+        self._meeting = bits(self._meets)
         self.all_channels = (1 << len(system.channels)) - 1
         self.all_domains = (1 << len(system.domains)) - 1
         channels_of: list[list[int]] = [[] for _ in system.domains]
@@ -74,6 +76,13 @@ class Decisions:
             allowed |= self.all_channels & ~decided
         self._allowed[grant, operation] = allowed
         return allowed
+
+    def met(self, channels: int) -> int:
+        """These channels, and those in which endpoints of theirs are met whose partitions are patterns."""
+        found = channels
+        for channel in members(channels & self._meeting):
+            found |= self._meets[channel]
+        return found
 
     def _matches(self, rule: RuleAtom, operation: Operation) -> int:
         """Channels whose domain, topic and partition the rule matches."""
@@ -113,7 +122,7 @@ class Permissions:
         self._system = system
         self._moment = 2 * system.now if moment is None else moment
         known = Decisions(system) if decisions is None else decisions
-        self.allowed, self.joins = known.allowed, known.joins
+        self.allowed, self.joins, self.met = known.allowed, known.joins, known.met
         self.all_channels, self.all_domains, self.channels_in = known.all_channels, known.all_domains, known.channels_in
 
     def in_force(self, not_before: int, not_after: int) -> bool:

@@ -203,6 +203,8 @@ class System:
     `skips_grants_out_of_date`: of a document the first grant in force that names a certificate counts; otherwise the
     first that names it, if it is in force. `requires_grant`: where join access control is off, peers let in whom some
     document grants something, not everybody. `instants`: sorted; `now`: index of the audit instant among them.
+    `meets`: by channel, the others in which an endpoint that is allowed in it is met too, because its partition may be
+    a pattern; empty where no channel meets another.
     """
 
     profiles: tuple[str, ...]
@@ -226,6 +228,7 @@ class System:
     determinism: tuple[DeterminismAtom, ...] = ()
     places: tuple[PlaceAtom, ...] = ()
     nodes: tuple[NodeAtom, ...] = ()
+    meets: tuple[frozenset[int], ...] = ()
 
     @property
     def has_doubt(self) -> bool:

@@ -184,6 +184,7 @@ class SystemBuilder:
             topic_rules=topic_rules,
             grants=grants,
             rules=rules,
+            meets=self.channels.meets,
         )
 
     def _document_atom(self, document: Document, kind: Kind, *, opaque: bool) -> DocumentAtom:

@@ -10,7 +10,7 @@ about what remains. What remains are atoms of the keystore, so that a counterexa
 from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from keystore_audit.engine.alloy.mentions import mentions, surroundings
@@ -100,6 +100,7 @@ def _asked(system: System) -> System:
         grants=system.grants,
         rules=system.rules,
         claims=system.claims,
+        meets=system.meets,
     )
 
 
@@ -125,12 +126,13 @@ def _few_instants(system: System) -> System:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Surplus:
-    """What can be left out."""
+    """What can be left out. `alike`: by channel that is left out, the one that remains in its place."""
 
     certificates: frozenset[int] = frozenset()
     documents: frozenset[int] = frozenset()
     enclaves: frozenset[int] = frozenset()
     channels: frozenset[int] = frozenset()
+    alike: Mapping[int, int] = field(default_factory=dict)
 
 
 def _surplus(system: System) -> _Surplus:
@@ -138,12 +140,18 @@ def _surplus(system: System) -> _Surplus:
     said = mentions(system)
     if said is None:
         return _Surplus()
+    words: list[Hashable] = [tuple(frozenset(part.items()) for part in each) for each in said]
+    met_by: dict[int, set[Hashable]] = {}
+    for channel, others in enumerate(system.meets):
+        for other in others:
+            met_by.setdefault(other, set()).add(words[channel])
     alike: dict[Hashable, list[int]] = {}
-    for channel, (around, words) in enumerate(zip(surroundings(system), said, strict=True)):
-        alike.setdefault((around, tuple(frozenset(part.items()) for part in words)), []).append(channel)
-    channels = {channel for each in alike.values() for channel in set(each) - {_told(system, each)}}
-    if channels:
-        return _Surplus(channels=frozenset(channels))
+    for channel, around in enumerate(surroundings(system)):
+        alike.setdefault((around, words[channel], frozenset(met_by.get(channel, ()))), []).append(channel)
+    remaining = ((_told(system, each), each) for each in alike.values())
+    instead = {channel: told for told, each in remaining for channel in each if channel != told}
+    if instead:
+        return _Surplus(channels=frozenset(instead), alike=instead)
     twins = find_twins(system, said)
     enclaves = [enclave for each in twins.classes for enclave in each[KEPT:]]
     atoms = [system.enclaves[enclave] for enclave in enclaves]
@@ -175,12 +183,28 @@ def _without(merged: Merged, surplus: _Surplus) -> Merged:
     enclaves = _rest(len(system.enclaves), surplus.enclaves)
     channels = _rest(len(system.channels), surplus.channels)
     return Merged(
-        system=_Restriction(system, certificates, documents, enclaves, channels).system(),
+        system=replace(
+            _Restriction(system, certificates, documents, enclaves, channels).system(),
+            meets=_meets(system.meets, channels, surplus.alike),
+        ),
         certificates=tuple(merged.certificates[n] for n in certificates),
         documents=tuple(merged.documents[n] for n in documents),
         enclaves=tuple(merged.enclaves[n] for n in enclaves),
         channels=tuple(merged.channels[n] for n in channels),
     )
+
+
+def _meets(
+    meets: Sequence[frozenset[int]], kept: Sequence[int], alike: Mapping[int, int]
+) -> tuple[frozenset[int], ...]:
+    """Which channels that remain meet which: each for those too that it stands for, whose rights are its own."""
+    numbers = _numbers(kept)
+    found: list[set[int]] = [set() for _ in kept]
+    for channel, others in enumerate(meets):
+        known = numbers.get(alike.get(channel, channel))
+        if known is not None:
+            found[known] |= _among(others, numbers) - {known}
+    return tuple(map(frozenset, found)) if any(found) else ()
 
 
 def _rest(count: int, left_out: Collection[int]) -> list[int]:

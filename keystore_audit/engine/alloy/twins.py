@@ -67,8 +67,9 @@ class _Twins:
             for enclave in about:
                 mentioned[enclave].append(channel)
         own: dict[int, list[int]] = {enclave: [] for enclave in self._candidates}
+        related = {channel for one, others in enumerate(self._system.meets) if others for channel in (one, *others)}
         for channel, about in enumerate(sharers):
-            if about and len(about) <= MAX_SHARERS:
+            if about and len(about) <= MAX_SHARERS and channel not in related:
                 first, *others = sorted(about, key=lambda enclave: len(mentioned[enclave]))
                 if not others or len(mentioned[first]) < len(mentioned[others[0]]):
                     own[first].append(channel)

@@ -37,7 +37,7 @@ sig anonymous in Enclave {}
 
 sig AnyDomain extends Domain {}
 
-sig AnyChannel extends Channel { in_domain: one Domain }
+sig AnyChannel extends Channel { in_domain: one Domain, meets: set Channel }
 
 sig AnyDomainRule extends DomainRule {
 	governs: one Document,
@@ -94,6 +94,12 @@ fun siblings: Entry -> Entry {
 fact TimeIsLinear {
 	no iden & ^following
 	all disj earlier, later: Instant | later in earlier.(^following + ^(~following))
+}
+
+/** Channels that are met are of the same domain and topic: another partition is all that tells them apart. */
+fact OnlyPartitionsMeet {
+	meets in in_domain.~in_domain
+	all rule: TopicRule | rule.topic_expression.(meets + ~meets) in rule.topic_expression
 }
 
 /** Siblings are in line, and nothing else is. */
