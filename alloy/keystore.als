@@ -169,3 +169,4 @@ fun relay: Rule -> Channel { none -> none }
 
 -- channels
 fun in_domain: Channel -> Domain { Channel -> D0 }
+fun meets: Channel -> Channel { none -> none }

@@ -54,8 +54,11 @@ fun held[documents: set Document]: Enclave -> Grant {
 	{ e: Enclave, g: e.identity.chosen & documents.grant }
 }
 
+/** Rights, and those that they amount to: an endpoint in a partition that is a pattern meets what this matches. */
+fun with_met[rights: Enclave -> Channel]: Enclave -> Channel { rights + rights.meets }
+
 /** What the permissions CA gave each enclave: rights of the kind `allowed`, by genuine documents alone. */
-fun granted[realm: Realm, allowed: Grant -> Channel]: Enclave -> Channel { held[realm.genuine].allowed }
+fun granted[realm: Realm, allowed: Grant -> Channel]: Enclave -> Channel { with_met[held[realm.genuine].allowed] }
 
 /**
  * Enclaves that may have any right: by a document that they sign themselves, or by one that we could not read. That may
@@ -67,5 +70,5 @@ fun unbounded[realm: Realm]: set Enclave {
 
 /** What peers in a realm concede to each enclave: rights of the kind `allowed`, by whatever it can present. */
 fun presentable[realm: Realm, allowed: Grant -> Channel]: Enclave -> Channel {
-	held[realm.accepted].allowed + unbounded[realm] -> Channel
+	with_met[held[realm.accepted].allowed] + unbounded[realm] -> Channel
 }

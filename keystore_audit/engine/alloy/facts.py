@@ -320,6 +320,7 @@ class _Facts:
     def _channels(self) -> Iterator[str]:
         a = self._atoms
         yield self._map("in_domain", a.channels, a.domains, [{c.domain} for c in self._system.channels])
+        yield self._map("meets", a.channels, a.channels, self._system.meets)
 
     def _set(self, name: str, sort: Sort, members: Sequence[bool]) -> str:
         return function(name, f"set {sort.sig}", self._relations.atoms(sort, members))
