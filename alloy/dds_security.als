@@ -28,7 +28,8 @@
  *                    *intermediate*, one that is believed by itself a *trust anchor*. A CA can *revoke* what it signed
  *   keystore         a directory in which SROS2, the security tool of ROS 2, keeps what follows
  *   enclave          a folder of it, with which a process starts: its *identity*, a certificate that an *identity CA*
- *                    signed, and its key; the CAs that it trusts; two documents that a *permissions CA* signed
+ *                    signed, and its key; the CAs that it trusts; two documents that a *permissions CA* signed, in the
+ *                    format of signed mail (S/MIME)
  *   governance       the first document: how each domain and topic is protected, normally one file for all
  *   permissions      the second: *grants*. Each names a certificate by its *subject*, the name of whom it is about, and
  *                    says in ordered rules what that one may publish and subscribe to
@@ -99,7 +100,7 @@ abstract sig Key {}
 /** An X.509 certificate. */
 abstract sig Certificate {}
 
-/** A document in its signature, in the format of signed mail (S/MIME): governance.p7s or permissions.p7s. */
+/** A signed document: a file governance.p7s or permissions.p7s. */
 abstract sig Document {}
 
 /**

@@ -24,7 +24,10 @@ fact TimePasses {
 	always Clock' = (some Clock.following implies Clock.following else Clock)
 }
 
-/** A compartment for each moment, for claims that must hold at all of them: a set that the solver finds, so a field. */
+/**
+ * A compartment for each moment, for claims that must hold at all of them. A field, since below `always` the
+ * Analyzer does not look for the sets of a quantifier.
+ */
 one sig Compartment { var inside: set Enclave + Outsider }
 
 /** No enclave is cut off by its authorities while its own certificate is in force. */

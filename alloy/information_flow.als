@@ -6,8 +6,8 @@
  * another one; there are three routes, and an attacker opens the second and the third:
  *
  *   by right        the writer matches the reader, and each gives the other its keys
- *   imposed         a `forger` has its sample taken, by any identity whose key it has, or by the reader's own keys
- *   intercepted     an `eavesdropper` recovers a sample that was never meant for it
+ *   imposed         one of `forgers` has its sample taken, by any identity whose key it has, or by readers' keys
+ *   intercepted     one of `eavesdroppers` recovers a sample that was never meant for it
  *
  * Who forges and who eavesdrops is the attacker, of whom a claim names one. *honest*: nobody does. *source*: those with
  * whom the flow begins forge. *relays*: everybody on the way does both, the outsider too; not `relay`, the right.
@@ -104,8 +104,8 @@ fun putters[channels: set Channel, forgers: set Enclave + Outsider, realm: Realm
 
 /**
  * No flow from `source`, or from a sample of `first`, to `target`, or to a sample of `last`, over participants other
- * than `through`: `inside` is a compartment. Of each pair, source or first, target or last, a claim uses one; the other
- * is empty. `usable`: channels that hops may take.
+ * than `through`: `inside` is a compartment. Where a claim begins at channels `source` is empty, where at participants
+ * `first`; likewise `target` and `last`. `usable`: channels that hops may take.
  *
  * `through` are gateways ("never, except through these"): data may come to them and is not followed any further, so
  * they need not be inside. That goes for who gets a sample of `first` too, and one who could put it on `last` counts
