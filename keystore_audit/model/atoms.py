@@ -171,25 +171,40 @@ def _alphabet(expressions: Iterable[Sequence[Token]], budget: Budget) -> Alphabe
     return Alphabet(singles, [*ROS_SETS, *sorted(sets, key=lambda charset: charset.ranges)], budget)
 
 
+_ANY_LENGTH: Final = -1
+"""Stands for the length of the names that an expression with a star matches."""
+
+
+def _lengths(index: Iterable[tuple[int, str]]) -> dict[int, list[int]]:
+    """For each length of names, those of the ends to look for, each once."""
+    found: dict[int, set[int]] = {}
+    for length, end in index:
+        found.setdefault(length, set()).add(len(end))
+    return {length: sorted(ends) for length, ends in found.items()}
+
+
 class _Verifier:
     """Asks the patterns themselves, with their own matcher, about a name that the automaton found."""
 
     def __init__(self, patterns: Sequence[Pattern], budget: Budget) -> None:
         self._budget = budget
-        self._by_prefix: dict[str, list[tuple[int, Pattern]]] = {}
-        self._by_suffix: dict[str, list[tuple[int, Pattern]]] = {}
+        self._by_prefix: dict[tuple[int, str], list[tuple[int, Pattern]]] = {}
+        self._by_suffix: dict[tuple[int, str], list[tuple[int, Pattern]]] = {}
         for number, pattern in enumerate(patterns):
             prefix, suffix = pattern.prefix, pattern.suffix
             index, key = (self._by_prefix, prefix) if len(prefix) >= len(suffix) else (self._by_suffix, suffix)
-            index.setdefault(key, []).append((number, pattern))
-        self._prefix_lengths = sorted({len(prefix) for prefix in self._by_prefix})
-        self._suffix_lengths = sorted({len(suffix) for suffix in self._by_suffix})
+            length = len(pattern.pieces[0]) if len(pattern.pieces) == 1 else _ANY_LENGTH
+            index.setdefault((length, key), []).append((number, pattern))
+        self._prefix_lengths = _lengths(self._by_prefix)
+        self._suffix_lengths = _lengths(self._by_suffix)
 
     def verify(self, name: str, expected: _Set) -> None:
         """Raise AuditError unless exactly the patterns `expected` match `name`; only those that may are asked."""
         matching = set()
-        asked = [self._by_prefix.get(name[:length], ()) for length in self._prefix_lengths]
-        asked += [self._by_suffix.get(name[-length:], ()) for length in self._suffix_lengths]
+        asked: list[Sequence[tuple[int, Pattern]]] = []
+        for whole in (_ANY_LENGTH, len(name)):
+            asked += [self._by_prefix.get((whole, name[:n]), ()) for n in self._prefix_lengths.get(whole, ())]
+            asked += [self._by_suffix.get((whole, name[-n:]), ()) for n in self._suffix_lengths.get(whole, ())]
         for patterns in asked:
             for number, pattern in patterns:
                 if len(pattern.pieces) > _PIECES_PER_UNIT:  # hundreds of stars, in hundreds of expressions

@@ -41,7 +41,13 @@ def covers(expression: str, wanted: str) -> bool:
 
     False too where that would take too many classes of names.
     """
-    return expression == wanted or _cover((expression,), wanted)
+    return expression == wanted or (may_cover(expression, wanted) and _cover((expression,), wanted))
+
+
+def may_cover(expression: str, wanted: str) -> bool:
+    """The quick question before `covers`, which is False wherever this is."""
+    pattern = parse(expression, Matcher.POSIX)
+    return all(map(pattern.matches, _PROBES[wanted]))
 
 
 @lru_cache(maxsize=1024)

@@ -20,7 +20,17 @@ from typing import Final
 from keystore_audit.model.cyclonedds_pattern import parse_cyclonedds
 from keystore_audit.model.opendds_pattern import parse_opendds
 from keystore_audit.model.posix import parse_posix
-from keystore_audit.model.tokens import SEARCH, STAR, Piece, Reading, Single, Token, pieces, split_at_stars
+from keystore_audit.model.tokens import (
+    ANY_CHARACTER,
+    SEARCH,
+    STAR,
+    Piece,
+    Reading,
+    Single,
+    Token,
+    pieces,
+    split_at_stars,
+)
 
 
 class Matcher(str, Enum):
@@ -166,7 +176,10 @@ def _fits(piece: Piece, name: str, place: int) -> bool:
     """Whether the piece takes the characters of `name` from `place` on, of which there are enough."""
     if isinstance(piece, str):
         return name.startswith(piece, place)
-    return all(_takes(token, name[index]) for index, token in enumerate(piece, place))
+    for index, token in enumerate(piece, place):  # not `all`: hostile pieces have thousands of wildcards
+        if token is not ANY_CHARACTER and not _takes(token, name[index]):
+            return False
+    return True
 
 
 def _find(piece: Piece, name: str, begin: int, end: int) -> int:

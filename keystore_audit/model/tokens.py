@@ -21,7 +21,10 @@ class CharSet:
 
     def __contains__(self, character: str) -> bool:
         code = ord(character)
-        return any(low <= code <= high for low, high in self.ranges)
+        for low, high in self.ranges:  # noqa: SIM110 - many times faster than `any`
+            if low <= code <= high:
+                return True
+        return False
 
     @classmethod
     def of(cls, ranges: Iterable[tuple[int, int]], *, negated: bool = False) -> CharSet:
@@ -78,7 +81,9 @@ def pieces(tokens: Iterable[Token]) -> tuple[Piece, ...]:
     found: list[list[Single]] = [[]]
     after_star = False
     for token in tokens:
-        if isinstance(token, Star):
+        if token is ANY_CHARACTER and not after_star:  # said early, since hostile texts have thousands of them
+            found[-1].append(ANY_CHARACTER)
+        elif isinstance(token, Star):
             if not after_star:
                 found.append([])
             after_star = True
