@@ -74,7 +74,7 @@ def divergences(
         return ()
     stages = {stage.profile.name: stage.profile for reader in readers for stage in reader.stages}
     try:
-        builder = SystemBuilder(keystore, tuple(stages.values()), at, accesses)
+        builder = SystemBuilder(keystore, tuple(stages.values()), at, accesses, literal=True)
     except BudgetExceeded:
         return (_undecided(odd, keystore),)
     local = LocalValues(accesses, builder.channels, at, domain)

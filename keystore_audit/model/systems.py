@@ -48,7 +48,8 @@ class SystemBuilder:
 
     `accesses`: how they read its documents. `points`: only these names are channels; None: all names, in classes.
     `claims`: the names and instants that they speak of take part. `channels`: these, which tell apart all that the
-    keystore's documents do. `named`: sets of names that are told apart as well.
+    keystore's documents do. `named`: sets of names that are told apart as well. `literal`: partitions are plain names,
+    as they are to permissions; else who may be in one that is a pattern is met in all that it matches.
     Raises errors.BudgetExceeded where the classes are too many.
     """
 
@@ -62,6 +63,8 @@ class SystemBuilder:
         claims: Sequence[Claim] = (),
         channels: Channels | None = None,
         named: Sequence[Named] = (),
+        *,
+        literal: bool = False,
     ) -> None:
         self._keystore = keystore
         self._profiles = profiles
@@ -77,6 +80,7 @@ class SystemBuilder:
         if channels is None:
             channels = document_channels(self._read, points, (*claim_regions(claims), *named))
         self.channels = channels
+        self._meets = () if literal else channels.meets
         self._rule_atoms = RuleAtoms(self.channels, self._instants)
         self._issuers = self._issue()
         self._typed: dict[object, Atoms] = {}
@@ -184,7 +188,7 @@ class SystemBuilder:
             topic_rules=topic_rules,
             grants=grants,
             rules=rules,
-            meets=self.channels.meets,
+            meets=self._meets,
         )
 
     def _document_atom(self, document: Document, kind: Kind, *, opaque: bool) -> DocumentAtom:
