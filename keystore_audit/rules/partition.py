@@ -41,8 +41,8 @@ def partition_evaded(use: PermissionsUse, _context: Context) -> Iterator[Violati
 
     To permissions the partition of an endpoint is a plain string, to matching it is a pattern (measured on Cyclone DDS
     0.10.2 and Fast DDS 2.9.1): a denial in `secret` says nothing of `*`, and who is allowed in `?` may go into `*`.
-    What this audit says of flows and rights takes partitions for plain names. Topics are compared one expression with
-    another; two with wildcards are taken to overlap.
+    Properties, claims and flows count who is met so; `can` and `access` answer about the plain name. Topics are
+    compared one expression with another; two with wildcards are taken to overlap.
     """
     for grant in all_grants(use):
         for number, each in enumerate(grant.rules):

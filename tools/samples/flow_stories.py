@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from .base import LISTENER, LISTENER_GRANT, PERMISSIONS_CA, TALKER, TWO, with_listener
-from .documents import DomainRule, Governance, Permissions, Rule, TopicRule, edited
+from .base import LISTENER, LISTENER_GRANT, PERMISSIONS_CA, TALKER, TALKER_GRANT, TWO, with_listener
+from .documents import DISCOVERY, Criterion, DomainRule, Governance, Permissions, Rule, TopicRule, edited
 from .healthy import TURTLESIM, VEHICLE, healthy
 from .policy import Node, grant
 from .smime import signed_by
@@ -32,6 +32,7 @@ def stories() -> Iterator[Story]:
     yield from _turtlesim()
     yield from _vehicle()
     yield from _unknown()
+    yield from _partitions()
 
 
 def answering(subscribed: str) -> Store:
@@ -201,4 +202,30 @@ def _unknown() -> Iterator[Story]:
         "linked_away_enclave",
         "A link leads to a folder outside of the keystore: the enclave behind it may pass anything on.",
         replace(TWO, changes={"enclaves/relay": Link(target="../../../elsewhere")}),
+    )
+
+
+def _partitions() -> Iterator[Story]:
+    """The listener publishes /map in one partition, and the talker reads it in others."""
+    secret = Criterion(topics=("rt/map",), partitions=("secret",))
+    told = Permissions(grants=(replace(LISTENER_GRANT, rules=(Rule(publish=(secret,)), DISCOVERY)),))
+
+    def store(partition: str) -> Store:
+        read = Rule(subscribe=(replace(secret, partitions=(partition,)),))
+        grant = replace(TALKER_GRANT, rules=(Rule(subscribe=(secret,), allow=False), read, DISCOVERY))
+        talker = replace(TALKER, permissions=Permissions(grants=(grant,)))
+        return replace(TWO, enclaves=(talker, replace(LISTENER, permissions=told)))
+
+    yield _story(
+        "chatter",
+        "partition_pattern",
+        "The listener publishes /map in the partition secret, where the talker may not read it. It may in *, and there "
+        "its reader meets the writers of all partitions: the denial is of one plain name.",
+        store("*"),
+    )
+    yield _story(
+        "chatter",
+        "partition_named",
+        "The same, but the talker may read /map in the partition public alone, which meets no other.",
+        store("public"),
     )
