@@ -185,7 +185,7 @@ class Services:
 
     def _meetings(self, caller: Holder) -> Iterator[tuple[str, Holder]]:
         """Services that an expression of the caller and a pattern of somebody else have in common."""
-        if not self._answers.owners:
+        if all(each is caller for owners in self._answers.owners.values() for each in owners):
             return
         listed = (name for name in caller.requests if name.rpartition("/")[2] in _FAMILY)
         compared: set[Holder] = set()
@@ -195,12 +195,25 @@ class Services:
                 owners = [each for each in self._answers.owners[answer] if each is not caller]
                 plain = [each for each in owners if each.allows_only and caller.allows_only]
                 for service in _common(call, answer, self._matcher, self._budget) if plain else ():
-                    if service not in caller.replies:
-                        yield from ((service, owner) for owner in plain)
+                    other = self._beside(call, answer, service, caller) if service in caller.replies else service
+                    if other is not None:
+                        yield from ((other, owner) for owner in plain)
                 for owner in owners:
                     if owner not in plain and owner not in compared:
                         compared.add(owner)
                         yield from self._classes(caller, owner)
+
+    def _beside(self, call: str, answer: str, service: str, caller: Holder) -> str | None:
+        """The same service of a node for which the caller does not answer itself."""
+        name = service.rpartition("/")[2]
+        own = [_REPLY.topic(each) for each in caller.replies if each.endswith(f"/{name}")]
+        self._budget.spend(_UNITS_OF_A_SEARCH * (1 + len(own) // 8))
+        patterns = [parse(text, self._matcher) for text in (call, answer, *own)]
+        for each in classify_ros_names(patterns, (Affix("rq", f"/{name}Request"), Affix("rr", f"/{name}Reply"))):
+            found = f"{each.name}/{name}"
+            if 0 in each.members[0] and 1 in each.members[1] and found not in caller.replies:
+                return found
+        return None
 
     def _classes(self, caller: Holder, owner: Holder) -> Iterator[tuple[str, Holder]]:
         """The same where rules that deny come in between: by all classes of names."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.keystore.keystore import Keystore
@@ -72,6 +72,13 @@ def listed(rules: Drawn, topic: str) -> bool:
 
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(drawn=st.lists(_RULES, min_size=2, max_size=3))
+@example(  # the first node that comes to mind is the caller's own, /b; there is /b/a beside it
+    drawn=[
+        [(True, ["rr/b/get_parametersReply"])],
+        [(True, ["rr/b/change_stateReply", "r?/[!a]*/change_state*"])],
+        [(True, ["rr/?/*Reply", "rr/[!a]*Reply"])],
+    ]
+)
 def test_reach_and_rivals_are_those_of_the_rules(drawn: list[Drawn]) -> None:
     store = built(drawn)
     assert not any(
