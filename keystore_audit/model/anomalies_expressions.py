@@ -114,6 +114,9 @@ def _has_ros_name(pattern: Pattern, effort: Effort) -> bool:
 
 def _probed(pattern: Pattern) -> bool:
     """Whether one of a few names that the expression matches is of ROS 2."""
+    if len(pattern.pieces) == 1:
+        name = "rt/".ljust(len(pattern.pieces[0]), "a")
+        return is_ros_dds_name(name) and pattern.matches(name)
     if not all(isinstance(piece, str) for piece in pattern.pieces):
         return False
     pieces = [str(piece) for piece in pattern.pieces]

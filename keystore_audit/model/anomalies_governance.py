@@ -22,11 +22,13 @@ def governance_anomalies(rules: Sequence[ReadDomainRule], matcher: Matcher, effo
     """
     taken = 0
     winning: list[tuple[int, DomainRule]] = []
+    known: dict[int, list[DomainRule]] = {}
     for read in rules:
         cover = domain_bits(read.domains)
         if cover and not cover & ~taken:
-            winners = [rule for domains, rule in winning if domains & cover]
-            yield _shadowed_domain_rule(read, winners, matcher, effort)
+            if cover not in known:  # no later rule wins any of these domains
+                known[cover] = [rule for domains, rule in winning if domains & cover]
+            yield _shadowed_domain_rule(read, known[cover], matcher, effort)
             continue
         if cover & ~taken:
             winning.append((cover & ~taken, read.rule))

@@ -171,16 +171,14 @@ class LocalRights:
     ) -> Iterator[tuple[ReadDomainRule, TopicRule, int]]:
         """The topic rules of the enclave's governance, each with the channels that it decides about."""
         read = self._accesses.read(enclave.governance, access) if enclave.governance else None
-        ruled: set[int] = set()
+        left = {number: domain.intervals[0][0] for number, domain in enumerate(self._channels.domains)}
         for domain_rule in (read.domain_rules or ()) if read is not None else ():
-            fresh = {
-                number
-                for number, domain in enumerate(self._channels.domains)
-                if number not in ruled and contains(domain_rule.domains, domain.intervals[0][0])
-            }
-            ruled |= fresh
+            fresh = [number for number, domain in left.items() if contains(domain_rule.domains, domain)]
+            if not fresh:  # earlier ones decide about all of its domains
+                continue
             undecided = 0
             for number in fresh:
+                del left[number]
                 undecided |= self._in_domain[number]
             for topic in domain_rule.topic_rules:
                 named = self._region(access, topic.region)

@@ -41,13 +41,16 @@ def _interval(item: DomainRange, reading: OpenRange) -> Interval | None:
 
 def contains(intervals: Iterable[Interval], domain: int) -> bool:
     """Whether `domain` lies in one of the closed intervals."""
-    return any(low <= domain <= high for low, high in intervals)
+    for low, high in intervals:  # noqa: SIM110 - asked a million times of hostile documents, and `any` is slow
+        if low <= domain <= high:
+            return True
+    return False
 
 
 def elementary(covers: Iterable[Sequence[Interval]]) -> tuple[Interval, ...]:
     """The coarsest closed intervals that partition 0..232 and on which every cover is constant."""
     starts = {0}
-    for cover in covers:
+    for cover in set(map(tuple, covers)):
         for low, high in cover:
             starts.add(low)
             if high < HIGHEST_DOMAIN:

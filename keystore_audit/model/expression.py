@@ -169,7 +169,7 @@ def _matches_without_rewinding(pieces: Sequence[Piece], name: str) -> bool:
 
 
 def _takes(token: Single, character: str) -> bool:
-    return character == token if isinstance(token, str) else character in token
+    return character == token if isinstance(token, str) else token.takes(character)
 
 
 def _fits(piece: Piece, name: str, place: int) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Final
@@ -164,16 +164,21 @@ class Usabilities:
             return None
         key = (file.signed.file.place, self._accesses.row(profile.access))
         if key not in self._governed:
-            found = []
-            for low, high in elementary(rule.domains for rule in rules):
-                if self._domain is not None and not low <= self._domain <= high:
-                    continue
-                decides = next((rule for rule in rules if contains(rule.domains, low)), None)
-                if decides is not None:
-                    interval = (low, high) if self._domain is None else (self._domain, self._domain)
-                    found.append((interval, decides))
-            self._governed[key] = tuple(found)
+            self._governed[key] = tuple(self._deciding(rules))
         return self._governed[key]
+
+    def _deciding(self, rules: Sequence[ReadDomainRule]) -> Iterator[tuple[Interval, ReadDomainRule]]:
+        """The first rule for the domain in question, or for each that they tell apart."""
+        asked: Iterable[Interval] = ((self._domain, self._domain),) if self._domain is not None else ()
+        if self._domain is None:
+            first: dict[tuple[Interval, ...], ReadDomainRule] = {}
+            for rule in rules:  # of rules about the same domains only the first decides
+                first.setdefault(rule.domains, rule)
+            rules, asked = list(first.values()), elementary(first)
+        for interval in asked:
+            decides = next((rule for rule in rules if contains(rule.domains, interval[0])), None)
+            if decides is not None:
+                yield interval, decides
 
 
 def _identity_refusals(enclave: Enclave, certificate: Certificate, trust: Trust) -> Iterator[str]:

@@ -24,7 +24,7 @@ def searched(tokens: Sequence[Token], place: int, letter: str) -> set[int]:
     if at is SEARCH:
         place += 1
         at = tokens[place]
-    if letter == at if not isinstance(at, CharSet) else letter in at:
+    if letter == at if not isinstance(at, CharSet) else at.takes(letter):
         return {place + 1}
     return {
         number + 1 for number in range(place) if tokens[number] is SEARCH and SEARCH not in tokens[number + 1 : place]
@@ -52,7 +52,7 @@ def positions_graph(patterns: Sequence[Pattern]) -> tuple[list[frozenset[int]], 
             token = tokens[number][place] if place < len(tokens[number]) else None
             if token is STAR:
                 after.add(place)
-            elif token is not None and (letter == token if isinstance(token, str) else letter in token):
+            elif token is not None and (letter == token if isinstance(token, str) else token.takes(letter)):
                 after.add(place + 1)
         return close(number, after)
 
