@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import sys
+from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -21,6 +22,11 @@ from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
 from keystore_audit.settings import Settings, read_settings
+from tools.samples.base import IDENTITY_CA, LISTENER, TALKER, TWO
+from tools.samples.certificates import Certificate
+from tools.samples.documents import DISCOVERY, Criterion, Grant, Permissions, Rule
+from tools.samples.keys import Key
+from tools.samples.store import write
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -247,3 +253,23 @@ def test_what_is_not_in_the_keystore_is_a_mistake(tmp_path: Path, text: str, wha
     with pytest.raises(UsageError) as caught:
         report(tmp_path, TURTLESIM, text)
     assert what in caught.value.message
+
+
+@pytest.mark.parametrize(("partition", "expected"), [("q", "holds"), ("*", "violated"), ("", "violated")])
+def test_inputs_count_that_can_be_in_the_partition_of_the_forwards(
+    tmp_path: Path, partition: str, expected: str
+) -> None:
+    """The listener is high: in a partition of its own it gets nothing to the talker, in `*` it does."""
+    said = Criterion(topics=("rt/map",), partitions=(partition,) if partition else ())
+    heard = Rule(subscribe=("rt/map", "rt/low"), publish=("rt/out",))
+    rules = {"/talker": heard, "/listener": Rule(publish=(said,)), "/other": Rule(publish=("rt/low",))}
+    other = Certificate(key=Key(label="rules /other"), subject="/other", issuer=IDENTITY_CA)
+    enclaves = (TALKER, LISTENER, replace(LISTENER, path="/other", certificate=other))
+    given = (
+        replace(each, permissions=Permissions(grants=(Grant(path=each.path, rules=(rules[each.path], DISCOVERY)),)))
+        for each in enclaves
+    )
+    write(replace(TWO, enclaves=tuple(given)).tree(), tmp_path / "keys")
+    forward = '[[forward]]\nenclave = "/talker"\nfrom = ["/map", "/low"]\nto = "/out"\nscheduler = "priority"\n'
+    found = report(tmp_path, tmp_path / "keys", forward + asked("/out", "/listener"), "cyclonedds-11")
+    assert status(found) == expected

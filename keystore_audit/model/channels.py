@@ -22,7 +22,7 @@ from keystore_audit.model.names import is_ros_dds_name
 from keystore_audit.model.partition_patterns import meetings
 from keystore_audit.model.patterns import Patterns
 from keystore_audit.model.profiles import Access
-from keystore_audit.model.semantics import Region
+from keystore_audit.model.semantics import DEFAULT_PARTITION, Region
 from keystore_audit.model.system import ChannelAtom, DomainAtom
 
 ANY_TOPIC = "rt/chatter"
@@ -210,7 +210,7 @@ def document_channels(
                     ruled[rule.domains] = None
                     for region in (rule.publish, rule.subscribe, rule.relay):
                         regions[access.matcher, region] = None
-                        if rule.allow:
+                        if rule.allow and any(area.partitions != DEFAULT_PARTITION for area in region):
                             opening.add((access.matcher, region))
                     if access.first_rule_decides_topic:
                         regions[access.matcher, rule.listed] = None

@@ -172,7 +172,7 @@ class Forwarding:
             for sender, enclave in enumerate(self.system.enclaves):
                 if enclave.label in self._doing:
                     continue
-                reaches = self._reached(sender, topic, self._anywhere[topic], plan)
+                reaches = self._reached(sender, topic, self._by_default[topic], plan)
                 if reaches or (topic in claim.low and self._puts(sender, topic, plan.domain)):
                     differs = self._differs(claim, sender, tainted)
                     yield InputAtom(enclave=sender, topic=place, differs=differs, reaches=reaches)
@@ -218,7 +218,7 @@ class Forwarding:
 
         for holder, topic in dict.fromkeys((self._number[f.enclave], topic) for f in forwards for topic in f.sources):
             got = self._by_default[topic]
-            yield meeting(others, self._anywhere[topic], holder, got)
+            yield meeting(others, got, holder, got)
             publishing = frozenset(self._number[f.enclave] for f in forwards if topic in f.targets)
             yield meeting(publishing, self._by_default[topic], holder, got)
         for topic in claim.low:
