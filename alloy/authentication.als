@@ -41,3 +41,11 @@ fun one_key: Enclave -> Enclave { identity.public_key.~(identity.public_key) - i
 
 /** Pairs of enclaves whose identities one grant names, so that neither can have rights that the other has not. */
 fun one_subject: Enclave -> Enclave { identity.~subject_name.subject_name.~identity - iden }
+
+/** Enclaves that each can pass for; one that we could not read, for anybody. */
+fun shares_identity: Enclave -> Enclave { one_key + (opaque & Enclave) -> Enclave }
+
+/** Enclaves that each shares its rights with; one that we could not read, with anybody. */
+fun shares_subject: Enclave -> Enclave {
+	one_subject - Enclave -> (opaque & Enclave) + (opaque & Enclave) -> Enclave
+}

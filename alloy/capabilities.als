@@ -5,6 +5,9 @@
  * (`metadata_protection_kind`) goes to those that may read or relay, the key of its payloads
  * (`data_protection_kind`) to those that may read. Keys are symmetric: whoever can check can also make, unless the
  * kind authenticates the origin. An enclave is taken at its worst: it may use every key it holds in any way.
+ *
+ * Most enclaves take part in most domains. So what is out of reach is taken away, which is little, where all that is
+ * within reach, nearly every pair of an enclave and a channel, would cost the translator most of its time.
  */
 module capabilities
 open permissions
@@ -25,18 +28,23 @@ fun within_reach[realm: Realm]: Enclave -> Channel {
 	joins[realm].(~in_domain & Domain -> realm.governed)
 }
 
+/** All other channels: those of domains in which each enclave takes no part, and those that are not governed. */
+fun out_of_reach[realm: Realm]: Enclave -> Channel {
+	(Enclave -> Domain - joins[realm]).~in_domain + Enclave -> (Channel - realm.governed)
+}
+
 /** Channels on which peers match a writer of the enclave. */
 fun may_write[realm: Realm]: Enclave -> Channel {
-	within_reach[realm] & (Enclave -> realm.write_uncontrolled + presentable[realm, publish_allowed])
+	Enclave -> realm.write_uncontrolled + presentable[realm, publish_allowed] - out_of_reach[realm]
 }
 
 /** Channels on which peers match a reader of the enclave, and give it all keys. */
 fun may_read[realm: Realm]: Enclave -> Channel {
-	within_reach[realm] & (Enclave -> realm.read_uncontrolled + presentable[realm, subscribe_allowed])
+	Enclave -> realm.read_uncontrolled + presentable[realm, subscribe_allowed] - out_of_reach[realm]
 }
 
 /** Channels whose submessage keys the enclave gets to relay them. */
-fun relays[realm: Realm]: Enclave -> Channel { within_reach[realm] & presentable[realm, relay_allowed] }
+fun relays[realm: Realm]: Enclave -> Channel { presentable[realm, relay_allowed] - out_of_reach[realm] }
 
 /**
  * Channels whose payloads an enclave recovers from packets, with the keys it holds without being a reader. The
@@ -45,21 +53,20 @@ fun relays[realm: Realm]: Enclave -> Channel { within_reach[realm] & presentable
 fun overhears[realm: Realm]: Enclave -> Channel {
 	let in_clear = Channel - realm.(payload_protection[encrypting]),
 		bare = in_clear - realm.(submessage_protection[encrypting]) |
-		within_reach[realm] & Enclave -> bare + relays[realm] & Enclave -> in_clear
+		Enclave -> bare - out_of_reach[realm] + { e: Enclave, c: e.(relays[realm]) & in_clear }
 }
 
 /**
  * Channels on which an enclave can make packets that readers take for those of a permitted writer. It needs the key of
- * each layer that is protected (that of messages every member has), on a channel on which no layer tells who of those
- * that have the key made it (`anonymous`).
+ * each layer that is protected (that of messages every member has), and on channels on which some layer tells who of
+ * those that have the key made it (`attributed`), keys are not enough.
  */
 fun forges[realm: Realm]: Enclave -> Channel {
-	let reach = within_reach[realm], reader = may_read[realm],
-		anonymous = Channel
-			- realm.(message_protection[authenticating_origin] + submessage_protection[authenticating_origin]),
-		submessage = reach & Enclave -> realm.(submessage_protection[NONE]) + reader + relays[realm],
-		payload = reach & Enclave -> realm.(payload_protection[NONE]) + reader |
-		submessage & payload & Enclave -> anonymous
+	let reader = may_read[realm],
+		attributed = realm.(message_protection[authenticating_origin] + submessage_protection[authenticating_origin]),
+		submessage = Enclave -> realm.(submessage_protection[NONE]) - out_of_reach[realm] + reader + relays[realm],
+		payload = Enclave -> realm.(payload_protection[NONE]) - out_of_reach[realm] + reader |
+		submessage & payload - Enclave -> attributed
 }
 
 /** Channels whose samples the enclave learns, as a reader or from packets. */

@@ -12,7 +12,7 @@ open information_flow
 
 /** Channels on which each enclave publishes by a grant of the permissions CA, or writes without one. */
 fun publishes[realm: Realm]: Enclave -> Channel {
-	may_write[realm] + (within_reach[realm] & granted[realm, publish_allowed])
+	may_write[realm] + (granted[realm, publish_allowed] - out_of_reach[realm])
 }
 
 -- encrypted against insiders
@@ -41,27 +41,27 @@ fun joins_by_own[realm: Realm]: Enclave -> Domain {
 		+ ((grants.joining + own_unread -> Domain) & realm.authentic -> realm.governed_domain)
 }
 
-/** Governed channels in the domains that each enclave joins by its own document. */
-fun reached_by_own[realm: Realm]: Enclave -> Channel {
-	joins_by_own[realm].(~in_domain & Domain -> realm.governed)
+/** Channels that are not governed, or in domains that each enclave does not join by its own document. */
+fun out_of_reach_by_own[realm: Realm]: Enclave -> Channel {
+	(Enclave -> Domain - joins_by_own[realm]).~in_domain + Enclave -> (Channel - realm.governed)
 }
 
 /** Channels on which each enclave writes by its own document. */
 fun writes_by_own[realm: Realm]: Enclave -> Channel {
-	reached_by_own[realm]
-	& (Enclave -> realm.write_uncontrolled + own_grant[realm].publish_allowed + own_unread -> Channel)
+	Enclave -> realm.write_uncontrolled + own_grant[realm].publish_allowed + own_unread -> Channel
+	- out_of_reach_by_own[realm]
 }
 
 /** Channels that each enclave reads by its own document. */
 fun reads_by_own[realm: Realm]: Enclave -> Channel {
-	reached_by_own[realm]
-	& (Enclave -> realm.read_uncontrolled + own_grant[realm].subscribe_allowed + own_unread -> Channel)
+	Enclave -> realm.read_uncontrolled + own_grant[realm].subscribe_allowed + own_unread -> Channel
+	- out_of_reach_by_own[realm]
 }
 
 /** As `next` by right: whom one hop reaches from some of `holders`, if every enclave uses its own documents alone. */
 fun next_by_own[holders: set Enclave + Outsider, usable: set Channel, sending, receiving: Realm]: set Enclave {
-	(in_realm.receiving <: (reads_by_own[receiving] & reads_by_own[sending]))
-		.(usable & holders.(in_realm.sending <: writes_by_own[receiving]))
+	{ e: in_realm.receiving, c: e.(reads_by_own[receiving] & reads_by_own[sending]) }
+		.(usable & holders.({ e: in_realm.sending, c: e.(writes_by_own[receiving]) }))
 }
 
 /**
@@ -72,7 +72,7 @@ pred cut_off[inside, source: set Enclave + Outsider, first: set Channel, target:
              last: set Channel, through: set Enclave, usable: set Channel] {
 	source in inside
 	all realm: Realm {
-		(in_realm.realm <: reads_by_own[realm]).first in inside + through - target
+		{ e: in_realm.realm, c: e.(reads_by_own[realm]) }.first in inside + through - target
 		no inside & writes_by_own[realm].last
 	}
 	all sending, receiving: Realm {

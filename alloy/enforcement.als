@@ -28,12 +28,14 @@ fun reads_without_a_grant[realm: Realm]: Enclave -> Channel { knows[realm] - gra
 
 /** Channels that are written, and on which an enclave, granted to subscribe only, can pass for a writer. */
 fun forged_by_readers[realm: Realm]: Enclave -> Channel {
-	(forges[realm] & granted[realm, subscribe_allowed] & Enclave -> realm.written) - granted[realm, publish_allowed]
+	{ e: Enclave, c: e.(forges[realm] & granted[realm, subscribe_allowed]) & realm.written }
+	- granted[realm, publish_allowed]
 }
 
 /** Channels that an enclave is there to relay, and reads without a grant to subscribe: the payload is in the clear. */
 fun read_by_relays[realm: Realm]: Enclave -> Channel {
-	relays[realm] - Enclave -> realm.(payload_protection[encrypting]) - granted[realm, subscribe_allowed]
+	{ e: Enclave, c: e.(relays[realm]) - realm.(payload_protection[encrypting]) }
+	- granted[realm, subscribe_allowed]
 }
 
 /**

@@ -15,7 +15,8 @@ open governance
  */
 fun chosen: Certificate -> Grant {
 	let eligible = { g: Grant - (skipped_out_of_date - in_force), c: g.subject_name },
-		first = eligible - preceded_by.eligible | ~first :> in_force
+		first = eligible - preceded_by.eligible |
+		{ c: Certificate, g: first.c & in_force }
 }
 
 /**

@@ -29,12 +29,12 @@ assert DocumentsSignedByThePermissionsCa {
 
 /** No identity key serves two enclaves. */
 assert NoIdentityServesTwoEnclaves {
-	all enclave, other: Enclave | enclave not in opaque and other not in enclave.one_key
+	all enclave, other: Enclave | other not in enclave.shares_identity
 }
 
 /** No subject that permissions documents grant rights to is the subject of two enclaves. */
 assert NoSubjectServesTwoEnclaves {
-	all enclave, other: Enclave | enclave not in opaque and (other in opaque or other not in enclave.one_subject)
+	all enclave, other: Enclave | other not in enclave.shares_subject
 }
 
 /** No enclave can sign a permissions document that its peers obey, or holds one that not the CA has signed. */

@@ -1,6 +1,9 @@
 """Measures the whole audit against the number of enclaves and of topics, with both engines and natively.
 
-`python -m benchmarks.alloy_scale` prints the table of docs/performance.md; `wired-100x200 fleet-1000 …` chooses rows.
+`python -m benchmarks.alloy_scale` prints the table of docs/performance.md, by the clock and in processor seconds
+(children included); `wired-100x200 fleet-1000 …` chooses rows. `wired-500x1000`, the largest, is measured only if it
+is named.
+*turtlesim*, *sample-policy*: keystores of sample_keystores/, without properties of users; the others have three.
 *fleet*: enclaves that are alike but for their names, as `ros2 security` makes them for one robot after the other.
 *wired*: each topic has a writer and two readers drawn at random, so that no two enclaves and no two topics are alike.
 """
@@ -24,7 +27,14 @@ else:
 
 ROOT = Path(gettempdir()) / "keystore-audit-benchmarks"
 
-ROWS = ("fleet-4", "fleet-100", "fleet-1000", "wired-20x50", "wired-100x200", "wired-200x400", "wired-500x1000")
+SAMPLES = {"turtlesim": "healthy/turtlesim", "sample-policy": "stock/sample_policy"}
+"""Rows about keystores of sample_keystores/."""
+
+ROWS = (*SAMPLES, "fleet-100", "fleet-1000", "wired-20x50", "wired-100x200")
+"""Rows that are measured unasked."""
+
+TARGETS = {"turtlesim": 2.5, "sample-policy": 4, "wired-100x200": 8, "wired-500x1000": 40}
+"""Seconds by the clock for the audit with both engines, on an idle machine with two cores."""
 
 READERS = 2
 """Readers of each topic."""
@@ -62,6 +72,8 @@ def wired(enclaves: int, topics: int) -> Path:
 
 def keystore(row: str) -> tuple[Path, str]:
     """The keystore of a row, and settings with properties for it."""
+    if row in SAMPLES:
+        return Path(__file__).parent.parent / "sample_keystores" / SAMPLES[row], ""
     kind, _, size = row.partition("-")
     if kind == "fleet":
         store = build(ROOT, int(size), "ec")
@@ -89,17 +101,18 @@ def audit(store: Path, settings: Path, engine: str) -> tuple[float, float, dict[
 
 def main() -> None:
     """Prints one line for each row."""
-    print("| keystore | native s (CPU) | both engines s (CPU) | Alloy |")
-    print("|---|---|---|---|")
+    print("| keystore | atoms | asked about | native, clock (CPU) | both, clock (CPU) | target, clock |")
+    print("|---|---|---|---|---|---|")
     for row in sys.argv[1:] or ROWS:
         store, properties = keystore(row)
         settings = ROOT / f"{row}.toml"
         settings.write_text(properties)
         native, both = audit(store, settings, "native"), audit(store, settings, "both")
         status = both[2]["engines"]["alloy"]
-        size = "{asked} of {keystore} atoms".format(**status["atoms"]) if status["atoms"] else ""
-        told = "; ".join(filter(None, [status["status"], size, status["reason"]]))
-        print(f"| {row} | {native[0]:.1f} ({native[1]:.1f}) | {both[0]:.1f} ({both[1]:.1f}) | {told} |", flush=True)
+        atoms = status["atoms"] or {"keystore": "", "asked": status["reason"] or status["status"]}
+        seconds = " | ".join(f"{clock:.1f} s ({cpu:.1f} s)" for clock, cpu, _report in (native, both))
+        target = f"{TARGETS[row]} s" if row in TARGETS else ""
+        print(f"| {row} | {atoms['keystore']} | {atoms['asked']} | {seconds} | {target} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ and number alone.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -124,14 +124,25 @@ def name_atoms(system: System) -> Atoms:
 
 def declare(sort: Sort) -> str:
     """Return the sigs for the atoms of a sort, in groups where there are many."""
-    lines: list[str] = []
-    grouped = len(sort.atoms) > GROUP
-    for index, atom in enumerate(sort.atoms):
-        parent = f"{sort.sig}_{index // GROUP}" if grouped else sort.sig
-        if grouped and index % GROUP == 0:
-            lines.append(f"private abstract sig {parent} extends {sort.sig} {{}}")
-        lines += [f"-- {text.alloy_comment(atom.comment)}", f"one sig {atom.name} extends {parent} {{}}"]
-    return "\n".join(lines)
+    return "\n".join(declare_groups(sort))
+
+
+def declare_groups(sort: Sort) -> list[str]:
+    """Return the sigs for the atoms of a sort, group by group: each can stand in a module of its own."""
+    if len(sort.atoms) <= GROUP:
+        return ["\n".join(_declare(sort.sig, sort.atoms))] if sort.atoms else []
+    groups = []
+    for number, start in enumerate(range(0, len(sort.atoms), GROUP)):
+        parent = f"{sort.sig}_{number}"
+        head = f"private abstract sig {parent} extends {sort.sig} {{}}"
+        groups.append("\n".join([head, *_declare(parent, sort.atoms[start : start + GROUP])]))
+    return groups
+
+
+def _declare(parent: str, atoms: Sequence[Atom]) -> Iterator[str]:
+    for atom in atoms:
+        yield f"-- {text.alloy_comment(atom.comment)}"
+        yield f"one sig {atom.name} extends {parent} {{}}"
 
 
 def index_of(answer: str, role: Role) -> int | None:

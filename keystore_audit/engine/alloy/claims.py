@@ -35,6 +35,9 @@ EXERCISED: Final = {"flows": FLOW_EXERCISED, "places": INHABITED}
 
 PARTICIPANTS: Final = "set Enclave + Outsider"
 
+SOME_INSIDE: Final = f"some inside: {PARTICIPANTS} |"
+"""How the condition of a claim about flows begins: with the compartment that is looked for."""
+
 _ROLES: Final = {
     (ClaimKind.ONLY_PUBLISH, None): (Role.REALM, Role.ENCLAVE, Role.CHANNEL),
     (ClaimKind.ENCRYPTED, Attacker.OUTSIDER): (Role.REALM, Role.CHANNEL),
@@ -131,7 +134,7 @@ def condition(claim: ClaimAtom, number: int) -> str:
     """Return what the command of the claim of this index runs or checks."""
     at = Places.of(number)
     if claim.kind in FLOWS:
-        return f"some inside: {PARTICIPANTS} | {compartment(claim, number, 'inside')}"
+        return f"{SOME_INSIDE} {compartment(claim, number, 'inside')}"
     if claim.kind is ClaimKind.ONLY_PUBLISH:
         who = f"enclave: Enclave - {at.source}, channel: {at.last}"
         return f"all realm: Realm, {who} | channel not in enclave.(publishes[realm])"

@@ -15,7 +15,7 @@ from typing import Final
 
 from keystore_audit import resources, text
 from keystore_audit.engine.alloy import application, claims, expiry, paths
-from keystore_audit.engine.alloy.atoms import Sort, declare, name_atoms
+from keystore_audit.engine.alloy.atoms import GROUP, Sort, declare, declare_groups, name_atoms
 from keystore_audit.engine.alloy.readme import describe_folders, describe_system, folder_names
 from keystore_audit.engine.alloy.relations import Relations, Row, function
 from keystore_audit.engine.alloy.user_vocabulary import VOCABULARY, write_vocabulary
@@ -51,6 +51,9 @@ THEME: Final = "keystore_audit.thm"
 
 SCENARIOS: Final = "scenarios.als"
 """A module for what is meant to happen, with commands that its reader writes."""
+
+MODULE_GROUPS: Final = 8
+"""Groups of up to `atoms.GROUP` atoms in one module, where there are more in all (`fact_modules`)."""
 
 TIME: Final = "expiry"
 """The folder of the model with a moving clock."""
@@ -106,6 +109,26 @@ def facts(system: System, *, moving: bool = False) -> str:
     sorts = name_atoms(system).sorts()
     sections = _Facts(system, moving=moving).sections()
     return "\n\n".join([_header(system), *filter(None, map(declare, sorts)), *sections]) + "\n"
+
+
+def fact_modules(system: System) -> dict[str, str]:
+    """Return `facts` as the files that the Analyzer reads fast: name to text.
+
+    Where a module declares many atoms, it spends most of its time on looking through all of them for each. So many
+    atoms stand in modules of their own, which `keystore` opens.
+    """
+    sorts = name_atoms(system).sorts()
+    if sum(len(sort.atoms) for sort in sorts) <= MODULE_GROUPS * GROUP:
+        return {KEYSTORE: facts(system)}
+    groups = [group for sort in sorts for group in declare_groups(sort)]
+    opened, modules = [], {}
+    for number, start in enumerate(range(0, len(groups), MODULE_GROUPS)):
+        head = f"module atoms_{number}\nopen dds_security\n"
+        modules[f"atoms_{number}.als"] = "\n".join([head, *groups[start : start + MODULE_GROUPS]]) + "\n"
+        opened.append(f"open atoms_{number}")
+    header = "\n".join([_header(system), *opened])
+    modules[KEYSTORE] = "\n\n".join([header, *_Facts(system, moving=False).sections()]) + "\n"
+    return modules
 
 
 def commands(properties: Sequence[Property], system: System | None = None, *, window: bool = False) -> str:

@@ -9,11 +9,19 @@ from typing import Final
 
 from keystore_audit import resources
 from keystore_audit.engine.alloy import claims, moments, paths
-from keystore_audit.engine.alloy.facts import CONSISTENCY, EXERCISED, KEYSTORE, MAIN, MODULES, facts
+from keystore_audit.engine.alloy.facts import (
+    CONSISTENCY,
+    EXERCISED,
+    KEYSTORE,
+    MAIN,
+    MODULES,
+    fact_modules,
+    facts,
+)
 from keystore_audit.engine.alloy.jobs import Analyzer, Job, run
 from keystore_audit.engine.alloy.merging import Merged, merge
 from keystore_audit.engine.alloy.questions import Questions, Sheet
-from keystore_audit.engine.alloy.solution import witness
+from keystore_audit.engine.alloy.solution import witness, witnesses
 from keystore_audit.errors import EngineFailed, EngineOutOfScale
 from keystore_audit.model.system import System
 from keystore_audit.properties import PROPERTIES
@@ -169,23 +177,26 @@ class _Outcome:
 
 
 def _decisions(cases: Sequence[_Case], expected: Expected | None, analyzer: Analyzer) -> list[Decision]:
-    """The decision on each case: what is expected to hold is asked together, and alone only where it does not."""
-    if expected is None:
-        first = [case.sheet().one_by_one() for case in cases]
-    else:
-        first = [case.sheet().together(expected[case.number]) for case in cases]
-    found = _ask(cases, first, analyzer)
-    answered = [asked.answered(outcome.found) for asked, outcome in zip(first, found, strict=True)]
-    again = [place for place, (_, open_) in enumerate(answered) if open_]
-    second = [cases[place].sheet().one_by_one(answered[place][1]) for place in again]
-    more = dict(zip(again, _ask([cases[place] for place in again], second, analyzer), strict=True))
-    decisions = []
-    for place, case in enumerate(cases):
-        outcomes, told = answered[place][0], found[place].told
-        if place in more:
-            outcomes, told = {**outcomes, **more[place].found}, {**told, **more[place].told}
-        decisions.append(_decision(case, outcomes, told))
-    return decisions
+    """The decision on each case: what is as expected is asked together, the rest alone."""
+    sheets = [case.sheet() for case in cases]
+    says = [{} if expected is None else expected[case.number] for case in cases]
+    asked = {
+        place: sheet.one_by_one() if expected is None else sheet.together(says[place])
+        for place, sheet in enumerate(sheets)
+    }
+    outcomes: list[dict[str, bool]] = [{} for _ in cases]
+    told: list[dict[str, Witness]] = [{} for _ in cases]
+    while asked:
+        found = _ask([cases[place] for place in asked], tuple(asked.values()), analyzer)
+        again: dict[int, Questions] = {}
+        for (place, questions), outcome in zip(asked.items(), found, strict=True):
+            answered, open_ = questions.answered(outcome.found)
+            outcomes[place] |= answered
+            told[place] |= outcome.told
+            if open_:
+                again[place] = sheets[place].again(says[place], open_)
+        asked = again
+    return [_decision(case, outcomes[place], told[place]) for place, case in enumerate(cases)]
 
 
 def _ask(cases: Sequence[_Case], asked: Sequence[Questions], analyzer: Analyzer) -> list[_Outcome]:
@@ -197,6 +208,9 @@ def _ask(cases: Sequence[_Case], asked: Sequence[Questions], analyzer: Analyzer)
         roles |= {claims.command_of(c, n).name: claims.roles_of(c) for n, c in enumerate(case.system.claims)}
         violated = [name for name, instance in found.items() if instance and roles.get(name)]
         told = {name: witness(solutions, name, roles[name], sizes) for name in violated}
+        for joint in asked[number].joints:
+            if found[joint.command.name]:
+                told |= witnesses(solutions, joint.command.name, joint.witnessed, sizes)
         return _Outcome(found=found, told=told)
 
     return run([_audit(case, each) for case, each in zip(cases, asked, strict=True)], analyzer, read)
@@ -205,7 +219,7 @@ def _ask(cases: Sequence[_Case], asked: Sequence[Questions], analyzer: Analyzer)
 def _audit(case: _Case, asked: Questions) -> Job:
     modules = (*MODULES, *claims.MODULES) if case.system.claims else MODULES
     return Job(
-        files={**module_texts(modules), KEYSTORE: facts(case.system), MAIN: asked.text},
+        files={**module_texts(modules), **fact_modules(case.system), MAIN: asked.text},
         main=MAIN,
         commands=asked.commands,
         atoms=count_atoms(case.system),
@@ -218,15 +232,15 @@ def _decision(case: _Case, found: Mapping[str, bool], told: Mapping[str, Witness
     answers: list[Answer] = []
     for prop in case.properties:
         status = Status.VIOLATED if found[prop.assertion] else Status.HOLDS
-        witnesses = (told[prop.assertion],) if found[prop.assertion] else ()
-        answers.append(Answer(property_id=prop.id, status=status, witnesses=witnesses))
+        shown = (told[prop.assertion],) if found[prop.assertion] else ()
+        answers.append(Answer(property_id=prop.id, status=status, witnesses=shown))
     for number, claim in enumerate(case.system.claims):
         name = claims.command_of(claim, number).name
         status = claims.status(claim, found[name])
         violated = status is Status.VIOLATED
-        witnesses = (told[name],) if name in told and violated else ()
+        shown = (told[name],) if name in told and violated else ()
         moment = case.moment if violated else None
-        answers.append(Answer(property_id=claim.id, status=status, witnesses=witnesses, moment=moment))
+        answers.append(Answer(property_id=claim.id, status=status, witnesses=shown, moment=moment))
     exercised = {**EXERCISED, **(claims.EXERCISED if case.system.claims else {})}
     return Decision(
         answers={answer.property_id: case.merged.original(answer, case.moment) for answer in answers},

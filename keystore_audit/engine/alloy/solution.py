@@ -58,7 +58,28 @@ def witness(directory: Path, command: str, roles: Sequence[Role], sizes: Mapping
     `sizes`: how many atoms may play each role. Raises EngineFailed if the instance is not there, is no XML, or does
     not name one known atom for each of `roles`.
     """
-    atoms = _skolems(directory / f"{command}-solution-0.xml", command)
+    return _roles(_skolems(directory / f"{command}-solution-0.xml", command), command, roles, sizes)
+
+
+def witnesses(
+    directory: Path, command: str, members: Mapping[str, Sequence[Role]], sizes: Mapping[Role, int]
+) -> dict[str, Witness]:
+    """Return, for checks that `command` stands for, by name, the atoms that make each of them fail. As `witness`.
+
+    Their variables are called `member_role`. A realm that is the only one needs none.
+    """
+    atoms = _skolems(directory / f"{command}-solution-0.xml", command) if members else {}
+    found: dict[str, Witness] = {}
+    for member, roles in members.items():
+        known: Witness = {role: 0 for role in roles if role is Role.REALM and sizes[role] == 1}
+        theirs = {
+            name.removeprefix(f"{member}_"): atom for name, atom in atoms.items() if name.startswith(f"{member}_")
+        }
+        found[member] = {**known, **_roles(theirs, member, [role for role in roles if role not in known], sizes)}
+    return found
+
+
+def _roles(atoms: Mapping[str, str], command: str, roles: Sequence[Role], sizes: Mapping[Role, int]) -> Witness:
     found: dict[Role, int] = {}
     for role in roles:
         index = index_of(atoms.get(role.value, ""), role)

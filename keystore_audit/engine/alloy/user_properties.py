@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Final
 
 from keystore_audit.engine.alloy import application, claims, install
-from keystore_audit.engine.alloy.facts import KEYSTORE, MODULES, facts
+from keystore_audit.engine.alloy.facts import MODULES, fact_modules
 from keystore_audit.engine.alloy.jobs import Analyzer, Job, run
 from keystore_audit.engine.alloy.process import Output
 from keystore_audit.engine.alloy.runner import MAX_ATOMS, MEMORY_MB, count_atoms, module_texts
@@ -123,7 +123,7 @@ def ask(file: UserFile, systems: Sequence[System], analyzer: Analyzer) -> list[l
 
 def job(file: UserFile, system: System) -> Job:
     """The run that asks a file about a system."""
-    written = {**module_texts((*MODULES, *claims.MODULES)), KEYSTORE: facts(system), MAIN: file.text}
+    written = {**module_texts((*MODULES, *claims.MODULES)), **fact_modules(system), MAIN: file.text}
     if system.nodes:
         written |= {**module_texts((application.MODULE,)), application.NODES: application.write_nodes(system)}
     asked = [Command(kind=asked.kind, name=asked.name) for asked in file.commands]

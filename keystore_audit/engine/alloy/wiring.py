@@ -7,7 +7,7 @@ from typing import Final
 
 from keystore_audit.engine.alloy.atoms import Sort, name_atoms
 from keystore_audit.engine.alloy.claims import MODULES as CLAIM_MODULES
-from keystore_audit.engine.alloy.facts import KEYSTORE, MODULES, facts
+from keystore_audit.engine.alloy.facts import MODULES, fact_modules
 from keystore_audit.engine.alloy.jobs import Job
 from keystore_audit.engine.alloy.relations import Relations, function
 from keystore_audit.engine.alloy.runner import count_atoms, module_texts
@@ -42,7 +42,7 @@ def wiring_job(system: System) -> Job:
         )
     modules = module_texts((*MODULES, CLAIM_MODULES[0], MODULE))
     return Job(
-        files={**modules, KEYSTORE: facts(system), MAIN: write_wiring(system)},
+        files={**modules, **fact_modules(system), MAIN: write_wiring(system)},
         main=MAIN,
         commands=(Command(kind="check", name=CONFIRMED),),
         atoms=atoms,

@@ -128,15 +128,15 @@ MUTANTS = {
     ),
     "forgers have no keys but their own": (
         32,
-        "(forgers <: acts_as).(feeds[realm])",
-        "(forgers <: iden).(feeds[realm])",
+        "c: e.acts_as.(feeds[realm])",
+        "c: e.(feeds[realm])",
     ),
-    "forgers write by right": (8, "(forgers <: acts_as).(feeds[realm])", "(forgers <: acts_as).(may_write[realm])"),
+    "forgers write by right": (8, "e.acts_as.(feeds[realm])", "e.acts_as.(may_write[realm])"),
     "the outsider forges nothing": (25, " + (forgers & Outsider) -> realm.unguarded", ""),
     "the outsider injects everywhere": (28, "-> realm.unguarded", "-> realm.governed"),
     "the outsider reads nothing": (23, " + (eavesdroppers & Outsider) -> realm.in_clear", ""),
     "the outsider reads everything": (22, "-> realm.in_clear", "-> realm.governed"),
-    "eavesdroppers overhear what they read": (12, "(overhears[realm])", "(may_read[realm])"),
+    "eavesdroppers overhear what they read": (12, "(knows[realm])", "(may_read[realm])"),
     "channels are never left out": (4, "receives[sending, receiving].(usable & ", "receives[sending, receiving].("),
     "no hop by right": (
         1,
@@ -178,8 +178,8 @@ MUTANTS = {
     ),
     "publishers need a grant": (
         37,
-        "may_write[realm] + (within_reach[realm]",
-        "may_write[realm] & (within_reach[realm]",
+        "may_write[realm] + (granted[realm, publish_allowed]",
+        "may_write[realm] & (granted[realm, publish_allowed]",
     ),
 }
 """What it would mean; the number of a question that finds it out; one change of the modules."""

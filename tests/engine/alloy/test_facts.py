@@ -14,14 +14,15 @@ from hypothesis import strategies as st
 from keystore_audit import resources
 from keystore_audit.engine.alloy import claims, expiry, paths
 from keystore_audit.engine.alloy.atoms import ROLE_LETTERS, index_of, name_atoms
-from keystore_audit.engine.alloy.facts import MODULES, SCENARIOS, commands, facts, write_model
+from keystore_audit.engine.alloy.facts import MODULES, SCENARIOS, commands, fact_modules, facts, write_model
 from keystore_audit.engine.alloy.relations import union
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
 from keystore_audit.model.system import Reading, System
 from keystore_audit.properties import PROPERTIES
 from keystore_audit.properties.property import Role
-from tests.engine.systems import healthy, random_system, stock, with_claims
+from tests.engine.alloy_batch import outcomes
+from tests.engine.systems import healthy, lively, random_system, stock, with_claims
 
 ALL_MODULES = (*MODULES, *claims.MODULES, *paths.MODULES)
 """All that are written by hand."""
@@ -193,3 +194,25 @@ def test_several_models_get_a_folder_each_and_the_names_are_told(tmp_path: Path)
 
 def folders(directory: Path) -> list[Path]:
     return sorted(path for path in directory.iterdir() if path.is_dir())
+
+
+@pytest.mark.alloy
+@pytest.mark.xdist_group("alloy")
+def test_many_atoms_stand_in_modules_of_their_own_and_say_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    modules = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+    system = with_claims(lively(random_system(5), 5), 5)
+    assert fact_modules(system) == {"keystore.als": facts(system)}
+    monkeypatch.setattr("keystore_audit.engine.alloy.facts.MODULE_GROUPS", 1)
+    monkeypatch.setattr("keystore_audit.engine.alloy.facts.GROUP", 2)
+    monkeypatch.setattr("keystore_audit.engine.alloy.atoms.GROUP", 2)
+    split = fact_modules(system)
+    assert len(split) > 12
+    code = {line for text in split.values() for line in bare(text).split("\n")}
+    assert {line for line in bare(facts(system)).split("\n") if line} <= code
+    asked = {"audit.als": commands(PROPERTIES, system)}
+    whole = outcomes(tmp_path, modules | {"keystore.als": facts(system)} | asked)
+    assert outcomes(tmp_path, modules | split | asked) == whole
+    assert len(set(whole.values())) == 2
+    assert all(index_of(f"keystore/atoms_3/{letter}7_name$0", role) == 7 for role, letter in ROLE_LETTERS.items())

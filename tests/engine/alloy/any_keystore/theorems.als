@@ -87,6 +87,7 @@ check PowerNeedsMembership {
 	all realm: Realm |
 		may_write[realm] + may_read[realm] + relays[realm] + overhears[realm] + forges[realm] in within_reach[realm]
 	all realm: Realm | within_reach[realm] in Enclave -> realm.governed
+	all realm: Realm | out_of_reach[realm] = Enclave -> Channel - within_reach[realm]
 	all realm: Realm - open_realm | joins[realm].Domain in realm.authentic
 } for 3 but 6 Entry, 2 Instant expect 0
 
