@@ -61,7 +61,7 @@ fun reads_by_own[realm: Realm]: Enclave -> Channel {
 /** As `next` by right: whom one hop reaches from some of `holders`, if every enclave uses its own documents alone. */
 fun next_by_own[holders: set Enclave + Outsider, usable: set Channel, sending, receiving: Realm]: set Enclave {
 	{ e: in_realm.receiving, c: e.(reads_by_own[receiving] & reads_by_own[sending]) }
-		.(usable & holders.({ e: in_realm.sending, c: e.(writes_by_own[receiving]) }))
+		.(usable & holders.({ e: in_realm.sending, c: e.(writes_by_own[receiving] & writes_by_own[sending]) }))
 }
 
 /**
@@ -73,7 +73,7 @@ pred cut_off[inside, source: set Enclave + Outsider, first: set Channel, target:
 	source in inside
 	all realm: Realm {
 		{ e: in_realm.realm, c: e.(reads_by_own[realm]) }.first in inside + through - target
-		no inside & writes_by_own[realm].last
+		no inside & { e: in_realm.realm, c: e.(writes_by_own[realm]) }.last
 	}
 	all sending, receiving: Realm {
 		next_by_own[inside, usable, sending, receiving] in inside + through - (target - source)

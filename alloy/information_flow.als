@@ -70,11 +70,12 @@ fun obtains[eavesdroppers: set Enclave + Outsider, realm: Realm]: Enclave -> Cha
 fun exposes[forgers: set Enclave + Outsider, realm: Realm]: Enclave -> Channel { guise[forgers].(emits[realm]) }
 
 /**
- * Channels of which `eavesdroppers` recover from packets what members of the realm write, and the outsider if it is
- * one.
+ * Channels of which `eavesdroppers` learn what members of the realm write, and the outsider if it is one: from packets,
+ * or because the realm gives them its keys, as a reader's. What their own realm would have them refuse binds honest
+ * readers alone (`receives`, `takes`).
  */
 fun intercepts[eavesdroppers: set Enclave + Outsider, realm: Realm]: (Enclave + Outsider) -> Channel {
-	{ e: eavesdroppers & Enclave, c: e.acts_as.(overhears[realm]) } + (eavesdroppers & Outsider) -> realm.in_clear
+	{ e: eavesdroppers & Enclave, c: e.acts_as.(knows[realm]) } + (eavesdroppers & Outsider) -> realm.in_clear
 }
 
 -- one hop

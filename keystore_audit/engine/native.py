@@ -270,7 +270,7 @@ class _Questions:
         for realm, view in enumerate(self._realms):
             for enclave in range(len(self._system.enclaves)):
                 able = view.abilities(enclave)
-                without = (able.may_read | able.overhears) & ~view.granted(enclave, Operation.SUBSCRIBE)
+                without = able.knows & ~view.granted(enclave, Operation.SUBSCRIBE)
                 yield from _channels(realm, without, enclave)
 
     def forging_readers(self) -> Iterator[Witness]:
@@ -297,7 +297,7 @@ class _Questions:
             for enclave in range(len(self._system.enclaves)):
                 able = view.abilities(enclave)
                 written = able.may_write | able.forges
-                read = able.may_read | able.overhears
+                read = able.knows
                 for within in self._permissions.channels_in if read and written else ():
                     elsewhere = written & ~within
                     for channel in members(read & within if elsewhere else 0):

@@ -30,6 +30,11 @@ class Abilities:
     overhears: int
     forges: int
 
+    @property
+    def knows(self) -> int:
+        """Channels whose samples it learns, as a reader or from packets."""
+        return self.may_read | self.overhears
+
 
 class RealmView:
     """How the peers of one realm see every enclave. Sets of channels and domains are bit sets."""

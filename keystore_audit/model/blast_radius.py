@@ -113,7 +113,7 @@ class Radii:
                 able = view.abilities(number)
                 written |= able.may_write
                 forged |= able.forges
-                read |= able.may_read | able.overhears
+                read |= able.knows
         return written, forged & ~written, read
 
     def _union(self, enclaves: Iterable[int]) -> int:

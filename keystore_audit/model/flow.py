@@ -107,13 +107,14 @@ class Flows:
             written = [rights[there].abilities(enclave).may_write for enclave in everybody]
             read = [rights[there].abilities(e).may_read if self._member[e] == there else 0 for e in everybody]
             for here in used:
-                shared = read
+                sent, shared = written, read
                 if here != there:
                     shared = [one and one & rights[here].abilities(e).may_read for e, one in enumerate(read)]
-                puts = written
+                    if own:
+                        sent = [one and one & rights[here].abilities(e).may_write for e, one in enumerate(written)]
                 if len(used) > 1:
-                    puts = [one if self._member[e] == here else 0 for e, one in enumerate(written)]
-                lanes.append(Lane([*puts, 0], [*shared, 0]))
+                    sent = [one if self._member[e] == here else 0 for e, one in enumerate(sent)]
+                lanes.append(Lane([*sent, 0], [*shared, 0]))
         return lanes
 
     def _attacked(self) -> list[Lane]:
@@ -125,7 +126,7 @@ class Flows:
             taken = [view.abilities(e).may_read if m == realm else 0 for e, m in enumerate(self._member)]
             lanes.append(Lane([*self._as_any(forged), view.injectable], [*self._as_any(taken), 0]))
             written = [view.abilities(e).may_write if m == realm else 0 for e, m in enumerate(self._member)]
-            heard = [view.abilities(enclave).overhears for enclave in range(self.outsider)]
+            heard = [view.abilities(enclave).knows for enclave in range(self.outsider)]
             lanes.append(Lane([*self._as_any(written), 0], [*self._as_any(heard), view.readable]))
         return lanes
 
@@ -207,18 +208,20 @@ class Flows:
         readable = 0
         for view in self._realms:
             readable |= view.readable
-            taken = [one | view.abilities(enclave).overhears for enclave, one in enumerate(taken)]
+            taken = [one | view.abilities(enclave).knows for enclave, one in enumerate(taken)]
         return [*self._as_any(taken), readable]
 
     def putters(self, search: Search) -> list[int]:
         """By participant: the channels on which it can put samples."""
-        rights: Sequence[RealmView | OwnRights]
-        rights = [OwnRights(self._system, view) for view in self._realms] if search.own else self._realms
         put = [0] * self.outsider
+        if search.own:
+            rights = [OwnRights(self._system, view) for view in self._realms]
+            put = [rights[m].abilities(e).may_write for e, m in enumerate(self._member)]
         forged = [0] * self.outsider
         injectable = 0
-        for realm, view in enumerate(self._realms):
-            put = [one | rights[realm].abilities(enclave).may_write for enclave, one in enumerate(put)]
+        for view in self._realms:
+            if not search.own:
+                put = [one | view.abilities(enclave).may_write for enclave, one in enumerate(put)]
             forged = [one | view.abilities(enclave).forges for enclave, one in enumerate(forged)]
             injectable |= view.injectable
         attacked = self._as_any([one | other for one, other in zip(put, forged, strict=True)])

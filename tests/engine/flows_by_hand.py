@@ -31,6 +31,9 @@ class Powers:
     publishes: frozenset[int]
     joins: frozenset[int]
 
+    def learns(self) -> frozenset[int]:
+        return self.reads | self.overhears
+
 
 class ByHand:
     """One system at one moment (as `Permissions` takes it)."""
@@ -177,7 +180,9 @@ class Flow:
     def _by_right(self, f: int) -> Iterator[tuple[int, int, int]]:
         home = self.member(f)
         for e in self.hand.enclaves:
-            for c in self.writes(e, home) & self.reads(f, home) & self.reads(f, self.member(e)):
+            there = self.member(e)
+            written = self.writes(e, home) & self.writes(e, there) if self.able else self.writes(e, home)
+            for c in written & self.reads(f, home) & self.reads(f, there):
                 yield e, c, f
 
     def _imposed(self, f: int) -> Iterator[tuple[int, int, int]]:
@@ -195,7 +200,7 @@ class Flow:
                 if c in hand.in_clear(realm):
                     yield e, c, OUTSIDER
                 for f in hand.enclaves:
-                    if any(c in hand.powers(guise, realm).overhears for guise in hand.acts_as(f)):
+                    if any(c in hand.powers(guise, realm).learns() for guise in hand.acts_as(f)):
                         yield e, c, f
 
     def gets(self) -> set[int]:
@@ -206,7 +211,7 @@ class Flow:
                 as_whom = self.hand.acts_as(f) if self.relays else {f}
                 if any(c in self.reads(guise, self.member(guise)) for guise in as_whom) or (
                     self.relays
-                    and any(c in self.hand.powers(guise, realm).overhears for guise in as_whom for realm in self.realms)
+                    and any(c in self.hand.powers(guise, realm).learns() for guise in as_whom for realm in self.realms)
                 ):
                     found.add(f)
             if self.relays and any(c in self.hand.in_clear(realm) for realm in self.realms):
@@ -217,7 +222,7 @@ class Flow:
         """Whether it puts a sample on a channel of the target."""
         for realm in self.realms:
             reached = self.imposes(holder, realm)
-            if holder != OUTSIDER:
+            if holder != OUTSIDER and not (self.able and realm != self.member(holder)):
                 reached |= self.writes(holder, realm)
             if reached & self.claim.target.channels:
                 return True

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import pytest
 
@@ -17,7 +18,18 @@ from keystore_audit.model.permission import Permissions, members
 from keystore_audit.model.system import Reading, System
 from keystore_audit.properties import Answer, Status
 from keystore_audit.properties.property import Hop
-from tests.engine.systems import CHATTER, LISTENER, OTHER_TOPIC, TALKER, healthy_builder, random_system, with_claims
+from tests.engine.systems import (
+    CHATTER,
+    IDENTITY_CA,
+    LISTENER,
+    OTHER_TOPIC,
+    PERMISSIONS_CA,
+    TALKER,
+    Builder,
+    healthy_builder,
+    random_system,
+    with_claims,
+)
 
 OUTSIDER = -1
 
@@ -87,7 +99,7 @@ class Definitions:
             for other in self.acts_as(f):
                 found |= self.takes(other) & self.made(one, self.member(other))
                 at = self.member(one)
-                found |= self.able("may_write", one, at) & self.able("overhears", other, at)
+                found |= self.able("may_write", one, at) & self.able("knows", other, at)
         return found
 
     def hop(self, claim: ClaimAtom, e: int, f: int) -> set[int]:
@@ -114,7 +126,7 @@ class Definitions:
         for g in self.acts_as(f):
             found |= self.takes(g)
             for realm in self.realms:
-                found |= self.able("overhears", g, realm)
+                found |= self.able("knows", g, realm)
         return found
 
     def put(self, claim: ClaimAtom, e: int) -> set[int]:
@@ -282,6 +294,39 @@ def test_able_rests_on_an_enclaves_own_document() -> None:
     other = _claim(ClaimKind.NO_FLOW, Attacker.HONEST)
     assert _now(b.system(), able).status is Status.VIOLATED
     assert _now(b.system(), other).status is Status.VIOLATED  # it may present the document all the same
+
+
+FLOWING = (Attacker.HONEST, Attacker.SOURCE, Attacker.RELAYS)
+
+
+def in_two_realms(own: dict[str, Any], other: dict[str, Any], apart: int) -> Builder:
+    """The enclave `apart` is in a realm of its own with the flags `own`, the other one in one with `other`."""
+    b = healthy_builder()
+    b.topic_rules[0] = replace(b.topic_rules[0], **other)
+    governance = b.document([PERMISSIONS_CA], label="other governance")
+    b.topic_rule(b.domain_rule(governance, [0]), [CHATTER, OTHER_TOPIC], **own)
+    b.enclaves[apart] = replace(b.enclaves[apart], realm=b.realm([IDENTITY_CA], [PERMISSIONS_CA], governance))
+    return b
+
+
+def test_an_attacker_reads_what_the_realm_of_the_writer_lets_it_whatever_its_own_says() -> None:
+    """Read access control is on where the listener is and off where the talker is: its own refuses an honest one."""
+    b = in_two_realms({}, {"enable_read_access_control": False}, LISTENER)
+    b.rules[1] = replace(b.rules[1], subscribe=frozenset())
+    found = {each: _now(b.system(), _claim(ClaimKind.NO_FLOW, each)).status for each in FLOWING}
+    assert found == dict(zip(FLOWING, (Status.HOLDS, Status.HOLDS, Status.VIOLATED), strict=True))
+    b.topic_rules[0] = replace(b.topic_rules[0], enable_read_access_control=True)
+    assert _now(b.system(), _claim(ClaimKind.NO_FLOW, Attacker.RELAYS)).status is Status.HOLDS
+
+
+def test_able_asks_the_writers_own_realm_too() -> None:
+    """Without a grant it does not create the writer, although the reader's realm would not ask for one."""
+    b = in_two_realms({}, {"enable_write_access_control": False}, TALKER)
+    able = _claim(ClaimKind.ABLE, Attacker.HONEST)
+    onto = replace(able, target=Place(channels=frozenset({CHATTER})))
+    assert [_now(b.system(), each).status for each in (able, onto)] == [Status.HOLDS] * 2
+    b.rules[0] = replace(b.rules[0], publish=frozenset())
+    assert [_now(b.system(), each).status for each in (able, onto)] == [Status.VIOLATED] * 2
 
 
 def test_an_opaque_enclave_on_the_way_may_carry_anything() -> None:
