@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 from keystore_audit import __version__
+from keystore_audit.aside import FEW, Aside
 from keystore_audit.engine.agreement import combine, combine_claims, combine_determinism
 from keystore_audit.engine.engines import run_engines
 from keystore_audit.engine.horizon import Horizon, horizon
@@ -75,7 +77,8 @@ def audit(
     intents = read_observed(options.graphs, options.launches, options.launch_arguments)
     claims = options.settings.claims if options.settings else ()
     declared = options.settings.declared if options.settings else None
-    keystore = read_keystore(path, progress=progress.enclaves if progress else None)
+    keystore = read_keystore(path, progress=progress.enclaves if progress else None, aside=options.aside)
+    aside = options.aside and len(keystore.enclaves) >= FEW
     if progress:
         progress.stage("working out what the documents mean")
     accesses = AccessViews(documents_of(keystore), options.at, options.time_zone)
@@ -91,6 +94,7 @@ def audit(
         [place for file in options.alloy_properties for place in file.places],
         declared,
         _nodes(options, intents, policy, keystore),
+        aside=aside,
     )
     native = NativeEngine(meaning.systems)
     runs, answers = run_engines(
@@ -120,8 +124,10 @@ def audit(
         observed=_compared(intents, keystore, profiles, accesses, options),
         acceptances=accepted,
     )
-    judgement = judge(context, RULES, select=options.select, ignore=options.ignore)
-    safe = horizon(keystore, native, profiles, options.at, accesses, usabilities, meaning.usability)
+    until = partial(horizon, keystore, native, profiles, options.at, accesses, usabilities, meaning.usability)
+    with Aside(until, wanted=aside) as later:
+        judgement = judge(context, RULES, select=options.select, ignore=options.ignore, aside=aside)
+        safe = later.result()
     report = _report(context, judgement, while_accepted(safe, judgement, options.fail_on), options)
     return _drawn(report, context, accesses, options)
 

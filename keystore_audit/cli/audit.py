@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -59,7 +60,7 @@ MAX_JOBS: Final = 1024
     "--jobs",
     type=click.IntRange(1, MAX_JOBS),
     metavar="N",
-    help="Of several keystores, audit so many at a time (default: as processors allow).",
+    help="Audit so many keystores at a time (default: as processors allow); 1: one process in all.",
 )
 @click.option(
     "--executor",
@@ -227,12 +228,13 @@ def _alloy_properties(
 
 
 def _audit_one(keystore: str, options: Options, given: Mapping[str, Any]) -> int:
+    from keystore_audit.aside import processors
     from keystore_audit.pipeline import audit
 
     watch = Watch(visible=not given["quiet"] and sys.stderr.isatty())
     try:
         with watch:
-            report = audit(keystore, options, progress=watch)
+            report = audit(keystore, replace(options, aside=(given["jobs"] or processors()) > 1), progress=watch)
     except UsageError:
         raise
     except AuditError as error:

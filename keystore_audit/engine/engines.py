@@ -8,8 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from keystore_audit.engine.agreement import EngineAnswers
-from keystore_audit.engine.alloy.install import locate
-from keystore_audit.engine.alloy.runner import examine
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import EngineError, EngineMissing, EngineOutOfScale, EngineTimeout
 from keystore_audit.properties.property import Answer, Status
@@ -59,6 +57,9 @@ def _alloy(
     stage: Callable[[str], None] | None,
 ) -> tuple[EngineRun, Sequence[Mapping[str, Answer]] | None]:
     """Alloy's answers, or why there are none. Once it was found or asked for by name, its failure counts."""
+    from keystore_audit.engine.alloy.install import locate  # a twentieth of a second, which the native engine spares
+    from keystore_audit.engine.alloy.runner import examine
+
     asked = choice in ("alloy", "both") or jar is not None
     version: str | None = None
     try:

@@ -142,6 +142,10 @@ class Root:
             return self._file(unquote_to_bytes(file.path), keep=False)
         return file.holding(content)
 
+    def forget(self, file: File) -> None:
+        """Keep the content of a secret file no longer."""
+        self._secrets.pop(file.place, None)
+
     def fingerprint(self, relative: bytes) -> str:
         """Return the SHA-256 of the file at `relative` in hexadecimal, its status where it was not read."""
         file = self._files.get(relative) or self.sealed(relative)

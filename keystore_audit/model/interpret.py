@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import datetime
+from functools import partial
 from typing import TYPE_CHECKING
 
+from keystore_audit.aside import Aside
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Keystore
@@ -42,13 +44,15 @@ def interpret(
     places: Sequence[NamedPlace] = (),
     declared: Declared | None = None,
     nodes: Sequence[WiredNode] = (),
+    aside: bool = False,
 ) -> Meaning:
     """The meaning of a keystore under the profiles at `at` (aware UTC).
 
     `domain`: the one in which enclaves are to start, as in `usabilities`; None: some domain of 0..232.
 
     `claims`: what users claim, `places`: what they have names for, `declared`: what nodes forward;
-    errors.UsageError for something that is not there. `nodes`: those that will use it.
+    errors.UsageError for something that is not there. `nodes`: those that will use it. `aside`: a copy of this process
+    may look for anomalies.
 
     Topic classes over budget leave `systems` empty and say why: nothing is decided then.
     """
@@ -59,28 +63,29 @@ def interpret(
     usability = usability_by_profile(keystore, profiles, at, usabilities)
     declared = declared or Declared()
     named = (*place_regions(places), *declared.regions(), *_wires(nodes))
-    try:
-        builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims, named=named)
-        systems = with_claims(builder.systems(), claims, builder.channels, keystore, usability)
-        systems = with_places(systems, places, builder.channels, keystore)
-        if nodes:
-            from keystore_audit.model.wiring import with_nodes
+    with Aside(partial(anomalies, keystore, profiles, accesses), wanted=aside) as odd:
+        try:
+            builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims, named=named)
+            systems = with_claims(builder.systems(), claims, builder.channels, keystore, usability)
+            systems = with_places(systems, places, builder.channels, keystore)
+            if nodes:
+                from keystore_audit.model.wiring import with_nodes
 
-            systems = with_nodes(systems, nodes, builder.channels, keystore)
-        systems = with_determinism(systems, declared, builder.channels, keystore, usability)
-    except BudgetExceeded as exceeded:
-        over_budget = exceeded.message
-    return Meaning(
-        systems=systems,
-        usability=usability,
-        doubts=_doubts(keystore, profiles, accesses),
-        ungoverned=_ungoverned(systems),
-        over_budget=over_budget,
-        idle=_idle(systems),
-        divergences=divergences(keystore, _beside_spec(profiles), at, accesses, domain) if systems else (),
-        anomalies=anomalies(keystore, profiles, accesses) if systems else {},
-        ros=ros_patterns(keystore, profiles, at, accesses, systems, usability) if systems else None,
-    )
+                systems = with_nodes(systems, nodes, builder.channels, keystore)
+            systems = with_determinism(systems, declared, builder.channels, keystore, usability)
+        except BudgetExceeded as exceeded:
+            over_budget = exceeded.message
+        return Meaning(
+            systems=systems,
+            usability=usability,
+            doubts=_doubts(keystore, profiles, accesses),
+            ungoverned=_ungoverned(systems),
+            over_budget=over_budget,
+            idle=_idle(systems),
+            divergences=divergences(keystore, _beside_spec(profiles), at, accesses, domain) if systems else (),
+            anomalies=odd.result() if systems else {},
+            ros=ros_patterns(keystore, profiles, at, accesses, systems, usability) if systems else None,
+        )
 
 
 def _wires(nodes: Sequence[WiredNode]) -> tuple[Named, ...]:

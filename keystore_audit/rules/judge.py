@@ -8,8 +8,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain, repeat
 from typing import Any, Final
 
+from keystore_audit.aside import FEW, Aside
 from keystore_audit.findings import Finding, Outcome, Result, Severity, fingerprint
 from keystore_audit.model.meaning import Doubt
 from keystore_audit.properties.result import PropertyResult
@@ -50,14 +52,16 @@ def judge(
     *,
     select: Collection[str] = (),
     ignore: Collection[str] = (),
+    aside: bool = False,
 ) -> Judgement:
     """What the rules say, in their order. `select`, `ignore`: codes or families (`KA203`, `KA2`), never of KA9.
+    `aside`: half of what there is much of may be judged by a copy of this process.
 
     Doubts, crashes and refusals are the subjects of the last rules: only then is known which of them another rule
     speaks for.
     """
     chosen = [rule for rule in rules if _chosen(rule, select, ignore)]
-    run = _Run(context)
+    run = _Run(context, aside=aside)
     run.over(chosen, _subjects(context))
     run.over(chosen, [*run.crashes(), *run.unspoken(), *run.refusals()])
     order = {rule.code: number for number, rule in enumerate(chosen)}
@@ -90,11 +94,21 @@ def _subjects(context: Context) -> Iterator[tuple[str, object]]:
         yield run.name, run
 
 
+def _half(about: Sequence[object]) -> int:
+    """Where the first half ends of what there is much of."""
+    return len(about) // 2 if len(about) >= FEW else len(about)
+
+
+_Put = tuple[list[Violation], list[tuple[Result, int]], list[Crash]]
+"""What one rule said of subjects in turn: violations, outcomes with how many follow each other, crashes."""
+
+
 class _Run:
     """What the rules have said so far."""
 
-    def __init__(self, context: Context) -> None:
+    def __init__(self, context: Context, *, aside: bool) -> None:
         self._context = context
+        self._aside = aside
         self._crashes: list[Crash] = []
         self.found: list[_Found] = []
         self.outcomes: list[Outcome] = []
@@ -104,29 +118,55 @@ class _Run:
         by_kind: dict[type, list[tuple[str, object]]] = {}
         for name, subject in subjects:
             by_kind.setdefault(type(subject), []).append((name, subject))
+        tasks: list[tuple[Rule[Any], list[tuple[str, object]]]] = []
         for rule in rules:
             for kind, about in by_kind.items():
                 if not issubclass(kind, rule.on):
                     continue
                 # A rule of KA7 is about the property of its name; others, of any family, about all of their kind.
                 one = rule.on is PropertyResult and rule.family == "KA7"
-                self._put(rule, [(name, subject) for name, subject in about if name == rule.name] if one else about)
+                tasks.append(
+                    (rule, [(name, subject) for name, subject in about if name == rule.name] if one else about)
+                )
+        far = any(len(about) >= FEW for _rule, about in tasks)
+        with Aside(lambda: self._behind(tasks), wanted=self._aside and far) as aside:
+            before = [self._put(rule, about[: _half(about)]) for rule, about in tasks]
+            behind = aside.result()
+        for (rule, about), *parts in zip(tasks, before, behind, strict=True):
+            for violations, _results, crashes in parts:
+                self.found += [(rule, violation) for violation in violations]
+                self._crashes += crashes
+            code = rule.code
+            each = chain.from_iterable(repeat(*result) for _, results, _ in parts for result in results)
+            self.outcomes += [Outcome(code, name, result) for (name, _), result in zip(about, each, strict=True)]
 
-    def _put(self, rule: Rule[Any], subjects: Iterable[tuple[str, object]]) -> None:
+    def _behind(self, tasks: Iterable[tuple[Rule[Any], Sequence[tuple[str, object]]]]) -> list[_Put]:
+        return [self._put(rule, about[_half(about) :]) for rule, about in tasks]
+
+    def _put(self, rule: Rule[Any], subjects: Iterable[tuple[str, object]]) -> _Put:
         """Put a rule to subjects; a loop of few steps, since there are 60 rules for each of thousands of enclaves."""
         context, code, check, applies = self._context, rule.code, rule.check, rule.applies
+        found: list[Violation] = []
+        crashes: list[Crash] = []
+        results: list[tuple[Result, int]] = []
+        last, count = Result.PASS, 0
         for name, subject in subjects:
             outcome = Result.PASS
             try:
                 if applies is not None and not applies(subject, context):
                     outcome = Result.NOT_APPLICABLE
                 elif violations := [*check(subject, context)]:
-                    self.found += [(rule, violation) for violation in violations]
-                    outcome = Result.OPEN if any(found.undecided for found in violations) else Result.FAIL
+                    found += violations
+                    outcome = Result.OPEN if any(each.undecided for each in violations) else Result.FAIL
             except Exception as error:  # noqa: BLE001 - whatever a rule raises, others still speak, and it is no pass
-                self._crashes.append(Crash(rule=code, subject=name, exception=type(error).__name__))
+                crashes.append(Crash(rule=code, subject=name, exception=type(error).__name__))
                 outcome = Result.OPEN
-            self.outcomes.append(Outcome(code, name, outcome))
+            if outcome is not last:
+                results.append((last, count))
+                last, count = outcome, 0
+            count += 1
+        results.append((last, count))
+        return found, results, crashes
 
     def crashes(self) -> Iterator[tuple[str, Crash]]:
         """The rules that raised, as subjects."""
