@@ -174,6 +174,21 @@ def _check(claims: Sequence[Claim], systems: Sequence[System], channels: Channel
             both = _all_matching(claim.source.enclaves, paths) & _all_matching(claim.target.enclaves, paths)
             if both:
                 raise UsageError(f"{_at(claim)}{min(both)!r} is on both sides.")
+        if claim.kind in (ClaimKind.NO_FLOW, ClaimKind.ABLE) and (one := _only_itself(claim, paths)):
+            raise UsageError(f"{_at(claim)}{one} is on both sides, and nothing else.")
+
+
+def _only_itself(claim: Claim, paths: Sequence[str]) -> str:
+    """What both sides of a flow are, where it is one enclave, the outsider or the same topics; else nothing."""
+    if claim.labels is not None:
+        return ""
+    if claim.source.outsider and claim.target.outsider:
+        return "the outsider"
+    if claim.source.topics and set(claim.source.topics) == set(claim.target.topics):
+        return repr(claim.source.topics[0])
+    found = _all_matching(claim.source.enclaves, paths)
+    same = len(found) == 1 and found == _all_matching(claim.target.enclaves, paths)
+    return repr(min(found)) if same else ""
 
 
 def _at(claim: Claim) -> str:

@@ -237,7 +237,7 @@ class LocalRights:
         for rule in allowing:
             if self._region(access, rule.region(operation)) >> channel & 1:
                 if profile.local.binds_domains and not self._domains(rule) >> channel & 1:
-                    return f". Line {rule.line} allows it in domain {describe(rule.domains)}"
+                    return f". Line {rule.line} allows it in {_domain_of(rule)}"
                 return f". Line {rule.line} would allow it, but comes later"
         for other in Operation:
             for rule in allowing:
@@ -248,11 +248,17 @@ class LocalRights:
             return f". It may {DONE[operation][0]} nothing"
         text = max(listed, key=lambda text: _likeness(text, topic))
         if text == topic:
-            return f". Line {listed[text].line} allows it in another partition"
+            rule = listed[text]
+            elsewhere = not self._domains(rule) >> channel & 1
+            return f". Line {rule.line} allows it in {_domain_of(rule) if elsewhere else 'another partition'}"
         return f". The nearest that may be {_PAST[operation]} is {text!r} (line {listed[text].line})"
 
 
 _PAST: Final = {Operation.PUBLISH: "published", Operation.SUBSCRIBE: "subscribed to", Operation.RELAY: "relayed"}
+
+
+def _domain_of(rule: ReadRule) -> str:
+    return f"domain {describe(rule.domains)}"
 
 
 def _likeness(text: str, topic: str) -> int:

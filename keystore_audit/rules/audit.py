@@ -160,7 +160,8 @@ def rule_crashed(crash: Crash, _context: Context) -> Iterator[Violation]:
     Severity.HIGH,
     on=PropertyResult,
     clause=_CLAUSE,
-    remedy="Mend what the other findings call unread or unknown, and run the audit again.",
+    remedy="Mend what the other findings call unread or unknown, or declare with [[forward]] what nodes make of what "
+    "they read, and run the audit again.",
 )
 def property_undecided(result: PropertyResult, context: Context) -> Iterator[Violation]:
     """Whether a property holds depends on what could not be read, or no engine gave an answer.

@@ -11,9 +11,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 from keystore_audit.findings import Location, Severity
-from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.names import ros_name
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
@@ -215,15 +216,36 @@ def policy_enclave_missing(_keystore: Keystore, context: Context) -> Iterator[Vi
     applies=_is_given,
 )
 def enclave_not_in_policy(_keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """The keystore has an enclave of which the policy says nothing, so that nobody can tell what it is to do."""
-    unnamed = context.drift.unnamed if context.drift is not None else ()
-    if unnamed:
+    """The keystore has an enclave of which the policy says nothing, so that nobody can tell what it is to do.
+
+    As severe as KA641 where it may do something: medium, and high where it may use infinitely many names, or its
+    permissions cannot be read.
+    """
+    alike: dict[Severity, list[Enclave]] = {}
+    for enclave in context.drift.unnamed if context.drift is not None else ():
+        alike.setdefault(_weight(enclave), []).append(enclave)
+    for severity, unnamed in alike.items():
         yield Violation(
+            severity=severity,
             message=f"The policy says nothing of {listed(enclave.path for enclave in unnamed)}.",
             locations=places(Location(path=enclave.files.files[Role.PERMISSIONS].place) for enclave in unnamed),
             enclave=unnamed[0].path if len(unnamed) == 1 else None,
             key="\n".join(sorted(enclave.path for enclave in unnamed)),
         )
+
+
+def _weight(enclave: Enclave) -> Severity:
+    """How much it matters that nobody says what the enclave is to do."""
+    file = enclave.permissions
+    if file is None:
+        return Severity.LOW
+    if file.permissions is None:
+        return Severity.HIGH
+    grants = file.permissions.grants
+    topics = [t for g in grants for rule in g.rules if rule.allow for c in rule.criteria for t in c.topics]
+    if any(grant.default_allow for grant in grants) or any(has_wildcard(topic.text) for topic in topics):
+        return Severity.HIGH
+    return Severity.MEDIUM if topics else Severity.LOW
 
 
 @rule(

@@ -57,6 +57,8 @@ ALWAYS = {"honest": True, "source": True, "relays": True}
         ("turtlesim_healthy", ("outsider", "/*"), NEVER),
         ("turtlesim_healthy", ("/*", "outsider"), NEVER),
         ("turtlesim_random_moves_turtle", ("/random", "/turtlesim", "--through", "/multiplexer"), ALWAYS),
+        ("chatter_partition_pattern", ("/listener", "/talker", "--profile", "spec"), ALWAYS),
+        ("chatter_partition_named", ("/listener", "/talker", "--profile", "spec"), NEVER),
     ],
 )
 def test_who_has_to_attack(sample: str, ends: tuple[str, ...], expected: dict[str, bool]) -> None:
@@ -165,6 +167,9 @@ def test_an_enclave_that_cannot_be_read_leaves_it_open(doubt: str) -> None:
         (("motor", "/motor"), "expected enclaves"),
         (("/motor", "topic:/motor_limt"), "no permissions document grants anything"),
         (("/motor", "/brake", "--through", "/brak"), "'/brak' names no enclave"),
+        (("/motor", "/moto?"), "'/motor' is on both sides, and nothing else"),
+        (("outsider", "outsider"), "the outsider is on both sides"),
+        (("topic:/motor_limit", "topic:/motor_limit"), "'rt/motor_limit' is on both sides"),
         (("/motor", "/brake", "--attacker", "all"), "not one of honest, source, relays"),
     ],
 )

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
-from datetime import datetime, timezone
+from datetime import date, datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from keystore_audit import api
+from keystore_audit.cli.arguments import check_arguments
 from keystore_audit.cli.formats import FORMATS
 from tests.cli.keystores import answer
 
@@ -69,12 +70,50 @@ def test_files_are_taken(samples: Path, tmp_path: Path) -> None:
         {"select": ["KA0"]},
         {"settings": "/nowhere.toml"},
         {"alloy_properties": ["/nowhere.als"]},
+        {"at": datetime(9999, 12, 31, tzinfo=timezone.utc)},
+        {"at": datetime(1, 1, 1, tzinfo=timezone(timedelta(hours=14)))},
+        {"at": "2026-01-01"},
+        {"at": date(2026, 1, 1)},
+        {"domain": "0"},
+        {"domain": True},
+        {"fail_on": "high"},
+        {"profiles": "fastdds"},
+        {"profiles": [1]},
+        {"timeout": "5"},
+        {"timeout": -1.0},
+        {"timeout": float("nan")},
+        {"timeout": 1e9},
+        {"expires_within": 30},
+        {"expires_within": timedelta.max},
+        {"expires_within": timedelta(-1)},
+        {"graphs": "graph.json"},
+        {"launches": [3]},
+        {"launch_arguments": ["a"]},
+        {"settings": 3},
+        {"time_zone": 3},
+        {"engine": None},
+        {"deployed": "no"},
     ],
     ids=lambda wrong: next(iter(wrong)),
 )
 def test_what_makes_no_sense_is_a_usage_error(samples: Path, wrong: dict[str, Any]) -> None:
     with pytest.raises(api.UsageError):
         api.audit(samples / "healthy/turtlesim", **{"engine": "native", **wrong})
+
+
+def test_what_is_of_a_wrong_type_is_named_with_what_was_expected(samples: Path) -> None:
+    with pytest.raises(api.UsageError, match=r"^fail_on: expected a Severity or None, found one of type str\.$"):
+        api.audit(samples / "healthy/turtlesim", fail_on="high")  # type: ignore[arg-type]
+    with pytest.raises(api.UsageError, match=r"^path: expected a path, found one of type int\.$"):
+        api.audit(3)  # type: ignore[arg-type]
+
+
+def test_every_argument_is_checked() -> None:
+    from inspect import signature
+
+    for name in signature(api.audit).parameters:
+        with pytest.raises(api.UsageError, match=f"^{name}: expected "):
+            check_arguments({name: object()})
 
 
 def test_nothing_there_is_no_report(tmp_path: Path) -> None:

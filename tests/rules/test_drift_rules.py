@@ -71,6 +71,23 @@ def test_one_difference_makes_one_rule_speak(code: str) -> None:
     assert [finding.code for finding in spoken(store, meant)] == expected
 
 
+@pytest.mark.parametrize(
+    ("held", "severity"),
+    [
+        (permissions(P7S, grant("/listener", ruled(allows=False, publish=((("rt/*",), None),)))), Severity.LOW),
+        (permissions(P7S, grant("/listener", allow([], ["rt/chatter"]))), Severity.MEDIUM),
+        (permissions(P7S, grant("/listener", allow([], ["rt/*"]))), Severity.HIGH),
+        (permissions(P7S, grant("/listener", default_allow=True)), Severity.HIGH),
+        (UNCLEAR, Severity.HIGH),
+        (None, Severity.LOW),
+    ],
+)
+def test_an_unnamed_enclave_weighs_as_much_as_what_it_may_do(held: Any, severity: Severity) -> None:
+    talker = enclave("/talker", permissions=permissions(P7S, grant("/talker", CHATTER)))
+    found = spoken(keystore(talker, enclave("/listener", permissions=held)), TALKER)
+    assert [(each.code, each.severity) for each in found if each.code == "KA644"] == [("KA644", severity)]
+
+
 def test_without_drift_or_policy_nothing_is_said() -> None:
     assert spoken(granted(CHATTER), TALKER) == ()
     outcomes = judge(context(healthy()), DRIFT).outcomes

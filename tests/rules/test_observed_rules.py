@@ -143,6 +143,18 @@ def test_denied_in_one_of_two_domains_is_medium_and_names_it() -> None:
     assert spoken(store, TALKS, names=("spec",), domain=5)[0].severity is Severity.HIGH
 
 
+def test_a_right_of_another_domain_is_called_so() -> None:
+    """The governance and the rule are about domain 0 alone."""
+    said = [each.message for each in spoken(granted(CHATTER), TALKS, names=("fastdds-3.6",), domain=7)]
+    assert any("Line 42 allows it in domain 0." in message for message in said)
+    assert not any("another partition" in message for message in said)
+    elsewhere = ruled(line=60, publish=((("rt/map",), ("lab",)),))
+    told = spoken(
+        granted(CHATTER, elsewhere), graph(*TALKS.rights, does("/talker", "publish", "/map")), names=("spec",)
+    )
+    assert "Line 60 allows it in another partition." in told[0].message
+
+
 def test_an_enclave_that_does_not_start_is_another_rules_matter() -> None:
     store = granted(allow(["rt/map"]), not_after=place_date())
     assert spoken(store, TALKS) == ()

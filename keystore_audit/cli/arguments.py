@@ -1,0 +1,82 @@
+"""Arguments of the Python interface: what is of another type, or out of range, is one kind of error."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Collection, Mapping
+from datetime import datetime, timedelta
+from typing import Any, Final
+from zoneinfo import ZoneInfo
+
+from keystore_audit.errors import UsageError
+from keystore_audit.findings import Severity
+
+Check = Callable[[Any], bool]
+
+
+def _is(*types: type) -> Check:
+    return lambda given: isinstance(given, types) and (bool in types or not isinstance(given, bool))
+
+
+def _or_none(check: Check) -> Check:
+    return lambda given: given is None or check(given)
+
+
+def _each(check: Check) -> Check:
+    """A collection, which a text is not."""
+
+    def several(given: Any) -> bool:
+        listed = isinstance(given, Collection) and not isinstance(given, str | bytes | os.PathLike | Mapping)
+        return listed and all(map(check, given))
+
+    return several
+
+
+def _texts(given: Any) -> bool:
+    return isinstance(given, Mapping) and all(isinstance(each, str) for pair in given.items() for each in pair)
+
+
+def _positive(given: Any) -> bool:
+    return isinstance(given, int | float) and not isinstance(given, bool) and math.isfinite(given) and given > 0
+
+
+_TEXT = _is(str)
+_FLAG = _is(bool)
+_FILE = _is(str, os.PathLike)
+
+_EXPECTED: Final[Mapping[str, tuple[Check, str]]] = {
+    "path": (_FILE, "a path"),
+    "at": (_or_none(_is(datetime)), "a datetime or None"),
+    "profiles": (_each(_TEXT), "a sequence of names"),
+    "domain": (_or_none(_is(int)), "an int or None"),
+    "time_zone": (_or_none(_is(str, ZoneInfo)), "a name, a ZoneInfo or None"),
+    "engine": (_TEXT, "a name"),
+    "offline": (_FLAG, "a bool"),
+    "alloy_jar": (_or_none(_FILE), "a path or None"),
+    "timeout": (_positive, "seconds, more than 0"),
+    "fail_on": (_or_none(_is(Severity)), "a Severity or None"),
+    "expires_within": (_is(timedelta), "a timedelta"),
+    "deployed": (_FLAG, "a bool"),
+    "select": (_each(_TEXT), "a sequence of codes"),
+    "ignore": (_each(_TEXT), "a sequence of codes"),
+    "settings": (_or_none(_FILE), "a path or None"),
+    "baseline": (_or_none(_FILE), "a path or None"),
+    "policy": (_or_none(_FILE), "a path or None"),
+    "environment": (_or_none(_FILE), "a path or None"),
+    "graphs": (_each(_FILE), "a sequence of paths"),
+    "launches": (_each(_FILE), "a sequence of paths"),
+    "launch_arguments": (_or_none(_texts), "a mapping of texts to texts, or None"),
+    "alloy_properties": (_each(_FILE), "a sequence of paths"),
+    "pictures": (_FLAG, "a bool"),
+}
+
+
+def check_arguments(given: Mapping[str, Any]) -> None:
+    """Raises UsageError for the first argument that is not what it has to be; a text is no sequence of names.
+
+    The values are not told: who calls knows them.
+    """
+    for name, (is_right, expected) in _EXPECTED.items():
+        if name in given and not is_right(given[name]):
+            raise UsageError(f"{name}: expected {expected}, found one of type {type(given[name]).__name__}.")
