@@ -144,6 +144,7 @@ class _Entities:
             arguments=self._words(entity, "args"),
             ros_arguments=self._words(entity, "ros_args"),
             environment=self._values(entity.called("env")),
+            prefix=self._optional(entity, "launch-prefix"),
             components=self._components(entity),
         )
 

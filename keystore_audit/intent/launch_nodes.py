@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Final
@@ -20,6 +21,9 @@ MAX_NODES: Final = 5_000
 
 MAX_NAMES: Final = 100_000
 """Names and unresolved places of one launch; includes can repeat a few files very often."""
+
+PREFIX: Final = "launch-prefix"
+"""The launch configuration that stands before each program that has no prefix of its own (launch, execute_local)."""
 
 _OFFERS: Final = {
     # rclcpp's and rclpy's lifecycle nodes, sros2's policy/common/lifecycle_node.xml
@@ -301,10 +305,31 @@ def _enclave(action: StartNode, command: RosArguments, scope: Scope, source: Sou
             override = scope.known(value, source)
         elif isinstance(variable, Unknown):
             override = variable
+    override = _prefixed(action, scope, source, override)
     enclave = override or command.enclave or ROOT
     if isinstance(enclave, str) and not is_path(enclave):
         return _no(enclave, "path of an enclave")
     return enclave
+
+
+def _prefixed(action: StartNode, scope: Scope, source: Source, override: str | Unknown) -> str | Unknown:
+    """The override variable behind what stands before the program, such as `env NAME=VALUE`."""
+    prefix = scope.arguments.get(PREFIX, "") if action.prefix is None else scope.known(action.prefix, source)
+    if isinstance(prefix, Unknown):
+        return prefix
+    if OVERRIDE not in prefix:
+        return override
+    try:
+        words = shlex.split(prefix)
+    except ValueError:
+        words = [prefix]
+    for word in words:
+        name, is_set, value = word.partition("=")
+        if name == OVERRIDE and is_set:
+            override = value
+        elif OVERRIDE in word:
+            return Unknown(reason=f"{shown(prefix)}, which stands before the program and speaks of {OVERRIDE}")
+    return override
 
 
 def _no(text: str, what: str) -> Unknown:

@@ -215,6 +215,7 @@ def _node(call: Call) -> Value:
         arguments=arguments,
         ros_arguments=(*unknown, *ros_arguments, *unknown_ros),
         environment=(*_mapping(call.get("additional_env")), *_mapping(call.get("env"))),
+        prefix=call.optional("prefix"),
         components=components,
     )
     return ActionValue(action=_with(start, (*unread, *_on_exit(call))), name=names.name)

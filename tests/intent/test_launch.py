@@ -131,6 +131,37 @@ def test_the_override_variable_goes_before_the_command_line(tmp_path: Path) -> N
     assert len(unresolved(intent)) == 1
 
 
+@pytest.mark.parametrize(
+    ("prefix", "enclave"),
+    [
+        ("env ROS_SECURITY_ENCLAVE_OVERRIDE=/p", "/p"),
+        ("nice env A=1 'ROS_SECURITY_ENCLAVE_OVERRIDE=/p'", "/p"),
+        ("env ROS_SECURITY_ENCLAVE_OVERRIDE=", "/x"),
+        ("gdb -ex run --args", "/e"),
+        ("", "/e"),
+    ],
+)
+def test_what_stands_before_the_program_goes_before_its_environment(prefix: str, enclave: str, tmp_path: Path) -> None:
+    env = '<env name="ROS_SECURITY_ENCLAVE_OVERRIDE" value="/e"/>'
+    node = f'<node pkg="p" exec="e" name="n" ros_args="--enclave /x" launch-prefix="{prefix}">{env}</node>'
+    assert nodes(launch(tmp_path, node)) == {(enclave, "/n")}
+
+
+@pytest.mark.parametrize(
+    "prefix", ["env -u ROS_SECURITY_ENCLAVE_OVERRIDE", "$(env WRAPPER)", "env 'ROS_SECURITY_ENCLAVE_OVERRIDE=/p"]
+)
+def test_a_prefix_that_cannot_be_told_leaves_the_enclave_open(prefix: str, tmp_path: Path) -> None:
+    intent = launch(tmp_path, f'<node pkg="p" exec="e" name="n" launch-prefix="{prefix}"/>')
+    assert (nodes(intent), intent.enclaves) == (set(), ())
+    assert len(unresolved(intent)) == 1
+
+
+def test_a_prefix_for_all_is_that_of_those_without_their_own(tmp_path: Path) -> None:
+    text = """<let name="launch-prefix" value="env ROS_SECURITY_ENCLAVE_OVERRIDE=/p"/>
+        <node pkg="p" exec="e" name="a"/><node pkg="p" exec="e" name="b" launch-prefix="nice"/>"""
+    assert nodes(launch(tmp_path, text)) == {("/p", "/a"), ("/", "/b")}
+
+
 def test_namespaces_add_up_within_their_group(tmp_path: Path) -> None:
     node = '<node pkg="p" exec="e" name="n" namespace="{}"/>'
     text = f"""<group><push_ros_namespace namespace="a"/>

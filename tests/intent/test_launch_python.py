@@ -125,6 +125,10 @@ return LaunchDescription([a, n])""",
 return LaunchDescription([s, Node(executable='e', name='n')])""",
     """e = {'ROS_SECURITY_ENCLAVE_OVERRIDE': '/x'}
 return LaunchDescription([Node(executable='e', name='n', additional_env=e)])""",
+    """p = 'env ROS_SECURITY_ENCLAVE_OVERRIDE=/x'
+return LaunchDescription([Node(executable='e', name='n', prefix=p)])""",
+    """c = SetLaunchConfiguration('launch-prefix', 'env ROS_SECURITY_ENCLAVE_OVERRIDE=/x')
+return LaunchDescription([c, Node(executable='e', name='n')])""",
 ]
 
 
