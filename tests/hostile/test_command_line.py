@@ -14,7 +14,7 @@ import pytest
 
 from tests.hostile import credentials, directories, documents, envelopes, names
 from tests.hostile.client import AT
-from tests.hostile.server import SECONDS, installation
+from tests.hostile.server import PATIENCE, SECONDS, installation
 from tests.hostile.store import OUTSIDE, Base, Case, Store, secrets_of, steering
 
 pytestmark = pytest.mark.filterwarnings("ignore:Attribute's length")  # of long names, while they are made
@@ -37,6 +37,7 @@ SYSTEM = re.compile(r"/dev/null|/etc/ld\.so\.cache|/etc/mime\.types|/(usr/)?lib(
 
 def bounded() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
+    resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
 
 
 def environment(repository: Path) -> dict[str, str]:
@@ -90,7 +91,7 @@ def test_a_process_of_its_own(
         capture_output=True,
         env=environment(repository),
         cwd=scratch,
-        timeout=SECONDS,
+        timeout=PATIENCE,
         preexec_fn=bounded,
         check=False,
     )
