@@ -30,7 +30,8 @@ def start(environment: dict[str, str]) -> Start:
                 resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
         return subprocess.run(
-            [sys.executable, "-m", "keystore_audit", *map(str, args)],
+            # -B: with a limit Python leaves compiled modules behind that are cut off, for everybody
+            [sys.executable, "-B", "-m", "keystore_audit", *map(str, args)],
             stdout=stdout,
             stderr=subprocess.PIPE,
             env=environment,
