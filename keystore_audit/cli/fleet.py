@@ -40,6 +40,9 @@ FEW: Final = 7
 
 ENGINE_WITHOUT_JAVA: Final = "native"
 
+MAX_NAMED: Final = 3
+"""Older reports that are named; the others are counted."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Make:
@@ -276,6 +279,8 @@ class _Run:
         for wanted in self._each:
             if wanted.format == "json":
                 output.write(places.summary_file(wanted), render_json(summary, places.FILE_NAMES["json"]))
+            if self.several:
+                self._say_older(wanted)
         if self.given["kind"] == "text":
             self._show_summary(summary)
         reports = [self.whole[number] for number in sorted(self.whole)]
@@ -286,6 +291,20 @@ class _Run:
             stdout = self.given["kind"] != "text"
             delivery.deliver(reports, self.given, several=self.several, stdout=stdout, missing=self._missing())
         return summary.exit_code
+
+    def _say_older(self, wanted: output.Target) -> None:
+        """Say which reports there are of an earlier run: somebody might take them for those of this one."""
+        written = {places.own_file(wanted, self.reports[self.found.keystores[number]]).path for number in self.rows}
+        older = [terminal(str(path)) for path in places.older_files(wanted, written)]
+        if older:
+            named = ", ".join(older[:MAX_NAMED]) + (f" and {len(older) - MAX_NAMED} more" if older[MAX_NAMED:] else "")
+            alone = len(older) == 1
+            said = (
+                "1 report is not of this run, and stays"
+                if alone
+                else f"{len(older)} reports are not of this run, and stay"
+            )
+            click.echo(f"keystore-audit: {said}: {named}.", err=True)
 
     def _show_summary(self, summary: Summary) -> None:
         view = delivery.view(self.given, stdout=True)

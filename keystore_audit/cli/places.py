@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -28,6 +28,9 @@ FILE_NAMES: Final = {
 """What the report of one keystore is called in its directory; others `report.FORMAT`."""
 
 SUMMARY: Final = "summary.json"
+
+MAX_ENTRIES: Final = 200_000
+"""Files and directories below where reports go among which older ones are looked for: a second at worst."""
 
 _OWN_NAMES: Final = ("report.", SUMMARY)
 """What names of files here begin with; directories that are called so are written otherwise."""
@@ -104,6 +107,25 @@ def own_file(wanted: Target, directory: str) -> Target:
     """Return where one keystore's report goes."""
     name = FILE_NAMES.get(wanted.format, f"report.{wanted.format}")
     return Target(format=wanted.format, path=Path(wanted.path, directory, name))
+
+
+def older_files(wanted: Target, written: Collection[Path]) -> list[Path]:
+    """Return the reports of that name below where reports go that are not among those `written`, in order.
+
+    They are of an earlier run: of keystores that this one was not about, or did not come to. Of a directory with a
+    great many entries only the first are looked at.
+    """
+    name = own_file(wanted, "").path.name
+    found = []
+    looked_at = 0
+    for directory, _below, files in os.walk(wanted.path):
+        looked_at += 1 + len(files)
+        if looked_at > MAX_ENTRIES:
+            break
+        path = Path(directory, name)
+        if name in files and path not in written:
+            found.append(path)
+    return sorted(found)
 
 
 def summary_file(wanted: Target) -> Target:

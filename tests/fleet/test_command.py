@@ -72,6 +72,18 @@ def test_no_older_report_stays_where_there_is_none_now(tmp_path: Path) -> None:
     assert (tmp_path / "out/r000/keys/report.statement.json").exists()
 
 
+def test_reports_of_robots_that_left_are_named_and_stay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    root = robots(tmp_path / "fleet", 3)
+    run = ("-r", root, *NATIVE, "-o", f"json={tmp_path}/out/")
+    answer(*run)
+    assert "not of this run" not in capsys.readouterr().err
+    shutil.rmtree(root / "r001")
+    answer(*run)
+    stays = tmp_path / "out/r001/keys/report.json"
+    assert stays.exists()
+    assert f"keystore-audit: 1 report is not of this run, and stays: {stays}.\n" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("form", ["text", "json", "sarif"])
 def test_processes_say_what_one_says(fleet: Path, form: str) -> None:
     named = sorted(fleet.glob("*/keys"))
