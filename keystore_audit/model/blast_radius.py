@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.channels import ANY_TOPIC, Channels
@@ -31,6 +32,12 @@ from keystore_audit.model.systems import SystemBuilder
 
 MAX_RANKED: Final = 2_000
 """Enclaves beyond which none is ranked: five seconds and more."""
+
+MAX_TEXTS: Final = 5_000
+MAX_TEXTS_PER_ENCLAVE: Final = 200
+"""Distinct expressions of a keystore, and more for each enclave, beyond which none is ranked.
+
+`ros2 security` writes 60 for a node, a hostile document has 20,000."""
 
 MAX_VIEWS: Final = 20_000
 """Pairs of an enclave and a realm that judges it: hundreds of enclaves, each with CAs or a governance of its own."""
@@ -292,7 +299,8 @@ def ranked_enclaves(
     keystore: Keystore, profiles: Sequence[Profile], at: datetime, accesses: AccessViews
 ) -> tuple[Ranking, ...]:
     """The rankings of a keystore at `at` (aware UTC), without ambient topics; none where that is too much work."""
-    if len(keystore.enclaves) > MAX_RANKED:
+    enclaves = len(keystore.enclaves)
+    if enclaves > MAX_RANKED or _has_more_texts(keystore, MAX_TEXTS + MAX_TEXTS_PER_ENCLAVE * enclaves):
         return ()
     try:
         known = ground(keystore, profiles, at, accesses)
@@ -301,6 +309,19 @@ def ranked_enclaves(
     if any(len(system.realms) * len(system.enclaves) > MAX_VIEWS for system in known.systems):
         return ()
     return rankings(known)
+
+
+def _has_more_texts(keystore: Keystore, most: int) -> bool:
+    """Whether the keystore's permissions have more than `most` distinct expressions."""
+    found: set[str] = set()
+    for document in documents_of(keystore):
+        permissions = document.file.permissions if isinstance(document.file, PermissionsFile) else None
+        for grant in permissions.grants if permissions is not None else ():
+            for rule in grant.rules:
+                found.update(text.text for criterion in rule.criteria for text in criterion.topics)
+            if len(found) > most:
+                return True
+    return False
 
 
 def rankings(known: Ground) -> tuple[Ranking, ...]:

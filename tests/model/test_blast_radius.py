@@ -276,3 +276,12 @@ def test_too_many_enclaves_are_not_ranked(limit: str, monkeypatch: pytest.Monkey
     assert len(ranking.enclaves) == len(keystore.enclaves)
     monkeypatch.setattr(blast_radius, limit, 1)
     assert ranked_enclaves(keystore, resolve(()), AT, accesses) == ()
+
+
+def test_too_many_expressions_are_not_ranked(monkeypatch: pytest.MonkeyPatch) -> None:
+    keystore = read_keystore(FLOWS / "vehicle_healthy")
+    accesses = AccessViews(documents_of(keystore), AT, None)
+    monkeypatch.setattr(blast_radius, "MAX_TEXTS_PER_ENCLAVE", 0)
+    assert ranked_enclaves(keystore, resolve(()), AT, accesses) != ()
+    monkeypatch.setattr(blast_radius, "MAX_TEXTS", 10)
+    assert ranked_enclaves(keystore, resolve(()), AT, accesses) == ()
