@@ -46,12 +46,7 @@ def enclave_doubts(enclave: Enclave, trust: Trust, access: Access, accesses: Acc
 
 
 def _enclave_doubts(enclave: Enclave, trust: Trust, access: Access, accesses: AccessViews) -> Iterator[Doubt]:
-    for doubt in (identity_doubt(enclave), realm_doubt(enclave), _key_doubt(enclave), _list_doubt(enclave)):
-        if doubt is not None:
-            yield doubt
-    file = enclave.files.files[Role.PERMISSIONS]
-    if file.status.unknown:
-        yield _doubt(enclave, file.path, f"permissions could not be read: {file.detail}")
+    yield from _file_doubts(enclave)
     for document in (enclave.governance, enclave.permissions):
         if document is None:
             continue
@@ -60,6 +55,16 @@ def _enclave_doubts(enclave: Enclave, trust: Trust, access: Access, accesses: Ac
         silent = not read.is_readable and read.refusal is None
         if verdict is Verdict.UNKNOWN or (verdict is Verdict.ACCEPTED and silent):
             yield _document_doubt(enclave, document, read)
+
+
+@lru_cache(maxsize=16_384)
+def _file_doubts(enclave: Enclave) -> tuple[Doubt, ...]:
+    """What about its files is in doubt for every implementation alike."""
+    found = [identity_doubt(enclave), realm_doubt(enclave), _key_doubt(enclave), _list_doubt(enclave)]
+    file = enclave.files.files[Role.PERMISSIONS]
+    if file.status.unknown:
+        found.append(_doubt(enclave, file.path, f"permissions could not be read: {file.detail}"))
+    return tuple(doubt for doubt in found if doubt is not None)
 
 
 def _stray_doubts(keystore: Keystore, trust: Trust, access: Access, accesses: AccessViews) -> Iterator[Doubt]:
@@ -86,6 +91,7 @@ def _document_doubt(enclave: Enclave | None, file: GovernanceFile | PermissionsF
     return Doubt(enclave=path, location=Location(path=defect.path, line=defect.line), reason=defect.detail)
 
 
+@lru_cache(maxsize=16_384)  # by the systems too
 def identity_doubt(enclave: Enclave) -> Doubt | None:
     """Why the enclave's identity is unknown: it may then be anybody whom the identity CA vouches for."""
     doubt = _file_doubt(enclave, Role.CERTIFICATE, enclave.certificate, only_without_certificate=True)
@@ -114,6 +120,7 @@ def _constrained(enclave: Enclave, certificates: Iterable[Certificate]) -> Doubt
     return None
 
 
+@lru_cache(maxsize=16_384)
 def realm_doubt(enclave: Enclave) -> Doubt | None:
     """Why it is unknown whom the enclave trusts: it may then accept everything.
 

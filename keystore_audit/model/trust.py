@@ -6,7 +6,7 @@ The evidence comes from `keystore/`; what it means depends on the profile (DDS-S
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from enum import Enum
 from functools import lru_cache
@@ -27,7 +27,7 @@ from keystore_audit.keystore.issuer import (
     names_itself,
 )
 from keystore_audit.keystore.smime import Signature, SignedDocument
-from keystore_audit.model.profiles import Trust
+from keystore_audit.model.profiles import SPEC, Trust
 
 MAX_AUTHORITIES: Final = 64
 """Certificates of one CA file that chains are looked for among; a file with more leaves its enclave unknown."""
@@ -134,21 +134,45 @@ def is_root(certificate: Certificate, *, signed: bool = False) -> bool:
     return names_itself(certificate) and (not signed or may_have_issued(certificate, certificate))
 
 
-@lru_cache(maxsize=65_536)
+@lru_cache(maxsize=64)
+def _chaining(trust: Trust, *, several: bool) -> Trust:
+    """One row for all that look for chains alike, among one authority or `several`: each is then looked for once."""
+    return _row(trust.needs_root, trust.checks_root_signature, trust.first_authority_only and several)
+
+
+@lru_cache(maxsize=8)
+def _row(needs_root: bool, checks_root_signature: bool, first_authority_only: bool) -> Trust:
+    return replace(
+        SPEC.trust,
+        needs_root=needs_root,
+        checks_root_signature=checks_root_signature,
+        first_authority_only=first_authority_only,
+    )
+
+
 def is_issued(file: CertificateFile, certificate: Certificate, trust: Trust, at: datetime | None = None) -> bool:
     """Whether one of the `trusted_authorities` of an identity CA file issued the certificate."""
+    return _is_issued(file, certificate, _chaining(trust, several=len(file.certificates) > 1), at)
+
+
+@lru_cache(maxsize=65_536)
+def _is_issued(file: CertificateFile, certificate: Certificate, trust: Trust, at: datetime | None) -> bool:
     return any(may_have_issued(authority, certificate) for authority in trusted_authorities(file, trust, at))
 
 
-@lru_cache(maxsize=65_536)
 def chain_refusal(certificate: Certificate, file: CertificateFile, trust: Trust) -> str | None:
     """Why the certificate does not chain to an identity CA of the file, whatever the dates; None where it does.
 
     OpenSSL takes, at each step, the first certificate with the issuer's name and key identifier for the issuer, and
     tries no other one (X509_STORE_CTX_get1_issuer; measured with 3.0.19): all authorities of sros2 have one name.
     """
+    return _chain_refusal(certificate, file, _chaining(trust, several=len(file.certificates) > 1))
+
+
+@lru_cache(maxsize=65_536)
+def _chain_refusal(certificate: Certificate, file: CertificateFile, trust: Trust) -> str | None:
     place = file.file.place
-    if not is_issued(file, certificate, trust):
+    if not _is_issued(file, certificate, trust, None):
         issuers = [authority for authority in file.certificates if may_have_issued(authority, certificate)]
         if not issuers:
             return f"no certificate in {place} has the key that signed it"

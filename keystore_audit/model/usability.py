@@ -63,6 +63,9 @@ class _Dated:
     """Of the documents, where others than the permissions CA may sign: their dates count (measured)."""
 
 
+_USABLE: Final = Usability(usable=True, reasons=())
+
+
 class Usabilities:
     """Answers for the enclaves of one keystore; what does not depend on the instant is worked out once.
 
@@ -76,6 +79,7 @@ class Usabilities:
         self._governed: dict[tuple[str, object], _Governed] = {}
         self._standing: dict[tuple[str, object], tuple[tuple[str, ...], tuple[str, ...]]] = {}
         self._dated: dict[tuple[str, object], _Dated] = {}
+        self._answers: dict[tuple[str, object], tuple[datetime, Usability]] = {}
 
     def kind(self, profile: Profile) -> object:
         """Equal for profiles whose answers are equal."""
@@ -87,6 +91,9 @@ class Usabilities:
         `usable` is None where something could not be read and nothing else already rules it out.
         """
         key = (enclave.files.directory, self.kind(profile))
+        known = self._answers.get(key)
+        if known is not None and (at == known[0] or _nothing_between(self._dated[key], at, known[0])):
+            return known[1]
         if key not in self._standing:
             row = self._accesses.row(profile.access)
             self._standing[key] = (
@@ -97,8 +104,11 @@ class Usabilities:
         refusals, doubts = self._standing[key]
         reasons = (*refusals, *_refusals_at(self._dated[key], profile.trust, at))
         if reasons:
-            return Usability(usable=False, reasons=reasons)
-        return Usability(usable=None if doubts else True, reasons=doubts)
+            answer = Usability(usable=False, reasons=reasons)
+        else:
+            answer = Usability(usable=None, reasons=doubts) if doubts else _USABLE
+        self._answers[key] = (at, answer)
+        return answer
 
     def _refusals(self, enclave: Enclave, profile: Profile) -> Iterator[str]:
         """Reasons that hold at every instant."""
@@ -225,6 +235,18 @@ def _signers(enclave: Enclave) -> tuple[Certificate, ...]:
     """The certificates that signed the enclave's documents."""
     files = (enclave.governance, enclave.permissions)
     return tuple(signer for file in files if file is not None for signer in envelope(file.signed).signers)
+
+
+def _nothing_between(dated: _Dated, one: datetime, other: datetime) -> bool:
+    """Whether no date on which the answer rests lies between two instants, so that it is the same at both."""
+    if dated.listed is not None:
+        return False
+    low, high = (one, other) if one < other else (other, one)
+    certificates = (dated.certificate, dated.permissions_ca, *dated.signers)
+    rests_on: list[Certificate | ReadGrant] = [each for each in certificates if each is not None]
+    rests_on += dated.identity_ca.certificates if dated.identity_ca is not None else ()
+    rests_on += [grant for grant, _joins in dated.grants or ()]
+    return not any(low <= each.not_before <= high or low <= each.not_after <= high for each in rests_on)
 
 
 def _refusals_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:

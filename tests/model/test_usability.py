@@ -1,0 +1,86 @@
+"""What is worked out once for several instants or implementations is what each of them gives by itself."""
+
+from __future__ import annotations
+
+import random
+from datetime import datetime, timedelta, timezone
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from keystore_audit.keystore.keystore import Keystore, read_keystore
+from keystore_audit.model import trust
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.model.usability import Usabilities
+
+AT = datetime(2026, 6, 1, tzinfo=timezone.utc)
+SAMPLES = Path(__file__).parents[2] / "sample_keystores"
+STORES = sorted(
+    {
+        path
+        for pattern in ("KA2*", "KA5*", "KA317*")
+        for path in (SAMPLES / "rules").glob(f"{pattern}/*")
+        if path.is_dir()
+    }
+    | {SAMPLES / "healthy/turtlesim", SAMPLES / "stock/talker_listener"}
+)
+
+
+def instants(keystore: Keystore, accesses: AccessViews) -> list[datetime]:
+    """Every date of a certificate, a list or a grant, the seconds around it, and what lies between, in no order."""
+    dates = {AT}
+    for enclave in keystore.enclaves:
+        for file in (enclave.identity_ca, enclave.certificate, enclave.permissions_ca):
+            for certificate in file.certificates if file else ():
+                dates |= {certificate.not_before, certificate.not_after}
+            for revocations in file.revocation_lists if file else ():
+                dates |= {revocations.this_update, revocations.next_update or AT}
+        for revocations in enclave.crl.revocation_lists if enclave.crl else ():
+            dates |= {revocations.this_update, revocations.next_update or AT}
+        for profile in VARIANTS.values():
+            read = accesses.read(enclave.permissions, profile.access) if enclave.permissions else None
+            for grant in (read.grants or ()) if read else ():
+                dates |= {grant.not_before, grant.not_after}
+    ordered = sorted(dates)
+    second = timedelta(seconds=1)
+    found = {date + step for date in ordered if 1950 < date.year < 9999 for step in (-second, 0 * second, second)}
+    found |= {low + (high - low) / 2 for low, high in pairwise(ordered)}
+    shuffled = sorted(found)
+    random.Random(7).shuffle(shuffled)
+    return shuffled[:40]
+
+
+def test_there_are_stores_to_ask() -> None:
+    assert len(STORES) > 40
+
+
+@pytest.mark.parametrize("store", STORES, ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_an_answer_kept_for_another_instant_is_that_of_the_instant(store: Path) -> None:
+    keystore = read_keystore(store)
+    accesses = AccessViews(documents_of(keystore), AT, None)
+    kept = Usabilities(None, accesses)
+    for at in instants(keystore, accesses):
+        alone = Usabilities(None, accesses)
+        for profile in VARIANTS.values():
+            for enclave in keystore.enclaves:
+                assert kept.of(enclave, at, profile) == alone.of(enclave, at, profile), (at, profile.name)
+
+
+@pytest.mark.parametrize("store", STORES, ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_a_chain_looked_for_once_is_the_chain_of_each_implementation(store: Path) -> None:
+    keystore = read_keystore(store)
+    for enclave in keystore.enclaves:
+        for file in (enclave.identity_ca, enclave.permissions_ca):
+            for other in keystore.enclaves:
+                certificate = other.certificate.first if other.certificate else None
+                if file is None or certificate is None:
+                    continue
+                for profile in VARIANTS.values():
+                    own = profile.trust
+                    assert trust.chain_refusal(certificate, file, own) == trust._chain_refusal(certificate, file, own)
+                    for at in (None, AT):
+                        asked = trust.is_issued(file, certificate, own, at)
+                        assert asked == trust._is_issued(file, certificate, own, at)
