@@ -124,25 +124,38 @@ def name_atoms(system: System) -> Atoms:
 
 def declare(sort: Sort) -> str:
     """Return the sigs for the atoms of a sort, in groups where there are many."""
-    return "\n".join(declare_groups(sort))
-
-
-def declare_groups(sort: Sort) -> list[str]:
-    """Return the sigs for the atoms of a sort, group by group: each can stand in a module of its own."""
-    if len(sort.atoms) <= GROUP:
-        return ["\n".join(_declare(sort.sig, sort.atoms))] if sort.atoms else []
     groups = []
-    for number, start in enumerate(range(0, len(sort.atoms), GROUP)):
-        parent = f"{sort.sig}_{number}"
-        head = f"private abstract sig {parent} extends {sort.sig} {{}}"
-        groups.append("\n".join([head, *_declare(parent, sort.atoms[start : start + GROUP])]))
+    for parent, head, atoms in _groups(sort):
+        sigs = [f"-- {text.alloy_comment(atom.comment)}\none sig {atom.name} extends {parent} {{}}" for atom in atoms]
+        groups.append("\n".join([*head, *sigs]))
+    return "\n".join(groups)
+
+
+def declare_apart(sort: Sort) -> list[str]:
+    """Return the same atoms for modules of their own, group by group: as functions, each to a sig that is private.
+
+    For every name the Analyzer looks through all sigs that can be seen where it stands; functions it finds at once.
+    """
+    groups = []
+    for parent, head, atoms in _groups(sort):
+        pairs = [
+            f"private one sig {atom.name}_ extends {parent} {{}}\nfun {atom.name}: {sort.sig} {{ {atom.name}_ }}"
+            for atom in atoms
+        ]
+        groups.append("\n".join([*head, *pairs]))
     return groups
 
 
-def _declare(parent: str, atoms: Sequence[Atom]) -> Iterator[str]:
-    for atom in atoms:
-        yield f"-- {text.alloy_comment(atom.comment)}"
-        yield f"one sig {atom.name} extends {parent} {{}}"
+def _groups(sort: Sort) -> Iterator[tuple[str, tuple[str, ...], Sequence[Atom]]]:
+    """The sig above each group, its declaration if it needs one, and the atoms of the group."""
+    if len(sort.atoms) <= GROUP:
+        if sort.atoms:
+            yield sort.sig, (), sort.atoms
+        return
+    for number, start in enumerate(range(0, len(sort.atoms), GROUP)):
+        parent = f"{sort.sig}_{number}"
+        head = f"private abstract sig {parent} extends {sort.sig} {{}}"
+        yield parent, (head,), sort.atoms[start : start + GROUP]
 
 
 def index_of(answer: str, role: Role) -> int | None:

@@ -15,7 +15,7 @@ from typing import Final
 
 from keystore_audit import resources, text
 from keystore_audit.engine.alloy import application, claims, expiry, paths
-from keystore_audit.engine.alloy.atoms import GROUP, Sort, declare, declare_groups, name_atoms
+from keystore_audit.engine.alloy.atoms import GROUP, Sort, declare, declare_apart, name_atoms
 from keystore_audit.engine.alloy.readme import describe_folders, describe_system, folder_names
 from keystore_audit.engine.alloy.relations import Relations, Row, function
 from keystore_audit.engine.alloy.user_vocabulary import VOCABULARY, write_vocabulary
@@ -115,12 +115,12 @@ def fact_modules(system: System) -> dict[str, str]:
     """Return `facts` as the files that the Analyzer reads fast: name to text.
 
     Where a module declares many atoms, it spends most of its time on looking through all of them for each. So many
-    atoms stand in modules of their own, which `keystore` opens.
+    atoms stand in modules of their own, which `keystore` opens, as functions (`declare_apart`).
     """
     sorts = name_atoms(system).sorts()
     if sum(len(sort.atoms) for sort in sorts) <= MODULE_GROUPS * GROUP:
         return {KEYSTORE: facts(system)}
-    groups = [group for sort in sorts for group in declare_groups(sort)]
+    groups = [group for sort in sorts for group in declare_apart(sort)]
     opened, modules = [], {}
     for number, start in enumerate(range(0, len(groups), MODULE_GROUPS)):
         head = f"module atoms_{number}\nopen dds_security\n"
