@@ -248,7 +248,8 @@ def ground(
     rows = dict.fromkeys(accesses.row(profile.access) for profile in profiles)
     files = [document.file for document in documents_of(keystore) if document.file is not None]
     names = names_of((row.matcher, accesses.read(file, row)) for row in rows for file in files).names
-    builder = SystemBuilder(keystore, profiles, at, accesses, [(name.topic, name.partition) for name in names])
+    points = [(name.topic, name.partition) for name in names]
+    builder = SystemBuilder(keystore, profiles, at, accesses, points, literal=False)
     systems = builder.systems()
     ambient = [n for n, name in enumerate(names) if name.topic in AMBIENT and not name.several]
     whole = [start for start, end in slices(builder.channels) if end - start == len(names)]

@@ -19,7 +19,7 @@ from keystore_audit.model.atoms import TopicClass
 from keystore_audit.model.domains import Interval, contains, describe, elementary
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.names import is_ros_dds_name
-from keystore_audit.model.partition_patterns import meetings
+from keystore_audit.model.partition_patterns import between, meetings
 from keystore_audit.model.patterns import Patterns
 from keystore_audit.model.profiles import Access
 from keystore_audit.model.semantics import DEFAULT_PARTITION, Region
@@ -131,7 +131,7 @@ def build_channels(
     """The channels of all governed domain classes (`governed`, parallel to `domains`), one more for each ungoverned
     one.
 
-    `points`: only these names, each a channel of its own, which meets no other; None: all names, in classes.
+    `points`: only these names, each a channel of its own that stands for its class; None: all names, in classes.
     `opening`: the regions in which somebody may be allowed to have endpoints (None: anywhere); in no other is it asked
     what patterns meet. Raises errors.BudgetExceeded where the classes are too many.
     """
@@ -141,6 +141,7 @@ def build_channels(
         columns, met = shapes.columns(opening)
     else:
         columns = [shapes.column(point) for point in points]
+        met = shapes.met_by_points(points, opening)
     _check_cells(len(columns), sum(governed), "classes of topics in {} classes of domains")
     channels: list[ChannelAtom] = []
     starts: list[int] = []
@@ -283,7 +284,7 @@ class _Shapes:
                     others = frozenset(tuple(hits[p][topic]) for p in meeting) - {tuple(cell)}
                 merged.setdefault((tuple(cell), others), []).append((partition, topic))
         columns = [_column(signature, cells, topics, partitions) for (signature, _), cells in merged.items()]
-        return columns, _between(merged.values(), edges)
+        return columns, between(merged.values(), edges)
 
     def _met_by(
         self, allowing: set[int] | None, partitions: Sequence[TopicClass], places: Sequence[Sequence[int]]
@@ -300,6 +301,26 @@ class _Shapes:
             for other in others:
                 met_by.setdefault(other, []).append(place)
         return met_by
+
+    def met_by_points(self, points: Sequence[Point], opening: frozenset[Named] | None) -> dict[int, frozenset[int]]:
+        """By point: those of the same topic that are met by who may be in its class of partitions."""
+        if opening is not None and not opening:
+            return {}
+        partitions = [self._partitions.empty(), *self._partitions.classes()]
+        allowing = None if opening is None else {self._of[named] for named in opening}
+        met_by = self._met_by(allowing, partitions, self._partitions.places(partitions))
+        place_of = {each.members: place for place, each in enumerate(partitions) if place}
+        by_topic: dict[str, list[tuple[int, int]]] = {}
+        for number, (topic, partition) in enumerate(points) if met_by else ():
+            place = place_of[self._partitions.matching(partition)] if partition else 0
+            by_topic.setdefault(topic, []).append((number, place))
+        found: dict[int, set[int]] = {}
+        for each in by_topic.values():
+            for other, place in each:
+                for one, meeting in each:
+                    if meeting in met_by.get(place, ()):
+                        found.setdefault(one, set()).add(other)
+        return {number: frozenset(others) for number, others in found.items()}
 
     def column(self, point: Point) -> _Column:
         """One topic name in one partition."""
@@ -335,20 +356,6 @@ class _Shapes:
         shared = {each: frozenset(start + at for start in starts for at in each) for each in map(tuple, matched)}
         frozen = [shared[tuple(each)] for each in matched]
         return {named: frozen[number] for named, number in self._of.items()}
-
-
-def _between(
-    columns: Iterable[Sequence[tuple[int, int]]], edges: Sequence[tuple[tuple[int, int], tuple[int, int]]]
-) -> dict[int, frozenset[int]]:
-    """What columns meet what other columns, since cells of theirs do."""
-    if not edges:
-        return {}
-    place = {cell: number for number, cells in enumerate(columns) for cell in cells}
-    found: dict[int, set[int]] = {}
-    for one, other in edges:
-        if place[one] != place[other]:
-            found.setdefault(place[one], set()).add(place[other])
-    return {number: frozenset(others) for number, others in found.items()}
 
 
 def _chosen(

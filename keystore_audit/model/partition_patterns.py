@@ -10,7 +10,7 @@ than do, never fewer.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from enum import Enum
 from itertools import islice
 from typing import Final, NamedTuple
@@ -71,6 +71,20 @@ def meetings(
             names = met.get(classes[place].members, frozenset())
             found[place] = frozenset(0 if each is None else place_of[each] for each in names) - {place}
     return {place: met for place, met in found.items() if met}
+
+
+def between(
+    columns: Iterable[Sequence[tuple[int, int]]], edges: Sequence[tuple[tuple[int, int], tuple[int, int]]]
+) -> dict[int, frozenset[int]]:
+    """What columns meet what other columns, since cells of theirs do."""
+    if not edges:
+        return {}
+    place = {cell: number for number, cells in enumerate(columns) for cell in cells}
+    found: dict[int, set[int]] = {}
+    for one, other in edges:
+        if place[one] != place[other]:
+            found.setdefault(place[one], set()).add(place[other])
+    return {number: frozenset(others) for number, others in found.items()}
 
 
 def _is_plain(patterns: Sequence[Pattern], one: TopicClass) -> bool:

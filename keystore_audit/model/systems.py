@@ -49,7 +49,8 @@ class SystemBuilder:
     `accesses`: how they read its documents. `points`: only these names are channels; None: all names, in classes.
     `claims`: the names and instants that they speak of take part. `channels`: these, which tell apart all that the
     keystore's documents do. `named`: sets of names that are told apart as well. `literal`: partitions are plain names,
-    as they are to permissions; else who may be in one that is a pattern is met in all that it matches.
+    as they are to permissions; else who may be in one that is a pattern is met in all that it matches. None: they are
+    where there are `points`.
     Raises errors.BudgetExceeded where the classes are too many.
     """
 
@@ -64,7 +65,7 @@ class SystemBuilder:
         channels: Channels | None = None,
         named: Sequence[Named] = (),
         *,
-        literal: bool = False,
+        literal: bool | None = None,
     ) -> None:
         self._keystore = keystore
         self._profiles = profiles
@@ -80,7 +81,8 @@ class SystemBuilder:
         if channels is None:
             channels = document_channels(self._read, points, (*claim_regions(claims), *named))
         self.channels = channels
-        self._meets = () if literal else channels.meets
+        plain = points is not None if literal is None else literal
+        self._meets = () if plain else channels.meets
         self._rule_atoms = RuleAtoms(self.channels, self._instants)
         self._issuers = self._issue()
         self._typed: dict[object, Atoms] = {}

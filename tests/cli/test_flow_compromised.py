@@ -164,3 +164,9 @@ def test_whom_a_key_reaches_is_what_flows_say(sample: str) -> None:
                     assert (target in reached) == (answer.status is Status.VIOLATED), (source, target, attacker, name)
                     told[target in reached] += 1
     assert min(told.values()) > 5
+
+
+@pytest.mark.parametrize(("sample", "reached"), [("partition_pattern", ["/talker"]), ("partition_named", [])])
+def test_a_reader_in_a_partition_that_is_a_pattern_is_reached(sample: str, reached: list[str]) -> None:
+    _code, answer = opened(f"chatter_{sample}", "/listener", "--profile", "spec")
+    assert answer["keys"][0]["alone"]["spec"]["enclaves_reached_alone"] == reached
