@@ -20,6 +20,8 @@ from keystore_audit.keystore.pem import Block, Problem, read_pem
 MAX_KEY_BYTES: Final = 64 * 1024
 """Longest key that is parsed: an RSA key of 16,384 bits, the largest that OpenSSL uses, has 9,300 bytes."""
 
+_BEGIN: Final = b"-----BEGIN"
+
 _LABELS: Final = frozenset(
     {"PRIVATE KEY", "ENCRYPTED PRIVATE KEY", "EC PRIVATE KEY", "RSA PRIVATE KEY", "DSA PRIVATE KEY"}
 )
@@ -81,7 +83,10 @@ def _first_key(content: bytes) -> Block | Problem:
 
 def _others(file: File, first: Block) -> Iterator[Defect]:
     """Further private keys, which no run time reads and whoever has the file has."""
-    for part in read_pem(file.content or b"").parts:
+    content = file.content or b""
+    if content.count(_BEGIN) < 2:  # nearly always: the file is not read twice
+        return
+    for part in read_pem(content).parts:
         if isinstance(part, Block) and part.is_private_key and part.line != first.line:
             detail = f"expected one private key, found another in the block {part.label}"
             yield Defect(kind=Kind.SECOND_KEY, path=file.place, line=part.line, detail=detail)
