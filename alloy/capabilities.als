@@ -6,8 +6,12 @@
  * (`data_protection_kind`) to those that may read. Keys are symmetric: whoever can check can also make, unless the
  * kind authenticates the origin. An enclave is taken at its worst: it may use every key it holds in any way.
  *
- * Most enclaves take part in most domains. So what is out of reach is taken away, which is little, where all that is
- * within reach, nearly every pair of an enclave and a channel, would cost the translator most of its time.
+ * Three forms, here and in the modules below, are there for the translator, which takes less than half the time with
+ * them (100 enclaves, 200 topics). Most enclaves take part in most domains. So what is out of reach is taken away,
+ * which is little, where all that is within reach is nearly every pair of an enclave and a channel.
+ * A comprehension over members of a set stands where "<:" would do, which makes a product of the set and everything
+ * that exists. And a quantified realm that a `run` begins with is a choice for the solver, so that all that depends on
+ * it varies, where a comprehension of realms is decided at once.
  */
 module capabilities
 open permissions
