@@ -24,6 +24,9 @@ _NODES_PER_UNIT: Final = 8
 _TARGETS_PER_UNIT: Final = 16
 _MOVES_PER_UNIT: Final = 8
 
+_FEW_STARS: Final = 8
+"""Stars passed at once that people's expressions have; a state of more takes twice the time, and counts for two."""
+
 _Nodes = frozenset[int]
 _NONE: Final[_Nodes] = frozenset()
 
@@ -142,6 +145,8 @@ class Automaton:
         if stars is None:
             moves = _union([before.moves, *(self._node_moves[node] for node in new - before.nodes)])
             self._budget.spend(len(nodes) // _NODES_PER_UNIT + len(moves.by_class) // _MOVES_PER_UNIT)
+            if len(nodes) > _FEW_STARS:
+                self._budget.spend(STATE_UNITS)
             accepted = before.accepted.union(*(self._node_accepts[node] for node in new))
             stars = self._stars[nodes] = _Stars(nodes=nodes, moves=moves, accepted=accepted)
         return stars
