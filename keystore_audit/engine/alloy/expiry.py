@@ -29,6 +29,9 @@ ASSERTIONS: Final = (
 )
 """The assertions of the module, in its order."""
 
+EXERCISED: Final = "TimeIsExercised"
+"""The run that must have an instance: with too few steps there is no trace, and every check holds."""
+
 
 def timed(system: System) -> System:
     """Return what the clock goes through: the system with all moments from the audit on, and its claims about flows."""
@@ -40,6 +43,7 @@ def write_expiry(system: System) -> str:
     """Return the main file for a system as `timed` gives it; its facts are written with a moving audit instant."""
     steps = len(system.instants) - system.now
     lines = ["/** What time makes of the keystore. */", "module expiry_audit", "open expiry", ""]
+    lines += [f"run {EXERCISED} for 0 but {steps}..{steps} steps", ""]
     lines += [f"check {name} for 0 but {steps}..{steps} steps" for name in ASSERTIONS]
     lines += ["", claims.write_places(system, range(len(system.claims)))]
     for number, claim in enumerate(system.claims):

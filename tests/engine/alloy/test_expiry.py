@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -39,12 +40,16 @@ LASTING = {"AuthoritiesOutliveIdentities", "NoRightBegins"}
 """What holds of a healthy keystore: everything in it ends on one day."""
 
 
-def failing(system: System, directory: Path) -> set[str]:
-    """The commands about time whose answer is bad news: checks with a counterexample, claims without a compartment."""
+def files(system: System) -> dict[str, str]:
     timed = expiry.timed(system)
     modules = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
-    modules |= {KEYSTORE: facts(timed, moving=True), expiry.MAIN: expiry.write_expiry(timed)}
-    found = outcomes(directory, modules, expiry.MAIN)
+    return modules | {KEYSTORE: facts(timed, moving=True), expiry.MAIN: expiry.write_expiry(timed)}
+
+
+def failing(system: System, directory: Path) -> set[str]:
+    """The commands about time whose answer is bad news: checks with a counterexample, claims without a compartment."""
+    found = outcomes(directory, files(system), expiry.MAIN)
+    assert found[expiry.EXERCISED]
     return {name for name, instance in found.items() if instance is (name in expiry.ASSERTIONS)}
 
 
@@ -80,6 +85,17 @@ def test_what_time_brings_and_takes(tmp_path: Path) -> None:
         "stops_at_grants_out_of_date": LASTING,
         "authority_ends_first": LASTING - {"AuthoritiesOutliveIdentities"},
     }
+
+
+def test_with_fewer_steps_than_instants_time_is_not_exercised(tmp_path: Path) -> None:
+    b = healthy_builder()
+    narrow_grant_first(b)
+    modules = files(b.system())
+    steps = re.search(r"(\d+)\.\.\1 steps", modules[expiry.MAIN])
+    assert steps is not None
+    modules[expiry.MAIN] = modules[expiry.MAIN].replace(steps[0], f"1..{int(steps[1]) - 1} steps")
+    found = outcomes(tmp_path, modules, expiry.MAIN)
+    assert found == dict.fromkeys([expiry.EXERCISED, *expiry.ASSERTIONS], False)
 
 
 def test_the_moving_clock_agrees_with_each_moment_looked_at_alone(tmp_path: Path) -> None:
@@ -127,8 +143,8 @@ def test_an_exported_model_of_time_runs_as_it_is(tmp_path: Path) -> None:
     narrow_grant_first(b)
     write_model([b.system()], tmp_path / "model")
     folder = tmp_path / "model" / "expiry"
-    files = {path.name: path.read_text() for path in folder.iterdir()}
-    assert outcomes(tmp_path, files, expiry.MAIN)["NoRightBegins"] is True
+    found = outcomes(tmp_path, {path.name: path.read_text() for path in folder.iterdir()}, expiry.MAIN)
+    assert (found["NoRightBegins"], found[expiry.EXERCISED]) == (True, True)
 
 
 def command(b: Builder, directory: Path, wired: str) -> dict[str, bool]:
