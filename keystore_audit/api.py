@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 from zoneinfo import ZoneInfo
 
-from keystore_audit.cli.arguments import check_arguments
+from keystore_audit.cli.arguments import check_arguments, check_ranges
 from keystore_audit.cli.formats import FORMATS
 from keystore_audit.cli.formats import render as _render
 from keystore_audit.errors import AuditError, NothingToAudit, UsageError
@@ -85,7 +85,7 @@ def audit(
         raise UsageError(f"{engine!r} is no engine; there are {', '.join(ENGINES)}.")
     if at is not None and at.tzinfo is None:
         raise UsageError(f"The instant {at} has no time zone: give it one, e.g. timezone.utc.")
-    _in_range(at, timeout, expires_within)
+    check_ranges(at, timeout, expires_within)
     asserted = None if settings is None else read_settings(Path(settings), (os.fspath(path),))
     options = Options(
         at=(at or datetime.now(timezone.utc)).astimezone(timezone.utc).replace(microsecond=0),
@@ -130,18 +130,6 @@ def _user_files(path: PathLike, given: Sequence[PathLike], asserted: Settings | 
     from keystore_audit.engine.alloy.user_file import read_user_files
 
     return read_user_files(tuple(map(Path, given)), asserted.asserted if asserted else (), (os.fspath(path),))
-
-
-def _in_range(at: datetime | None, timeout: float, expires_within: timedelta) -> None:
-    """What the command line refuses too."""
-    from keystore_audit.cli.options import FIRST_YEAR, LAST_YEAR, MAX_DAYS, MAX_SECONDS
-
-    if at is not None and not FIRST_YEAR <= at.year <= LAST_YEAR:
-        raise UsageError(f"The instant {at} is not between the years {FIRST_YEAR} and {LAST_YEAR}.")
-    if timeout > MAX_SECONDS:
-        raise UsageError(f"A timeout of {timeout:g} seconds is too long: {MAX_SECONDS:g} at most.")
-    if not timedelta(0) <= expires_within <= timedelta(days=MAX_DAYS):
-        raise UsageError(f"A notice of {expires_within} is not between 0 and {MAX_DAYS} days.")
 
 
 def _path(given: PathLike | None) -> Path | None:

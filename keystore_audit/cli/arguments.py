@@ -80,3 +80,15 @@ def check_arguments(given: Mapping[str, Any]) -> None:
     for name, (is_right, expected) in _EXPECTED.items():
         if name in given and not is_right(given[name]):
             raise UsageError(f"{name}: expected {expected}, found one of type {type(given[name]).__name__}.")
+
+
+def check_ranges(at: datetime | None, timeout: float, expires_within: timedelta) -> None:
+    """Raises UsageError for what is out of the range that the command line allows."""
+    from keystore_audit.cli.options import FIRST_YEAR, LAST_YEAR, MAX_DAYS, MAX_SECONDS  # loads click
+
+    if at is not None and not FIRST_YEAR <= at.year <= LAST_YEAR:
+        raise UsageError(f"The instant {at} is not between the years {FIRST_YEAR} and {LAST_YEAR}.")
+    if timeout > MAX_SECONDS:
+        raise UsageError(f"A timeout of {timeout:g} seconds is too long: {MAX_SECONDS:g} at most.")
+    if not timedelta(0) <= expires_within <= timedelta(days=MAX_DAYS):
+        raise UsageError(f"A notice of {expires_within} is not between 0 and {MAX_DAYS} days.")

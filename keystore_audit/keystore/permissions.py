@@ -143,9 +143,6 @@ def _criterion(document: Document, criterion: etree._Element) -> Criterion:
 
 
 def _text(document: Document, element: etree._Element) -> Text:
-    text = element.text
-    if text and not len(element):  # as `document.text` does, for thousands of topics
-        return Text(text=str(text), line=document.line(element))
     return Text(text=document.text(element), line=document.line(element))
 
 

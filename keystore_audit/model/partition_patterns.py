@@ -18,13 +18,13 @@ from typing import Final, NamedTuple
 from keystore_audit.model.alphabet import Alphabet, Budget
 from keystore_audit.model.atoms import TopicClass
 from keystore_audit.model.automaton import Automaton
+from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.expression import Pattern
 from keystore_audit.model.tokens import ANY_CHARACTER, CharSet
 
 EVERY_PARTITION: Final = "*"
-"""The partition in which an endpoint meets those of all others."""
+"""The partition in which an endpoint meets those of all others (DDS 1.4, 2.2.3.13)."""
 
-_WILD: Final = frozenset("*?[\\")
 MAX_PAIRS: Final = 200_000
 """Pairs of states that are visited: about two seconds. Beyond it the answer is unknown."""
 
@@ -90,7 +90,7 @@ def between(
 def _is_plain(patterns: Sequence[Pattern], one: TopicClass) -> bool:
     """Whether it is the class of one name, which is no pattern."""
     name = one.witness
-    return any(patterns[member].literal == name for member in one.members) and _WILD.isdisjoint(name)
+    return any(patterns[member].literal == name for member in one.members) and not has_wildcard(name)
 
 
 _Met = Mapping[frozenset[int], Collection["frozenset[int] | None"]]

@@ -12,6 +12,7 @@ from keystore_audit.keystore.permissions import Criterion, Grant
 from keystore_audit.keystore.permissions import Rule as PermissionsRule
 from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.partition_patterns import EVERY_PARTITION
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.profiles.access import PartitionReading
 from keystore_audit.model.semantics import DEFAULT_PARTITION
@@ -20,9 +21,6 @@ from keystore_audit.rules.permissions import WRITE_AGAIN, about, all_grants
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import PermissionsUse, speaks
 from keystore_audit.rules.wording import quoted
-
-EVERY_PARTITION: Final = "*"
-"""The partition in which an endpoint meets those of all others (DDS 1.4, 2.2.3.13)."""
 
 _ONE_CHARACTER: Final = re.compile(r"\?|\[[^\]]*\]")
 

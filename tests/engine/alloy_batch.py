@@ -40,10 +40,15 @@ def engine() -> install.Engine:
         pytest.skip(error.message)
 
 
+def shipped() -> dict[str, str]:
+    """The text of each shipped module, by its file's name."""
+    return {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+
+
 def decide_batch(systems: Sequence[System]) -> list[dict[str, bool]]:
     """For each system, whether each property (by id) holds."""
     with tempfile.TemporaryDirectory(prefix="alloy-batch-") as directory:
-        modules = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+        modules = shipped()
         return [_decide(Path(directory), modules, system) for system in systems]
 
 
@@ -60,7 +65,7 @@ def compare_batch(systems: Sequence[System], expected: Sequence[Mapping[str, boo
 
     One command asks whether any property is otherwise than expected; each is asked alone only where there is one.
     """
-    modules = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+    modules = shipped()
     with tempfile.TemporaryDirectory(prefix="alloy-batch-") as directory:
         for system, right in zip(systems, expected, strict=True):
             files = modules | {"keystore.als": facts(system), "audit.als": commands((), system)}
@@ -88,17 +93,13 @@ def _otherwise(world: Any, expected: Mapping[str, bool]) -> bool:
         holds = asserted[assertion]
         other = holds.not_() if expected[identifier] else holds
         wrong = other if wrong is None else wrong.or_(other)
-    analyzer = _analyzer()
-    question = whole.change(whole.formula.and_(wrong))
-    return bool(
-        analyzer.execute(analyzer.silent, world.getAllReachableSigs(), question, analyzer.options).satisfiable()
-    )
+    return _occurs(world, whole.change(whole.formula.and_(wrong)))
 
 
 def decide_claims(systems: Sequence[System], changed: Mapping[str, str] | None = None) -> list[dict[str, Status]]:
     """For each system, the answer to each claim (by id); properties are left out. `changed`: modules to use instead."""
     with tempfile.TemporaryDirectory(prefix="alloy-batch-") as directory:
-        modules = {path.name: path.read_text() for path in resources.alloy().glob("*.als")} | dict(changed or {})
+        modules = shipped() | dict(changed or {})
         return [_decide_claims(Path(directory), modules, system) for system in systems]
 
 
@@ -128,13 +129,19 @@ def _world(directory: Path, modules: dict[str, str], main: str) -> Any:
 
 
 def _told(world: Any, wanted: Callable[[str], bool]) -> dict[str, bool]:
-    analyzer = _analyzer()
-    sigs = world.getAllReachableSigs()
     return {
-        str(command.label): bool(analyzer.execute(analyzer.silent, sigs, command, analyzer.options).satisfiable())
-        for command in world.getAllCommands()
-        if wanted(str(command.label))
+        str(command.label): _occurs(world, command) for command in world.getAllCommands() if wanted(str(command.label))
     }
+
+
+def _occurs(world: Any, command: Any) -> bool:
+    """Whether the command has an instance."""
+    return bool(_solution(world, command).satisfiable())
+
+
+def _solution(world: Any, command: Any) -> Any:
+    analyzer = _analyzer()
+    return analyzer.execute(analyzer.silent, world.getAllReachableSigs(), command, analyzer.options)
 
 
 def _decide(directory: Path, modules: dict[str, str], system: System) -> dict[str, bool]:
@@ -147,17 +154,13 @@ def evaluate(
     directory: Path, modules: dict[str, str], expressions: Sequence[str], opening: str = "claims"
 ) -> list[set[tuple[int, ...]]]:
     """The tuples of each expression, atoms by index, in the one instance of the facts; the module `opening` is open."""
-    for name, text in modules.items():
-        (directory / name).write_text(text)
-    (directory / "asked.als").write_text(f"module asked\nopen {opening}\nrun Facts {{}} for 0\n")
-    analyzer = _analyzer()
-    world = analyzer.parse(analyzer.silent, None, str(directory / "asked.als"))
-    command = world.getAllCommands().get(0)
-    solution = analyzer.execute(analyzer.silent, world.getAllReachableSigs(), command, analyzer.options)
+    asked = f"module asked\nopen {opening}\nrun Facts {{}} for 0\n"
+    world = _world(directory, modules | {"asked.als": asked}, "asked.als")
+    solution = _solution(world, world.getAllCommands().get(0))
     assert solution.satisfiable()
     found = []
     for expression in expressions:
-        tuples = solution.eval(analyzer.expression(world, expression))
+        tuples = solution.eval(_analyzer().expression(world, expression))
         found.append({tuple(_number(str(t.atom(place))) for place in range(t.arity())) for t in tuples})
     return found
 
@@ -184,15 +187,10 @@ def otherwise(
     runs = [f"run {{ {question} }} for 0" for question in questions]
     asked = "\n".join(["module asked", "open claims", *write.take_private(), *functions, *runs, ""])
     world = _world(directory, modules | {"asked.als": asked}, "asked.als")
-    analyzer, commands = _analyzer(), list(world.getAllCommands())
-
-    def satisfiable(command: Any) -> bool:
-        sigs = world.getAllReachableSigs()
-        return bool(analyzer.execute(analyzer.silent, sigs, command, analyzer.options).satisfiable())
-
-    if not satisfiable(commands[0]):
+    together, *alone = world.getAllCommands()
+    if not _occurs(world, together):
         return []
-    differing = [each for each, command in zip(wrong, commands[1:], strict=True) if satisfiable(command)]
+    differing = [each for each, command in zip(wrong, alone, strict=True) if _occurs(world, command)]
     assert differing, "all together differ, and none alone"
     return differing
 

@@ -20,7 +20,7 @@ from keystore_audit.model.system import System
 from keystore_audit.properties import Answer, Status
 from keystore_audit.properties.property import Role
 from tests.engine.alloy.flow_questions import THIRD, at, chain, claim, questions
-from tests.engine.alloy_batch import decide_claims, outcomes
+from tests.engine.alloy_batch import decide_claims, outcomes, shipped
 from tests.engine.flows_by_hand import ByHand, Flow
 from tests.engine.systems import (
     CHATTER,
@@ -191,7 +191,7 @@ def test_every_change_of_the_model_changes_an_answer() -> None:
     survived = []
     for name, (number, old, new) in MUTANTS.items():
         builder, question, expected = table[number]
-        modules = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+        modules = shipped()
         changed = next(module for module in claims.MODULES if old in modules[module])
         mutant = {changed: modules[changed].replace(old, new, 1)}
         [found] = decide_claims([replace(builder.system(), claims=(question,))], mutant)
@@ -289,7 +289,7 @@ def test_places_and_flows_that_are_not_there_are_named(analyzer: Engine) -> None
 
 def test_an_exported_model_holds_claims_and_their_paths(tmp_path: Path) -> None:
     system = replace(chain().system(), claims=(claim(at(TALKER), at(THIRD)),))
-    modules = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+    modules = shipped()
     modules |= {"keystore.als": facts(system), "audit.als": commands((), system, window=True)}
     assert outcomes(tmp_path, modules)["Claim0"] is False
     modules[paths.MAIN] = paths.write_paths(system, (0,))

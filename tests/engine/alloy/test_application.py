@@ -37,7 +37,7 @@ from keystore_audit.model.profiles import resolve
 from keystore_audit.model.system import NodeAtom, System
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.model.wiring import wiring
-from tests.engine.alloy_batch import evaluate, outcomes
+from tests.engine.alloy_batch import evaluate, outcomes, shipped
 from tests.engine.systems import CHATTER, LISTENER, TALKER, healthy, stock
 
 pytestmark = [pytest.mark.alloy, pytest.mark.xdist_group("alloy")]
@@ -58,7 +58,7 @@ def told(story: str, intents: list[Intent]) -> tuple[System, Observation]:
 
 
 def modules(system: System) -> dict[str, str]:
-    texts = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+    texts = shipped()
     return texts | {KEYSTORE: facts(system), NODES: write_nodes(system), MAIN: write_commands()}
 
 
@@ -191,7 +191,7 @@ def test_the_module_opens_and_runs_beside_the_example_of_the_source_tree(tmp_pat
 
 
 def theorems(tmp_path: Path, application: str | None = None) -> dict[str, bool]:
-    texts = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+    texts = shipped()
     texts |= {path.name: path.read_text() for path in (Path(__file__).parent / "any_keystore").glob("*.als")}
     changed = {} if application is None else {MODULE: application}
     return outcomes(tmp_path, texts | changed, "application_theorems.als")

@@ -7,13 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from functools import cache
 from itertools import product
 from pathlib import Path
 
 import pytest
 
-from keystore_audit import resources
 from keystore_audit.engine.alloy.atoms import name_atoms
 from keystore_audit.engine.alloy.facts import facts
 from keystore_audit.engine.native import NativeEngine
@@ -23,7 +21,7 @@ from keystore_audit.model.permission import Permissions, members
 from keystore_audit.model.system import System
 from keystore_audit.properties import BY_ID
 from keystore_audit.properties.property import Role
-from tests.engine.alloy_batch import otherwise
+from tests.engine.alloy_batch import otherwise, shipped
 from tests.engine.systems import (
     IDENTITY_CA,
     PERMISSIONS_CA,
@@ -154,18 +152,13 @@ def otherwise_in_alloy(system: System, found: Mapping[str, frozenset[tuple[int, 
     atoms = name_atoms(system)
     return otherwise(
         directory,
-        modules() | {"keystore.als": facts(system)},
+        shipped() | {"keystore.als": facts(system)},
         {
             expression: (atoms.enclaves if is_by_enclave(property_id) else atoms.realms, found[property_id])
             for property_id, expression in OUTCOMES.items()
         },
         atoms.channels,
     )
-
-
-@cache
-def modules() -> dict[str, str]:
-    return {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
 
 
 def rule_pairs() -> Iterator[tuple[tuple[bool, int, int], ...]]:
@@ -189,7 +182,7 @@ def test_all_pairs_of_ordered_rules_decide_alike_in_both_engines(default: bool, 
         }
         atoms = name_atoms(system)
         expected = {"publish_allowed": (atoms.grants, native)}
-        assert otherwise(tmp_path, modules() | {"keystore.als": facts(system)}, expected, atoms.channels) == []
+        assert otherwise(tmp_path, shipped() | {"keystore.als": facts(system)}, expected, atoms.channels) == []
         assert native == {
             (grant, channel)
             for grant, rules in enumerate(pairs[start : start + 256])

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from keystore_audit import resources
 from keystore_audit.engine.alloy import expiry
 from keystore_audit.engine.alloy.facts import KEYSTORE, facts, write_model
 from keystore_audit.keystore.permissions import Operation
@@ -17,7 +16,7 @@ from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.claim import ClaimAtom, ClaimKind
 from keystore_audit.model.permission import Permissions
 from keystore_audit.model.system import System
-from tests.engine.alloy_batch import outcomes
+from tests.engine.alloy_batch import outcomes, shipped
 from tests.engine.flows_by_hand import ByHand, violated
 from tests.engine.systems import (
     CHATTER,
@@ -42,7 +41,7 @@ LASTING = {"AuthoritiesOutliveIdentities", "NoRightBegins"}
 
 def files(system: System) -> dict[str, str]:
     timed = expiry.timed(system)
-    modules = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+    modules = shipped()
     return modules | {KEYSTORE: facts(timed, moving=True), expiry.MAIN: expiry.write_expiry(timed)}
 
 
@@ -149,7 +148,7 @@ def test_an_exported_model_of_time_runs_as_it_is(tmp_path: Path) -> None:
 
 def command(b: Builder, directory: Path, wired: str) -> dict[str, bool]:
     """Whether a command of the talker can arrive at the listener, and whether a fair behaviour exists in which not."""
-    modules = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+    modules = shipped()
     modules[KEYSTORE] = facts(b.system())
     modules["scenario.als"] = f"""\
 module scenario

@@ -21,7 +21,7 @@ from keystore_audit.findings import Location
 from keystore_audit.model.system import Reading, System
 from keystore_audit.properties import PROPERTIES
 from keystore_audit.properties.property import Role
-from tests.engine.alloy_batch import outcomes
+from tests.engine.alloy_batch import outcomes, shipped
 from tests.engine.systems import healthy, lively, random_system, stock, with_claims
 
 ALL_MODULES = (*MODULES, *claims.MODULES, *paths.MODULES)
@@ -201,7 +201,7 @@ def folders(directory: Path) -> list[Path]:
 def test_many_atoms_stand_in_modules_of_their_own_and_say_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    modules = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+    modules = shipped()
     system = with_claims(lively(random_system(5), 5), 5)
     assert fact_modules(system) == {"keystore.als": facts(system)}
     monkeypatch.setattr("keystore_audit.engine.alloy.facts.MODULE_GROUPS", 1)

@@ -17,7 +17,7 @@ from keystore_audit.engine.alloy.install import Engine
 from keystore_audit.properties import PROPERTIES
 from tests.engine import systems
 from tests.engine.alloy.mutations import MUTATIONS, Change, both, mutated, on
-from tests.engine.alloy_batch import decide_batch, outcomes
+from tests.engine.alloy_batch import decide_batch, outcomes, shipped
 from tests.engine.systems import (
     CHATTER,
     LISTENER,
@@ -72,14 +72,14 @@ def execute(analyzer: Engine, folder: Path, main: str, *options: str) -> subproc
 @pytest.mark.parametrize("module", [*MODULES, *claims.MODULES, KEYSTORE, MAIN])
 def test_each_module_opens_and_runs_by_itself(module: str, tmp_path: Path) -> None:
     """With the example of the source tree as facts, and a command of the test's."""
-    modules = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+    modules = shipped()
     name = module.removesuffix(".als")
     modules["alone.als"] = f"module alone\nopen {name}\nrun nothing {{ no none }} for 0\n"
     assert outcomes(tmp_path, modules, "alone.als") == {"nothing": True}
 
 
 def test_the_temporal_module_opens_and_runs_by_itself(tmp_path: Path) -> None:
-    modules = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+    modules = shipped()
     modules["alone.als"] = "module alone\nopen propagation\nrun Rest { always rests } for 0 but 1..2 steps\n"
     assert outcomes(tmp_path, modules, "alone.als") == {"Rest": True}
 
@@ -94,7 +94,7 @@ def test_an_exported_model_runs_as_it_is(tmp_path: Path, analyzer: Engine) -> No
 
 def test_families_without_an_object_say_so(tmp_path: Path) -> None:
     """No grant at all: nothing to enforce; nothing governed: nothing to protect either."""
-    modules = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+    modules = shipped()
     modules[MAIN] = commands(PROPERTIES)
 
     def exercised(change: Change) -> list[bool]:
@@ -114,7 +114,7 @@ def test_families_without_an_object_say_so(tmp_path: Path) -> None:
 
 
 def test_a_contradiction_in_the_model_is_seen(tmp_path: Path) -> None:
-    modules = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+    modules = shipped()
     modules |= {MAIN: commands(PROPERTIES), KEYSTORE: facts(healthy()) + "\nfact { no Enclave }\n"}
     assert not any(outcomes(tmp_path, modules).values())
 

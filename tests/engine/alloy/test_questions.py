@@ -19,7 +19,7 @@ from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import EngineFailed
 from keystore_audit.model.system import System
 from keystore_audit.properties import PROPERTIES, Status
-from tests.engine.alloy_batch import outcomes
+from tests.engine.alloy_batch import outcomes, shipped
 from tests.engine.systems import healthy, lively, random_system, stock, with_claims
 
 pytestmark = [pytest.mark.alloy, pytest.mark.xdist_group("alloy")]
@@ -42,7 +42,7 @@ def expected(system: System, chance: random.Random | None = None) -> dict[str, S
 
 
 def test_together_and_one_by_one_have_the_same_outcomes(tmp_path: Path) -> None:
-    modules = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+    modules = shipped()
     again = settled = 0
 
     def ask(system: System, questions: Questions) -> dict[str, bool]:
@@ -119,7 +119,7 @@ def test_an_assertion_that_is_not_there_is_a_fault() -> None:
 
 
 def test_a_condition_without_its_last_variable_says_the_same(tmp_path: Path) -> None:
-    modules = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+    modules = shipped()
     shorter = 0
     for seed in range(SYSTEMS):
         system = with_claims(lively(random_system(seed), seed), seed, count=6)
@@ -156,7 +156,7 @@ def test_other_conditions_are_left_as_they_are(condition: str) -> None:
 
 def test_witnesses_of_a_joint_command_are_violations(tmp_path: Path, analyzer: Engine) -> None:
     """Each makes its condition false, in systems of one realm and of several."""
-    modules = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+    modules = shipped()
     systems = [with_claims(lively(random_system(seed), seed), seed) for seed in (0, 1, 2, 5, 8)]
     assert len({len(system.realms) for system in systems}) > 1
     told = examine(

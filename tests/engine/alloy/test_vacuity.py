@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from keystore_audit import resources
 from keystore_audit.engine.alloy.application import EXERCISED as WIRED
 from keystore_audit.engine.alloy.application import MAIN as APPLICATION
 from keystore_audit.engine.alloy.application import NODES, write_commands, write_nodes
@@ -16,7 +15,7 @@ from keystore_audit.engine.alloy.facts import KEYSTORE, MAIN, commands, facts
 from keystore_audit.model.claim import ClaimAtom, Place
 from keystore_audit.model.system import NodeAtom, System
 from tests.engine.alloy.flow_questions import at, chain, claim
-from tests.engine.alloy_batch import outcomes
+from tests.engine.alloy_batch import outcomes, shipped
 from tests.engine.systems import CHATTER, LISTENER, TALKER, healthy, healthy_builder
 
 pytestmark = [pytest.mark.alloy, pytest.mark.xdist_group("alloy")]
@@ -24,7 +23,7 @@ pytestmark = [pytest.mark.alloy, pytest.mark.xdist_group("alloy")]
 
 def exercised(system: System, asked: ClaimAtom, directory: Path) -> dict[str, bool]:
     system = replace(system, claims=(asked,))
-    texts = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+    texts = shipped()
     found = outcomes(directory, texts | {KEYSTORE: facts(system), MAIN: commands((), system)})
     return {name: found[name] for name in (FLOW_EXERCISED, INHABITED)}
 
@@ -47,6 +46,6 @@ def test_wiring_says_whether_anything_is_wired(subscribes: bool, tmp_path: Path)
     heard = channels if subscribes else frozenset[int]()
     listener = NodeAtom(label="/l", location=place, enclave=LISTENER, publishes=frozenset(), subscribes=heard)
     system = replace(system, nodes=(talker, listener))
-    texts = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+    texts = shipped()
     texts |= {KEYSTORE: facts(system), NODES: write_nodes(system), APPLICATION: write_commands()}
     assert outcomes(tmp_path, texts, APPLICATION)[WIRED] is subscribes, "to tell itself something is no wire"

@@ -25,7 +25,7 @@ from keystore_audit.model.profiles import resolve
 from keystore_audit.model.system import System
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.settings import read_settings
-from tests.engine.alloy_batch import outcomes
+from tests.engine.alloy_batch import outcomes, shipped
 
 SAMPLES = Path(__file__).resolve().parents[3] / "sample_keystores"
 AT = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
@@ -92,7 +92,7 @@ def system_of(name: str, tmp_path: Path) -> System:
 
 
 def confirmed(system: System, directory: Path) -> bool:
-    modules = {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
+    modules = shipped()
     modules |= {KEYSTORE: facts(system), wiring.MAIN: wiring.write_wiring(system)}
     return not outcomes(directory, modules, wiring.MAIN)[wiring.CONFIRMED]
 
