@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
 from datetime import date
 from itertools import chain
 from typing import Final
 
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Finding, Location, Severity
 from keystore_audit.model.profiles import DEFAULT

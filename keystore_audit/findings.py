@@ -7,9 +7,10 @@ else in the program exists to produce them.
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
 from enum import Enum
 from typing import Final, NamedTuple
+
+from keystore_audit.dataclass import dataclass
 
 MAX_PLACES: Final = 50
 """Locations of one finding: enough to mend by hand, and ten thousand wildcards make no report of ten thousand lines."""

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Final
 from zoneinfo import ZoneInfo
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.engine.agreement import EngineAnswers, combine_claims
 from keystore_audit.engine.engines import run_engines
 from keystore_audit.engine.native import NativeEngine

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
+from keystore_audit.dataclass import replace
 from keystore_audit.engine.horizon import Horizon
 from keystore_audit.findings import Finding, Result, Severity
 from keystore_audit.model.profiles import DEFAULT, Profile

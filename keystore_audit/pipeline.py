@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
 from keystore_audit import __version__
 from keystore_audit.aside import FEW, Aside
+from keystore_audit.dataclass import replace
 from keystore_audit.engine.agreement import combine, combine_claims, combine_determinism
 from keystore_audit.engine.engines import run_engines
 from keystore_audit.engine.horizon import Horizon, horizon

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+from keystore_audit.dataclass import dataclass, field
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Severity
 from keystore_audit.model.claim import Attacker, ClaimKind

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import Final
 from zoneinfo import ZoneInfo
 
+from keystore_audit.dataclass import dataclass, field
 from keystore_audit.errors import UsageError
 from keystore_audit.intent.intent import Action, Intent
 from keystore_audit.keystore.certificate import Certificate

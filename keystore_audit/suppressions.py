@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
 from datetime import date, datetime, time, timedelta, timezone
 from enum import Enum
 from typing import Final
 
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import MAX_PLACES, Finding, Location, Severity, Suppression
 from keystore_audit.model.expression import Matcher, parse

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -15,6 +14,7 @@ from keystore_audit.cli import delivery, formats, output, places, settings
 from keystore_audit.cli import options as opt
 from keystore_audit.cli.places import executor_address
 from keystore_audit.cli.progress import Watch
+from keystore_audit.dataclass import replace
 from keystore_audit.errors import AuditError, NothingToAudit, UsageError
 from keystore_audit.findings import Severity
 from keystore_audit.text import terminal

@@ -6,7 +6,6 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
@@ -17,6 +16,7 @@ from keystore_audit.cli import EXIT_INTERRUPTED, delivery, formats, output, plac
 from keystore_audit.cli.interrupts import interrupts_later
 from keystore_audit.cli.program import fault
 from keystore_audit.cli.progress import FleetWatch
+from keystore_audit.dataclass import dataclass, field
 from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, AuditError, NothingToAudit
 from keystore_audit.report.summary import Row, Summary, render_json, render_text, row, without_report
 from keystore_audit.text import terminal

@@ -7,13 +7,13 @@ import secrets
 import stat
 import sys
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import click
 
 from keystore_audit.cli.formats import FORMATS
+from keystore_audit.dataclass import dataclass
 
 
 class Unwritable(click.ClickException):

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from keystore_audit.cli.output import Target
+from keystore_audit.dataclass import replace
 from keystore_audit.errors import UsageError
 
 if TYPE_CHECKING:

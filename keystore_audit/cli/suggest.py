@@ -120,8 +120,7 @@ def _chosen(suggestion: Suggestion, path: str | None) -> tuple[EnclavePolicy, ..
 def _write_policy(
     keystore: str, suggestion: Suggestion, enclaves: tuple[EnclavePolicy, ...], place: Path | None
 ) -> None:
-    from dataclasses import replace
-
+    from keystore_audit.dataclass import replace
     from keystore_audit.report.policy_xml import policy_xml
 
     _write(keystore, POLICY, policy_xml(replace(suggestion.policy, enclaves=enclaves)), place)

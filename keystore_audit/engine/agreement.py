@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.engine.counterexample import describe
 from keystore_audit.engine.counterexample_claims import describe_claim, forgers
 from keystore_audit.model.claim import ClaimKind

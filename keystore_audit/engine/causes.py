@@ -6,9 +6,9 @@ the explanation is poorer, the verdict the same.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
 from keystore_audit.model.system import (
     CertificateAtom,

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Final
 
+from keystore_audit.dataclass import replace
 from keystore_audit.engine import causes
 from keystore_audit.engine.causes import Operation
 from keystore_audit.engine.counterexample_case import Case, step_at

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import Final
 
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.engine import causes
 from keystore_audit.engine import counterexample_identities as identities
 from keystore_audit.engine.causes import Operation

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
+from keystore_audit.dataclass import replace
 from keystore_audit.engine.agreement import EngineAnswers
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import EngineError, EngineMissing, EngineOutOfScale, EngineTimeout

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.keystore.crl import RevocationList
 from keystore_audit.keystore.keystore import Enclave, Keystore

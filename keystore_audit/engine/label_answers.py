@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
+from keystore_audit.dataclass import replace
 from keystore_audit.model.claims import Claim, LabelPair
 from keystore_audit.properties.label_result import LabelResult
 from keystore_audit.properties.property import Status

@@ -8,11 +8,11 @@ first, its first difference is a shortest one, and where it ends without one the
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 from typing import Final, NamedTuple
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.model.behaviour import Behaviour, DeterminismAtom, Scheduler
 from keystore_audit.properties.property import Acts, Answer, Round, Status
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable
-from dataclasses import dataclass
 from typing import Protocol, TypeVar
+
+from keystore_audit.dataclass import dataclass
 
 T = TypeVar("T")
 R = TypeVar("R")

@@ -10,11 +10,11 @@ import sys
 import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.reduction import ForkingPickler
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.fleet.executor import Lost
 
 if TYPE_CHECKING:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field, replace
 
+from keystore_audit.dataclass import dataclass, field, replace
 from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_USAGE, UsageError
 from keystore_audit.fleet.executor import Executor, Lost
 from keystore_audit.fleet.shared import Identities

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.layout import Role
 
 _ENCLAVES: Final = "enclaves"

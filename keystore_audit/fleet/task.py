@@ -6,13 +6,13 @@ import gc
 import os
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from functools import _lru_cache_wrapper
 from itertools import count
 from threading import Lock
 from typing import Any, Final
 
 from keystore_audit import __version__
+from keystore_audit.dataclass import dataclass, field
 from keystore_audit.errors import EXIT_INCOMPLETE, AuditError
 from keystore_audit.keystore.identity import Identity, read_identities
 from keystore_audit.options import Options, Progress

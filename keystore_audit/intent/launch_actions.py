@@ -5,8 +5,9 @@ The three readers (`launch_entities` for XML and YAML, `launch_python`) make the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
+
+from keystore_audit.dataclass import dataclass
 
 
 class Variable(str, Enum):

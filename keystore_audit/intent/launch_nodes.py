@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
 from keystore_audit.intent.intent import Action, IntendedNode, IntendedRight, Intent, Origin, Unresolved, UsedName

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
 from typing import Final
 
+from keystore_audit.dataclass import dataclass, field
 from keystore_audit.intent.launch_actions import Comparison, Condition, Reference, Text, Unknown, Variable
 from keystore_audit.intent.ros_names import ROOT, joined
 from keystore_audit.intent.source import Source, shown

@@ -7,9 +7,9 @@ duplicate keys, and every scalar is the text that is written.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.intent.launch_entities import Entity
 from keystore_audit.intent.source import Source, shown
 

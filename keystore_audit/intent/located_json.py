@@ -9,8 +9,9 @@ import json
 import re
 from bisect import bisect_right
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Final
+
+from keystore_audit.dataclass import dataclass
 
 MAX_DEPTH: Final = 32
 """Arrays and objects within each other: a graph has four."""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
 from typing import Final
 
+from keystore_audit.dataclass import dataclass, field
 from keystore_audit.intent.launch_actions import Action, Comparison, Condition, NodeNames, Part, Text, Unknown
 
 MAX_PARTS: Final = 256

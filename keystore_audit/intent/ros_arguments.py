@@ -7,9 +7,9 @@ and `--` is ROS's, the last `--enclave` counts, and of remappings the first that
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.intent.launch_actions import Unknown
 
 Word = str | Unknown

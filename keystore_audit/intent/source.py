@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import posixpath
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import NothingToAudit, UsageError
 from keystore_audit.findings import Location
 from keystore_audit.keystore.files import File, Status

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import warnings
-from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Final
 
 from cryptography import x509
 from cryptography.exceptions import UnsupportedAlgorithm
 
+from keystore_audit.dataclass import dataclass, field
 from keystore_audit.keystore import public_key
 from keystore_audit.keystore.crl import REVOCATION_LIST_LABEL, RevocationList, read_revocation_list
 from keystore_audit.keystore.defect import Defect, Kind

@@ -7,7 +7,6 @@ of type id-data. What some run time may accept beyond it is refused here and bec
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from typing import Annotated, Final
 
@@ -15,6 +14,7 @@ from cryptography import x509
 from cryptography.hazmat import asn1
 from cryptography.hazmat.asn1 import TLV, Explicit, GeneralizedTime, Implicit, SetOf, UTCTime
 
+from keystore_audit.dataclass import dataclass, field
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.signature_algorithm import (
     DIGESTS,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from datetime import datetime
 from functools import lru_cache
 from typing import TYPE_CHECKING, Final
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 
+from keystore_audit.dataclass import dataclass, field
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.der import MALFORMED, parts
 from keystore_audit.keystore.files import File

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
+
+from keystore_audit.dataclass import dataclass
 
 
 class Kind(str, Enum):

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from enum import Enum
 
 from lxml import etree
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Defect
 from keystore_audit.keystore.document import Document, elements

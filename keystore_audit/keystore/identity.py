@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
 from datetime import datetime
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.certificate import Certificate, CertificateFile, read_certificates
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.layout import Role, discover

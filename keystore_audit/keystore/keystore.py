@@ -5,12 +5,12 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from cryptography.x509.oid import NameOID
 
 from keystore_audit.aside import FEW, Aside
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore.certificate import Certificate, CertificateFile, read_certificates
 from keystore_audit.keystore.crl import CrlFile, read_crl
 from keystore_audit.keystore.defect import Defect

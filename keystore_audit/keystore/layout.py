@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import NothingToAudit
 from keystore_audit.keystore.descent import display
 from keystore_audit.keystore.files import EntryKind, File, Listing, Status

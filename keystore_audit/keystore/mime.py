@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import binascii
 import re
-from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Final
 
+from keystore_audit.dataclass import dataclass, field
 from keystore_audit.keystore.defect import Kind
 
 MAX_LINE: Final = 1023

@@ -9,8 +9,9 @@ from __future__ import annotations
 import base64
 import binascii
 import re
-from dataclasses import dataclass, field
 from typing import Final
+
+from keystore_audit.dataclass import dataclass, field
 
 MAX_BLOCKS: Final = 1_000
 """Most blocks that are read of one file: a bundle of authorities has some hundred, an enclave's file one."""

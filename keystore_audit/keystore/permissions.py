@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
 from lxml import etree
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Defect
 from keystore_audit.keystore.document import Document, elements, joined

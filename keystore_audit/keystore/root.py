@@ -5,11 +5,11 @@ from __future__ import annotations
 import hashlib
 import os
 import stat
-from dataclasses import dataclass, field, replace
 from types import TracebackType
 from typing import Final
 from urllib.parse import unquote_to_bytes
 
+from keystore_audit.dataclass import dataclass, field, replace
 from keystore_audit.errors import NothingToAudit
 from keystore_audit.keystore.descent import (
     MAX_DEPTH,

@@ -6,13 +6,13 @@ import base64
 import hashlib
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
 from datetime import datetime
 from typing import Final, overload
 
 from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.x509.oid import PublicKeyAlgorithmOID
 
+from keystore_audit.dataclass import dataclass, field, replace
 from keystore_audit.keystore.certificate import Certificate, read_certificates
 from keystore_audit.keystore.cms import CmsError, SignedData, SignerInfo, has_string_values, read_signed_data
 from keystore_audit.keystore.defect import Defect, Kind

@@ -6,9 +6,9 @@ Peers take any validly signed document that is presented to them: an old `permis
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass, replace
 from typing import Final
 
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.governance import GovernanceFile, read_governance

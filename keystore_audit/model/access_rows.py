@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Container, Iterable, Mapping
-from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Final, NamedTuple
 
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_table import AccessTable, EnclaveRights, Group
 from keystore_audit.model.named import Named

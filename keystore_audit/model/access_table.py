@@ -7,9 +7,9 @@ equal are one group.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
 from datetime import datetime
 
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews, ReadDocument

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, fields, replace
 from datetime import datetime, timedelta
 from functools import cached_property
 from typing import Final
 from zoneinfo import ZoneInfo
 
+from keystore_audit.dataclass import dataclass, fields, replace
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.governance import DomainRange, Governance, GovernanceFile, ProtectionKind, Text
 from keystore_audit.keystore.permissions import Grant, Operation, Permissions, PermissionsFile

@@ -9,8 +9,8 @@ from: what else an implementation asks of its own endpoints is left aside.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
 
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Keystore

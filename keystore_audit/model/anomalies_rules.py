@@ -8,10 +8,10 @@ allowed anyway, by no rule and no default, do not count.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import islice
 from typing import Final, NamedTuple
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.anomalies_classes import Effort, NameClass, name_classes

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.permissions import Operation
 
 

@@ -9,9 +9,9 @@ those with wildcards run in one lazy automaton, searched breadth first for the s
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import AuditError
 from keystore_audit.model.alphabet import Alphabet, Budget
 from keystore_audit.model.automaton import STATE_UNITS, Automaton, on_or_behind_cycle

@@ -5,9 +5,9 @@ Everything is asked of a realm: the verdict of a peer depends on nothing else.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.permission import Permissions, members
 from keystore_audit.model.protection import Protection, open_protection, protection

@@ -12,9 +12,9 @@ the few other nodes it stands at, and what the stars contribute is worked out on
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.model.alphabet import Alphabet, Budget
 from keystore_audit.model.tokens import SEARCH, STAR, CharSet, Token
 

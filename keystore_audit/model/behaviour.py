@@ -7,9 +7,9 @@ answer.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
 
 

@@ -7,12 +7,12 @@ here anew. Names are those that the documents tell apart, each with a channel of
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property, reduce
 from operator import or_
 from typing import Final, NamedTuple
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import PermissionsFile

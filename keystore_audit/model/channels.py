@@ -9,10 +9,10 @@ decision to anybody, since equal matches decide alike.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.atoms import TopicClass

@@ -5,9 +5,9 @@ Places are sets of atoms; what a user wrote as globs has become indices here. Ne
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 from datetime import datetime, timedelta, timezone
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore

@@ -5,11 +5,11 @@ A change stands once, at the layer that causes it; what follows from it in later
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from datetime import datetime
 from enum import Enum
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
 from keystore_audit.model.domains import Interval
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
 
+from keystore_audit.dataclass import dataclass, field, replace
 from keystore_audit.findings import Location
 from keystore_audit.model.comparison import ORDER, Aspect, Change, Consequence, Direction, Influenced, Layer
 from keystore_audit.model.comparison_sides import Sides

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from functools import reduce
 from operator import or_
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import UsageError
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.claims import AMBIENT, Globs, matching

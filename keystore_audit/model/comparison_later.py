@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from datetime import datetime
 from typing import Final, NamedTuple
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
 from keystore_audit.model.comparison import Direction, Layer, direction_of
 from keystore_audit.model.comparison_drafts import Draft, in_order

@@ -9,11 +9,11 @@ the two: it leaves the audit incomplete.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
 from datetime import datetime
 from itertools import islice
 from typing import Final
 
+from keystore_audit.dataclass import dataclass, field
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import GovernanceFile

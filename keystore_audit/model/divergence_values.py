@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from datetime import datetime
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews

@@ -9,9 +9,9 @@ compared in classes, exactly; `ros_discovery_info` is never drift, since DDS nee
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
 from datetime import datetime
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.intent.policy import Policy, Profiles

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
 from itertools import islice, pairwise
 from typing import Final
 
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.findings import Location
 from keystore_audit.intent.intent import IntendedRight
 from keystore_audit.keystore.governance import GovernanceFile, Text

@@ -12,11 +12,11 @@ ASCII; `str.isascii` tells which expressions are not.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from enum import Enum
 from functools import lru_cache, partial
 from typing import Final
 
+from keystore_audit.dataclass import dataclass, field
 from keystore_audit.model.cyclonedds_pattern import parse_cyclonedds
 from keystore_audit.model.opendds_pattern import parse_opendds
 from keystore_audit.model.posix import parse_posix

@@ -9,10 +9,10 @@ enclave.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.claim import Attacker, Place
 from keystore_audit.model.own_rights import OwnRights

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.behaviour import (

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
 from typing import Final
 
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore

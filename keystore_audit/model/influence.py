@@ -7,9 +7,9 @@ once: ten thousand that all reach each other cost no more than ten thousand that
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.model.permission import members
 
 

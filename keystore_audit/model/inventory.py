@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from datetime import datetime
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Keystore

@@ -7,9 +7,9 @@ is `model.trust`'s and the properties' question.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import datetime
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.keystore import Keystore

@@ -7,11 +7,11 @@ for every two labels between which the lattice lets nothing through; the engines
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import datetime
 from itertools import combinations
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
 from keystore_audit.model.channels import Channels, Named

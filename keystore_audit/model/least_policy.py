@@ -7,9 +7,9 @@ Where nothing is denied but by default, that policy is the only least one: whate
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
 from keystore_audit.intent.intent import Action, IntendedRight, Intent, Origin, UsedName
 from keystore_audit.intent.ros_names import is_ros_name

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from keystore_audit.dataclass import dataclass, field
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
 

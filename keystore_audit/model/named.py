@@ -7,9 +7,9 @@ keeps a place of its own.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.atoms import classify

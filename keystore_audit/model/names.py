@@ -8,10 +8,10 @@ at most 247 characters, a DDS participant any number.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import UsageError
 from keystore_audit.intent.ros_names import FULL_NAME, is_ros_name
 from keystore_audit.keystore.permissions import Operation

@@ -7,9 +7,9 @@ of `model.flow`, of which these are the hops.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.claim import Attacker, Place
 from keystore_audit.model.flow import Flows, Search

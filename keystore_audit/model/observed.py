@@ -7,9 +7,9 @@ needed and denied keeps a node from starting, one that is granted and never used
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from datetime import datetime
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.intent.intent import Intent, Origin, Unresolved, UsedName

@@ -7,10 +7,10 @@ participant tells what it has. They are the usual ones here.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
 from keystore_audit.intent.intent import Action, IntendedNode, Intent, Origin
 from keystore_audit.intent.ros_names import ROOT, is_ros_name

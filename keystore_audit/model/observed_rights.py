@@ -6,10 +6,10 @@ One enclave at a time, over the expressions of its own documents: what others sa
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
 from keystore_audit.intent.intent import Action
 from keystore_audit.keystore.keystore import Enclave

@@ -6,10 +6,10 @@ No verdict rests on it, so it is worked out only where a report draws it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from datetime import datetime
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.access_lines import Allowance, allowances

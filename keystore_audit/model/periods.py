@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from datetime import datetime
 from enum import Enum
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.crl import RevocationList
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.issuance import Issuance

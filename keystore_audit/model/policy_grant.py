@@ -8,9 +8,9 @@ needs; the default is DENY. The domain is that of whoever signs (ROS_DOMAIN_ID),
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.intent.intent import IntendedRight
 from keystore_audit.intent.policy import Profiles
 from keystore_audit.keystore.governance import DomainRange, Text

@@ -6,8 +6,7 @@ All sets are bit sets over channels (`permission.bits`), except `unauthenticated
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.model.permission import Permissions, bits
 from keystore_audit.model.system import DomainRuleAtom, System, TopicRuleAtom

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from enum import Enum
 
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
 

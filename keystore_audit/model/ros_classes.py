@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import string
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import AuditError
 from keystore_audit.intent.ros_names import is_ros_name
 from keystore_audit.model.alphabet import Alphabet, Budget

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.permission import Permissions
 from keystore_audit.model.protection import Protection

@@ -5,10 +5,10 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import islice
 from typing import Protocol
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.model.alphabet import Alphabet, Budget
 from keystore_audit.model.universe import DEAD, Universe
 

@@ -7,10 +7,10 @@ rules that this module gives, the first that matches decides, for every implemen
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import datetime
 from typing import NamedTuple
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.governance import DomainRule, Governance, Text, TopicRule
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Permissions, Rule
 from keystore_audit.model.domains import Interval, covered

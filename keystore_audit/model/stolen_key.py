@@ -8,9 +8,9 @@ network in clear and are bound to a name, not to a key (DDS-Security 1.1, 9.4.1.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
-from dataclasses import replace
 from typing import Final
 
+from keystore_audit.dataclass import replace
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.model.blast_radius import NOTHING, BlastRadius, Radii

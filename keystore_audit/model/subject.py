@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Final
 
 from cryptography import x509
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.model.profiles import SubjectComparison
 

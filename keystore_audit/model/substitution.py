@@ -8,10 +8,10 @@ left aside: it is that of the specification throughout.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
 from enum import Enum
 from typing import Final
 
+from keystore_audit.dataclass import dataclass, fields, replace
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import PermissionsFile

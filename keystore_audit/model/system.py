@@ -10,10 +10,10 @@ rules (grants, domain rules, topic rules) within their parent is the order of th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from datetime import datetime
 from enum import Enum
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.model.behaviour import DeterminismAtom

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from enum import Enum
 from typing import Final, NamedTuple, TypeAlias
+
+from keystore_audit.dataclass import dataclass
 
 LAST_CHARACTER: Final = 0x10FFFF
 

@@ -6,7 +6,6 @@ The evidence comes from `keystore/`; what it means depends on the profile (DDS-S
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from datetime import datetime
 from enum import Enum
 from functools import lru_cache
@@ -14,6 +13,7 @@ from typing import Final
 
 from cryptography import x509
 
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.distinguished_name import same_name

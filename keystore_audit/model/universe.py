@@ -8,9 +8,9 @@ from __future__ import annotations
 import string
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.model.alphabet import Alphabet
 from keystore_audit.model.names import (
     DISCOVERY_TOPIC,

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from datetime import datetime
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.governance import GovernanceFile

@@ -7,9 +7,9 @@ is in `ros2/sros2`, policy/common/node.xml; ros_discovery_info is added by sros2
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import Text
 from keystore_audit.keystore.keystore import Enclave

@@ -8,13 +8,13 @@ instead was measured on Fast DDS 2.9.1 and Cyclone DDS 0.10.2, whose clock was s
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
 from enum import Enum
 from functools import lru_cache
 from typing import Final
 from zoneinfo import ZoneInfo
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.model.local_time import mktime, standard_offset
 
 BEGINNING: Final = datetime.min.replace(tzinfo=timezone.utc)

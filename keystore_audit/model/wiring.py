@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.findings import Location
 from keystore_audit.intent.intent import Intent, Origin
 from keystore_audit.keystore.keystore import Keystore

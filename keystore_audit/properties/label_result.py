@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location, Severity
 from keystore_audit.properties.result import PropertyResult
 

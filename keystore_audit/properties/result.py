@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import Enum
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location, Severity
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.property import Property, Status

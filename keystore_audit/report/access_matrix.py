@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.model.access_rows import Row
 from keystore_audit.model.access_table import Group
 from keystore_audit.report.access_words import protection_words

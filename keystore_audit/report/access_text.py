@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from textwrap import fill
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.model.access_rows import Row, decision_rows, folded_by_owner
 from keystore_audit.model.access_table import AccessTable, Group
 from keystore_audit.report.access_differences import differences, peers

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from textwrap import fill
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.model.question import Answer, Ruling
 from keystore_audit.report.encoded import encoded
 from keystore_audit.text import terminal

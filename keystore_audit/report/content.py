@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from datetime import datetime
 from enum import Enum
 from typing import TYPE_CHECKING, Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Finding, Outcome, Severity
 from keystore_audit.model.meaning import Usability
 from keystore_audit.properties.result import EngineRun, PropertyResult

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import replace
 
+from keystore_audit.dataclass import replace
 from keystore_audit.model.comparison import Change
 
 _PATH, _ABOVE = "\0", "\1"

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Severity
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.report.encoded import encoded, instant

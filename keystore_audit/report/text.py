@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Finding, Outcome, Result, Severity
 from keystore_audit.model.meaning import Usability
 from keystore_audit.properties.property import Status

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import Any, Final
 
+from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule

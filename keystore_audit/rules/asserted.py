@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
+from keystore_audit.dataclass import replace
 from keystore_audit.findings import Severity
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AlloyResult, AssertedResult

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any, Final
 
+from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.meaning import Doubt

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import TYPE_CHECKING
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.intent.environment import Environment
 from keystore_audit.keystore.identity import Identity
 from keystore_audit.keystore.keystore import Keystore

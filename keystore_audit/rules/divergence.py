@@ -9,9 +9,9 @@ with one bound (KA419, KA515) unless they let somebody do more.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import replace
 from typing import Any, Final
 
+from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Operation

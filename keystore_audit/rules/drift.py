@@ -7,9 +7,9 @@ date, in no governed domain or refused is said by the rules about permissions.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
+from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role

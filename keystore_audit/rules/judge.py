@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import chain, repeat
 from typing import Any, Final
 
 from keystore_audit.aside import FEW, Aside
+from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Finding, Outcome, Result, Severity, fingerprint
 from keystore_audit.model.meaning import Doubt
 from keystore_audit.properties.result import PropertyResult

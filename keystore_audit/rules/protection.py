@@ -7,9 +7,9 @@ writer, for those that may read it; data its payload, for those that may read it
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any, Final
 
+from keystore_audit.dataclass import replace
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.governance import DomainRule, ProtectionKind, TopicRule
 from keystore_audit.rules.context import Context

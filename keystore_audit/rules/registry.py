@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from inspect import cleandoc
 from typing import Generic, TypeVar
 
+from keystore_audit.dataclass import dataclass, field
 from keystore_audit.findings import Location, Severity
 from keystore_audit.rules.context import Context
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.crl import RevocationList
 from keystore_audit.keystore.defect import Defect

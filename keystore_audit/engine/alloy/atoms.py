@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Final
 
 from keystore_audit import text
+from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
 from keystore_audit.model.system import ChannelAtom, System
 from keystore_audit.properties.property import Role

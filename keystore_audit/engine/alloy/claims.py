@@ -7,10 +7,10 @@ that look for a compartment (alloy/information_flow.als), so that "no flow" is s
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Final
 
 from keystore_audit import text
+from keystore_audit.dataclass import dataclass
 from keystore_audit.engine.alloy.atoms import Sort, name_atoms
 from keystore_audit.engine.alloy.relations import Relations, function
 from keystore_audit.engine.alloy.solution import Command

@@ -7,13 +7,13 @@ states comes. In that bound the engines are not independent; in all else they ar
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
 from lxml import etree
 
 from keystore_audit import text
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.engine.alloy.jobs import Analyzer, Job, run
 from keystore_audit.engine.alloy.runner import module_texts
 from keystore_audit.engine.alloy.solution import Command, read_instances

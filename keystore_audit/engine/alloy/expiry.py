@@ -7,9 +7,9 @@ moments each, against 0.3 s for an audit of one moment.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Final
 
+from keystore_audit.dataclass import replace
 from keystore_audit.engine.alloy import claims, moments
 from keystore_audit.model.claim import ClaimKind
 from keystore_audit.model.system import System

@@ -11,10 +11,10 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import EngineFailed, EngineMissing
 
 GROUP_ID: Final = "org.alloytools"

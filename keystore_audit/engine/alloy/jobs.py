@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TypeVar
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.engine.alloy.process import OUTPUT_DIRECTORY, AnalyzerProcess, Limits, Output
 from keystore_audit.engine.alloy.solution import Command, failure, verdicts
 

@@ -10,9 +10,9 @@ about what remains. What remains are atoms of the keystore, so that a counterexa
 from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from typing import Final
 
+from keystore_audit.dataclass import dataclass, field, replace
 from keystore_audit.engine.alloy.mentions import mentions, surroundings
 from keystore_audit.engine.alloy.twins import find_twins
 from keystore_audit.model.claim import ClaimAtom, Place

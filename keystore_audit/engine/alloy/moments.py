@@ -8,10 +8,10 @@ itself. (A moving clock in one temporal model costs a translation for each state
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from datetime import timedelta
 from typing import Final
 
+from keystore_audit.dataclass import replace
 from keystore_audit.model.system import System
 
 MAX_MOMENTS: Final = 16

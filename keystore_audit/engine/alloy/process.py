@@ -10,11 +10,11 @@ import tempfile
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import EngineFailed, EngineMissing, EngineTimeout
 
 OUTPUT_DIRECTORY: Final = "solutions"

@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from typing import Final
 
+from keystore_audit.dataclass import dataclass, field, replace
 from keystore_audit.engine.alloy import claims
 from keystore_audit.engine.alloy.atoms import name_atoms
 from keystore_audit.engine.alloy.facts import CONSISTENCY, EXERCISED

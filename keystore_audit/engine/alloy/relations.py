@@ -9,9 +9,9 @@ union, 3.8 s so.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
 from typing import Final
 
+from keystore_audit.dataclass import dataclass, field
 from keystore_audit.engine.alloy.atoms import Sort
 
 NAMED_SET: Final = 40

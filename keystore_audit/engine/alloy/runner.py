@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
 from keystore_audit import resources
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.engine.alloy import claims, moments, paths
 from keystore_audit.engine.alloy.facts import (
     CONSISTENCY,

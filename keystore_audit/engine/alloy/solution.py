@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from lxml import etree
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.engine.alloy.atoms import index_of
 from keystore_audit.errors import EngineFailed
 from keystore_audit.properties.property import Role, Witness

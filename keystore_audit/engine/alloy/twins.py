@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.engine.alloy.mentions import Order, Said, surroundings
 from keystore_audit.model.system import EnclaveAtom, System
 

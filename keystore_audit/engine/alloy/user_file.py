@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Final
 
 from keystore_audit import resources
+from keystore_audit.dataclass import dataclass
 from keystore_audit.engine.alloy.user_tokens import NO_NUMBERS, Token, Wrong, tokens
 from keystore_audit.engine.alloy.user_vocabulary import VOCABULARY
 from keystore_audit.errors import UsageError

@@ -10,10 +10,10 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.engine.alloy import application, claims, install
 from keystore_audit.engine.alloy.facts import MODULES, fact_modules
 from keystore_audit.engine.alloy.jobs import Analyzer, Job, run

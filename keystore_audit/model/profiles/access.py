@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.validity import DateReading
 

@@ -6,10 +6,10 @@ The rows are those of the project's tables; docs/profiles.md and docs/security-m
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 from difflib import get_close_matches
 from typing import Final
 
+from keystore_audit.dataclass import replace
 from keystore_audit.errors import UsageError
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.profiles.access import Access, JoinCheck, Local, OpenRange, PartitionReading, RelayReading

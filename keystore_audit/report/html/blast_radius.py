@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Final
 
+from keystore_audit.dataclass import replace
 from keystore_audit.model.blast_radius import Ranked, Ranking
 from keystore_audit.report.html.element import NOTHING, Html, element, folded, items, joined, lines, name
 from keystore_audit.report.html.sheet import FULL, Sheet

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.text import html, shorten, terminal
 
 MAX_NAME: Final = 200

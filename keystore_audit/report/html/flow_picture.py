@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.model.access_rows import label
 from keystore_audit.model.access_table import AccessTable
 from keystore_audit.model.neighbours import Hop, Neighbourhood

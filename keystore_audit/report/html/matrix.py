@@ -7,10 +7,10 @@ namespace that may do the same are one column. What is left out is counted.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import groupby
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_lines import Allowance
 from keystore_audit.model.access_rows import Row, decision_rows, folded_by_owner

@@ -5,12 +5,12 @@ from __future__ import annotations
 from base64 import b64encode
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Severity
 from keystore_audit.properties.property import Status
 from keystore_audit.report.content import NoReport, Report, Verdict

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Severity
 from keystore_audit.model.access_rows import decision_rows
 from keystore_audit.model.access_table import AccessTable

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.model.safeguard import Safeguard
 
 

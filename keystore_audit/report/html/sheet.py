@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Finding, Severity
 from keystore_audit.properties.property import Status
 from keystore_audit.report.content import Report

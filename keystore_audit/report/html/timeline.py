@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.model.periods import Period
 from keystore_audit.report.encoded import instant
 from keystore_audit.report.html.element import Html, counted, element, fitted, folded, items, joined, lines, name
