@@ -25,8 +25,8 @@ from keystore_audit.model.anomalies_grants import (
     order_anomalies,
     ungoverned_rules,
 )
-from keystore_audit.model.anomalies_rules import domain_bits
 from keystore_audit.model.anomaly import Anomaly, AnomalyKind
+from keystore_audit.model.domains import domain_bits
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.profiles import SPEC, Access, Profile
 from keystore_audit.model.semantics import ReadGrant
@@ -209,8 +209,10 @@ class _Collected:
             chosen = names & self._chosen
             meant = SPEC.name in names or SPEC.name not in self._everybody
             shown = tuple(name for name in self._everybody if name in chosen) if chosen < self._chosen else ()
-            if chosen:
+            if chosen and (shown or (anomaly.serious and not meant)):
                 made.append(replace(anomaly, profiles=shown, serious=anomaly.serious and meant))
+            elif chosen:
+                made.append(anomaly)
         return tuple(sorted(made, key=lambda each: (_ORDER[each.kind], each.line or 0, each.subject, each.key)))
 
 

@@ -10,7 +10,7 @@ from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.anomalies_classes import Effort
-from keystore_audit.model.anomalies_rules import domain_bits
+from keystore_audit.model.domains import domain_bits
 from keystore_audit.model.expression import Matcher, Pattern, parse
 from keystore_audit.model.names import AMBIENT_TOPICS, REPLY_PREFIX, REQUEST_PREFIX, SERVICE_PREFIX
 from keystore_audit.model.semantics import ReadGrant, ReadRule

@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from typing import NamedTuple
 
 from keystore_audit.keystore.governance import DomainRule, ProtectionKind, Text, TopicRule
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.anomalies_classes import Effort, NameClass, name_classes
-from keystore_audit.model.anomalies_rules import domain_bits
 from keystore_audit.model.anomaly import Anomaly, AnomalyKind, Point
-from keystore_audit.model.domains import describe
+from keystore_audit.model.domains import describe, domain_bits
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.names import is_ros_dds_name
 from keystore_audit.model.semantics import ReadDomainRule
+
+
+class _Protections(NamedTuple):
+    """What a domain rule protects: as a whole, and by its topic rules, each with its expression."""
+
+    domain: frozenset[str]
+    topics: tuple[tuple[str, frozenset[str]], ...]
 
 
 def governance_anomalies(rules: Sequence[ReadDomainRule], matcher: Matcher, effort: Effort) -> Iterator[Anomaly]:
@@ -21,55 +29,62 @@ def governance_anomalies(rules: Sequence[ReadDomainRule], matcher: Matcher, effo
     Raises errors.BudgetExceeded.
     """
     taken = 0
-    winning: list[tuple[int, DomainRule]] = []
-    known: dict[int, list[DomainRule]] = {}
+    winning: list[tuple[int, DomainRule, _Protections]] = []
+    known: dict[int, list[tuple[int, DomainRule, _Protections]]] = {}
+    lacking: dict[tuple[_Protections, _Protections], bool] = {}  # thousands of rules may say the same
     for read in rules:
         cover = domain_bits(read.domains)
+        own = _Protections(
+            _of_domain(read.rule), tuple((topic.expression.text, _of_topic(topic)) for topic in read.rule.topic_rules)
+        )
         if cover and not cover & ~taken:
             if cover not in known:  # no later rule wins any of these domains
-                known[cover] = [rule for domains, rule in winning if domains & cover]
-            yield _shadowed_domain_rule(read, known[cover], matcher, effort)
+                known[cover] = [winner for winner in winning if winner[0] & cover]
+            weaker = None
+            for _, rule, winner in known[cover]:
+                if (winner, own) not in lacking:
+                    lacking[winner, own] = _lacks(winner, own, matcher, effort)
+                if lacking[winner, own]:
+                    weaker = rule
+                    break
+            yield _shadowed_domain_rule(read, weaker or known[cover][0][1], serious=weaker is not None)
             continue
         if cover & ~taken:
-            winning.append((cover & ~taken, read.rule))
+            winning.append((cover & ~taken, read.rule, own))
         if len(read.topic_rules) > 1:
             yield from _topic_rules(read, matcher, effort)
         taken |= cover
 
 
-def _shadowed_domain_rule(
-    read: ReadDomainRule, winners: Sequence[DomainRule], matcher: Matcher, effort: Effort
-) -> Anomaly:
-    weaker = [rule for rule in winners if _lacks(rule, read.rule, matcher, effort)]
+def _shadowed_domain_rule(read: ReadDomainRule, winner: DomainRule, *, serious: bool) -> Anomaly:
     domains = describe(read.domains)
     return Anomaly(
         kind=AnomalyKind.DOMAIN_RULE_SHADOWED,
         allow=True,
         subject="",
         line=read.rule.line,
-        other=(weaker or winners)[0].line,
+        other=winner.line,
         texts=(),
         other_text=domains,
         point=None,
         key=f"domain rule {domains}",
-        serious=bool(weaker),
+        serious=serious,
     )
 
 
-def _lacks(winner: DomainRule, shadowed: DomainRule, matcher: Matcher, effort: Effort) -> bool:
+def _lacks(winner: _Protections, shadowed: _Protections, matcher: Matcher, effort: Effort) -> bool:
     """Whether the rule that applies lacks a protection that the other one has."""
-    if _of_domain(shadowed) - _of_domain(winner):
+    if shadowed.domain - winner.domain:
         return True
-    texts = dict.fromkeys(rule.expression.text for each in (winner, shadowed) for rule in each.topic_rules)
-    names = list(texts)
+    names = list(dict.fromkeys(text for each in (winner, shadowed) for text, _ in each.topics))
     for topics in name_classes(names, matcher, effort):
         listed = {names[member] for member in topics.members}
         applying, lost = (
-            next((rule for rule in each.topic_rules if rule.expression.text in listed), None)
+            next((protections for text, protections in each.topics if text in listed), None)
             for each in (winner, shadowed)
         )
         effort.compare(1)
-        if applying is not None and (lost is None or _of_topic(lost) - _of_topic(applying)):
+        if applying is not None and (lost is None or lost - applying):
             return True
     return False
 
@@ -121,33 +136,36 @@ def _readable(topics: NameClass) -> tuple[object, ...]:
 
 def _of_domain(rule: DomainRule) -> frozenset[str]:
     """The protections of a domain rule, each by itself."""
-    flags = {
-        "only authenticated participants": not rule.allow_unauthenticated_participants,
-        "join access control": rule.enable_join_access_control,
-    }
     return _protections(
-        flags,
-        discovery=rule.discovery_protection_kind,
-        liveliness=rule.liveliness_protection_kind,
-        rtps=rule.rtps_protection_kind,
+        ("only authenticated participants", not rule.allow_unauthenticated_participants),
+        ("join access control", rule.enable_join_access_control),
+        ("discovery", rule.discovery_protection_kind),
+        ("liveliness", rule.liveliness_protection_kind),
+        ("rtps", rule.rtps_protection_kind),
     )
 
 
 def _of_topic(rule: TopicRule) -> frozenset[str]:
     """The protections of a topic rule, each by itself."""
-    flags = {
-        "discovery protection": rule.enable_discovery_protection,
-        "liveliness protection": rule.enable_liveliness_protection,
-        "read access control": rule.enable_read_access_control,
-        "write access control": rule.enable_write_access_control,
-    }
-    return _protections(flags, metadata=rule.metadata_protection_kind, data=rule.data_protection_kind)
+    return _protections(
+        ("discovery protection", rule.enable_discovery_protection),
+        ("liveliness protection", rule.enable_liveliness_protection),
+        ("read access control", rule.enable_read_access_control),
+        ("write access control", rule.enable_write_access_control),
+        ("metadata", rule.metadata_protection_kind),
+        ("data", rule.data_protection_kind),
+    )
 
 
-def _protections(flags: dict[str, bool], **kinds: ProtectionKind) -> frozenset[str]:
-    found = {name for name, on in flags.items() if on}
-    for name, kind in kinds.items():
-        found |= {f"{name} authenticated"} if kind.authenticates else set()
-        found |= {f"{name} encrypted"} if kind.encrypts else set()
-        found |= {f"{name} authenticated by origin"} if kind.authenticates_origin else set()
+@lru_cache(maxsize=1_024)
+def _protections(*named: tuple[str, bool | ProtectionKind]) -> frozenset[str]:
+    """Flags that are on, and what each kind does; some hundreds of sets, however many rules there are."""
+    found = set()
+    for name, value in named:
+        if isinstance(value, ProtectionKind):
+            found |= {f"{name} authenticated"} if value.authenticates else set()
+            found |= {f"{name} encrypted"} if value.encrypts else set()
+            found |= {f"{name} authenticated by origin"} if value.authenticates_origin else set()
+        elif value:
+            found.add(name)
     return frozenset(found)

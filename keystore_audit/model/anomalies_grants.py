@@ -9,9 +9,9 @@ from typing import Final
 from keystore_audit.keystore.permissions import Operation, Rule
 from keystore_audit.model.anomalies_classes import Effort
 from keystore_audit.model.anomalies_expressions import are_ros_names, foreign, void
-from keystore_audit.model.anomalies_rules import domain_bits, rule_anomalies
+from keystore_audit.model.anomalies_rules import rule_anomalies
 from keystore_audit.model.anomaly import Anomaly, AnomalyKind, RuleAnomaly
-from keystore_audit.model.domains import describe
+from keystore_audit.model.domains import describe, domain_bits
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.names import DISCOVERY_TOPIC, TOPIC_PREFIX
 from keystore_audit.model.semantics import ReadGrant, ReadRule

@@ -16,7 +16,7 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.anomalies_classes import Effort, NameClass, name_classes
 from keystore_audit.model.anomaly import AnomalyKind, Point, RuleAnomaly
-from keystore_audit.model.domains import HIGHEST_DOMAIN, Interval
+from keystore_audit.model.domains import HIGHEST_DOMAIN, Interval, domain_bits
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.names import AMBIENT_TOPICS
 from keystore_audit.model.permission import bits, members
@@ -155,14 +155,6 @@ def _texts(rules: Iterable[ReadRule]) -> tuple[str, ...]:
             for text in area.topics
         )
     )
-
-
-def domain_bits(domains: Iterable[Interval]) -> int:
-    """A set of domain ids."""
-    found = 0
-    for low, high in domains:
-        found |= (2 << high) - (1 << low)
-    return found
 
 
 def _lowest(domains: int) -> int:

@@ -16,7 +16,7 @@ from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.atoms import TopicClass
-from keystore_audit.model.domains import Interval, contains, describe, elementary
+from keystore_audit.model.domains import Interval, contains, describe, domain_bits, elementary
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.names import is_ros_dds_name
 from keystore_audit.model.partition_patterns import between, meetings
@@ -109,9 +109,10 @@ class _Column:
 def domain_classes(covers: Iterable[Sequence[Interval]]) -> tuple[DomainAtom, ...]:
     """Domain ids 0..232 in classes that no cover tells apart."""
     distinct = list(dict.fromkeys(tuple(cover) for cover in covers))
-    classes: dict[tuple[bool, ...], list[Interval]] = {}
+    classes: dict[tuple[int, ...], list[Interval]] = {}
+    covers_bits = [domain_bits(cover) for cover in distinct]
     for low, high in elementary(distinct):
-        signature = tuple(contains(cover, low) for cover in distinct)
+        signature = tuple([bits >> low & 1 for bits in covers_bits])
         classes.setdefault(signature, []).append((low, high))
     atoms = []
     for intervals in classes.values():
@@ -216,8 +217,10 @@ def document_channels(
                     if access.first_rule_decides_topic:
                         regions[access.matcher, rule.listed] = None
     domains = domain_classes([*governed, *ruled])
-    wanted = [*governed, *ruled] if ungoverned else [*governed]
-    covers = [any(contains(cover, domain.intervals[0][0]) for cover in wanted) for domain in domains]
+    wanted = 0
+    for cover in [*governed, *ruled] if ungoverned else governed:
+        wanted |= domain_bits(cover)
+    covers = [bool(wanted >> domain.intervals[0][0] & 1) for domain in domains]
     return build_channels(domains, covers, regions, points, None if by_default else frozenset(opening))
 
 

@@ -17,7 +17,7 @@ from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels
-from keystore_audit.model.domains import contains, describe
+from keystore_audit.model.domains import describe, domain_bits
 from keystore_audit.model.expression import parse
 from keystore_audit.model.permission import bits
 from keystore_audit.model.profiles import Access, Local, Profile
@@ -171,15 +171,14 @@ class LocalRights:
     ) -> Iterator[tuple[ReadDomainRule, TopicRule, int]]:
         """The topic rules of the enclave's governance, each with the channels that it decides about."""
         read = self._accesses.read(enclave.governance, access) if enclave.governance else None
-        left = {number: domain.intervals[0][0] for number, domain in enumerate(self._channels.domains)}
+        left = self._all
         for domain_rule in (read.domain_rules or ()) if read is not None else ():
-            fresh = [number for number, domain in left.items() if contains(domain_rule.domains, domain)]
-            if not fresh:  # earlier ones decide about all of its domains
+            if not left:
+                break
+            undecided = self._domains(domain_rule) & left
+            if not undecided:  # earlier ones decide about all of its domains
                 continue
-            undecided = 0
-            for number in fresh:
-                del left[number]
-                undecided |= self._in_domain[number]
+            left &= ~undecided
             for topic in domain_rule.topic_rules:
                 named = self._region(access, topic.region)
                 if local.reads_names_as_expressions:
@@ -218,13 +217,13 @@ class LocalRights:
             known = self._bits[key] = bits(self._channels.regions[key])
         return known
 
-    def _domains(self, rule: ReadRule) -> int:
+    def _domains(self, rule: ReadRule | ReadDomainRule) -> int:
         """The channels of the domains that the rule is about."""
         known = self._bits.get(rule.domains)
         if known is None:
-            known = 0
+            known, ids = 0, domain_bits(rule.domains)
             for number, domain in enumerate(self._channels.domains):
-                if contains(rule.domains, domain.intervals[0][0]):
+                if ids >> domain.intervals[0][0] & 1:
                     known |= self._in_domain[number]
             self._bits[rule.domains] = known
         return known

@@ -47,6 +47,14 @@ def contains(intervals: Iterable[Interval], domain: int) -> bool:
     return False
 
 
+def domain_bits(intervals: Iterable[Interval]) -> int:
+    """The ids in the closed intervals as a bit set: to be asked about many of them."""
+    found = 0
+    for low, high in intervals:
+        found |= (2 << high) - (1 << low)
+    return found
+
+
 def elementary(covers: Iterable[Sequence[Interval]]) -> tuple[Interval, ...]:
     """The coarsest closed intervals that partition 0..232 and on which every cover is constant."""
     starts = {0}

@@ -39,15 +39,22 @@ def protection(system: System, document: int | None, permissions: Permissions) -
     result = Protection()
     if document is None:
         return result
-    rules = [(number, rule) for number, rule in enumerate(system.domain_rules) if rule.document == document]
-    topics: dict[int, list[TopicRuleAtom]] = {number: [] for number, _rule in rules}
+    decides: dict[int, int] = {}
+    left = set(range(len(system.domains)))
+    for number, rule in enumerate(system.domain_rules):
+        if rule.document == document and left:
+            decided = rule.domains & left
+            decides.update(dict.fromkeys(decided, number))
+            left -= decided
+    topics: dict[int, list[tuple[TopicRuleAtom, int]]] = {number: [] for number in decides.values()}
+    known: dict[frozenset[int], int] = {}  # hundreds of rules may be about the same channels
     for topic in system.topic_rules:
         if topic.domain_rule in topics:
-            topics[topic.domain_rule].append(topic)
-    for domain in range(len(system.domains)):
-        decides = next(((number, rule) for number, rule in rules if domain in rule.domains), None)
-        if decides is not None:
-            _apply_domain(result, domain, decides[1], topics[decides[0]], permissions.channels_in[domain])
+            if topic.channels not in known:
+                known[topic.channels] = bits(topic.channels)
+            topics[topic.domain_rule].append((topic, known[topic.channels]))
+    for domain, number in decides.items():
+        _apply_domain(result, domain, system.domain_rules[number], topics[number], permissions.channels_in[domain])
     return result
 
 
@@ -61,16 +68,16 @@ def open_protection(permissions: Permissions) -> Protection:
 
 
 def _apply_domain(
-    result: Protection, domain: int, rule: DomainRuleAtom, topics: list[TopicRuleAtom], undecided: int
+    result: Protection, domain: int, rule: DomainRuleAtom, topics: list[tuple[TopicRuleAtom, int]], undecided: int
 ) -> None:
-    """Adds what `rule` and its topic rules say of the channels `undecided` of the domain."""
+    """Adds what `rule` and its topic rules, each with its channels, say of the channels `undecided` of the domain."""
     result.ruled |= 1 << domain
     if rule.allow_unauthenticated_participants:
         result.unauthenticated |= 1 << domain
     if rule.enable_join_access_control:
         result.join_controlled |= 1 << domain
-    for topic in topics:
-        hit = bits(topic.channels) & undecided
+    for topic, channels in topics:
+        hit = channels & undecided
         undecided &= ~hit
         _apply_topic(result, hit, rule, topic)
 

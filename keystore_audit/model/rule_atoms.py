@@ -6,11 +6,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 
 from keystore_audit.findings import Location
+from keystore_audit.keystore.governance import TopicRule
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.channels import Channels
-from keystore_audit.model.domains import Interval, contains
+from keystore_audit.model.domains import Interval, domain_bits
 from keystore_audit.model.profiles import Access
-from keystore_audit.model.semantics import ReadRule, ReadTopicRule, Region
+from keystore_audit.model.semantics import ReadRule, Region
 from keystore_audit.model.system import DomainRuleAtom, GrantAtom, RuleAtom, TopicRuleAtom
 
 Read = Sequence[tuple[str, ReadDocument]]
@@ -54,34 +55,14 @@ class RuleAtoms:
                     )
                 )
             loose = self._loose(document, access) if access.any_governance_rule else _NONE_LOOSE
+            parts: dict[frozenset[int], list[_Part]] = {}
             for parent, read in enumerate(document.domain_rules or (), first):
                 for topic in read.topic_rules:
-                    topic_rules += self._topic_atoms(topic, parent, place, access, loose)
+                    channels = self._channels.regions[access.matcher, topic.region]
+                    if channels not in parts:
+                        parts[channels] = list(_parts(channels, loose))
+                    topic_rules += [_topic_atom(topic.rule, parent, place, part) for part in parts[channels]]
         return tuple(domain_rules), tuple(topic_rules)
-
-    def _topic_atoms(
-        self, read: ReadTopicRule, parent: int, place: str, access: Access, loose: _Loose
-    ) -> Iterator[TopicRuleAtom]:
-        """The topic rule; where another one switches access control off (`loose`), apart."""
-        topic = read.rule
-        channels = self._channels.regions[access.matcher, read.region]
-        read_off, write_off = loose
-        for is_read_off in (False, True) if read_off else (False,):
-            for is_write_off in (False, True) if write_off else (False,):
-                part = channels & read_off if is_read_off else channels - read_off
-                part = part & write_off if is_write_off else part - write_off
-                if part or part == channels:
-                    yield TopicRuleAtom(
-                        domain_rule=parent,
-                        channels=part,
-                        enable_discovery_protection=topic.enable_discovery_protection,
-                        enable_liveliness_protection=topic.enable_liveliness_protection,
-                        enable_read_access_control=topic.enable_read_access_control and not is_read_off,
-                        enable_write_access_control=topic.enable_write_access_control and not is_write_off,
-                        metadata_protection_kind=topic.metadata_protection_kind,
-                        data_protection_kind=topic.data_protection_kind,
-                        location=Location(path=place, line=topic.line),
-                    )
 
     def _loose(self, document: ReadDocument, access: Access) -> _Loose:
         """The channels for which any matching topic rule of the document has read, or write, access control off."""
@@ -192,11 +173,43 @@ class RuleAtoms:
     def _classes(self, cover: tuple[Interval, ...]) -> frozenset[int]:
         known = self._covered.get(cover)
         if known is None:
+            ids = domain_bits(cover)
             known = self._covered[cover] = frozenset(
-                n for n, domain in enumerate(self._channels.domains) if contains(cover, domain.intervals[0][0])
+                n for n, domain in enumerate(self._channels.domains) if ids >> domain.intervals[0][0] & 1
             )
         return known
 
 
 _Loose = tuple[frozenset[int], frozenset[int]]
 _NONE_LOOSE: _Loose = (frozenset(), frozenset())
+_Part = tuple[frozenset[int], bool, bool]
+"""Channels, and whether another rule switches read, and write, access control off for them."""
+
+
+def _parts(channels: frozenset[int], loose: _Loose) -> Iterator[_Part]:
+    """The channels of a topic rule; where another one switches access control off (`loose`), apart."""
+    read_off, write_off = loose
+    for is_read_off in (False, True) if read_off else (False,):
+        for is_write_off in (False, True) if write_off else (False,):
+            part = channels
+            if read_off:
+                part = part & read_off if is_read_off else part - read_off
+            if write_off:
+                part = part & write_off if is_write_off else part - write_off
+            if part or part == channels:
+                yield part, is_read_off, is_write_off
+
+
+def _topic_atom(topic: TopicRule, parent: int, place: str, part: _Part) -> TopicRuleAtom:
+    channels, is_read_off, is_write_off = part
+    return TopicRuleAtom(
+        domain_rule=parent,
+        channels=channels,
+        enable_discovery_protection=topic.enable_discovery_protection,
+        enable_liveliness_protection=topic.enable_liveliness_protection,
+        enable_read_access_control=topic.enable_read_access_control and not is_read_off,
+        enable_write_access_control=topic.enable_write_access_control and not is_write_off,
+        metadata_protection_kind=topic.metadata_protection_kind,
+        data_protection_kind=topic.data_protection_kind,
+        location=Location(path=place, line=topic.line),
+    )

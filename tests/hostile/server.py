@@ -111,9 +111,14 @@ def main() -> None:
 
 
 def run(argv: list[str]) -> int:
-    from keystore_audit.cli.program import run as program
+    """The command as it is started, how it collects garbage included; its exit code."""
+    from keystore_audit.cli import main as program
 
-    return program(argv)
+    sys.argv = ["keystore-audit", *argv]
+    try:
+        program()
+    except SystemExit as ended:
+        return int(ended.code or 0)
 
 
 def audited(request: dict[str, Any]) -> dict[str, Any]:
