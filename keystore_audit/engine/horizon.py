@@ -59,7 +59,9 @@ def horizon(
     for count, (moment, instant, earliest) in enumerate(moments):
         if count == MAX_MOMENTS:
             return Horizon(instant=earliest, why="later dates were not looked at")
-        why = _usability_change(usable, usability_by_profile(keystore, kinds, instant, usabilities))
+        touched = usabilities.touched(at, instant)
+        asked = (enclave for enclave in keystore.enclaves if enclave.files.directory in touched)
+        why = _usability_change(usable, usability_by_profile(asked, kinds, instant, usabilities))
         if not why:
             changes = map(_status_change, native.answers, native.statuses(moment))
             why = next((change for change in changes if change), "")

@@ -113,7 +113,7 @@ class Sides:
         self.enclaves = (_by_path(old), _by_path(new))
         usabilities = [Usabilities(domain, self.accesses) for _ in self.keystores]
         self.usability = tuple(
-            usability_by_profile(keystore, profiles, at, each)
+            usability_by_profile(keystore.enclaves, profiles, at, each)
             for keystore, each in zip(self.keystores, usabilities, strict=True)
         )
         self.mask = bits(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from datetime import datetime
 from functools import partial
 from typing import TYPE_CHECKING
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from keystore_audit.aside import Aside
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
-from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.anomalies import anomalies
 from keystore_audit.model.attacker import RealmView
@@ -60,7 +60,7 @@ def interpret(
         claims = lasting(claims, accesses.dates_in_local_time(profiles))
     over_budget: str | None = None
     systems: tuple[System, ...] = ()
-    usability = usability_by_profile(keystore, profiles, at, usabilities)
+    usability = usability_by_profile(keystore.enclaves, profiles, at, usabilities)
     declared = declared or Declared()
     named = (*place_regions(places), *declared.regions(), *_wires(nodes))
     with Aside(partial(anomalies, keystore, profiles, accesses), wanted=aside) as odd:
@@ -103,13 +103,13 @@ def _beside_spec(profiles: Sequence[Profile]) -> tuple[Profile, ...]:
 
 
 def usability_by_profile(
-    keystore: Keystore, profiles: Sequence[Profile], at: datetime, usabilities: Usabilities
+    enclaves: Iterable[Enclave], profiles: Sequence[Profile], at: datetime, usabilities: Usabilities
 ) -> dict[tuple[str, str], Usability]:
     """Usability by (enclave directory, profile name)."""
     found: dict[tuple[str, str], Usability] = {}
     rows = {usabilities.kind(profile): profile for profile in profiles}
     kinds = [(profile.name, usabilities.kind(profile)) for profile in profiles]
-    for enclave in keystore.enclaves:
+    for enclave in enclaves:
         by_row = {kind: usabilities.of(enclave, at, profile) for kind, profile in rows.items()}
         for name, kind in kinds:
             found[enclave.files.directory, name] = by_row[kind]

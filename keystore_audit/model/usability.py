@@ -8,38 +8,25 @@ from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
-from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
-from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.access_view import AccessViews, Typed
 from keystore_audit.model.domains import Interval, contains, elementary
 from keystore_audit.model.doubt import enclave_doubts
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import JoinCheck, Local, Profile, Trust
 from keystore_audit.model.revocation import list_missing, list_used, lists_read, revoked
 from keystore_audit.model.semantics import ReadDomainRule, ReadGrant
+from keystore_audit.model.sight import Sight, authority_refusals, certificate_refusals, key_refusals, sight_of
 from keystore_audit.model.subject import names
 from keystore_audit.model.trust import (
     Verdict,
-    authorities_read,
     chain_refusal,
     document_verdict,
     envelope,
     is_issued,
-    is_root,
-    strict_refusal,
 )
-
-REQUIRED = (
-    Role.IDENTITY_CA,
-    Role.CERTIFICATE,
-    Role.KEY,
-    Role.PERMISSIONS_CA,
-    Role.GOVERNANCE,
-    Role.PERMISSIONS,
-)
-"""Files without which rmw_dds_common hands no security to the implementation (its security.cpp)."""
 
 _Governed = tuple[tuple[Interval, ReadDomainRule], ...]
 
@@ -77,9 +64,13 @@ class Usabilities:
         self._domain = domain
         self._accesses = accesses
         self._governed: dict[tuple[str, object], _Governed] = {}
+        self._sights: dict[str, Sight] = {}
+        self._shared: dict[tuple[Sight, object], tuple[tuple[str, ...], ...]] = {}
         self._standing: dict[tuple[str, object], tuple[tuple[str, ...], tuple[str, ...]]] = {}
         self._dated: dict[tuple[str, object], _Dated] = {}
         self._answers: dict[tuple[str, object], tuple[datetime, Usability]] = {}
+        self._indexed = 0
+        self._resting: list[tuple[Certificate | ReadGrant | None, set[str]]] = []
 
     def kind(self, profile: Profile) -> object:
         """Equal for profiles whose answers are equal."""
@@ -90,14 +81,15 @@ class Usabilities:
 
         `usable` is None where something could not be read and nothing else already rules it out.
         """
-        key = (enclave.files.directory, self.kind(profile))
+        kind = self.kind(profile)
+        key = (enclave.files.directory, kind)
         known = self._answers.get(key)
-        if known is not None and (at == known[0] or _nothing_between(self._dated[key], at, known[0])):
+        if known is not None and known[0] == at:
             return known[1]
         if key not in self._standing:
             row = self._accesses.row(profile.access)
             self._standing[key] = (
-                tuple(self._refusals(enclave, profile)),
+                self._refusals(enclave, profile, kind),
                 tuple(doubt.reason for doubt in enclave_doubts(enclave, profile.trust, row, self._accesses)),
             )
             self._dated[key] = self._dates(enclave, profile)
@@ -110,30 +102,64 @@ class Usabilities:
         self._answers[key] = (at, answer)
         return answer
 
-    def _refusals(self, enclave: Enclave, profile: Profile) -> Iterator[str]:
+    def touched(self, one: datetime, other: datetime) -> frozenset[str]:
+        """The directories of the enclaves, of those asked about, whose answers may differ between two instants.
+
+        An answer rests on whether certificates and grants are in force. Of revocation lists nothing is ruled out.
+        """
+        if len(self._dated) != self._indexed:
+            self._indexed, self._resting = len(self._dated), self._index()
+        return frozenset(
+            directory
+            for each, directories in self._resting
+            if each is None or _in_force(each, one) != _in_force(each, other)
+            for directory in directories
+        )
+
+    def _index(self) -> list[tuple[Certificate | ReadGrant | None, set[str]]]:
+        """What answers rest on, and the directories of whose; None for revocation lists."""
+        found: dict[int, tuple[Certificate | ReadGrant | None, set[str]]] = {}
+        for (directory, _kind), dated in self._dated.items():
+            for each in _rests_on(dated):
+                found.setdefault(id(each), (each, set()))[1].add(directory)
+        return list(found.values())
+
+    def _refusals(self, enclave: Enclave, profile: Profile, kind: object) -> tuple[str, ...]:
         """Reasons that hold at every instant."""
-        trust = profile.trust
-        for role in REQUIRED:
-            file = enclave.files.files[role]
-            absent = file.status is not Status.PRESENT and not file.status.unknown
-            if absent and role not in enclave.files.pkcs11:
-                yield f"{role.value}: {file.detail or file.status.value}"
+        sight = self._sights.get(enclave.files.directory)
+        if sight is None:
+            sight = self._sights[enclave.files.directory] = sight_of(enclave)
+        shared = self._shared.get((sight, kind))
+        if shared is None:
+            shared = self._shared[sight, kind] = tuple(tuple(each) for each in self._shared_refusals(sight, profile))
+        of_key, of_authorities, of_governance = shared
         certificate = enclave.certificate.first if enclave.certificate else None
-        if certificate is not None:
-            yield from _identity_refusals(enclave, certificate, trust)
-        yield from _authority_refusals(enclave, trust)
-        for role, read in ((Role.GOVERNANCE, enclave.governance), (Role.PERMISSIONS, enclave.permissions)):
-            if read is None or enclave.permissions_ca is None:
-                continue
-            if document_verdict(read.signed, enclave.permissions_ca, trust) is Verdict.REFUSED:
-                whom = "the permissions CA" if trust.pins_signer else "anybody whom the permissions CA vouches for"
-                yield f"{role.value}.p7s is not validly signed by {whom}"
-            refusal = self._accesses.read(read, profile.access).refusal
-            if refusal is not None:
-                yield f"it refuses {role.value}.p7s: {refusal}"
-        governed = self._governed_domains(enclave.governance, profile)
-        if governed == () and not profile.local.starts_ungoverned:
-            yield "the governance covers " + ("no domain" if self._domain is None else f"not domain {self._domain}")
+        issued = _chain_refusals(enclave, certificate, profile.trust) if certificate is not None else ()
+        signed = self._document_refusals(Role.PERMISSIONS, enclave.permissions, enclave.permissions_ca, profile)
+        return (*of_key, *issued, *of_authorities, *signed, *of_governance)
+
+    def _shared_refusals(self, sight: Sight, profile: Profile) -> Iterator[Iterable[str]]:
+        """Before those of the chain, between them and those of the permissions, and behind: in order of the files."""
+        yield (*sight.absent, *key_refusals(sight, profile.trust))
+        signed = self._document_refusals(Role.GOVERNANCE, sight.governance, sight.permissions_ca, profile)
+        yield (*certificate_refusals(sight, profile.trust), *authority_refusals(sight, profile.trust), *signed)
+        governed = self._governed_domains(sight.governance, profile)
+        where = "no domain" if self._domain is None else f"not domain {self._domain}"
+        yield (f"the governance covers {where}",) if governed == () and not profile.local.starts_ungoverned else ()
+
+    def _document_refusals(
+        self, role: Role, read: Typed | None, permissions_ca: CertificateFile | None, profile: Profile
+    ) -> list[str]:
+        if read is None or permissions_ca is None:
+            return []
+        found = []
+        if document_verdict(read.signed, permissions_ca, profile.trust) is Verdict.REFUSED:
+            whom = "the permissions CA" if profile.trust.pins_signer else "anybody whom the permissions CA vouches for"
+            found.append(f"{role.value}.p7s is not validly signed by {whom}")
+        refusal = self._accesses.read(read, profile.access).refusal
+        if refusal is not None:
+            found.append(f"it refuses {role.value}.p7s: {refusal}")
+        return found
 
     def _dates(self, enclave: Enclave, profile: Profile) -> _Dated:
         certificate = enclave.certificate.first if enclave.certificate else None
@@ -191,44 +217,16 @@ class Usabilities:
                 yield interval, decides
 
 
-def _identity_refusals(enclave: Enclave, certificate: Certificate, trust: Trust) -> Iterator[str]:
-    if enclave.key is not None:
-        if enclave.key.encrypted:
-            yield "the private key is encrypted, and no password is passed"
-        elif trust.compares_key and enclave.key.key is not None and enclave.key.key != certificate.key:
-            yield "the private key does not belong to the certificate"
+def _chain_refusals(enclave: Enclave, certificate: Certificate, trust: Trust) -> tuple[str, ...]:
     file = enclave.identity_ca
-    if file is not None and not any(defect.kind.opaque for defect in file.defects):
-        refusal = chain_refusal(certificate, file, trust)
-        if refusal is not None:
-            yield f"the identity CA did not issue the identity certificate: {refusal}"
-        elif list_missing(enclave, certificate, trust):
-            yield "no revocation list that it carries can be used for the identity, so every identity is refused"
-    if certificate.unknown_critical:
-        yield "the identity certificate has a critical extension that no implementation knows"
-    authority = file.first if file is not None else None
-    for kind in dict.fromkeys(c.key_kind for c in (certificate, authority) if c is not None):
-        if trust.identity_keys is not None and kind not in trust.identity_keys:
-            yield f"it takes no identity, and no identity CA, with a key of kind {kind}"
-    if trust.identity_algorithms is not None and certificate.signature_algorithm not in trust.identity_algorithms:
-        yield f"it takes no identity signed with {certificate.signature_algorithm}"
-
-
-def _authority_refusals(enclave: Enclave, trust: Trust) -> Iterator[str]:
-    """Reasons in the CA files."""
-    for file in dict.fromkeys((enclave.identity_ca, enclave.permissions_ca)):
-        if file is None or file.first is None:
-            continue
-        if trust.ca_algorithms is not None and file.first.signature_algorithm not in trust.ca_algorithms:
-            yield f"it loads no CA signed with {file.first.signature_algorithm} ({file.file.place})"
-        refusal = strict_refusal(file.first) if trust.strict_authorities else None
-        if refusal is not None:
-            yield f"it does not load {file.file.place}: {refusal}"
-    file = enclave.permissions_ca
-    if file is None or file.first is None:
-        return
-    if trust.checks_permissions_ca and not any(is_root(authority) for authority in authorities_read(file, trust)):
-        yield f"no certificate that counts in {file.file.place} is self-signed, so the permissions CA is refused"
+    if file is None or any(defect.kind.opaque for defect in file.defects):
+        return ()
+    refusal = chain_refusal(certificate, file, trust)
+    if refusal is not None:
+        return (f"the identity CA did not issue the identity certificate: {refusal}",)
+    if list_missing(enclave, certificate, trust):
+        return ("no revocation list that it carries can be used for the identity, so every identity is refused",)
+    return ()
 
 
 def _signers(enclave: Enclave) -> tuple[Certificate, ...]:
@@ -237,16 +235,17 @@ def _signers(enclave: Enclave) -> tuple[Certificate, ...]:
     return tuple(signer for file in files if file is not None for signer in envelope(file.signed).signers)
 
 
-def _nothing_between(dated: _Dated, one: datetime, other: datetime) -> bool:
-    """Whether no date on which the answer rests lies between two instants, so that it is the same at both."""
+def _in_force(each: Certificate | ReadGrant, at: datetime) -> bool:
+    return each.not_before <= at <= each.not_after
+
+
+def _rests_on(dated: _Dated) -> Iterator[Certificate | ReadGrant | None]:
+    """Whatever is in force or is not; None for revocation lists."""
+    yield from (each for each in (dated.certificate, dated.permissions_ca, *dated.signers) if each is not None)
+    yield from dated.identity_ca.certificates if dated.identity_ca is not None else ()
+    yield from (grant for grant, _joins in dated.grants or ())
     if dated.listed is not None:
-        return False
-    low, high = (one, other) if one < other else (other, one)
-    certificates = (dated.certificate, dated.permissions_ca, *dated.signers)
-    rests_on: list[Certificate | ReadGrant] = [each for each in certificates if each is not None]
-    rests_on += dated.identity_ca.certificates if dated.identity_ca is not None else ()
-    rests_on += [grant for grant, _joins in dated.grants or ()]
-    return not any(low <= each.not_before <= high or low <= each.not_after <= high for each in rests_on)
+        yield None
 
 
 def _refusals_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:

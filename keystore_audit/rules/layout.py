@@ -11,7 +11,7 @@ from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.model.usability import REQUIRED
+from keystore_audit.model.sight import REQUIRED
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse

@@ -70,6 +70,25 @@ def test_an_answer_kept_for_another_instant_is_that_of_the_instant(store: Path) 
 
 
 @pytest.mark.parametrize("store", STORES, ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_an_answer_shared_among_enclaves_and_instants_is_that_of_each_alone(store: Path) -> None:
+    keystore = read_keystore(store)
+    accesses = AccessViews(documents_of(keystore), AT, None)
+    shared = Usabilities(None, accesses)
+    answers = {}
+    for profile in VARIANTS.values():
+        for enclave in keystore.enclaves:
+            answers[enclave, profile.name] = shared.of(enclave, AT, profile)
+            assert answers[enclave, profile.name] == Usabilities(None, accesses).of(enclave, AT, profile), profile.name
+    for at in instants(keystore, accesses):
+        touched = shared.touched(AT, at)
+        for profile in VARIANTS.values():
+            for enclave in keystore.enclaves:
+                if enclave.files.directory not in touched:
+                    later = Usabilities(None, accesses).of(enclave, at, profile)
+                    assert later == answers[enclave, profile.name], (at, profile.name)
+
+
+@pytest.mark.parametrize("store", STORES, ids=lambda path: f"{path.parent.name}/{path.name}")
 def test_a_chain_looked_for_once_is_the_chain_of_each_implementation(store: Path) -> None:
     keystore = read_keystore(store)
     for enclave in keystore.enclaves:

@@ -1,0 +1,109 @@
+"""What an enclave mostly has in common with others, and what about it keeps a participant from being created.
+
+Each answer is worked out from a `Sight` alone, once for all enclaves of which it is the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from keystore_audit.keystore.certificate import CertificateFile
+from keystore_audit.keystore.files import Status
+from keystore_audit.keystore.governance import GovernanceFile
+from keystore_audit.keystore.keystore import Enclave
+from keystore_audit.keystore.layout import Role
+from keystore_audit.model.profiles import Trust
+from keystore_audit.model.trust import authorities_read, is_root, strict_refusal
+
+REQUIRED = (
+    Role.IDENTITY_CA,
+    Role.CERTIFICATE,
+    Role.KEY,
+    Role.PERMISSIONS_CA,
+    Role.GOVERNANCE,
+    Role.PERMISSIONS,
+)
+"""Files without which rmw_dds_common hands no security to the implementation (its security.cpp)."""
+
+
+class Sight(NamedTuple):
+    """All that bears on whether an enclave starts but whose it is and what it may do."""
+
+    absent: tuple[str, ...]
+    """Reasons."""
+    encrypted: bool
+    mismatched: bool
+    """The private key is another certificate's."""
+    certificate: tuple[bool, str, str] | None
+    """Whether it has a critical extension that nobody knows, its kind of key and its signature algorithm."""
+    identity_ca: CertificateFile | None
+    permissions_ca: CertificateFile | None
+    governance: GovernanceFile | None
+
+
+def sight_of(enclave: Enclave) -> Sight:
+    """What is to be seen of the enclave."""
+    certificate, key = enclave.certificate.first if enclave.certificate else None, enclave.key
+    seen = None
+    if certificate is not None:
+        seen = bool(certificate.unknown_critical), certificate.key_kind, certificate.signature_algorithm
+    return Sight(
+        absent=tuple(_absent(enclave)),
+        encrypted=key is not None and key.encrypted,
+        mismatched=bool(key and key.key is not None and certificate is not None and key.key != certificate.key),
+        certificate=seen,
+        identity_ca=enclave.identity_ca,
+        permissions_ca=enclave.permissions_ca,
+        governance=enclave.governance,
+    )
+
+
+def _absent(enclave: Enclave) -> Iterator[str]:
+    for role in REQUIRED:
+        file = enclave.files.files[role]
+        if file.status is Status.PRESENT or file.status.unknown or role in enclave.files.pkcs11:
+            continue
+        yield f"{role.value}: {file.detail or file.status.value}"
+
+
+def key_refusals(sight: Sight, trust: Trust) -> Iterator[str]:
+    """Reasons in the private key."""
+    if sight.certificate is None:
+        return
+    if sight.encrypted:
+        yield "the private key is encrypted, and no password is passed"
+    elif trust.compares_key and sight.mismatched:
+        yield "the private key does not belong to the certificate"
+
+
+def certificate_refusals(sight: Sight, trust: Trust) -> Iterator[str]:
+    """Reasons in what kind of certificate the identity is."""
+    if sight.certificate is None:
+        return
+    unknown_critical, key_kind, algorithm = sight.certificate
+    if unknown_critical:
+        yield "the identity certificate has a critical extension that no implementation knows"
+    authority = sight.identity_ca.first if sight.identity_ca is not None else None
+    for kind in dict.fromkeys((key_kind, *((authority.key_kind,) if authority is not None else ()))):
+        if trust.identity_keys is not None and kind not in trust.identity_keys:
+            yield f"it takes no identity, and no identity CA, with a key of kind {kind}"
+    if trust.identity_algorithms is not None and algorithm not in trust.identity_algorithms:
+        yield f"it takes no identity signed with {algorithm}"
+
+
+def authority_refusals(sight: Sight, trust: Trust) -> Iterator[str]:
+    """Reasons in the CA files."""
+    for file in dict.fromkeys((sight.identity_ca, sight.permissions_ca)):
+        if file is None or file.first is None:
+            continue
+        if trust.ca_algorithms is not None and file.first.signature_algorithm not in trust.ca_algorithms:
+            yield f"it loads no CA signed with {file.first.signature_algorithm} ({file.file.place})"
+        refusal = strict_refusal(file.first) if trust.strict_authorities else None
+        if refusal is not None:
+            yield f"it does not load {file.file.place}: {refusal}"
+    file = sight.permissions_ca
+    if file is None or file.first is None:
+        return
+    if trust.checks_permissions_ca and not any(is_root(authority) for authority in authorities_read(file, trust)):
+        yield f"no certificate that counts in {file.file.place} is self-signed, so the permissions CA is refused"
