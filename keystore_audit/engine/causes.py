@@ -74,8 +74,9 @@ def rights(system: System, enclave: int, operation: Operation, channel: int) -> 
         return ()
     meeting = [number for number, others in enumerate(system.meets) if channel in others]
     found = []
+    chosen = _chosen(system, identity)
     for number, document in enumerate(system.documents):
-        grant = _chosen(system, number, identity)
+        grant = chosen.get(number)
         if grant is None:
             continue
         for each in (channel, *meeting):
@@ -122,14 +123,13 @@ def in_force(system: System, dated: CertificateAtom | GrantAtom) -> bool:
     return dated.not_before <= system.now <= dated.not_after
 
 
-def _chosen(system: System, document: int, certificate: int) -> int | None:
-    grants = enumerate(system.grants)
-    chosen = (
-        number
-        for number, grant in grants
-        if grant.document == document and certificate in grant.names and in_force(system, grant)
-    )
-    return next(chosen, None)
+def _chosen(system: System, certificate: int) -> dict[int, int]:
+    """By document: the first grant in force that names the certificate."""
+    chosen: dict[int, int] = {}
+    for number, grant in enumerate(system.grants):
+        if certificate in grant.names and in_force(system, grant):
+            chosen.setdefault(grant.document, number)
+    return chosen
 
 
 def _allowing(system: System, grant: int, operation: Operation, channel: int) -> Location | None:

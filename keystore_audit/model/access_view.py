@@ -63,7 +63,7 @@ class AccessViews:
         self._zone = zone
         self._rows: dict[Access, Access] = {}
         self._kept: dict[tuple[object, ...], Access] = {}
-        self._read: dict[Access, dict[Typed, ReadDocument]] = {}
+        self._read: dict[tuple[Access, Typed], ReadDocument] = {}
 
     def row(self, access: Access) -> Access:
         """One row for all that read this keystore's documents alike."""
@@ -76,11 +76,10 @@ class AccessViews:
 
     def read(self, file: Typed, access: Access) -> ReadDocument:
         """What the document says."""
-        row = self.row(access)
-        known = self._read.setdefault(row, {})
-        found = known.get(file)
+        found = self._read.get((access, file))
         if found is None:
-            found = known[file] = self._document(file, row)
+            row = self.row(access)
+            found = self._read[access, file] = self._document(file, row) if row is access else self.read(file, row)
         return found
 
     def of_document(self, file: Typed) -> AccessViews:

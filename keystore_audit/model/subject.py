@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache, partial
+from itertools import chain
 from typing import Final
 
 from cryptography import x509
@@ -69,7 +70,7 @@ def matching(
     if comparison is SubjectComparison.EXACT:
         return _equal(wanted, range(len(certificates)), certificates)
     if comparison in _TOKENWISE:
-        return _compared(wanted, range(len(certificates)), certificates, comparison)
+        return _tokenwise(tuple(wanted), tuple(certificates), comparison)
     plain = [number for number, certificate in enumerate(certificates) if _PLAIN.fullmatch(certificate.subject)]
     odd = sorted(set(range(len(certificates))) - set(plain))
     found = _equal(wanted, plain, certificates)
@@ -89,6 +90,18 @@ def _equal(
     return {text: frozenset(by_name.get(text, ())) for text in subjects}
 
 
+@lru_cache(maxsize=2)
+def _tokenwise(
+    subjects: tuple[str, ...], certificates: tuple[Certificate, ...], comparison: SubjectComparison
+) -> dict[str, frozenset[int]]:
+    """As Cyclone DDS: where nothing has blanks it does not matter whether they are taken off, so one table is both."""
+    if comparison is SubjectComparison.CYCLONEDDS_TRIMMED:
+        names = (_printed(each, escape_non_ascii=True) for each in certificates)
+        if not any(" " in text for text in chain(subjects, names)):
+            return _tokenwise(subjects, certificates, SubjectComparison.CYCLONEDDS)
+    return _compared(subjects, range(len(certificates)), certificates, comparison)
+
+
 def _compared(
     subjects: Iterable[str],
     numbers: Sequence[int],
@@ -103,7 +116,9 @@ def _compared(
         for number in numbers:
             found.setdefault(key(_printed(certificates[number], escape_non_ascii=False)), set()).add(number)
         return {text: frozenset(found.get(key(text), ())) for text in subjects}
-    printed_names = [_printed(certificates[number], by_attribute.escape_non_ascii) for number in numbers]
+    printed_names = [
+        _printed(certificates[number], escape_non_ascii=by_attribute.escape_non_ascii) for number in numbers
+    ]
     index = _Index([by_attribute.parse(name) for name in printed_names], by_attribute)
     return {text: frozenset(numbers[place] for place in index.named(text)) for text in subjects}
 
@@ -167,7 +182,7 @@ def _escaped(value: str, *, escape: bool) -> str:
 
 
 @lru_cache(maxsize=32_768)
-def _printed(certificate: Certificate, escape_non_ascii: bool) -> str:
+def _printed(certificate: Certificate, *, escape_non_ascii: bool) -> str:
     return printed(certificate, escape_non_ascii=escape_non_ascii)
 
 
@@ -236,6 +251,7 @@ class _Index:
     def __init__(self, certificates: Sequence[Attributes], comparison: Comparison) -> None:
         self._certificates = certificates
         self._comparison = comparison
+        self._sets = [frozenset(attributes) for attributes in certificates]
         self._found: dict[tuple[str, str], list[int]] = {}
         self._pairs_left = MAX_PAIRS
         counts: dict[tuple[str, str], int] = {}
@@ -244,7 +260,7 @@ class _Index:
                 counts[attribute] = counts.get(attribute, 0) + 1
         for number, attributes in enumerate(certificates):
             wanted = set(attributes)
-            if comparison.whole:  # all of them have to be in the text: the rarest is enough to look for
+            if comparison.names is None:  # all of them have to be in the text: the rarest is enough to look for
                 wanted = {min(wanted, key=lambda attribute: (counts[attribute], attribute))} if wanted else set()
             for attribute in wanted:
                 self._found.setdefault(attribute, []).append(number)
@@ -254,7 +270,8 @@ class _Index:
     def named(self, text: str) -> frozenset[int]:
         """The certificates that the text names; beyond the budget, all that the index cannot rule out."""
         attributes = self._comparison.parse(text)
-        if self._comparison.whole:
+        names = self._comparison.names
+        if names is None:
             found = [number for each in dict.fromkeys(attributes) for number in self._found.get(each, ())]
             candidates = [*found, *self._nameless]
         elif attributes and attributes[0][1]:
@@ -264,7 +281,11 @@ class _Index:
         self._pairs_left -= len(candidates)
         if self._pairs_left < 0:
             return frozenset(candidates)
-        names = self._comparison.names
+        if names is None:
+            # The first of each type in the text; an empty type stands for what nothing names.
+            first = frozenset(each for each in dict(reversed(attributes)).items() if each[0])
+            kept = len(attributes) <= _CYCLONEDDS_MAX_ATTRIBUTES
+            return frozenset(number for number in candidates if kept and self._sets[number] <= first)
         return frozenset(number for number in candidates if names(attributes, self._certificates[number]))
 
 
@@ -272,13 +293,13 @@ class _Index:
 class Comparison:
     """A comparison attribute by attribute.
 
-    `names`: whether the attributes of a text name those of a certificate; `whole`: only if all of the certificate's are
-    in the text. `escape_non_ascii`: how the certificate's name is printed before it is parsed.
+    `names`: whether the attributes of a text name those of a certificate; None: if every attribute of the certificate
+    is the first of its type in the text, whatever else the text has. `escape_non_ascii`: how the certificate's name is
+    printed before it is parsed.
     """
 
     parse: Callable[[str], Attributes]
-    names: Callable[[Attributes, Attributes], bool]
-    whole: bool
+    names: Callable[[Attributes, Attributes], bool] | None
     escape_non_ascii: bool
 
 
@@ -335,27 +356,18 @@ def _cyclonedds_attributes(text: str, *, trimmed: bool) -> Attributes:
     return tuple(attributes)
 
 
-def _cyclonedds_names(text: Attributes, certificate: Attributes) -> bool:
-    """Every attribute of the certificate is the first of its type in the text, whatever else the text has."""
-    if len(text) > _CYCLONEDDS_MAX_ATTRIBUTES:
-        return False
-    first = dict(reversed(text))
-    return all(kind and first.get(kind) == value for kind, value in certificate)
-
-
 _TOKENWISE: Final = (SubjectComparison.CYCLONEDDS, SubjectComparison.CYCLONEDDS_TRIMMED)
 
 _BY_ATTRIBUTE: Final = {
     SubjectComparison.FASTDDS_PARSED: Comparison(
-        parse=_fastdds_attributes, names=_fastdds_names, whole=False, escape_non_ascii=False
+        parse=_fastdds_attributes, names=_fastdds_names, escape_non_ascii=False
     ),
     SubjectComparison.CYCLONEDDS: Comparison(
         parse=partial(_cyclonedds_attributes, trimmed=False),
-        names=_cyclonedds_names,
-        whole=True,
+        names=None,
         escape_non_ascii=True,
     ),
     SubjectComparison.CYCLONEDDS_TRIMMED: Comparison(
-        parse=partial(_cyclonedds_attributes, trimmed=True), names=_cyclonedds_names, whole=True, escape_non_ascii=True
+        parse=partial(_cyclonedds_attributes, trimmed=True), names=None, escape_non_ascii=True
     ),
 }

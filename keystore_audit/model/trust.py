@@ -140,6 +140,17 @@ def _chaining(trust: Trust, *, several: bool) -> Trust:
     return _row(trust.needs_root, trust.checks_root_signature, trust.first_authority_only and several)
 
 
+@lru_cache(maxsize=64)
+def _signing(trust: Trust, *, several: bool) -> Trust:
+    """The same for all that look for signers alike."""
+    return _signing_row(trust.pins_signer, trust.first_authority_only and several)
+
+
+@lru_cache(maxsize=4)
+def _signing_row(pins_signer: bool, first_authority_only: bool) -> Trust:
+    return replace(SPEC.trust, pins_signer=pins_signer, first_authority_only=first_authority_only)
+
+
 @lru_cache(maxsize=8)
 def _row(needs_root: bool, checks_root_signature: bool, first_authority_only: bool) -> Trust:
     return replace(
@@ -308,9 +319,14 @@ def is_first_embedded(signer: Certificate, signed: SignedDocument) -> bool:
     return first is not None and first.sha256 == signer.sha256
 
 
-@lru_cache(maxsize=65_536)
 def document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | None, trust: Trust) -> Verdict:
     """What an enclave with this permissions CA file does with the document's signatures."""
+    several = permissions_ca is not None and len(permissions_ca.certificates) > 1
+    return _document_verdict(signed, permissions_ca, _signing(trust, several=several))
+
+
+@lru_cache(maxsize=65_536)
+def _document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | None, trust: Trust) -> Verdict:
     judged = envelope(signed)
     if judged.verdict is not Verdict.ACCEPTED:
         return judged.verdict

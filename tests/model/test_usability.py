@@ -89,7 +89,7 @@ def test_an_answer_shared_among_enclaves_and_instants_is_that_of_each_alone(stor
 
 
 @pytest.mark.parametrize("store", STORES, ids=lambda path: f"{path.parent.name}/{path.name}")
-def test_a_chain_looked_for_once_is_the_chain_of_each_implementation(store: Path) -> None:
+def test_a_chain_and_a_signer_looked_for_once_are_those_of_each_implementation(store: Path) -> None:
     keystore = read_keystore(store)
     for enclave in keystore.enclaves:
         for file in (enclave.identity_ca, enclave.permissions_ca):
@@ -99,6 +99,11 @@ def test_a_chain_looked_for_once_is_the_chain_of_each_implementation(store: Path
                     continue
                 for profile in VARIANTS.values():
                     own = profile.trust
+                    for document in (other.governance, other.permissions):
+                        if document is not None:
+                            signed = document.signed
+                            verdict = trust.document_verdict(signed, file, own)
+                            assert verdict is trust._document_verdict(signed, file, own)
                     assert trust.chain_refusal(certificate, file, own) == trust._chain_refusal(certificate, file, own)
                     for at in (None, AT):
                         asked = trust.is_issued(file, certificate, own, at)
