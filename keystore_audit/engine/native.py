@@ -13,7 +13,7 @@ from itertools import islice, permutations
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.permission import Decisions, Permissions, members
-from keystore_audit.model.system import System
+from keystore_audit.model.system import CertificateAtom, GrantAtom, System
 from keystore_audit.properties import (
     PROPERTIES,
     Answer,
@@ -58,13 +58,20 @@ class NativeEngine:
 
     def statuses(self, moment: int) -> tuple[dict[str, Status], ...]:
         """For each system the status of each property at `moment`, by id."""
-        return tuple(_Questions(s, moment, self._shared(s)).statuses() for s in self.systems)
+        return tuple(
+            {name: answer.status for name, answer in answers.items()}
+            if _as_now(system, moment)
+            else _Questions(system, moment, self._shared(system)).statuses()
+            for system, answers in zip(self.systems, self.answers, strict=True)
+        )
 
     def changed_rights(self, moment: int) -> tuple[str | None, ...]:
         """For each system an enclave for which documents grant something else at `moment` than now, by its label."""
         return tuple(self._changed_rights(system, moment) for system in self.systems)
 
     def _changed_rights(self, system: System, moment: int) -> str | None:
+        if _as_now(system, moment):
+            return None
         decisions = self._shared(system)
         now, then = Permissions(system, None, decisions), Permissions(system, moment, decisions)
         documents = frozenset(range(len(system.documents)))
@@ -304,6 +311,16 @@ class _Questions:
                         for other in members(elsewhere):
                             witness = {Role.REALM: realm, Role.ENCLAVE: enclave, Role.CHANNEL: channel}
                             yield {**witness, Role.OTHER_CHANNEL: other}
+
+
+def _as_now(system: System, moment: int) -> bool:
+    """Whether at the moment all is in force that is now, and no more; what is claimed of a time is not asked here."""
+    now = 2 * system.now
+    dated: Iterable[CertificateAtom | GrantAtom] = (*system.certificates, *system.grants)
+    return not system.claims and all(
+        (2 * each.not_before <= now <= 2 * each.not_after) == (2 * each.not_before <= moment <= 2 * each.not_after)
+        for each in dated
+    )
 
 
 def _granted(permissions: Permissions, grants: Iterable[int]) -> tuple[int, ...]:
