@@ -260,7 +260,7 @@ class _Order:
                 kept = fires & matched
                 kind = AnomalyKind.REDUNDANT if kept else AnomalyKind.SAME_AS_DEFAULT
                 cell = self._cells.best(kept or fires)
-                other = next((rule.number for rule in reversed(later) if rule.cells >> cell & 1), None)
+                other = next(rule.number for rule in reversed(later) if rule.cells >> cell & 1) if kept else None
                 yield RuleAnomaly(kind=kind, rule=each.number, other=other, point=self._cells.point(cell))
                 continue
             later.append(each)

@@ -17,6 +17,7 @@ from keystore_audit.model.alphabet import Alphabet, Budget
 from keystore_audit.model.automaton import STATE_UNITS, Automaton, on_or_behind_cycle
 from keystore_audit.model.expression import Pattern
 from keystore_audit.model.names import is_ros_dds_name
+from keystore_audit.model.pattern_index import PatternIndex
 from keystore_audit.model.search import shortest_names
 from keystore_audit.model.tokens import ANY_CHARACTER, CharSet, Token
 from keystore_audit.model.universe import ROS_SETS, ROS_SINGLES, dds_names, ros_names
@@ -171,46 +172,21 @@ def _alphabet(expressions: Iterable[Sequence[Token]], budget: Budget) -> Alphabe
     return Alphabet(singles, [*ROS_SETS, *sorted(sets, key=lambda charset: charset.ranges)], budget)
 
 
-_ANY_LENGTH: Final = -1
-"""Stands for the length of the names that an expression with a star matches."""
-
-
-def _lengths(index: Iterable[tuple[int, str]]) -> dict[int, list[int]]:
-    """For each length of names, those of the ends to look for, each once."""
-    found: dict[int, set[int]] = {}
-    for length, end in index:
-        found.setdefault(length, set()).add(len(end))
-    return {length: sorted(ends) for length, ends in found.items()}
-
-
 class _Verifier:
     """Asks the patterns themselves, with their own matcher, about a name that the automaton found."""
 
     def __init__(self, patterns: Sequence[Pattern], budget: Budget) -> None:
         self._budget = budget
-        self._by_prefix: dict[tuple[int, str], list[tuple[int, Pattern]]] = {}
-        self._by_suffix: dict[tuple[int, str], list[tuple[int, Pattern]]] = {}
-        for number, pattern in enumerate(patterns):
-            prefix, suffix = pattern.prefix, pattern.suffix
-            index, key = (self._by_prefix, prefix) if len(prefix) >= len(suffix) else (self._by_suffix, suffix)
-            length = len(pattern.pieces[0]) if len(pattern.pieces) == 1 else _ANY_LENGTH
-            index.setdefault((length, key), []).append((number, pattern))
-        self._prefix_lengths = _lengths(self._by_prefix)
-        self._suffix_lengths = _lengths(self._by_suffix)
+        self._patterns = PatternIndex(enumerate(patterns))
 
     def verify(self, name: str, expected: _Set) -> None:
         """Raise AuditError unless exactly the patterns `expected` match `name`; only those that may are asked."""
         matching = set()
-        asked: list[Sequence[tuple[int, Pattern]]] = []
-        for whole in (_ANY_LENGTH, len(name)):
-            asked += [self._by_prefix.get((whole, name[:n]), ()) for n in self._prefix_lengths.get(whole, ())]
-            asked += [self._by_suffix.get((whole, name[-n:]), ()) for n in self._suffix_lengths.get(whole, ())]
-        for patterns in asked:
-            for number, pattern in patterns:
-                if len(pattern.pieces) > _PIECES_PER_UNIT:  # hundreds of stars, in hundreds of expressions
-                    self._budget.spend(len(pattern.pieces) // _PIECES_PER_UNIT)
-                if pattern.matches(name):
-                    matching.add(number)
+        for number, pattern in self._patterns.candidates(name):
+            if len(pattern.pieces) > _PIECES_PER_UNIT:  # hundreds of stars, in hundreds of expressions
+                self._budget.spend(len(pattern.pieces) // _PIECES_PER_UNIT)
+            if pattern.matches(name):
+                matching.add(number)
         if matching != expected:
             raise AuditError(
                 f"keystore-audit contradicts itself about which expressions match {name!r}; please report this"

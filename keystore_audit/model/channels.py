@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
@@ -280,7 +280,7 @@ class _Shapes:
         edges: list[tuple[tuple[int, int], tuple[int, int]]] = []
         for partition, row in enumerate(hits):
             for topic, cell in enumerate(row):
-                others = frozenset[tuple[int, ...]]()
+                others = _NOTHING_MET
                 if partition in met_by:
                     meeting = [p for p in met_by[partition] if allowing is None or allowing & {*hits[p][topic]}]
                     edges += (((p, topic), (partition, topic)) for p in meeting)
@@ -313,16 +313,16 @@ class _Shapes:
         allowing = None if opening is None else {self._of[named] for named in opening}
         met_by = self._met_by(allowing, partitions, self._partitions.places(partitions))
         place_of = {each.members: place for place, each in enumerate(partitions) if place}
-        by_topic: dict[str, list[tuple[int, int]]] = {}
+        by_topic: dict[str, dict[int, list[int]]] = {}
         for number, (topic, partition) in enumerate(points) if met_by else ():
             place = place_of[self._partitions.matching(partition)] if partition else 0
-            by_topic.setdefault(topic, []).append((number, place))
+            by_topic.setdefault(topic, {}).setdefault(place, []).append(number)
         found: dict[int, set[int]] = {}
-        for each in by_topic.values():
-            for other, place in each:
-                for one, meeting in each:
-                    if meeting in met_by.get(place, ()):
-                        found.setdefault(one, set()).add(other)
+        for at in by_topic.values():
+            for place, others in at.items():
+                for meeting in met_by.get(place, ()):
+                    for one in at.get(meeting, ()):
+                        found.setdefault(one, set()).update(others)
         return {number: frozenset(others) for number, others in found.items()}
 
     def column(self, point: Point) -> _Column:
@@ -340,11 +340,12 @@ class _Shapes:
         return _Column(hits=tuple(sorted(hits)), topic=only, partition=partition, infinite=False)
 
     @cached_property
-    def _listing(self) -> dict[int, list[tuple[int, tuple[int, ...] | None]]]:
+    def _listing(self) -> dict[int, list[tuple[int, frozenset[int] | None]]]:
         """By topic pattern: the shapes that list it, each with the partition patterns beside it."""
-        listing: dict[int, list[tuple[int, tuple[int, ...] | None]]] = {}
+        listing: dict[int, list[tuple[int, frozenset[int] | None]]] = {}
         for shape, number in self._numbers.items():
-            for topics, partitions in shape:
+            for topics, listed in shape:
+                partitions = None if listed is None else frozenset(listed)
                 for pattern in topics:
                     listing.setdefault(pattern, []).append((number, partitions))
         return listing
@@ -359,6 +360,9 @@ class _Shapes:
         shared = {each: frozenset(start + at for start in starts for at in each) for each in map(tuple, matched)}
         frozen = [shared[tuple(each)] for each in matched]
         return {named: frozen[number] for named, number in self._of.items()}
+
+
+_NOTHING_MET: Final = frozenset[tuple[int, ...]]()
 
 
 def _chosen(

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from keystore_audit.model.atoms import TopicClass, classify
 from keystore_audit.model.expression import Matcher, Pattern, parse
+from keystore_audit.model.pattern_index import PatternIndex
 
 
 class Patterns:
@@ -16,7 +17,7 @@ class Patterns:
         self._by_meaning: dict[object, int] = {}
         self._known: dict[tuple[str, Matcher], int] = {}
         self._literals: dict[str, int] = {}
-        self._wildcards: list[int] = []
+        self._wildcards = PatternIndex()
 
     def number(self, text: str, matcher: Matcher) -> int:
         """The number of the pattern."""
@@ -27,7 +28,7 @@ class Patterns:
             if number == len(self.patterns):
                 self.patterns.append(pattern)
                 if pattern.literal is None:
-                    self._wildcards.append(number)
+                    self._wildcards.add(number, pattern)
                 else:
                     self._literals[pattern.literal] = number
             self._known[text, matcher] = number
@@ -44,7 +45,7 @@ class Patterns:
     def matching(self, name: str) -> frozenset[int]:
         """The patterns that match the name."""
         literal = self._literals.get(name)
-        found = [number for number in self._wildcards if self.patterns[number].matches(name)]
+        found = [number for number, pattern in self._wildcards.candidates(name) if pattern.matches(name)]
         return frozenset(found if literal is None else [literal, *found])
 
     def places(self, classes: Sequence[TopicClass]) -> list[list[int]]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import cached_property
+from typing import Final
 
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.system import RuleAtom, System
@@ -29,10 +30,19 @@ def bits(numbers: Iterable[int]) -> int:
 
 def members(value: int) -> Iterable[int]:
     """The numbers in the set, ascending."""
+    if value.bit_length() > _MANY_BITS:
+        for place, byte in enumerate(value.to_bytes(value.bit_length() // 8 + 1, "little")):
+            if byte:
+                yield from (8 * place + low for low in members(byte))
+        return
     while value:
         low = value & -value
         yield low.bit_length() - 1
         value ^= low
+
+
+_MANY_BITS: Final = 4_096
+"""From so many on a set is taken apart byte by byte: a long integer is a new one without each bit."""
 
 
 class Decisions:

@@ -129,7 +129,7 @@ class RuleAtoms:
         for rule in rules:
             domains = self._classes(rule.domains)
             hit = self._within(self._region(rule.listed, access), domains)
-            denied = frozenset(hit & controlled - listed)
+            denied = frozenset((hit & controlled) - listed)
             if denied and not rule.allow:
                 yield RuleAtom(
                     grant=grant,

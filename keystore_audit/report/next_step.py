@@ -38,5 +38,5 @@ def _in_the_way(report: Report) -> Sequence[Finding]:
         failing = [finding for finding in counted if finding.severity.at_least(report.fail_on)]
         marks = {finding.fingerprint for finding in counted}
         causes = [finding for finding in failing if not marks.intersection(finding.explained_by)]
-        return [*causes, *(finding for finding in failing if finding not in causes)]
+        return [*causes, *(finding for finding in failing if marks.intersection(finding.explained_by))]
     return ()

@@ -28,6 +28,9 @@ from keystore_audit.text import shorten
 MAX_PLACES: Final = 6
 """Places shown of one finding: a defect of 1,000 files is understood from a few; JSON has them all."""
 
+MAX_ALIKE: Final = 200
+"""Findings of one code below one heading, the worst first: a hostile document has thousands; JSON has them all."""
+
 MAX_ENCLAVES: Final = 20
 """Enclaves listed by name where all is well; those that cannot start are always named."""
 
@@ -164,10 +167,8 @@ def _findings(page: Page, report: Report, shown: tuple[Finding, ...]) -> None:
     groups: dict[str | None, list[tuple[tuple[int, bool], Finding]]] = {}
     for finding in shown:
         if finding.suppressed is None and not consequences.told_elsewhere(finding):
-            rank = (
-                consequences.rank(finding),
-                finding.code.startswith(OF_THE_AUDIT),
-            )  # causes before what they leave open
+            # Causes come before what they leave open.
+            rank = consequences.rank(finding), finding.code.startswith(OF_THE_AUDIT)
             groups.setdefault(finding.enclave, []).append((rank, finding))
     profiles = frozenset(_chosen_profiles(report))
     explained: set[tuple[str, str, str]] = set()
@@ -175,11 +176,18 @@ def _findings(page: Page, report: Report, shown: tuple[Finding, ...]) -> None:
     for enclave, ranked in ordered:
         page.blank()
         page.put((enclave or "The keystore as a whole", "bold underline"))
+        told: Counter[str] = Counter()
         for _, finding in sorted(ranked, key=lambda entry: entry[0]):  # stable: else the report's order
+            told[finding.code] += 1
+            if told[finding.code] > MAX_ALIKE:
+                continue
             page.blank()
             _finding(page, finding, profiles)
             _what_to_do(page, finding, explained)
             _consequences(page, consequences.of(finding))
+        for code, more in (told - Counter(dict.fromkeys(told, MAX_ALIKE))).items():
+            page.blank()
+            page.put(f"and {more} more of {code} (all are in the JSON report)", indent=2)
     _suppressed(page, [finding for finding in shown if finding.suppressed is not None])
 
 

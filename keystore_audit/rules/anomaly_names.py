@@ -16,7 +16,7 @@ from keystore_audit.rules.governance import CORRECT
 from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks
-from keystore_audit.rules.wording import listed, quoted, sole
+from keystore_audit.rules.wording import MAX_LISTED, listed, quoted, sole
 
 _EXPRESSIONS: Final = "DDS-Security 1.1, 9.4.1.2.6 and 9.4.1.3.2.3 (expressions as of POSIX fnmatch)"
 
@@ -139,15 +139,20 @@ def grant_without_counterpart(use: PermissionsUse, context: Context) -> Iterator
 
 def _without_counterpart(found: Sequence[Anomaly]) -> str:
     by_operation = {
-        operation: [ros_name(anomaly.texts[0]) for anomaly in found if anomaly.other_text == operation.value]
+        operation: [anomaly.texts[0] for anomaly in found if anomaly.other_text == operation.value]
         for operation in (Operation.PUBLISH, Operation.SUBSCRIBE)
     }
     said = []
     if names := by_operation[Operation.PUBLISH]:
-        said.append(f"may publish {listed(names)}, which nobody may subscribe to")
+        said.append(f"may publish {_topics(names)}, which nobody may subscribe to")
     if names := by_operation[Operation.SUBSCRIBE]:
-        said.append(f"may subscribe to {listed(names)}, which nobody may publish")
+        said.append(f"may subscribe to {_topics(names)}, which nobody may publish")
     return f"{quoted(found[0].subject)} {'; it '.join(said)} in this keystore."
+
+
+def _topics(names: Sequence[str]) -> str:
+    """Listed as users of ROS 2 call them; the names that only count may be thousands."""
+    return listed([*map(ros_name, names[:MAX_LISTED]), *names[MAX_LISTED:]])
 
 
 @rule(

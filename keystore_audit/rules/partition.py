@@ -43,7 +43,8 @@ def partition_evaded(use: PermissionsUse, _context: Context) -> Iterator[Violati
     compared one expression with another; two with wildcards are taken to overlap.
     """
     for grant in all_grants(use):
-        for number, each in enumerate(grant.rules):
+        listed = any(criterion.partitions for each in grant.rules for criterion in each.criteria)
+        for number, each in enumerate(grant.rules) if listed or grant.default_allow else ():
             for criterion in each.criteria:
                 if each.allow:
                     yield from _beyond(use, grant, criterion)
@@ -92,8 +93,8 @@ def _ways(grant: Grant, later: Sequence[PermissionsRule], criterion: Criterion, 
         for each in later
         if each.allow
         for other in each.criteria
-        if other.operation is criterion.operation and _overlap(other.topics, criterion.topics)
-        for text in other.partitions or ()
+        if other.partitions and other.operation is criterion.operation and _overlap(other.topics, criterion.topics)
+        for text in other.partitions
     ]
     if grant.default_allow:
         allowed.append(EVERY_PARTITION)

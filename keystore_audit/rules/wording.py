@@ -36,9 +36,10 @@ def instant(when: datetime) -> str:
 
 def listed(names: Iterable[str]) -> str:
     """`a, b, c and 4 more`."""
-    every = [shorten(name, MAX_QUOTED) for name in names]
+    every = list(names)
     more = len(every) - MAX_LISTED
-    return ", ".join(every) if more <= 0 else f"{', '.join(every[:MAX_LISTED])} and {more} more"
+    shown = ", ".join(shorten(name, MAX_QUOTED) for name in every[:MAX_LISTED])
+    return shown if more <= 0 else f"{shown} and {more} more"
 
 
 def paths(enclaves: Iterable[Enclave]) -> str:
