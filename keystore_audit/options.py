@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
-from zoneinfo import ZoneInfo
 
 from keystore_audit.dataclass import dataclass, field
 from keystore_audit.findings import Severity
 
 if TYPE_CHECKING:
+    from zoneinfo import ZoneInfo
+
     from keystore_audit.engine.alloy.user_file import UserFile
     from keystore_audit.settings import Baseline, Settings
 

@@ -75,6 +75,8 @@ def is_terminal() -> bool:
 
 
 def _width() -> int:
+    if not is_terminal():
+        return WIDTH
     from shutil import get_terminal_size
 
-    return min(get_terminal_size((WIDTH, 24)).columns, MAX_WIDTH) if is_terminal() else WIDTH
+    return min(get_terminal_size((WIDTH, 24)).columns, MAX_WIDTH)

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from datetime import datetime, timedelta
 from functools import cached_property
-from typing import Final
-from zoneinfo import ZoneInfo
+from typing import TYPE_CHECKING, Final
 
 from keystore_audit.dataclass import dataclass, fields, replace
 from keystore_audit.keystore.defect import Kind
@@ -23,6 +22,9 @@ from keystore_audit.model.semantics import (
     read_grant,
 )
 from keystore_audit.model.validity import Dated, is_in_force, read_date
+
+if TYPE_CHECKING:  # most audits are told no zone
+    from zoneinfo import ZoneInfo
 
 _SECOND: Final = timedelta(seconds=1)
 _COUNTING: Final = frozenset("?[")

@@ -6,12 +6,13 @@ glibc's `mktime` is what every Linux robot has; it was measured on glibc 2.36 (t
 from __future__ import annotations
 
 from datetime import datetime, timedelta, timezone
-from difflib import get_close_matches
 from functools import lru_cache
-from typing import Final
-from zoneinfo import ZoneInfo, available_timezones
+from typing import TYPE_CHECKING, Final
 
 from keystore_audit.errors import UsageError
+
+if TYPE_CHECKING:
+    from zoneinfo import ZoneInfo
 
 UNREPRESENTABLE: Final = datetime(1969, 12, 31, 23, 59, 59, tzinfo=timezone.utc)
 """What `mktime` returns for a local time that does not exist, -1, when nobody looks whether it is an error."""
@@ -32,6 +33,9 @@ def time_zone(name: str) -> ZoneInfo:
 
     Raises UsageError for an unknown name, with the nearest known one, and where the machine has no such database.
     """
+    from difflib import get_close_matches
+    from zoneinfo import ZoneInfo, available_timezones  # most audits are told no zone
+
     if name not in _MACHINE and not name.startswith(_SPECIAL) and name.isascii():
         try:
             return ZoneInfo(name)

@@ -11,11 +11,13 @@ import re
 from datetime import datetime, timedelta, timezone
 from enum import Enum
 from functools import lru_cache
-from typing import Final
-from zoneinfo import ZoneInfo
+from typing import TYPE_CHECKING, Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.model.local_time import mktime, standard_offset
+
+if TYPE_CHECKING:  # most audits are told no zone
+    from zoneinfo import ZoneInfo
 
 BEGINNING: Final = datetime.min.replace(tzinfo=timezone.utc)
 END: Final = datetime.max.replace(tzinfo=timezone.utc)

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from lxml import etree
 
 from keystore_audit.errors import UsageError
-from keystore_audit.model import local_time
 from keystore_audit.model.local_time import time_zone
 from keystore_audit.model.validity import BEGINNING, END, DateReading, is_in_force, read_date
 
@@ -165,7 +164,7 @@ def test_an_unknown_zone_is_a_wrong_call(name: str, nearest: str) -> None:
 
 
 def test_a_machine_may_lack_the_database(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(local_time, "available_timezones", set)
+    monkeypatch.setattr("zoneinfo.available_timezones", set)
     with pytest.raises(UsageError, match="no time zone database"):
         time_zone("Mars/Olympus")
 
