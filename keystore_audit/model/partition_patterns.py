@@ -11,7 +11,7 @@ than do, never fewer.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from enum import Enum
+from enum import IntEnum
 from itertools import islice
 from typing import Final, NamedTuple
 
@@ -29,7 +29,7 @@ MAX_PAIRS: Final = 200_000
 """Pairs of states that are visited: about two seconds. Beyond it the answer is unknown."""
 
 
-class _Mode(Enum):
+class _Mode(IntEnum):  # pairs are looked up hundreds of thousands of times, and whole numbers are fast
     """Where in the pattern we are: between its characters, at a star, in brackets (empty still, or not), or escaped."""
 
     PLAIN = 0
@@ -134,7 +134,7 @@ class _Walk:
         """One step of the pattern, of the name, or of both."""
         mode = pair.mode
         if mode is _Mode.STAR:
-            yield pair._replace(mode=_Mode.PLAIN)
+            yield _Pair(pair.pattern, pair.name, pair.begun, _Mode.PLAIN)
             yield from self._any_name(pair)
         elif mode is _Mode.ESCAPED:
             yield from self._both(pair)
@@ -147,20 +147,20 @@ class _Walk:
         else:
             by_class, default = self._automaton.moves(pair.pattern)
             for target in {default, *by_class.values()}:
-                yield pair._replace(pattern=target, mode=_Mode.BRACKETS)
+                yield _Pair(target, pair.name, pair.begun, _Mode.BRACKETS)
             if mode is _Mode.BRACKETS:
                 yield from self._any_name(self._reads(pair, "]", _Mode.PLAIN))
 
     def _reads(self, pair: _Pair, character: str, mode: _Mode) -> _Pair:
         """The pattern goes on by one character."""
         by_class, default = self._automaton.moves(pair.pattern)
-        return pair._replace(pattern=by_class.get(self._class[character], default), mode=mode)
+        return _Pair(by_class.get(self._class[character], default), pair.name, pair.begun, mode)
 
     def _any_name(self, pair: _Pair) -> Iterator[_Pair]:
         """The name goes on by any character."""
         by_class, default = self._automaton.moves(pair.name)
         for target in {default, *by_class.values()}:
-            yield pair._replace(name=target, begun=True)
+            yield _Pair(pair.pattern, target, True, pair.mode)
 
     def _both(self, pair: _Pair) -> Iterator[_Pair]:
         """Both go on by one character, which the pattern takes for itself: no star and no `?`, unless escaped."""

@@ -7,12 +7,13 @@ import re
 from collections.abc import Callable
 from typing import Final
 
-from tests.hostile.store import GOVERNANCE_OF_ALL, PERMISSIONS_OF_VICTIM, Case, Finds, Store
+from tests.hostile.store import ANY, GOVERNANCE_OF_ALL, PERMISSIONS_OF_VICTIM, Case, Finds, Store
 
 P: Final = PERMISSIONS_OF_VICTIM
 SUBJECT: Final = b"<subject_name>CN=/victim</subject_name>"
 DECLARATION: Final = b'<?xml version="1.0" encoding="UTF-8"?>\n'
 RULE: Final = P[P.index(b"<allow_rule>") : P.index(b"</allow_rule>")] + b"</allow_rule>"
+GRANT: Final = P[P.index(b"<grant ") : P.index(b"</grant>")] + b"</grant>"
 TOPIC: Final = b"<topic>rt/chatter</topic>"
 MARK: Final = b"<subject_name>"
 
@@ -262,6 +263,11 @@ def _topics(*topics: str) -> Callable[[Store], None]:
     return edited(TOPIC, b"".join(b"<topic>%s</topic>\n" % topic.encode() for topic in topics))
 
 
+def _partitions(text: bytes, count: int) -> Callable[[Store], None]:
+    listed = b"".join(b"<partition>%s</partition>\n" % (text % number) for number in range(count))
+    return edited(b"</topics>", b"</topics><partitions>" + listed + b"</partitions>")
+
+
 EXPRESSIONS: Final = (
     Case(
         "20 topics that multiply the states of the automaton",
@@ -272,6 +278,21 @@ EXPRESSIONS: Final = (
     harmless("600 topics of 1 to 600 question marks", _topics(*("?" * length for length in range(1, 600)))),
     harmless("a topic of 500 stars", _topics("*a" * 500)),
     harmless("3,000 rules", edited(RULE, RULE * 3_000)),
+    harmless("3,000 topics that begin differently", _topics(*(f"rt/t{number}*" for number in range(3_000)))),
+    harmless("3,000 topics that end differently", _topics(*(f"rt/*{number}" for number in range(3_000)))),
+    harmless(
+        "4,000 rules that allow and deny in turn",
+        edited(
+            RULE,
+            b"\n".join(
+                (RULE if number % 2 else RULE.replace(b"allow_rule", b"deny_rule")).replace(b"chatter", b"t%d" % number)
+                for number in range(4_000)
+            ),
+        ),
+    ),
+    harmless("20,000 partitions", _partitions(b"p%d", 20_000)),
+    harmless("3,000 partitions that begin differently", _partitions(b"p%d*", 3_000)),
+    Case("3,000 grants for one subject", edited(GRANT, (GRANT + b"\n") * 3_000), (Finds("KA504", line=ANY),), exit=1),
 )
 
 GOVERNANCES: Final = tuple(
@@ -320,5 +341,42 @@ DOMAIN_RULES: Final = tuple(
     for count in (200, 2_000, 4_000)
 )
 
+TOPIC_RULE: Final = DOMAIN_RULE[DOMAIN_RULE.index(b"<topic_rule>") :].partition(b"</topic_rule>")[0] + b"</topic_rule>"
+TOPIC_RULES: Final = Case(
+    "a governance of 3,000 topic rules that begin differently",
+    lambda store: store.govern(
+        GOVERNANCE_OF_ALL.replace(
+            TOPIC_RULE,
+            b"".join(
+                re.sub(rb"(<topic_expression>)[^<]*", rb"\g<1>rt/t%d*" % number, TOPIC_RULE) for number in range(3_000)
+            ),
+            1,
+        )
+    ),
+    (Finds("KA627", "enclaves/victim/governance.p7s"),),
+    bystander_changes=True,
+)
+LATE_DOMAINS: Final = Case(
+    "a governance of 3,700 rules for one domain, then one for each other",
+    lambda store: store.govern(
+        GOVERNANCE_OF_ALL.replace(
+            DOMAIN_RULE, b"</domain_rule>".join([DOMAIN_RULE] * 3_700 + [_domain_rule(n) for n in range(1, 230)]), 1
+        )
+    ),
+    (Finds("KA416", "enclaves/victim/governance.p7s"),),
+    exit=1,
+    bystander_changes=True,
+)
 
-CASES: Final = TYPES + VALUES + ENCODINGS + STRUCTURE + COSTS + EXPRESSIONS + GOVERNANCES + DOMAIN_RULES
+
+CASES: Final = (
+    TYPES
+    + VALUES
+    + ENCODINGS
+    + STRUCTURE
+    + COSTS
+    + EXPRESSIONS
+    + GOVERNANCES
+    + DOMAIN_RULES
+    + (TOPIC_RULES, LATE_DOMAINS)
+)
