@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from keystore_audit.cli.formats import rule_entries
 from keystore_audit.findings import Severity, Suppression
 from keystore_audit.properties.counterexample import Counterexample, Step
-from keystore_audit.report import junit, markdown, sarif
+from keystore_audit.report import junit, markdown, sarif, text
 from keystore_audit.report.content import Report, Verdict
 from tests.report.sarif_schema import schema
 
@@ -74,6 +74,20 @@ def test_what_compresses_is_not_cut_before_it_has_to(make_report: MakeReport) ->
     _text, (run,) = logged(alike)
     assert len(run["results"]) == 25_000
     assert "1 more findings are left out" in notes(run)
+
+
+def test_text_shows_the_worst_findings_of_a_code_and_counts_the_others(make_report: MakeReport) -> None:
+    report = make_report()
+    (first, *_rest) = report.findings
+    kept = [replace(first, message=f"seen {number}", fingerprint=f"{number}") for number in range(text.MAX_ALIKE)]
+    worse = replace(first, message="the worst", fingerprint="worse", severity=Severity.CRITICAL)
+    every = (*(replace(each, severity=Severity.LOW) for each in kept), worse)
+    shown = text.render(replace(report, findings=every, properties=()))
+    assert "the worst" in shown
+    assert f"seen {text.MAX_ALIKE - 2}" in shown
+    assert f"seen {text.MAX_ALIKE - 1}" not in shown
+    assert f"and 1 more of {first.code} (all are in the JSON report)" in shown
+    assert "more of" not in text.render(replace(report, findings=every[1:], properties=()))
 
 
 def test_more_runs_than_a_service_takes_are_said_in_each(make_report: MakeReport) -> None:
