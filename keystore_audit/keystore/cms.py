@@ -16,6 +16,7 @@ from cryptography.hazmat.asn1 import TLV, Explicit, GeneralizedTime, Implicit, S
 
 from keystore_audit.dataclass import dataclass, field
 from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.der import content_of
 from keystore_audit.keystore.signature_algorithm import (
     DIGESTS,
     Digest,
@@ -147,7 +148,7 @@ def read_signed_data(der: bytes) -> SignedData:
     the structure: run times accept them), CMS_MALFORMED.
     """
     data = _parse(der)
-    fields = _children(_children(_children(der)[1])[0])
+    fields = _children(der, _start_of_signed_data(der))
     problems = list(_envelope_problems(data))
     infos = data.signer_infos.as_list()
     if not infos:
@@ -193,20 +194,22 @@ def has_string_values(name_der: bytes) -> bool:
     return all(_children(attribute)[1][:1] in _STRINGS for attribute in attributes)
 
 
-def _children(element: bytes) -> list[bytes]:
-    """The elements inside a constructed element of a structure that has been parsed as strict DER."""
+def _start_of_signed_data(der: bytes) -> int:
+    """Where the SignedData in a ContentInfo begins: behind its identifier, inside an element with an explicit tag."""
+    inside, _ = content_of(der, 0)
+    _, behind = content_of(der, inside)
+    begin, _ = content_of(der, behind)
+    return begin
+
+
+def _children(element: bytes, begin: int = 0) -> list[bytes]:
+    """The elements inside the constructed element at `begin`, of a structure that has been parsed as strict DER."""
     found = []
-    length = element[1]
-    position = 2 if length < 0x80 else 2 + (length & 0x7F)
-    while position < len(element):
-        length = element[position + 1]
-        end = position + 2
-        if length & 0x80:
-            end += length & 0x7F
-            length = int.from_bytes(element[position + 2 : end], "big")
-        end += length
-        found.append(element[position:end])
-        position = end
+    position, end = content_of(element, begin)
+    while position < end:
+        _, behind = content_of(element, position)
+        found.append(element[position:behind])
+        position = behind
     return found
 
 
@@ -277,21 +280,25 @@ def _signer(
 def _attributes(attributes: list[_Attribute], malformed: Callable[[str], None]) -> tuple[bytes | None, datetime | None]:
     """The message digest (None where it is not there exactly once) and the signing time of signed attributes."""
     values: dict[x509.ObjectIdentifier, TLV | None] = {}
+    contents: dict[x509.ObjectIdentifier, bytes] = {}
     for attribute in attributes:
+        kind = attribute.type
         alternatives = attribute.values.as_list()
-        single = alternatives[0] if len(alternatives) == 1 and attribute.type not in values else None
+        single = alternatives[0] if len(alternatives) == 1 and kind not in values else None
+        values[kind] = single
         if single is None:
-            malformed(f"the signed attribute {attribute.type.dotted_string} is there twice or has not one value")
-        elif not well_formed(single.tag_bytes[0], bytes(single.data)):
-            malformed(f"the signed attribute {attribute.type.dotted_string} has a malformed value")
-        values[attribute.type] = single
-    content_type, digest, time = (values.get(kind) for kind in (_CONTENT_TYPE, _MESSAGE_DIGEST, _SIGNING_TIME))
-    if content_type is None or content_type.tag_bytes != _IDENTIFIER or bytes(content_type.data) != _DATA_DER[2:]:
+            malformed(f"the signed attribute {kind.dotted_string} is there twice or has not one value")
+            continue
+        contents[kind] = bytes(single.data)
+        if not well_formed(single.tag_bytes[0], contents[kind]):
+            malformed(f"the signed attribute {kind.dotted_string} has a malformed value")
+    content_type, digest, time = values.get(_CONTENT_TYPE), values.get(_MESSAGE_DIGEST), values.get(_SIGNING_TIME)
+    if content_type is None or content_type.tag_bytes != _IDENTIFIER or contents[_CONTENT_TYPE] != _DATA_DER[2:]:
         malformed("the signed attribute contentType does not say id-data once (RFC 5652, 11.1)")
     if digest is None or digest.tag_bytes != _OCTET_STRING:
         malformed("the signed attribute messageDigest is not one octet string (RFC 5652, 11.2)")
         digest = None
-    return None if digest is None else bytes(digest.data), None if time is None else _time(time)
+    return None if digest is None else contents[_MESSAGE_DIGEST], None if time is None else _time(time)
 
 
 def _time(value: TLV) -> datetime | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from typing import Final
+from typing import Any, Final
 
 from lxml import etree
 
@@ -58,8 +58,8 @@ class Document:
 
     def line(self, element: etree._Element) -> int | None:
         """The line of the file at which the element stands."""
-        line: object = element.sourceline
-        return line + self._line_before if isinstance(line, int) and self._line_before is not None else None
+        line: Any = element.sourceline  # the stubs do not know what it is
+        return None if line is None or self._line_before is None else line + self._line_before
 
     def invalid(self, element: etree._Element, detail: str, kind: Kind = Kind.VALUE_INVALID) -> None:
         """Note that the value of `element` is not one that DDS-Security gives a meaning to."""
@@ -87,7 +87,7 @@ class Document:
                 number = self._domain(entry)
                 yield number, number, self.line(entry)
                 continue
-            bounds = {str(bound.tag): self._domain(bound) for bound in elements(entry)}
+            bounds = {bound.tag: self._domain(bound) for bound in elements(entry)}
             low, high = bounds.get("min"), bounds.get("max")
             if low is not None and high is not None and low > high:
                 self.invalid(entry, f"expected min <= max, found {low} > {high}: implementations read it differently")

@@ -61,6 +61,8 @@ def concealed(data: bytes) -> str:
 def _further(data: bytes) -> bool:
     """Whether a line below the first header gives the type of a signed message."""
     lowered = data.lower()
+    if not any(kind in lowered for kind in _TYPES):
+        return False
     ends = [end for line in _BLANK_LINES if (end := data.find(line)) >= 0]
     begin = 0 if data[:1] in (b"\n", b"\r") else min(ends, default=len(data))
     for kind in _TYPES:

@@ -30,6 +30,9 @@ class Operation(str, Enum):
     RELAY = "relay"
 
 
+_OPERATIONS: Final = {operation.value: operation for operation in Operation}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Criterion:
     """A `<publish>`, `<subscribe>` or `<relay>`. No `<partitions>` element: `partitions` is None."""
@@ -131,11 +134,11 @@ def _rule(document: Document, rule: etree._Element) -> Rule:
 
 
 def _criterion(document: Document, criterion: etree._Element) -> Criterion:
-    parts = {str(part.tag): part for part in elements(criterion)}
+    parts = {part.tag: part for part in elements(criterion)}
     partitions = parts.get("partitions")
     return Criterion(
-        operation=Operation(str(criterion.tag)),
-        topics=tuple(_text(document, topic) for topic in elements(parts["topics"])),
+        operation=_OPERATIONS[criterion.tag],
+        topics=tuple([_text(document, topic) for topic in elements(parts["topics"])]),
         partitions=None if partitions is None else tuple(_partition(document, name) for name in elements(partitions)),
         data_tags="data_tags" in parts,
         line=document.line(criterion),
@@ -143,7 +146,10 @@ def _criterion(document: Document, criterion: etree._Element) -> Criterion:
 
 
 def _text(document: Document, element: etree._Element) -> Text:
-    return Text(text=document.text(element), line=document.line(element))
+    text = element.text
+    if not text or len(element):  # empty, or a comment in it
+        text = document.text(element)
+    return Text(text=text, line=document.line(element))
 
 
 def _partition(document: Document, element: etree._Element) -> Text:

@@ -6,6 +6,7 @@ OpenSSL decodes such a value and encodes it again before it hashes or compares: 
 
 from __future__ import annotations
 
+import re
 from typing import Final
 
 from keystore_audit.keystore.der import content_of
@@ -15,6 +16,9 @@ MAX_ELEMENTS: Final = 10_000
 
 _AS_THEY_STAND: Final = frozenset({0x04, 0x0C, 0x12, 0x13, 0x14, 0x16, 0x17, 0x18, 0x19, 0x1A, 0x1B})
 """Tags of octet strings, times and strings of single bytes, any content of which is kept (measured, OpenSSL 3.0.19)."""
+
+_PADDED: Final = re.compile(rb"(?:\A|[\x00-\x7f])\x80")
+"""A subidentifier that begins with a zero: it begins where the byte before has no continuation bit."""
 
 _BOOLEAN, _INTEGER, _BIT_STRING, _NULL, _IDENTIFIER, _ENUMERATED, _UNIVERSAL_STRING, _BMP_STRING = (
     *(0x01, 0x02, 0x03, 0x05, 0x06, 0x0A, 0x1C, 0x1E),
@@ -30,9 +34,7 @@ def well_formed(tag: int, content: bytes) -> bool:
         padded = len(content) > 1 and content[0] in (0, 0xFF) and content[0] >> 7 == content[1] >> 7
         return bool(content) and not padded
     if tag == _IDENTIFIER:
-        begins = b"\0" + content[:-1]  # a subidentifier begins where the byte before has no continuation bit
-        padded = any(byte == 0x80 and before < 0x80 for before, byte in zip(begins, content, strict=True))
-        return bool(content) and content[-1] < 0x80 and not padded
+        return bool(content) and content[-1] < 0x80 and _PADDED.search(content) is None
     if tag == _BIT_STRING:
         unused = content[0] if content else 8
         return unused < 8 and (not content[-1] & ((1 << unused) - 1) if len(content) > 1 else unused == 0)

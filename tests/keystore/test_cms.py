@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from keystore_audit.keystore.cms import CmsError, read_signed_data
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.smime import SignedDocument, read_signed
+from keystore_audit.keystore.universal import well_formed
 from tests.keystore.builder import Signed, evidence, present
 from tests.keystore.messages import taken_apart, with_signature
 from tests.oracles.smime.comparison import compare
@@ -200,3 +201,14 @@ def test_no_change_of_a_byte_raises(place: int, value: int, how: str) -> None:
     middle = {"set": bytes([value]), "insert": bytes([value]) + der[place : place + 1], "delete": b""}[how]
     read_document = document(der[:place] + middle + der[place + 1 :])
     assert read_document.content == ENTITY[len(b"Content-Type: text/plain\r\n\r\n") :]
+
+
+@given(st.lists(st.sampled_from([0x00, 0x01, 0x7F, 0x80, 0x81, 0xFF]), max_size=8).map(bytes))
+def test_an_identifier_is_well_formed_by_its_subidentifiers(content: bytes) -> None:
+    parts, begin = [], 0
+    for position, byte in enumerate(content):
+        if byte < 0x80:
+            parts.append(content[begin : position + 1])
+            begin = position + 1
+    whole = bool(content) and begin == len(content)
+    assert well_formed(0x06, content) == (whole and all(part[0] != 0x80 for part in parts))

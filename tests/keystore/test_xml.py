@@ -73,6 +73,19 @@ def test_the_quick_look_says_what_the_detailed_one_says(monkeypatch: pytest.Monk
     assert [read(content)[1] for content in everything] == quick
 
 
+@given(st.text(alphabet="= \t\n\r'\"<>a&", max_size=30))
+def test_the_fast_look_for_broken_attributes_misses_none(text: str) -> None:
+    attribute = f"<a {text}>".encode()
+    assert xml._BROKEN_ATTRIBUTE.search(attribute) is None or xml._BROKEN_VALUE.search(attribute) is not None
+
+
+@given(st.text(alphabet=" \t\n\r'\"\u2018\u201ca", max_size=4))
+def test_every_value_is_judged_as_by_the_detailed_look(value: str) -> None:
+    content = with_name(value.encode())
+    commented = content.replace(b"<grant ", b"<!-- -->\n<grant ").replace(b"\n<grant", b"<grant")  # looked at in detail
+    assert read(content)[1] == read(commented)[1]
+
+
 # --- the catalogue of what implementations read differently (facts, x509-pkcs7-xml 4.1): content, line, words
 
 DTD = b'<?xml version="1.0"?>\n<!DOCTYPE dds [%s]>\n' + PERMISSIONS.split(b"\n", 1)[1]
