@@ -137,8 +137,10 @@ pred separated[inside, source: set Enclave + Outsider, first: set Channel, targe
 
 /**
  * Somewhere data does flow: one participant can tell another something by right, so that there is a flow to ask for.
+ * That is on a channel with writers and readers, if all of these together are more than one.
  */
 pred FlowIsExercised {
-	some { sending: Realm | some receiving: Realm |
-		some sends[sending, receiving].~(receives[sending, receiving]) - iden }
+	some { sending, receiving: Realm |
+		some channel: Enclave.(sends[sending, receiving]) & Enclave.(receives[sending, receiving]) |
+			not lone (sends[sending, receiving] + receives[sending, receiving]).channel }
 }

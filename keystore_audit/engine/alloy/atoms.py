@@ -131,18 +131,13 @@ def declare(sort: Sort) -> str:
     return "\n".join(groups)
 
 
-def declare_apart(sort: Sort) -> list[str]:
-    """Return the same atoms for modules of their own, group by group: as functions, each to a sig that is private.
-
-    For every name the Analyzer looks through all sigs that can be seen where it stands; functions it finds at once.
-    """
+def declare_apart(sort: Sort) -> list[tuple[str, str]]:
+    """Return the same atoms for modules of their own, group by group: their sigs, and a function for each of these."""
     groups = []
     for parent, head, atoms in _groups(sort):
-        pairs = [
-            f"private one sig {atom.name}_ extends {parent} {{}}\nfun {atom.name}: {sort.sig} {{ {atom.name}_ }}"
-            for atom in atoms
-        ]
-        groups.append("\n".join([*head, *pairs]))
+        sigs = [f"one sig {atom.name}_ extends {parent} {{}}" for atom in atoms]
+        names = [f"fun {atom.name}: {sort.sig} {{ {atom.name}_ }}" for atom in atoms]
+        groups.append(("\n".join([*head, *sigs]), "\n".join(names)))
     return groups
 
 

@@ -15,7 +15,7 @@ from typing import Final
 
 from keystore_audit import resources, text
 from keystore_audit.engine.alloy import application, claims, expiry, paths
-from keystore_audit.engine.alloy.atoms import GROUP, Sort, declare, declare_apart, name_atoms
+from keystore_audit.engine.alloy.atoms import Sort, declare, declare_apart, name_atoms
 from keystore_audit.engine.alloy.readme import describe_folders, describe_system, folder_names
 from keystore_audit.engine.alloy.relations import Relations, Row, function
 from keystore_audit.engine.alloy.user_vocabulary import VOCABULARY, write_vocabulary
@@ -52,8 +52,11 @@ THEME: Final = "keystore_audit.thm"
 SCENARIOS: Final = "scenarios.als"
 """A module for what is meant to happen, with commands that its reader writes."""
 
-MODULE_GROUPS: Final = 8
-"""Groups of up to `atoms.GROUP` atoms in one module, where there are more in all (`fact_modules`)."""
+SPLIT_ATOMS: Final = 400
+"""Atoms up to which all stand in `keystore` (`fact_modules`)."""
+
+MODULE_GROUPS: Final = 2
+"""Groups of up to `atoms.GROUP` atoms in one module, where there are more atoms."""
 
 TIME: Final = "expiry"
 """The folder of the model with a moving clock."""
@@ -114,18 +117,21 @@ def facts(system: System, *, moving: bool = False) -> str:
 def fact_modules(system: System) -> dict[str, str]:
     """Return `facts` as the files that the Analyzer reads fast: name to text.
 
-    Where a module declares many atoms, it spends most of its time on looking through all of them for each. So many
-    atoms stand in modules of their own, which `keystore` opens, as functions (`declare_apart`).
+    For each name the Analyzer looks through all sigs that can be seen from where the name stands, and for each sig
+    and function through all sigs of its module. So many atoms stand in modules of their own. Beside each stands one
+    with a function for each atom, and what it opens is private, so that from `keystore` no atom's sig can be seen.
     """
     sorts = name_atoms(system).sorts()
-    if sum(len(sort.atoms) for sort in sorts) <= MODULE_GROUPS * GROUP:
+    if sum(len(sort.atoms) for sort in sorts) <= SPLIT_ATOMS:
         return {KEYSTORE: facts(system)}
     groups = [group for sort in sorts for group in declare_apart(sort)]
     opened, modules = [], {}
     for number, start in enumerate(range(0, len(groups), MODULE_GROUPS)):
-        head = f"module atoms_{number}\nopen dds_security\n"
-        modules[f"atoms_{number}.als"] = "\n".join([head, *groups[start : start + MODULE_GROUPS]]) + "\n"
-        opened.append(f"open atoms_{number}")
+        sigs, names = zip(*groups[start : start + MODULE_GROUPS], strict=True)
+        modules[f"atoms_{number}.als"] = "\n".join([f"module atoms_{number}\nopen dds_security\n", *sigs]) + "\n"
+        head = f"module names_{number}\nprivate open atoms_{number}\n"
+        modules[f"names_{number}.als"] = "\n".join([head, *names]) + "\n"
+        opened.append(f"open names_{number}")
     header = "\n".join([_header(system), *opened])
     modules[KEYSTORE] = "\n\n".join([header, *_Facts(system, moving=False).sections()]) + "\n"
     return modules

@@ -20,6 +20,7 @@ from keystore_audit.engine.alloy.facts import (
 )
 from keystore_audit.engine.alloy.jobs import Analyzer, Job, run
 from keystore_audit.engine.alloy.merging import Merged, merge
+from keystore_audit.engine.alloy.one_realm import with_one_realm
 from keystore_audit.engine.alloy.questions import Questions, Sheet
 from keystore_audit.engine.alloy.solution import witness, witnesses
 from keystore_audit.errors import EngineFailed, EngineOutOfScale
@@ -217,9 +218,11 @@ def _ask(cases: Sequence[_Case], asked: Sequence[Questions], analyzer: Analyzer)
 
 
 def _audit(case: _Case, asked: Questions) -> Job:
-    modules = (*MODULES, *claims.MODULES) if case.system.claims else MODULES
+    modules = module_texts((*MODULES, *claims.MODULES) if case.system.claims else MODULES)
+    if len(case.system.realms) == 1:
+        modules = with_one_realm(modules)
     return Job(
-        files={**module_texts(modules), **fact_modules(case.system), MAIN: asked.text},
+        files={**modules, **fact_modules(case.system), MAIN: asked.text},
         main=MAIN,
         commands=asked.commands,
         atoms=count_atoms(case.system),

@@ -205,10 +205,10 @@ def test_many_atoms_stand_in_modules_of_their_own_and_say_the_same(
     system = with_claims(lively(random_system(5), 5), 5)
     assert fact_modules(system) == {"keystore.als": facts(system)}
     monkeypatch.setattr("keystore_audit.engine.alloy.facts.MODULE_GROUPS", 1)
-    monkeypatch.setattr("keystore_audit.engine.alloy.facts.GROUP", 2)
+    monkeypatch.setattr("keystore_audit.engine.alloy.facts.SPLIT_ATOMS", 0)
     monkeypatch.setattr("keystore_audit.engine.alloy.atoms.GROUP", 2)
     split, sorts = fact_modules(system), name_atoms(system).sorts()
-    assert len(split) > 12
+    assert len(split) > 24
     relations = [line for line in split["keystore.als"].split("\n") if line[:5] != "open "]
     assert set(relations) <= set(facts(system).split("\n"))
     assert all(
@@ -219,5 +219,5 @@ def test_many_atoms_stand_in_modules_of_their_own_and_say_the_same(
     assert outcomes(tmp_path, modules | split | asked) == whole
     assert len(set(whole.values())) == 2
     for role, letter in ROLE_LETTERS.items():
-        assert index_of(f"keystore/atoms_3/{letter}7_name_$0", role) == 7
-        assert index_of(f"keystore/atoms_3/{letter}7_$0", role) == 7
+        assert index_of(f"keystore/names_3/atoms_3/{letter}7_name_$0", role) == 7
+        assert index_of(f"keystore/names_3/atoms_3/{letter}7_$0", role) == 7

@@ -1,0 +1,58 @@
+"""With one realm, functions of the realm are called without arguments, and nothing is answered otherwise."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from keystore_audit.engine.alloy import claims
+from keystore_audit.engine.alloy.facts import MODULES, commands, facts
+from keystore_audit.engine.alloy.one_realm import with_one_realm
+from keystore_audit.engine.alloy.runner import module_texts
+from keystore_audit.model.system import System
+from keystore_audit.properties import PROPERTIES
+from tests.engine.alloy_batch import evaluate, outcomes, shipped
+from tests.engine.systems import lively, random_system, with_claims
+
+pytestmark = [pytest.mark.alloy, pytest.mark.xdist_group("alloy")]
+
+SYSTEMS = 12
+"""Random systems of one realm; the seeds are fixed."""
+
+
+def dependent() -> dict[str, str]:
+    """Every function of realms alone in the modules that are asked, with its arguments."""
+    texts = module_texts((*MODULES, *claims.MODULES)).values()
+    heads = re.findall(r"^fun (\w+)\[(realm|sending, receiving): Realm\]", "\n".join(texts), re.MULTILINE)
+    return {name: ", ".join("Realm" for _ in realms.split(", ")) for name, realms in heads}
+
+
+def of_one_realm(seed: int) -> System:
+    system = with_claims(lively(random_system(seed), seed), seed, count=6)
+    return replace(
+        system, realms=system.realms[:1], enclaves=tuple(replace(enclave, realm=0) for enclave in system.enclaves)
+    )
+
+
+def test_every_function_of_realms_alone_is_worked_out_once() -> None:
+    once = with_one_realm(module_texts((*MODULES, *claims.MODULES)))
+    assert len(dependent()) > 25
+    assert set(re.findall(r"^fun only_(\w+): ", "\n".join(once.values()), re.MULTILINE)) == set(dependent())
+
+
+def test_what_is_worked_out_once_is_the_same(tmp_path: Path) -> None:
+    modules = shipped()
+    full = 0
+    for seed in range(SYSTEMS):
+        system = of_one_realm(seed)
+        asked = {"keystore.als": facts(system), "audit.als": commands(PROPERTIES, system)}
+        once = with_one_realm(modules)
+        assert outcomes(tmp_path, once | asked) == outcomes(tmp_path, modules | asked), seed
+        expressions = [f"{name}[{realms}]" for name, realms in dependent().items()]
+        values = evaluate(tmp_path, modules | asked, expressions)
+        assert evaluate(tmp_path, once | asked, expressions) == values, seed
+        full += sum(map(bool, values))
+    assert full > SYSTEMS * 10
