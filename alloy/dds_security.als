@@ -60,6 +60,7 @@
  *   in_realm             the realm of an enclave
  *   identity             the certificate of an enclave
  *   permissions          the permissions document that an enclave carries
+ *   reads_alone          channels that its own implementation lets an enclave read, where peers may concede it less
  *   precedes             from an entry to its next sibling
  *   domain_rule, topic_rule   from a governance document to its rules, and from these to theirs
  *   grant, rule          from a permissions document to its grants, and from these to their rules

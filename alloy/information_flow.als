@@ -59,6 +59,17 @@ fun imposes[forgers: set Enclave + Outsider, realm: Realm]: (Enclave + Outsider)
 	{ e: forgers & Enclave, c: e.acts_as.(feeds[realm]) } + (forgers & Outsider) -> realm.unguarded
 }
 
+/**
+ * Channels that each member of a realm reads if the writer attacks: whoever attacks gives its keys to anybody, so that
+ * nothing binds the reader but its own implementation.
+ */
+fun hears[realm: Realm]: Enclave -> Channel { takes[realm] + in_realm.realm <: reads_alone }
+
+/** Channels that each participant reads of one who attacks, through a member of the realm as whom it acts. */
+fun is_told[eavesdroppers: set Enclave + Outsider, realm: Realm]: Enclave -> Channel {
+	guise[eavesdroppers].(hears[realm])
+}
+
 /** Channels that each participant gets as a reader, through a member of the realm as whom it acts. */
 fun obtains[eavesdroppers: set Enclave + Outsider, realm: Realm]: Enclave -> Channel {
 	guise[eavesdroppers].(takes[realm])
@@ -84,7 +95,7 @@ fun intercepts[eavesdroppers: set Enclave + Outsider, realm: Realm]: (Enclave + 
 fun next[holders: set Enclave + Outsider, usable: set Channel, forgers, eavesdroppers: set Enclave + Outsider,
          sending, receiving: Realm]: set Enclave + Outsider {
 	receives[sending, receiving].(usable & holders.(sends[sending, receiving]))
-	+ obtains[eavesdroppers, receiving].(usable & holders.(imposes[forgers, receiving]))
+	+ is_told[eavesdroppers, receiving].(usable & holders.(imposes[forgers, receiving]))
 	+ intercepts[eavesdroppers, sending].(usable & holders.(exposes[forgers, sending]))
 }
 

@@ -121,6 +121,7 @@ fun permissions: Enclave -> Document {
 	E0_talker -> P1_permissions_p7s
 	+ E1_listener -> P2_permissions_p7s
 }
+fun reads_alone: Enclave -> Channel { none -> none }
 
 -- order: each entry and its next sibling
 fun precedes: Entry -> Entry { none -> none }

@@ -219,7 +219,7 @@ def _report(context: Context, judgement: Judgement, safe: Horizon, options: Opti
         exit_code=exit_code,
         fail_on=options.fail_on,
         weakened=(*weakened(options, context.profiles), *accepted_by(judgement.findings)),
-        assumptions=ASSUMPTIONS,
+        assumptions=(*ASSUMPTIONS, *_in_zone(options)),
         engines=context.engines,
         engines_agree=agree if len(answered) > 1 else None,
         enclaves=_enclaves(context),
@@ -233,6 +233,14 @@ def _report(context: Context, judgement: Judgement, safe: Horizon, options: Opti
         settings=_settings(options.settings),
         baseline=_settings(options.baseline),
     )
+
+
+def _in_zone(options: Options) -> tuple[str, ...]:
+    """That dates are read as in one zone, where one was named."""
+    if options.time_zone is None:
+        return ()
+    where = f"Robots are in the time zone {options.time_zone.key} (--time-zone)"
+    return (f"{where}: some implementations read the dates of grants in local time.",)
 
 
 def _policy(options: Options) -> Policy | None:

@@ -22,6 +22,7 @@ from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
 from keystore_audit.settings import Settings, read_settings
+from tests.model.comparing import Member, Store, criterion, domain_rule, governance, grant, permissions, rule
 from tools.samples.base import IDENTITY_CA, LISTENER, TALKER, TWO
 from tools.samples.certificates import Certificate
 from tools.samples.documents import DISCOVERY, Criterion, Grant, Permissions, Rule
@@ -273,3 +274,31 @@ def test_inputs_count_that_can_be_in_the_partition_of_the_forwards(
     forward = '[[forward]]\nenclave = "/talker"\nfrom = ["/map", "/low"]\nto = "/out"\nscheduler = "priority"\n'
     found = report(tmp_path, tmp_path / "keys", forward + asked("/out", "/listener"), "cyclonedds-11")
     assert status(found) == expected
+
+
+def test_a_domain_in_which_one_forward_is_impossible_is_looked_at_all_the_same(tmp_path: Path) -> None:
+    """In domain 9 two publish what the first forward passes on; the second one is in domain 0 alone."""
+
+    def allowed(name: str, *rules: str) -> Member:
+        return Member(permissions=permissions(grant(name, *rules)))
+
+    everywhere = "<id>0</id><id>9</id>"
+    passing = rule(criterion("publish", "rt/mv"), criterion("subscribe", "rt/hi"), domains=everywhere)
+    on = rule(criterion("publish", "rt/out"), criterion("subscribe", "rt/mv"))
+    hi = criterion("publish", "rt/hi")
+    store = Store(
+        members={
+            "/m": allowed("/m", passing),
+            "/m2": allowed("/m2", on),
+            "/k": allowed("/k", rule(hi, domains=everywhere)),
+            "/r": allowed("/r", rule(hi, domains="<id>9</id>")),
+        },
+        governance=governance(domain_rule(everywhere)),
+    )
+    form = '[[forward]]\nenclave = "{}"\nfrom = ["{}"]\nto = "{}"\nscheduler = "priority"\n'
+    both = asked(low="/mv").replace('"/mv"', '["/mv", "/out"]')
+    text = form.format("/m", "/hi", "/mv") + form.format("/m2", "/mv", "/out") + both
+    keystore = store.write(tmp_path / "keys")
+    assert status(report(tmp_path, keystore, text, "fastdds")) == "violated"
+    alone = replace(store, members={**store.members, "/r": allowed("/r", rule(criterion("publish", "rt/z")))})
+    assert status(report(tmp_path, alone.write(tmp_path / "alone"), text, "fastdds")) == "holds"

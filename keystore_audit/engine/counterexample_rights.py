@@ -28,7 +28,7 @@ _BY_PATTERN: Final = "it may be in a partition that is a pattern, which meets th
 
 def way(case: Case, enclave: int, operation: Operation) -> Way:
     """How an enclave gets to the channel of `case`: by right, else as another whose key it has, else by its keys."""
-    own = _as_itself(case, enclave, operation)
+    own = _as_itself(case, enclave, operation) or _alone(case, enclave, operation)
     if own is not None:
         return own
     system = case.system
@@ -73,6 +73,22 @@ def _uncontrolled(case: Case, enclave: int, operation: Operation) -> Way | None:
     if operation == "subscribe" and not rule.enable_read_access_control:
         return Way(why="enable_read_access_control is false", steps=_steps(case, enclave, rule.location))
     return None
+
+
+def _alone(case: Case, number: int, operation: Operation) -> Way | None:
+    """By what its own implementation decides, from a writer that gives its keys to anybody."""
+    system, channel = case.system, case.witness[Role.CHANNEL]
+    enclave = system.enclaves[number]
+    if operation != "subscribe" or channel not in enclave.reads_alone or enclave.permissions is None:
+        return None
+    listing = (
+        rule.location
+        for rule in system.rules
+        if rule.allow and channel in rule.subscribe and system.grants[rule.grant].document == enclave.permissions
+    )
+    location = next(listing, system.documents[enclave.permissions].location)
+    why = "its own implementation lets it read there; honest peers would not, but who attacks gives its keys to anybody"
+    return Way(why=why, steps=_steps(case, number, location))
 
 
 def _conceded(case: Case, number: int, operation: Operation) -> Way | None:

@@ -14,14 +14,17 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.channels import Channels, Named
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.domains import contains
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.meaning import Usability
+from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.semantics import Area
 from keystore_audit.model.system import Reading, System
 from keystore_audit.model.validity import ANY_ZONE
 
 if TYPE_CHECKING:
     from keystore_audit.model.labels import Labelling
+    from keystore_audit.model.usability import Usabilities
 
 AMBIENT: Final = ("rt/clock", "rt/parameter_events", "rt/rosout", "ros_discovery_info")
 """DDS topics that nearly every node has a right to: no flow takes them unless a claim includes them."""
@@ -143,16 +146,28 @@ def with_claims(
     channels: Channels,
     keystore: Keystore,
     usability: Mapping[tuple[str, str], Usability],
+    domain: int | None = None,
+    usabilities: Usabilities | None = None,
 ) -> tuple[System, ...]:
-    """The systems with the claims as facts. `usability`: by directory and profile, as in `Meaning`;
-    only claims of ability need it.
+    """The systems with the claims as facts. `usability`: by directory and profile, as in `Meaning`, and `usabilities`
+    at later instants; `domain`: the one that the robots use, None: any. Only claims of ability need them.
 
     Raises errors.UsageError for a claim of something that is not in the keystore: it would hold for want of it.
     """
     if not claims or not systems:
         return tuple(systems)
     _check(claims, systems, channels, keystore)
-    return tuple(_Resolution(system, channels, keystore, usability).resolved(claims) for system in systems)
+    elsewhere = frozenset() if domain is None else _outside(channels, domain)
+    return tuple(
+        _Resolution(system, channels, keystore, usability, usabilities, elsewhere).resolved(claims)
+        for system in systems
+    )
+
+
+def _outside(channels: Channels, domain: int) -> frozenset[int]:
+    """The channels of other domains."""
+    inside = {n for n, each in enumerate(channels.domains) if contains(each.intervals, domain)}
+    return frozenset(n for n, channel in enumerate(channels.channels) if channel.domain not in inside)
 
 
 def _check(claims: Sequence[Claim], systems: Sequence[System], channels: Channels, keystore: Keystore) -> None:
@@ -235,8 +250,12 @@ class _Resolution:
         channels: Channels,
         keystore: Keystore,
         usability: Mapping[tuple[str, str], Usability],
+        usabilities: Usabilities | None,
+        elsewhere: frozenset[int],
     ) -> None:
         self._system = system
+        self._usabilities = usabilities
+        self._elsewhere = elsewhere
         self._channels = channels
         self._known = {enclave.path for enclave in keystore.enclaves}
         self._labels = [enclave.label for enclave in system.enclaves]
@@ -246,12 +265,34 @@ class _Resolution:
     @cached_property
     def _stopped(self) -> frozenset[int]:
         """Enclaves that do not start under some profile of the system, or (MUST, or without doubt) may not."""
-        certain = self._system.reading is Reading.MUST or not self._system.has_doubt
         stopped = set()
         for enclave in self._keystore.enclaves:
-            starts = [self._usability[enclave.files.directory, profile].usable for profile in self._system.profiles]
-            if not all(True if each is None and not certain else each for each in starts):
+            starts = (self._usability[enclave.files.directory, profile] for profile in self._system.profiles)
+            if not all(map(self._counts_as_starting, starts)):
                 stopped.add(enclave.path)
+        return frozenset(n for n, label in enumerate(self._labels) if label in stopped)
+
+    def _counts_as_starting(self, usability: Usability) -> bool:
+        certain = self._system.reading is Reading.MUST or not self._system.has_doubt
+        return not certain if usability.usable is None else usability.usable
+
+    def _stopping(self, until: datetime) -> frozenset[int]:
+        """Enclaves that start no more, or not yet, at some instant until then: of certificates, lists and grants."""
+        instants, usabilities = self._system.instants, self._usabilities
+        before = instants[self._system.now]
+        if usabilities is None or until <= before:
+            return frozenset()
+        dates = {each + after for each in instants if before <= each < until for after in (timedelta(0), _TICK)}
+        profiles = [VARIANTS[name] for name in self._system.profiles]
+        stopped = set()
+        for moment in sorted({*dates, until} - {before}):
+            touched = usabilities.touched(before, moment)
+            for enclave in self._keystore.enclaves:
+                if enclave.files.directory in touched:
+                    starts = (usabilities.of(enclave, moment, profile) for profile in profiles)
+                    if not all(map(self._counts_as_starting, starts)):
+                        stopped.add(enclave.path)
+            before = moment
         return frozenset(n for n, label in enumerate(self._labels) if label in stopped)
 
     def resolved(self, claims: Iterable[Claim]) -> System:
@@ -261,6 +302,9 @@ class _Resolution:
     def _atom(self, claim: Claim) -> ClaimAtom:
         able = claim.kind is ClaimKind.ABLE
         away = self._stopped if able else frozenset()  # who does not start is no place and no way
+        if able and claim.until is not None:
+            away |= self._stopping(claim.until)
+        left_out = frozenset() if claim.include_ambient else self._channels.regions[named(AMBIENT)]
         allowed = claim.kind is ClaimKind.ONLY_PUBLISH
         return ClaimAtom(
             id=claim.id,
@@ -268,10 +312,10 @@ class _Resolution:
             attacker=claim.attacker,
             source=self._sole(claim)
             if claim.source == Globs()
-            else self._place(claim.source, away, unread=not allowed),
-            target=self._place(claim.target, away),
+            else self._place(claim.source, away, unread=not allowed, able=able),
+            target=self._place(claim.target, away, able=able),
             through=self._enclaves(claim.through, unread=False) | away,
-            left_out=frozenset() if claim.include_ambient else self._channels.regions[named(AMBIENT)],
+            left_out=left_out | self._elsewhere if able else left_out,
             until=None if claim.until is None else self._until(claim.until),
             location=claim.location,
         )
@@ -284,10 +328,11 @@ class _Resolution:
 
         return Place(enclaves=some_writer(self._system, self._place(claim.target, frozenset()).channels))
 
-    def _place(self, globs: Globs, away: frozenset[int], *, unread: bool = True) -> Place:
+    def _place(self, globs: Globs, away: frozenset[int], *, unread: bool = True, able: bool = False) -> Place:
+        channels = self._channels.regions[named(globs.topics)] if globs.topics else frozenset()
         return Place(
             enclaves=self._enclaves(globs.enclaves, unread=unread) - away,
-            channels=self._channels.regions[named(globs.topics)] if globs.topics else frozenset(),
+            channels=channels - self._elsewhere if able else channels,
             outsider=globs.outsider,
         )
 

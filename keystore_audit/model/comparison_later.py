@@ -1,4 +1,6 @@
-"""Rights that begin later: of grants whose dates have not begun at the instant, before and after."""
+"""Rights that begin later, before and after: of grants whose dates have not begun at the instant, and of those that
+come up when one before them ends, where grants out of date are passed over.
+"""
 
 from __future__ import annotations
 
@@ -12,14 +14,15 @@ from keystore_audit.model.comparison import Direction, Layer, direction_of
 from keystore_audit.model.comparison_drafts import Draft, in_order
 from keystore_audit.model.comparison_grants import Given, given, is_refused
 from keystore_audit.model.comparison_sides import Pair, Sides, View
+from keystore_audit.model.system import GrantAtom
 
 KIND: Final = "later-rights"
 
 _WORDS: Final = {
-    Direction.GAINED: "may do more, once a grant begins that is not in force yet, on",
-    Direction.LOST: "may do less, once a grant begins that is not in force yet, on",
-    Direction.MIXED: "may do other things, once a grant begins that is not in force yet, on",
-    Direction.CHANGED: "has other grants that are not in force yet, with the same rights",
+    Direction.GAINED: "may do more, once a grant counts that does not yet, on",
+    Direction.LOST: "may do less, once a grant counts that does not yet, on",
+    Direction.MIXED: "may do other things, once a grant counts that does not yet, on",
+    Direction.CHANGED: "has other grants that do not count yet, with the same rights",
 }
 
 
@@ -103,7 +106,18 @@ def _differences(sides: Sides, pair: Pair) -> Iterator[tuple[str, Direction, int
 
 
 def _begin_later(view: View) -> list[int]:
-    return [number for number, grant in enumerate(view.system.grants) if grant.not_before > view.system.now]
+    system = view.system
+    before: dict[int, list[GrantAtom]] = {}
+    found = []
+    for number, grant in enumerate(system.grants):
+        earlier = before.setdefault(grant.document, [])
+        comes_up = system.skips_grants_out_of_date and any(
+            each.names & grant.names and each.not_after < grant.not_after for each in earlier
+        )
+        if grant.not_before > system.now or (comes_up and grant.not_after > system.now):
+            found.append(number)
+        earlier.append(grant)
+    return found
 
 
 def _side(view: View, later: list[int], path: str, mask: int) -> _Side:

@@ -123,8 +123,7 @@ class Flows:
         for realm in sorted(set(self._member)):
             view = self._realms[realm]
             forged = [self._forged(view, enclave) for enclave in range(self.outsider)]
-            taken = [view.abilities(e).may_read if m == realm else 0 for e, m in enumerate(self._member)]
-            lanes.append(Lane([*self._as_any(forged), view.injectable], [*self._as_any(taken), 0]))
+            lanes.append(Lane([*self._as_any(forged), view.injectable], [*self._as_any(self._hears(realm)), 0]))
             written = [view.abilities(e).may_write if m == realm else 0 for e, m in enumerate(self._member)]
             heard = [view.abilities(enclave).knows for enclave in range(self.outsider)]
             lanes.append(Lane([*self._as_any(written), 0], [*self._as_any(heard), view.readable]))
@@ -135,7 +134,7 @@ class Flows:
         lanes = []
         for realm in sorted(set(self._member)):
             view = self._realms[realm]
-            taken = [view.abilities(e).may_read if m == realm else 0 for e, m in enumerate(self._member)]
+            taken = self._hears(realm)
             if source.enclaves:
                 puts = [0] * (self.outsider + 1)
                 for enclave in source.enclaves:
@@ -146,6 +145,15 @@ class Flows:
                 puts = [*([0] * self.outsider), view.injectable]
                 lanes.append(Lane(puts, [*taken, 0]))
         return lanes
+
+    def _hears(self, realm: int) -> list[int]:
+        """By enclave: the channels that it reads if whoever writes is ready to give its keys to anybody."""
+        view, alone = self._realms[realm], self._reads_alone
+        return [view.abilities(e).may_read | alone[e] if m == realm else 0 for e, m in enumerate(self._member)]
+
+    @cached_property
+    def _reads_alone(self) -> list[int]:
+        return [bits(enclave.reads_alone) for enclave in self._system.enclaves]
 
     @staticmethod
     def _forged(view: RealmView, enclave: int) -> int:

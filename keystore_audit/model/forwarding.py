@@ -21,6 +21,7 @@ from keystore_audit.model.behaviour import (
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.claim import Attacker, Place
 from keystore_audit.model.claims import matching
+from keystore_audit.model.domains import contains
 from keystore_audit.model.flow import Flows, Lane, Search
 from keystore_audit.model.forwards import Declared, Determinism, Forward, ambient, anywhere, by_default
 from keystore_audit.model.meaning import Usability
@@ -49,6 +50,7 @@ class Forwarding:
         channels: Channels,
         keystore: Keystore,
         usability: Mapping[tuple[str, str], Usability],
+        domain: int | None,
     ) -> None:
         self.system = system
         self._declared = declared
@@ -58,6 +60,9 @@ class Forwarding:
         self._doing = {forward.enclave for forward in declared.forwards}
         permissions = Permissions(system)
         self._within = permissions.channels_in
+        self._domains = [
+            number for number, each in enumerate(channels.domains) if domain is None or contains(each.intervals, domain)
+        ]
         views = [RealmView(system, realm, permissions) for realm in range(len(system.realms))]
         self._own = [OwnRights(system, view) for view in views]
         nowhere = Search(attacker=Attacker.HONEST, source=Place(), target=Place())
@@ -74,13 +79,15 @@ class Forwarding:
         forwards = claim.forwards
         undecided = next(filter(None, map(self._stopped, forwards)), "")
         domains: list[int] = []
+        possible: dict[int, list[Forward]] = {}
         if not undecided:
-            domains = [d for d in range(len(self._within)) if all(self._lacking(f, d) is None for f in forwards)]
-            if not domains:
+            possible = {d: [f for f in forwards if self._lacking(f, d) is None] for d in self._domains}
+            if not any(len(there) == len(forwards) for there in possible.values()):
                 undecided = self._impossible(forwards)
+            domains = list(possible)
         spread = self._spread(claim)
         tainted = spread.inside - self._high(claim)
-        behaviours = (self._behaviour(claim, forwards, domain, tainted) for domain in domains)
+        behaviours = (self._behaviour(claim, possible[domain], domain, tainted) for domain in domains)
         found = tuple(each for each in behaviours if each.writers)
         if not undecided and not any(each.seen() for each in found):
             undecided = f"nobody may publish {', '.join(claim.low)}"
@@ -89,7 +96,9 @@ class Forwarding:
             behaviours=() if undecided else tuple(each for each in found if each.seen()),
             undecided=undecided,
             location=claim.location,
-            meetings=() if undecided else tuple(m for each in domains for m in self._meetings(claim, forwards, each)),
+            meetings=()
+            if undecided
+            else tuple(m for each in domains for m in self._meetings(claim, possible[each], each)),
             spread=None if undecided else spread,
         )
 
@@ -125,7 +134,7 @@ class Forwarding:
 
     def _impossible(self, forwards: Sequence[Forward]) -> str:
         for forward in forwards:
-            missing = [self._lacking(forward, domain) for domain in range(len(self._within))]
+            missing = [self._lacking(forward, domain) for domain in self._domains]
             if missing and all(missing):
                 return f"what is declared cannot be: {forward.enclave} may not {missing[0]}"
         return "the forwards that are declared are possible in no common domain"

@@ -115,8 +115,10 @@ def with_determinism(
     channels: Channels,
     keystore: Keystore,
     usability: Mapping[tuple[str, str], Usability],
+    domain: int | None = None,
 ) -> tuple[System, ...]:
-    """The systems with the claims of determinism as facts. `usability`: by directory and profile.
+    """The systems with the claims of determinism as facts. `usability`: by directory and profile. `domain`: the one
+    that the robots use, None: any.
 
     Raises errors.UsageError for what is declared of something that is not in the keystore.
     """
@@ -125,7 +127,7 @@ def with_determinism(
     from keystore_audit.model.forwarding import Forwarding  # most audits have none
 
     _check(declared, systems, channels, keystore)
-    resolved = [Forwarding(system, declared, channels, keystore, usability) for system in systems]
+    resolved = [Forwarding(system, declared, channels, keystore, usability, domain) for system in systems]
     atoms = [[each.atom(claim) for claim in declared.claims] for each in resolved]
     for number in range(len(declared.claims)):
         read: dict[tuple[str, ...], object] = {}

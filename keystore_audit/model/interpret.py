@@ -66,13 +66,13 @@ def interpret(
     with Aside(partial(anomalies, keystore, profiles, accesses), wanted=aside) as odd:
         try:
             builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims, named=named)
-            systems = with_claims(builder.systems(), claims, builder.channels, keystore, usability)
+            systems = with_claims(builder.systems(), claims, builder.channels, keystore, usability, domain, usabilities)
             systems = with_places(systems, places, builder.channels, keystore)
             if nodes:
                 from keystore_audit.model.wiring import with_nodes
 
                 systems = with_nodes(systems, nodes, builder.channels, keystore)
-            systems = with_determinism(systems, declared, builder.channels, keystore, usability)
+            systems = with_determinism(systems, declared, builder.channels, keystore, usability, domain)
         except BudgetExceeded as exceeded:
             over_budget = exceeded.message
         return Meaning(

@@ -81,7 +81,10 @@ class RealmAtom:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EnclaveAtom:
-    """An enclave. `opaque`: (MAY only) its identity could not be read, so it may be anybody."""
+    """An enclave. `opaque`: (MAY only) its identity could not be read, so it may be anybody.
+
+    `reads_alone`: channels that its own implementation lets it read, where that may be more than peers concede.
+    """
 
     label: str
     location: Location
@@ -89,6 +92,7 @@ class EnclaveAtom:
     identity: int | None
     permissions: int | None
     opaque: bool
+    reads_alone: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

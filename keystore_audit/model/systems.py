@@ -25,6 +25,7 @@ from keystore_audit.model.inventory import (
     embedded_authorities,
     instants_of,
 )
+from keystore_audit.model.lone_readers import NOTHING, LoneReaders
 from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.rule_atoms import Atoms, RuleAtoms
 from keystore_audit.model.system import (
@@ -117,7 +118,8 @@ class SystemBuilder:
 
     def kinds(self) -> dict[Kind, tuple[str, ...]]:
         """The names of the profiles that read this keystore alike, under the rows of one of them."""
-        return self._views.kinds(self._profiles)
+        lone = LoneReaders(self._keystore, self._accesses, self.channels, self._at)
+        return self._views.kinds(self._profiles, lone)
 
     def systems(self) -> tuple[System, ...]:
         """One for each way in which the profiles read the keystore, and a MUST reading beside each with doubt."""
@@ -140,7 +142,8 @@ class SystemBuilder:
         realms: dict[RealmAtom, int] = {}
         trusts: dict[TrustFiles, RealmAtom] = {}
         enclaves: list[EnclaveAtom] = []
-        for enclave, (unknown, doubt) in zip(self._keystore.enclaves, self._doubts, strict=True):
+        readers = kind.readers or (NOTHING,) * len(self._keystore.enclaves)
+        for enclave, (unknown, doubt), read in zip(self._keystore.enclaves, self._doubts, readers, strict=True):
             if unknown and not may:
                 continue
             if doubt is not None:
@@ -156,6 +159,7 @@ class SystemBuilder:
                     identity=None if unknown else self._identity(enclave),
                     permissions=number.get(enclave.permissions.signed.file.place) if enclave.permissions else None,
                     opaque=unknown,
+                    reads_alone=read.possible if may else read.certain,
                 )
             )
         if may:

@@ -33,6 +33,10 @@ NOT_CHECKED: Final = (
         "Signed documents that are kept elsewhere than in this directory, or in archives in it, though peers take "
         "whatever valid document is presented to them."
     ),
+    (
+        "Robots of several DDS implementations together: each profile is judged as if all ran it, and what one lets "
+        "out and another takes in may be more than either alone."
+    ),
     "Flows that no settings ask about, and flows by timing, acknowledgements or matching.",
 )
 """What this version does not look at."""

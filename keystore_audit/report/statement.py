@@ -46,7 +46,8 @@ def _test_result(report: Report) -> dict[str, Any]:
     deciding = _deciding(report)
     failed = [rule for rule, results in by_rule.items() if Result.OPEN in results or rule in deciding]
     warned = [rule for rule, results in by_rule.items() if rule not in failed and Result.FAIL in results]
-    passed = [rule for rule in by_rule if rule not in {*failed, *warned}]
+    # What nothing was asked of, for want of a policy or an environment, did not pass.
+    passed = [rule for rule, results in by_rule.items() if rule not in {*failed, *warned} and Result.PASS in results]
     return {
         "result": _result(report, warned=bool(warned)),
         "configuration": _configuration(report),

@@ -30,6 +30,7 @@ def _is_weak(key_kind: str) -> bool:
     on=CertificateUse,
     clause="NIST SP 800-57 Part 1, 5.6; DDS-Security 1.1, 9.3.1",
     remedy="Use keys on prime256v1, as sros2 does. " + ISSUE_AGAIN,
+    stops=True,
 )
 def weak_key(use: CertificateUse, _context: Context) -> Iterator[Violation]:
     """The key is shorter than RSA 2048 or EC 256: whoever breaks it is this identity or this authority.
@@ -52,6 +53,7 @@ def weak_key(use: CertificateUse, _context: Context) -> Iterator[Violation]:
     clause="DDS-Security 1.1, 9.3.1 (RSA with 2,048 bits or EC on prime256v1); measured",
     remedy="Use keys on prime256v1, as sros2 does. " + ISSUE_AGAIN,
     applies=is_identity,
+    stops=True,
 )
 def key_outside_dds_security(use: CertificateUse, _context: Context) -> Iterator[Violation]:
     """The identity's key is strong enough but of a kind that the specification does not name.
@@ -81,6 +83,7 @@ _WEAK_DIGEST: Final = re.compile(r"(md2|md4|md5|sha1)(?!\d)", re.IGNORECASE)
     on=CertificateUse,
     clause="NIST SP 800-131A; DDS-Security 1.1, 9.3.1 (SHA-256)",
     remedy=ISSUE_AGAIN,
+    stops=True,
 )
 def weak_signature_algorithm(use: CertificateUse, _context: Context) -> Iterator[Violation]:
     """The certificate is signed over SHA-1 or MD5, for which two contents with one digest have been made.

@@ -27,6 +27,7 @@ from keystore_audit.rules.wording import implementations, listed, paths, places,
     remedy=RENEW_AUTHORITY,
     explains=("identities-chain-to-the-identity-ca",),
     applies=lambda use, _context: Role.IDENTITY_CA in use.roles,
+    stops=True,
 )
 def authority_not_a_ca(use: CertificateUse, _context: Context) -> Iterator[Violation]:
     """The identity CA's certificate may not issue certificates: OpenSSL refuses every identity under it.

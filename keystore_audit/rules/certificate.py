@@ -72,6 +72,7 @@ def _bears_on(use: CertificateUse) -> frozenset[str]:
     on=CertificateUse,
     clause="RFC 7468, 5; RFC 5280, 4.1",
     remedy=ISSUE_AGAIN,
+    stops=True,
 )
 def certificate_unreadable(use: CertificateUse, _context: Context) -> Iterator[Violation]:
     """A certificate does not parse.
@@ -135,6 +136,7 @@ def certificate_file_holds_more(use: CertificateUse, _context: Context) -> Itera
     clause="RFC 5280, 4.1.2.5 and 6.1.3 (a)(2)",
     remedy=ISSUE_AGAIN,
     explains=("identities-chain-to-the-identity-ca", "documents-signed-by-the-permissions-ca"),
+    stops=True,
 )
 def certificate_expired(use: CertificateUse, context: Context) -> Iterator[Violation]:
     """The certificate is past its notAfter.
@@ -169,6 +171,7 @@ def certificate_expired(use: CertificateUse, context: Context) -> Iterator[Viola
     clause="RFC 5280, 4.1.2.5 and 6.1.3 (a)(2)",
     remedy="Wait until then, or issue the certificate again on a machine whose clock is right.",
     explains=("identities-chain-to-the-identity-ca", "documents-signed-by-the-permissions-ca"),
+    stops=True,
 )
 def certificate_not_yet_valid(use: CertificateUse, context: Context) -> Iterator[Violation]:
     """The certificate is before its notBefore, and refused like an expired one.
@@ -217,6 +220,7 @@ def certificate_expires_soon(use: CertificateUse, context: Context) -> Iterator[
     clause="RFC 5280, 4.2: a certificate-using system MUST reject a critical extension that it does not recognize",
     remedy=ISSUE_AGAIN,
     explains=("identities-chain-to-the-identity-ca",),
+    stops=True,
 )
 def unknown_critical_extension(use: CertificateUse, _context: Context) -> Iterator[Violation]:
     """The certificate has a critical extension that OpenSSL does not process, so that it is refused (measured)."""

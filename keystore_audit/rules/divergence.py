@@ -185,6 +185,7 @@ def rule_of_another_domain(_keystore: Keystore, context: Context) -> Iterator[Vi
     on=Keystore,
     clause=f"DDS-Security 1.1, 9.4.1.2.4 (enable_join_access_control) and Table 63; {MEASURED}",
     remedy=f"Give the grant an allow rule for every domain that the governance covers: {WRITE_AGAIN}",
+    stops=True,
 )
 def join_checked_differently(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Whether the enclave may join a domain depends on the implementation.
@@ -223,6 +224,7 @@ def _table_63(found: Sequence[Divergence], context: Context) -> Violation:
     on=Keystore,
     clause=f"DDS-Security 1.1, 9.4.1.2.4 (domains); {MEASURED}",
     remedy="Let the governance cover the domain, or set ROS_DOMAIN_ID to one that it covers: correct it " + CORRECT,
+    stops=True,
 )
 def starts_in_ungoverned_domain(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """The governance does not cover the domain: Fast DDS starts, protects nothing and has no topic; others refuse.
@@ -241,6 +243,7 @@ def starts_in_ungoverned_domain(_keystore: Keystore, context: Context) -> Iterat
     "0.10.2 with their clocks set",
     remedy="Write dates as 2026-01-31T00:00:00, without zone, fraction and 24:00, until 2262, and a day before and "
     f"after what is needed: {WRITE_AGAIN}",
+    stops=True,
 )
 def date_read_differently(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A grant is in force now under one implementation and not under another.

@@ -64,6 +64,7 @@ CYCLONE_HIGHEST_DOMAIN: Final = 230
     clause="RTPS 2.5, 9.6.2.3 (ports of a domain); measured on Cyclone DDS",
     remedy="Use domain ids up to 230 and sign the document again with the permissions CA.",
     applies=lambda use, _context: use.may_be_taken,
+    stops=True,
 )
 def domain_above_230(use: DocumentUse, context: Context) -> Iterator[Violation]:
     """A governance or permissions document names a domain above 230.
@@ -112,6 +113,7 @@ def _meet(one: DomainRange, other: DomainRange) -> bool:
     clause="DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.3 (domains)",
     remedy=f"Let governance and permissions name one domain, with ROS_DOMAIN_ID set as on the robot: {WRITE_AGAIN}",
     applies=speaks,
+    stops=True,
 )
 def grant_outside_governance_domains(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
     """No allow rule of the enclave's grant names a domain that its governance covers: it can take part in none.

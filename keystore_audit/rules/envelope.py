@@ -41,6 +41,7 @@ def _leaves_open(use: SignedUse, says: str, *kinds: Kind) -> Iterable[Violation]
     clause="DDS-Security 1.1, 9.4.1.2 and 9.4.1.3 (S/MIME version 3.2, multipart/signed); measured",
     remedy=SIGN_AGAIN,
     explains=("documents-signed-by-the-permissions-ca",),
+    stops=True,
 )
 def not_smime(use: SignedUse, _context: Context) -> Iterator[Violation]:
     """The file is no S/MIME message: plain XML, PEM or DER. Every implementation refuses it (measured)."""
@@ -54,6 +55,7 @@ def not_smime(use: SignedUse, _context: Context) -> Iterator[Violation]:
     on=SignedUse,
     clause="RFC 8551, 3.5.3; RFC 2046, 5.1; OpenSSL, crypto/asn1/asn_mime.c",
     remedy=SIGN_AGAIN,
+    stops=True,
 )
 def malformed_smime(use: SignedUse, _context: Context) -> Iterator[Violation]:
     """The message can be taken apart in more than one way, or not at all as the standard has it.
@@ -71,6 +73,7 @@ def malformed_smime(use: SignedUse, _context: Context) -> Iterator[Violation]:
     on=SignedUse,
     clause="RFC 5652, 5.1; ITU-T X.690 (DER)",
     remedy=SIGN_AGAIN,
+    stops=True,
 )
 def cms_not_strict(use: SignedUse, _context: Context) -> Iterator[Violation]:
     """The signature is not strict DER, or not the structure that RFC 5652 describes.
@@ -89,6 +92,7 @@ def cms_not_strict(use: SignedUse, _context: Context) -> Iterator[Violation]:
     clause="OpenSSL, SMIME_text (run times pass PKCS7_TEXT); measured",
     remedy="Sign with -text. " + SIGN_AGAIN,
     explains=("documents-signed-by-the-permissions-ca",),
+    stops=True,
 )
 def no_text_plain_header(use: SignedUse, _context: Context) -> Iterator[Violation]:
     """The signed part does not begin with Content-Type: text/plain, as when -text was forgotten.
@@ -121,6 +125,7 @@ def unsigned_text(use: SignedUse, _context: Context) -> Iterator[Violation]:
     on=SignedUse,
     clause="NIST SP 800-131A; DDS-Security 1.1, 9.4.1.1",
     remedy="Sign over SHA-256 (-md sha256). " + SIGN_AGAIN,
+    stops=True,
 )
 def weak_digest(use: SignedUse, _context: Context) -> Iterator[Violation]:
     """The signature covers a digest for which two documents with one value have been made, SHA-1 or MD5.
@@ -156,6 +161,7 @@ def several_signers(use: SignedUse, _context: Context) -> Iterator[Violation]:
     on=SignedUse,
     clause="RFC 8551, 3.5.2 (application/pkcs7-mime); measured",
     remedy="Sign without -nodetach. " + SIGN_AGAIN,
+    stops=True,
 )
 def opaque_message(use: SignedUse, _context: Context) -> Iterator[Violation]:
     """The document stands inside the signature, so that nobody can review it in an editor.
@@ -172,6 +178,7 @@ def opaque_message(use: SignedUse, _context: Context) -> Iterator[Violation]:
     on=SignedUse,
     clause="RFC 5652, 5.2 (eContent is absent in a detached signature)",
     remedy=SIGN_AGAIN,
+    stops=True,
 )
 def two_contents(use: SignedUse, _context: Context) -> Iterator[Violation]:
     """The message carries one content beside the signature and another inside it.
@@ -204,6 +211,7 @@ def no_signed_attributes(use: SignedUse, _context: Context) -> Iterator[Violatio
     on=SignedUse,
     clause="DDS-Security 1.1, 9.4.1.1; keystore-audit, docs/model.md (what is not read counts as able to do anything)",
     remedy="Sign with ECDSA or RSA over SHA-256. " + SIGN_AGAIN,
+    stops=True,
 )
 def unsupported_signature_algorithm(use: SignedUse, _context: Context) -> Iterator[Violation]:
     """The signature uses an algorithm that is not verified here.
@@ -221,6 +229,7 @@ def unsupported_signature_algorithm(use: SignedUse, _context: Context) -> Iterat
     clause="RFC 5652, 5.1; DDS-Security 1.1, 9.4.1.1",
     remedy=SIGN_AGAIN,
     explains=("documents-signed-by-the-permissions-ca",),
+    stops=True,
 )
 def no_signer(use: SignedUse, _context: Context) -> Iterator[Violation]:
     """The message has the form of a signed one and no signature in it: every implementation refuses it."""

@@ -9,7 +9,7 @@ from typing import Any, Final
 from keystore_audit.findings import Severity
 from keystore_audit.intent.environment import Environment
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.model.profiles import MIDDLEWARE
+from keystore_audit.model.profiles import DISTRIBUTIONS, MIDDLEWARE, running
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.wording import quoted
@@ -198,6 +198,35 @@ def middleware_not_modelled(_keystore: Keystore, context: Context) -> Iterator[V
         )
 
 
+@rule(
+    "KA677",
+    "distribution-not-modelled",
+    Severity.HIGH,
+    on=Keystore,
+    clause="docs/profiles.md",
+    remedy="Name the releases that the robot runs with --profile, or use a distribution that is still maintained.",
+    applies=_given,
+)
+def distribution_not_modelled(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """It is not known here which releases of DDS implementations the distribution has.
+
+    Every variant of the middleware is judged then, old ones among them that take permissions which an enclave signed
+    itself; whether the robot's is one of them stays open, unless profiles are chosen.
+    """
+    environment = _of(context)
+    name = environment.value("ROS_DISTRO")
+    if name and name not in DISTRIBUTIONS:
+        assumed = running(name, environment.value("RMW_IMPLEMENTATION"))
+        chosen = tuple(profile.name for profile in context.profiles) != assumed
+        what = "the profiles chosen are judged instead" if chosen else "every release that is known is judged instead"
+        yield _found(
+            environment,
+            "ROS_DISTRO",
+            f"ROS_DISTRO is {quoted(name)}, whose releases of DDS implementations are not known here: {what}.",
+            undecided=not chosen,
+        )
+
+
 ENVIRONMENT: tuple[Rule[Any], ...] = (
     security_not_enabled,
     security_not_enforced,
@@ -206,4 +235,5 @@ ENVIRONMENT: tuple[Rule[Any], ...] = (
     no_keystore_named,
     domain_id_invalid,
     middleware_not_modelled,
+    distribution_not_modelled,
 )

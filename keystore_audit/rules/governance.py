@@ -83,6 +83,7 @@ def violates(
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2 and its governance XSD",
     remedy="Correct what the schema forbids " + CORRECT,
+    stops=True,
 )
 def governance_schema_invalid(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
     """The document breaks the governance schema of DDS-Security.
@@ -105,6 +106,7 @@ def governance_schema_invalid(use: GovernanceUse, _context: Context) -> Iterator
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2; XML 1.0; measured on tinyxml2, Cyclone DDS and libxml2",
     remedy="Write plain XML, without comments, CDATA, entities and blanks in values, " + CORRECT,
+    stops=True,
 )
 def governance_ambiguous(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
     """The document is outside the plain XML that every parser reads alike, or holds a value without a meaning.
@@ -323,6 +325,7 @@ def topics_without_rule(use: GovernanceUse, context: Context) -> Iterator[Violat
     on=DocumentUse,
     clause="DDS-Security 1.0 (20160303) against 1.1 (20170901)",
     remedy="Make the keystore again with a supported distribution of ROS 2: `ros2 security create_keystore KEYSTORE`.",
+    stops=True,
 )
 def dds_security_1_0_document(use: DocumentUse, _context: Context) -> Iterator[Violation]:
     """The document has the form of DDS-Security 1.0, which Ardent and Bouncy wrote.

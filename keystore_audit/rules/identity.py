@@ -77,6 +77,7 @@ def certificate_outlives_its_ca(use: CertificateUse, _context: Context) -> Itera
     remedy=ISSUE_AGAIN,
     explains=("identities-chain-to-the-identity-ca",),
     applies=is_identity,
+    stops=True,
 )
 def not_issued_by_identity_ca(use: CertificateUse, _context: Context) -> Iterator[Violation]:
     """No certificate of the enclave's identity CA file issued its identity, so that peers refuse it.
@@ -118,6 +119,7 @@ def not_issued_by_identity_ca(use: CertificateUse, _context: Context) -> Iterato
     remedy="Let identity_ca.cert.pem hold one self-signed certificate, that of the authority which issues the "
     "identities. " + ISSUE_AGAIN,
     applies=is_identity,
+    stops=True,
 )
 def identity_refused_by_implementations(use: CertificateUse, context: Context) -> Iterator[Violation]:
     """A certificate of the identity CA file issued the identity, and some implementations find no chain all the same.
@@ -166,6 +168,7 @@ def identity_refused_by_implementations(use: CertificateUse, context: Context) -
     clause="RFC 5280, 4.1.2.6; measured: Fast DDS 2.6 to 3.6 crash",
     remedy=ISSUE_AGAIN,
     applies=is_identity,
+    stops=True,
 )
 def identity_without_subject(use: CertificateUse, _context: Context) -> Iterator[Violation]:
     """The identity certificate has an empty subject, and Fast DDS dies when it reads it (measured, every version).

@@ -184,8 +184,8 @@ class _Run:
         return ((doubt.location.path, doubt) for doubt in doubts if doubt.location.path not in spoken)
 
     def refusals(self) -> Iterator[tuple[str, Refusal]]:
-        """Enclaves that do not start under some chosen profile, where no violation of high severity is about them."""
-        high = [v for rule, v in self.found if (v.severity or rule.severity).at_least(Severity.HIGH)]
+        """Enclaves that do not start under some chosen profile, where no violation of high severity says why."""
+        high = [v for rule, v in self.found if rule.stops and (v.severity or rule.severity).at_least(Severity.HIGH)]
         spoken = {violation.enclave for violation in high}
         places = {location.path for violation in high for location in violation.locations}
         for enclave in self._context.keystore.enclaves:

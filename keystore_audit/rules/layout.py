@@ -60,6 +60,7 @@ def _name(file: File) -> str:
     on=Enclave,
     clause=RUN_TIME_FILES,
     remedy=_MAKE_AGAIN,
+    stops=True,
 )
 def required_file_missing(enclave: Enclave, _context: Context) -> Iterator[Violation]:
     """A file that every run time needs is not there.
@@ -80,6 +81,7 @@ def required_file_missing(enclave: Enclave, _context: Context) -> Iterator[Viola
     clause=RUN_TIME_FILES,
     remedy="Restore the file that the link names (public/ and enclaves/governance.p7s belong to a copy), or make the "
     "link again with `ros2 security create_enclave KEYSTORE ENCLAVE`.",
+    stops=True,
 )
 def dangling_link(enclave: Enclave, _context: Context) -> Iterator[Violation]:
     """A run-time file is a link that leads nowhere: its target is missing, or the links go in a circle.
@@ -143,6 +145,7 @@ def directory_link_not_followed(keystore: Keystore, _context: Context) -> Iterat
     on=Enclave,
     clause=_UNREAD,
     remedy="Put a regular file in its place.",
+    stops=True,
 )
 def not_a_regular_file(enclave: Enclave, _context: Context) -> Iterator[Violation]:
     """A run-time file is a pipe, a device or a socket.

@@ -88,6 +88,7 @@ def _ambiguities(use: PermissionsUse) -> Iterator[Violation]:
     on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3 and its permissions XSD",
     remedy=SIGN_AGAIN,
+    stops=True,
 )
 def permissions_schema_invalid(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
     """The document breaks the permissions schema of DDS-Security.
@@ -110,6 +111,7 @@ def permissions_schema_invalid(use: PermissionsUse, _context: Context) -> Iterat
     on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3; XML 1.0; measured on tinyxml2, Cyclone DDS and libxml2",
     remedy=f"Write plain XML, without comments, CDATA, entities and blanks in values: {WRITE_AGAIN}",
+    stops=True,
 )
 def permissions_ambiguous(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
     """The document is outside the plain XML that every parser reads alike, or holds a value without a meaning.
@@ -148,6 +150,7 @@ def permissions_ambiguous(use: PermissionsUse, _context: Context) -> Iterator[Vi
     remedy="Let <subject_name> say what `openssl x509 -noout -subject -nameopt RFC2253 -in cert.pem` prints: "
     f"{WRITE_AGAIN}",
     applies=speaks,
+    stops=True,
 )
 def no_grant_for_certificate(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
     """No grant names the identity of the enclave that carries the document, so that the enclave cannot start.
@@ -291,6 +294,7 @@ def _gains(permissions: Permissions, enclave: EnclaveAtom, document: frozenset[i
     clause="DDS-Security 1.1, 9.4.1.3 (allow_rule); measured",
     remedy=f"Allow what the enclave needs, ros_discovery_info among it: {WRITE_AGAIN}",
     applies=speaks,
+    stops=True,
 )
 def grant_without_allow_rule(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
     """The enclave's grant has no allow rule: Fast DDS refuses the participant.
@@ -320,6 +324,7 @@ def _document_defects(use: DocumentUse) -> tuple[Defect, ...]:
     on=DocumentUse,
     clause="Measured on Cyclone DDS 0.10.2 and Fast DDS 2.9.1; the XSD of DDS-Security 1.1 lets it pass",
     remedy="Find out who signed it, take the empty element out and sign the document again with the permissions CA.",
+    stops=True,
 )
 def empty_topic_expression(use: DocumentUse, _context: Context) -> Iterator[Violation]:
     """A <topic> or <topic_expression> is empty: implementations dereference nothing and die (measured).
@@ -339,6 +344,7 @@ def empty_topic_expression(use: DocumentUse, _context: Context) -> Iterator[Viol
     on=PermissionsUse,
     clause="Measured on Cyclone DDS 0.10.2, read in 11.0.1 (access_control_parser.c); schema-invalid",
     remedy="Find out who signed it, give the rule its <domains> and sign the document again with the permissions CA.",
+    stops=True,
 )
 def rule_without_domains(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
     """A rule has no <domains>: Cyclone DDS dereferences nothing and dies (measured), Fast DDS refuses the document.
@@ -360,6 +366,7 @@ def rule_without_domains(use: PermissionsUse, _context: Context) -> Iterator[Vio
     on=PermissionsUse,
     clause="Measured: Fast DDS 2.9.1 and 2.14.6 crash; schema-invalid",
     remedy="Find out who signed it, write the document anew and sign it again with the permissions CA.",
+    stops=True,
 )
 def empty_element(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
     """The document, or the date of a grant, is empty: Fast DDS 2.9 and 2.14 dereference nothing and die (measured).

@@ -100,6 +100,7 @@ def _reading(date: Text, reading: DateReading) -> object:
     clause="DDS-Security 1.1, 9.4.1.3.2.2 (validity, xs:dateTime); measured on Fast DDS 2.9.1 and Cyclone DDS 0.10.2",
     remedy=f"Write dates as 2026-01-31T00:00:00, in UTC and without a zone, until 2262: {WRITE_AGAIN}",
     applies=speaks,
+    stops=True,
 )
 def date_not_portable(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """A date of a grant names different instants to different implementations, even on robots that are set to UTC.

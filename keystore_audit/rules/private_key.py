@@ -172,6 +172,7 @@ def ca_key_readable_by_others(keystore: Keystore, context: Context) -> Iterator[
     clause="DDS-Security 1.1, 9.3.1 (dds.sec.auth.private_key is the certificate's); measured",
     remedy=ISSUE_AGAIN,
     applies=lambda enclave, _context: enclave.key is not None and enclave.key.key is not None,
+    stops=True,
 )
 def key_does_not_match_certificate(enclave: Enclave, _context: Context) -> Iterator[Violation]:
     """key.pem belongs to another certificate than cert.pem.
@@ -200,6 +201,7 @@ def key_does_not_match_certificate(enclave: Enclave, _context: Context) -> Itera
     clause="RFC 5958; RFC 7468, 10",
     remedy=ISSUE_AGAIN,
     applies=lambda enclave, _context: enclave.key is not None,
+    stops=True,
 )
 def private_key_unreadable(enclave: Enclave, _context: Context) -> Iterator[Violation]:
     """The private key is in a form that we do not read, so whether the enclave can start is unknown.
@@ -221,6 +223,7 @@ def private_key_unreadable(enclave: Enclave, _context: Context) -> Iterator[Viol
     remedy="Take the password off with `openssl pkey -in key.pem -out key.pem.new`, put the new file in its place and "
     "run `chmod 600 key.pem`.",
     applies=lambda enclave, _context: enclave.key is not None,
+    stops=True,
 )
 def private_key_encrypted(enclave: Enclave, _context: Context) -> Iterator[Violation]:
     """The private key needs a password. ROS 2 passes none to the implementation, so that the enclave cannot start."""

@@ -293,6 +293,7 @@ _REFUSE_CONTRADICTION: Final = ("fastdds-2.6", "fastdds-2.14", "fastdds-3.2", "f
     clause="DDS-Security 1.1, 9.4.1.2.4 (allow_unauthenticated_participants, rtps_protection_kind)",
     remedy="Set <allow_unauthenticated_participants> to false " + CORRECT,
     applies=speaks,
+    stops=True,
 )
 def unauthenticated_with_rtps_protection(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
     """Participants without a certificate are let in, though every message is protected by keys that they cannot have.

@@ -37,7 +37,10 @@ class Violation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rule(Generic[S]):
-    """A registered rule. `explains`: ids of properties whose violation this rule's findings are a cause of."""
+    """A registered rule. `explains`: ids of properties whose violation this rule's findings are a cause of.
+
+    `stops`: what it finds may be why an enclave does not start.
+    """
 
     code: str
     name: str
@@ -46,6 +49,7 @@ class Rule(Generic[S]):
     clause: str
     remedy: str
     explains: frozenset[str]
+    stops: bool
     check: Callable[[S, Context], Iterator[Violation]] = field(repr=False)
     applies: Callable[[S, Context], bool] | None = field(repr=False)
     """Whether the subject has what the rule is about; None: it always has."""
@@ -76,6 +80,7 @@ def rule(
     clause: str,
     remedy: str,
     explains: tuple[str, ...] = (),
+    stops: bool = False,
     applies: Callable[[S, Context], bool] | None = None,
 ) -> Callable[[Callable[[S, Context], Iterator[Violation]]], Rule[S]]:
     """Registers a rule; mypy rejects a function for another subject than `on`.
@@ -97,6 +102,7 @@ def rule(
             clause=clause,
             remedy=remedy,
             explains=frozenset(explains),
+            stops=stops,
             check=check,
             applies=applies,
         )

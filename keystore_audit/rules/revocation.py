@@ -61,6 +61,7 @@ def _signed(use: RevocationUse, revocations: RevocationList) -> bool | None:
     clause="RFC 5280, 6.3.3; DDS-Security 1.1, 9.3.1 (dds.sec.auth.identity_crl)",
     remedy="Take the enclave out of the keystore, or give it a new identity. " + ISSUE_AGAIN,
     explains=("identities-chain-to-the-identity-ca",),
+    stops=True,
 )
 def identity_revoked(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     """A revocation list of this keystore names an enclave's identity: whoever carries the list refuses the enclave.
@@ -101,6 +102,7 @@ def identity_revoked(keystore: Keystore, _context: Context) -> Iterator[Violatio
     on=RevocationUse,
     clause="RFC 5280, 5 and 6.3.3 (f), (g)",
     remedy=NEW_LIST,
+    stops=True,
 )
 def crl_invalid(use: RevocationUse, _context: Context) -> Iterator[Violation]:
     """The revocation list does not parse, or the identity CA did not make it: it revokes nothing.
@@ -200,6 +202,7 @@ def _why_invalid(use: RevocationUse, revocations: RevocationList) -> tuple[str, 
     on=RevocationUse,
     clause="RFC 5280, 5.1.2.4 and 5.1.2.5 (thisUpdate, nextUpdate); measured",
     remedy=NEW_LIST,
+    stops=True,
 )
 def crl_stale(use: RevocationUse, context: Context) -> Iterator[Violation]:
     """The revocation list is past its nextUpdate or before its thisUpdate: OpenSSL then refuses every identity.

@@ -167,6 +167,7 @@ def _expected(use: SignedUse) -> str:
     remedy="Find out who signed it and why. " + SIGN_AGAIN,
     explains=_FORGED,
     applies=_comparable,
+    stops=True,
 )
 def signer_not_permissions_ca(use: SignedUse, context: Context) -> Iterator[Violation]:
     """Somebody else than the permissions CA made the signature, and no identity of this keystore either.
@@ -200,6 +201,7 @@ def signer_not_permissions_ca(use: SignedUse, context: Context) -> Iterator[Viol
     "permissions, update implementations that accept such a document. " + SIGN_AGAIN,
     explains=_FORGED,
     applies=_comparable,
+    stops=True,
 )
 def signed_by_an_identity(use: SignedUse, context: Context) -> Iterator[Violation]:
     """An identity, not the permissions CA, made the signature: an enclave gave rights to itself or to another.
@@ -231,6 +233,7 @@ def signed_by_an_identity(use: SignedUse, context: Context) -> Iterator[Violatio
     remedy="Find out who changed the file. " + SIGN_AGAIN,
     explains=(_SIGNED,),
     applies=_readable,
+    stops=True,
 )
 def signature_invalid(use: SignedUse, context: Context) -> Iterator[Violation]:
     """Content or signature were changed after signing.
@@ -261,6 +264,7 @@ def signature_invalid(use: SignedUse, context: Context) -> Iterator[Violation]:
     remedy="Sign every document again after renewing the authority's certificate. " + SIGN_AGAIN,
     explains=(_SIGNED,),
     applies=_comparable,
+    stops=True,
 )
 def signed_by_renewed_ca(use: SignedUse, context: Context) -> Iterator[Violation]:
     """The permissions CA's key made the signature, but the signature names another certificate of that key.
@@ -288,6 +292,7 @@ def signed_by_renewed_ca(use: SignedUse, context: Context) -> Iterator[Violation
     remedy="Let permissions_ca.cert.pem hold one self-signed certificate, that of the signer, without a keyUsage that "
     "forbids digital signatures, and let the message hold it too (no -nocerts). " + SIGN_AGAIN,
     applies=_comparable,
+    stops=True,
 )
 def signer_refused_by_implementations(use: DocumentUse, context: Context) -> Iterator[Violation]:
     """The permissions CA signed, and some implementations refuse the document all the same.

@@ -98,6 +98,7 @@ def grant_names_another_subject(keystore: Keystore, context: Context) -> Iterato
     on=Keystore,
     clause="DDS-Security 1.1, 9.4.1.3 (subject_name); RFC 2253; measured",
     remedy=SAFE_FORM,
+    stops=True,
 )
 def subject_read_differently(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A grant means an identity, and some implementations do not find it: the enclave has no rights there.

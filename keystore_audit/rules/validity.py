@@ -37,6 +37,7 @@ def _whose(grant: Grant) -> str:
     clause=_CLAUSE,
     remedy=SIGN_AGAIN,
     applies=speaks,
+    stops=True,
 )
 def grant_expired(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """The grant of the enclave is past its not_after, so that it cannot start, and peers refuse it.
@@ -58,6 +59,7 @@ def grant_expired(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     clause=_CLAUSE,
     remedy=f"Wait until then, or, {WRITE_AGAIN}",
     applies=speaks,
+    stops=True,
 )
 def grant_not_yet_valid(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """The grant of the enclave is before its not_before, so that it cannot start, and peers refuse it.
@@ -125,6 +127,7 @@ def grant_outlives_certificate(use: PermissionsUse, _context: Context) -> Iterat
     clause=_CLAUSE,
     remedy=f"Let not_before come before not_after: {WRITE_AGAIN}",
     applies=speaks,
+    stops=True,
 )
 def validity_inverted(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
     """The grant ends before it begins: it is never in force. Zones count: `Z` and `+02:00` name different instants."""

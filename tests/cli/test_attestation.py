@@ -62,6 +62,24 @@ def test_it_says_what_it_was_judged_as(keystore: Path, kind: str) -> None:
         assert (details["deployed"], details["domain"]) == expected
 
 
+def test_what_nobody_asked_did_not_pass(keystore: Path) -> None:
+    """Without an environment nothing is known of it, hence nothing attested."""
+    environment = str(Path(__file__).parents[2] / "sample_keystores/environments/right.env")
+    alone = statement(keystore, kind="statement")["predicate"]["passedTests"]
+    asked = statement(keystore, "--env", environment, kind="statement")["predicate"]["passedTests"]
+    assert "KA670" not in alone
+    assert "KA670" in asked
+    assert "KA203" in alone
+
+
+def test_it_says_in_which_time_zone_dates_were_read(keystore: Path) -> None:
+    told = {}
+    for zone in ((), ("--time-zone", "Pacific/Honolulu")):
+        predicate = statement(keystore, *zone, kind="statement")["predicate"]
+        told[zone] = " ".join(predicate["keystoreAudit"]["assumptions"])
+    assert ["Honolulu" in text for text in told.values()] == [False, True]
+
+
 def test_every_file_is_a_subject_with_its_hash(keystore: Path) -> None:
     said = statement(keystore)
     files = {path.relative_to(keystore).as_posix() for path in keystore.rglob("*") if path.is_file()}

@@ -59,6 +59,9 @@ ALWAYS = {"honest": True, "source": True, "relays": True}
         ("turtlesim_random_moves_turtle", ("/random", "/turtlesim", "--through", "/multiplexer"), ALWAYS),
         ("chatter_partition_pattern", ("/listener", "/talker", "--profile", "spec"), ALWAYS),
         ("chatter_partition_named", ("/listener", "/talker", "--profile", "spec"), NEVER),
+        ("chatter_other_domain", ("/listener", "/talker", "--profile", "fastdds"), {**ALWAYS, "honest": False}),
+        ("chatter_other_domain", ("/listener", "/talker", "--profile", "cyclonedds"), NEVER),
+        ("chatter_same_domain", ("/listener", "/talker", "--profile", "cyclonedds"), ALWAYS),
     ],
 )
 def test_who_has_to_attack(sample: str, ends: tuple[str, ...], expected: dict[str, bool]) -> None:

@@ -189,7 +189,8 @@ class Flow:
         for guise in self.hand.acts_as(f) if self.relays else {f}:
             realm = self.member(guise)
             for holder in self.forgers:
-                for c in self.imposes(holder, realm) & self.reads(guise, realm):
+                heard = self.reads(guise, realm) | self.hand.system.enclaves[guise].reads_alone
+                for c in self.imposes(holder, realm) & heard:
                     yield holder, c, f
 
     def _intercepted(self, e: int) -> Iterator[tuple[int, int, int]]:

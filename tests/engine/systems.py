@@ -545,9 +545,21 @@ def lively(system: System, seed: int) -> System:
 
 
 def with_claims(system: System, seed: int, count: int = 4) -> System:
-    """The same system with claims drawn from `seed`, of all kinds; some have an empty place, as in MUST."""
+    """The same system with claims drawn from `seed`, of all kinds; some have an empty place, as in MUST.
+
+    In every third one enclaves read what peers need not concede.
+    """
     chance = random.Random(f"claims {seed}")
-    return replace(system, claims=tuple(_random_claim(system, chance, number) for number in range(count)))
+    claims = tuple(_random_claim(system, chance, number) for number in range(count))
+    return replace(system, claims=claims, enclaves=_reading_alone(system, seed) if seed % 3 == 0 else system.enclaves)
+
+
+def _reading_alone(system: System, seed: int) -> tuple[EnclaveAtom, ...]:
+    chance = random.Random(f"readers {seed}")
+    return tuple(
+        replace(each, reads_alone=frozenset(c for c in range(len(system.channels)) if chance.random() < 0.2))
+        for each in system.enclaves
+    )
 
 
 def _random_claim(system: System, chance: random.Random, number: int) -> ClaimAtom:

@@ -68,6 +68,10 @@ class Definitions:
     def takes(self, enclave: int) -> set[int]:
         return self.able("may_read", enclave, self.member(enclave))
 
+    def hears(self, enclave: int) -> set[int]:
+        """Of an attacker, who gives its keys to anybody."""
+        return self.takes(enclave) | self.system.enclaves[enclave].reads_alone
+
     def made(self, enclave: int, realm: int) -> set[int]:
         return self.able("may_write", enclave, realm) | self.able("forges", enclave, realm)
 
@@ -90,14 +94,14 @@ class Definitions:
     def attacked(self, e: int, f: int) -> set[int]:
         """Hops under relays."""
         if e == OUTSIDER:
-            return {c for g in self.acts_as(f) for c in self.takes(g) & self.injectable(self.member(g))}
+            return {c for g in self.acts_as(f) for c in self.hears(g) & self.injectable(self.member(g))}
         if f == OUTSIDER:
             own = ((g, self.member(g)) for g in self.acts_as(e))
             return {c for g, realm in own for c in self.able("may_write", g, realm) & self.readable(realm)}
         found = set()
         for one in self.acts_as(e):
             for other in self.acts_as(f):
-                found |= self.takes(other) & self.made(one, self.member(other))
+                found |= self.hears(other) & self.made(one, self.member(other))
                 at = self.member(one)
                 found |= self.able("may_write", one, at) & self.able("knows", other, at)
         return found
@@ -111,10 +115,10 @@ class Definitions:
             found = self.honest(e, f)
             if claim.attacker is Attacker.SOURCE and f != OUTSIDER:
                 if e == OUTSIDER and claim.source.outsider:
-                    found = self.takes(f) & self.injectable(self.member(f))
+                    found = self.hears(f) & self.injectable(self.member(f))
                 elif e in claim.source.enclaves:
                     made = {c for g in self.acts_as(e) for c in self.made(g, self.member(f))}
-                    found = found | (made & self.takes(f))
+                    found = found | (made & self.hears(f))
         return found - claim.left_out
 
     def got(self, claim: ClaimAtom, f: int) -> set[int]:

@@ -33,6 +33,9 @@ ALONE = granted(grant("/talker", ONE, **NOW))
 RENEWED = granted(grant("/talker", ONE, **NOW), grant("/talker", ONE, **NEXT))
 WIDER = granted(grant("/talker", ONE, **NOW), grant("/talker", ALL, **NEXT))
 
+BEHIND = granted(grant("/talker", ONE, **NOW), grant("/talker", ALL))
+"""Fast DDS passes over the first grant once it has ended."""
+
 
 @pytest.mark.parametrize(
     ("old", "new", "direction"),
@@ -41,6 +44,8 @@ WIDER = granted(grant("/talker", ONE, **NOW), grant("/talker", ALL, **NEXT))
         (WIDER, ALONE, "lost"),
         (RENEWED, WIDER, "gained"),
         (ALONE, RENEWED, "changed"),
+        (ALONE, BEHIND, "gained"),
+        (BEHIND, ALONE, "lost"),
         (ALONE, replace(ALONE, strays={"old.p7s": permissions(grant("/talker", ALL, **NEXT))}), "gained"),
     ],
 )

@@ -9,7 +9,7 @@ import pytest
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Result
 from keystore_audit.intent.environment import Environment, read_environment
-from keystore_audit.model.profiles import DEFAULT, running
+from keystore_audit.model.profiles import DEFAULT, VARIANTS, resolve, running
 from keystore_audit.rules.judge import Judgement
 from tests.rules.evidence import enclave, healthy, judged, keystore
 
@@ -23,6 +23,7 @@ CASES = {
     "KA674": "ROS_SECURITY_KEYSTORE=\n",
     "KA675": "ROS_DOMAIN_ID=233\n",
     "KA676": "RMW_IMPLEMENTATION=rmw_zenoh_cpp\n",
+    "KA677": "ROS_DISTRO=galactic\n",
 }
 """What one line more does to the right environment."""
 
@@ -55,6 +56,16 @@ def test_an_unknown_middleware_leaves_the_audit_incomplete(tmp_path: Path) -> No
     judgement = judged(healthy(), environment=read(tmp_path, RIGHT + "RMW_IMPLEMENTATION=rmw_connextdds\n"))
     (outcome,) = (each for each in judgement.outcomes if each.rule == "KA676")
     assert outcome.outcome is Result.OPEN
+
+
+@pytest.mark.parametrize(("profiles", "expected"), [("all", Result.OPEN), ("fastdds-2.6.4", Result.FAIL)])
+def test_an_unknown_distribution_leaves_it_incomplete_unless_profiles_are_chosen(
+    profiles: str, expected: Result, tmp_path: Path
+) -> None:
+    environment = read(tmp_path, RIGHT + CASES["KA677"])
+    judgement = judged(healthy(), environment=environment, profiles=resolve([profiles]))
+    (outcome,) = (each for each in judgement.outcomes if each.rule == "KA677")
+    assert outcome.outcome is expected
 
 
 def test_without_an_environment_no_rule_speaks() -> None:
@@ -126,9 +137,10 @@ def test_no_file_is_an_error(tmp_path: Path) -> None:
         ("humble", "rmw_cyclonedds_cpp", ("cyclonedds-0.10",)),
         ("jazzy", "", ("fastdds-2.14", "cyclonedds-0.10")),
         ("", "rmw_cyclonedds_cpp", ("cyclonedds-0.10", "cyclonedds-11")),
-        ("foxy", "", DEFAULT),
         ("", "", DEFAULT),
-        ("all", "", DEFAULT),
+        ("foxy", "", tuple(VARIANTS)),
+        ("all", "", tuple(VARIANTS)),
+        ("galactic", "rmw_cyclonedds_cpp", tuple(name for name in VARIANTS if name.startswith("cyclonedds-"))),
     ],
 )
 def test_the_variants_that_run(distribution: str, middleware: str, expected: tuple[str, ...]) -> None:

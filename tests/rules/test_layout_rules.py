@@ -19,6 +19,7 @@ from tests.rules.evidence import (
     both,
     certificates,
     defect,
+    domain_rule,
     enclave,
     file,
     findings,
@@ -237,6 +238,16 @@ def test_an_enclave_that_does_not_start_is_no_pass() -> None:
     assert found.enclave == "/talker"
     assert found.profiles == ("cyclonedds-0.10", "cyclonedds-11")
     assert REFUSED.reasons[0] in found.message
+
+
+def test_a_finding_that_is_no_reason_does_not_speak_for_it() -> None:
+    """Were it accepted, for what it is, nothing would say that the enclave does not start."""
+
+    usability = {("enclaves/talker", "cyclonedds-11"): REFUSED}
+    unruled = keystore(enclave("/talker", governance=governance(domain_rule(enable_join_access_control=False))))
+    seen = judged(unruled, meaning=meaning(usability=usability))
+    assert [each.severity for each in findings("KA404", seen)] == [Severity.HIGH]
+    assert len(findings("KA117", seen)) == 1
 
 
 @pytest.mark.parametrize(

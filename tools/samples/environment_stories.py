@@ -41,6 +41,12 @@ def stories() -> Iterator[Story]:
             "zenoh",
             "The robot runs rmw_zenoh_cpp, which reads neither the governance nor the permissions.",
         ),
+        (
+            "KA677",
+            "distribution-not-modelled",
+            "galactic",
+            "The robot runs ROS 2 Galactic, whose releases of Fast DDS nobody maintains.",
+        ),
     ):
         yield from _pair(code, name, bad, text, ONE)
     yield from _pair(

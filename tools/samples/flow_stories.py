@@ -33,6 +33,7 @@ def stories() -> Iterator[Story]:
     yield from _vehicle()
     yield from _unknown()
     yield from _partitions()
+    yield from _domains()
 
 
 def answering(subscribed: str) -> Store:
@@ -228,4 +229,26 @@ def _partitions() -> Iterator[Story]:
         "partition_named",
         "The same, but the talker may read /map in the partition public alone, which meets no other.",
         store("public"),
+    )
+
+
+def _domains() -> Iterator[Story]:
+    """The listener publishes /map in domain 0, and the talker may subscribe to it in another domain."""
+    told = Permissions(grants=(replace(LISTENER_GRANT, rules=(Rule(publish=("rt/map",)), DISCOVERY)),))
+    governance = Governance(rules=(DomainRule(domains=(0, 9)),))
+
+    def store(*domains: int) -> Store:
+        read = Rule(subscribe=("rt/map",), domains=domains)
+        talker = replace(TALKER, permissions=Permissions(grants=(replace(TALKER_GRANT, rules=(read,)),)))
+        return replace(TWO, governance=governance, enclaves=(talker, replace(LISTENER, permissions=told)))
+
+    yield _story(
+        "chatter",
+        "other_domain",
+        "The talker may subscribe to /map in domain 9 alone, where nobody publishes it. Fast DDS lets it subscribe in "
+        "domain 0 too: no honest peer writes to it there, but a listener that attacks does.",
+        store(9),
+    )
+    yield _story(
+        "chatter", "same_domain", "The same, but in domains 0 and 9: whoever publishes /map reaches it.", store(0, 9)
     )

@@ -152,6 +152,8 @@ def _surplus(system: System) -> _Surplus:
     instead = {channel: told for told, each in remaining for channel in each if channel != told}
     if instead:
         return _Surplus(channels=frozenset(instead), alike=instead)
+    if any(enclave.reads_alone for enclave in system.enclaves):
+        return _Surplus()  # whether enclaves are alike is not asked of this: few keystores have it
     twins = find_twins(system, said)
     enclaves = [enclave for each in twins.classes for enclave in each[KEPT:]]
     atoms = [system.enclaves[enclave] for enclave in enclaves]
@@ -252,6 +254,7 @@ class _Restriction:
                     old.enclaves[n],
                     identity=_one(old.enclaves[n].identity, self._certificates),
                     permissions=_one(old.enclaves[n].permissions, self._documents),
+                    reads_alone=self._named(old.enclaves[n].reads_alone),
                 )
                 for n in self._kept_enclaves
             ),

@@ -4,12 +4,22 @@ from __future__ import annotations
 
 from keystore_audit.model.profiles.access import Access, JoinCheck, Local, OpenRange, PartitionReading, RelayReading
 from keystore_audit.model.profiles.profile import Evidence, Profile, RevocationLists, SubjectComparison, Trust
-from keystore_audit.model.profiles.variants import ALIASES, DEFAULT, MIDDLEWARE, SPEC, VARIANTS, resolve, running
+from keystore_audit.model.profiles.variants import (
+    ALIASES,
+    DEFAULT,
+    DISTRIBUTIONS,
+    MIDDLEWARE,
+    SPEC,
+    VARIANTS,
+    resolve,
+    running,
+)
 from keystore_audit.model.validity import DateReading
 
 __all__ = [
     "ALIASES",
     "DEFAULT",
+    "DISTRIBUTIONS",
     "MIDDLEWARE",
     "SPEC",
     "VARIANTS",

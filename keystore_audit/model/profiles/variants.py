@@ -302,6 +302,9 @@ MIDDLEWARE: dict[str, str] = {
 
 _SUPPORTED = ("humble", "jazzy", "kilted", "lyrical")
 
+DISTRIBUTIONS: Final = frozenset({*_SUPPORTED, "rolling"})
+"""What ROS_DISTRO may say, where it is known here which variants run."""
+
 DEFAULT: tuple[str, ...] = tuple(
     name for name in VARIANTS if name == "spec" or any(name in ALIASES[distribution] for distribution in _SUPPORTED)
 )
@@ -329,7 +332,12 @@ def resolve(names: Iterable[str]) -> tuple[Profile, ...]:
 
 
 def running(distribution: str, middleware: str) -> tuple[str, ...]:
-    """The variants that run where ROS_DISTRO and RMW_IMPLEMENTATION say so; all default ones that they leave open."""
-    shipped = ALIASES[distribution] if distribution in (*_SUPPORTED, "rolling") else DEFAULT
+    """The variants that run where ROS_DISTRO and RMW_IMPLEMENTATION say so; all default ones that they leave open.
+
+    Of a distribution that is not known here, every one: which release it ships, we cannot tell.
+    """
+    shipped = ALIASES["all"] if distribution else DEFAULT
+    if distribution in DISTRIBUTIONS:
+        shipped = ALIASES[distribution]
     vendor = MIDDLEWARE.get(middleware)
     return tuple(name for name in shipped if vendor is None or name.rpartition("-")[0] == vendor)

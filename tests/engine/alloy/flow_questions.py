@@ -118,6 +118,12 @@ def questions() -> list[Question]:
         b.grants[0] = replace(b.grants[0], document=LISTENER_PERMISSIONS)
         return b
 
+    def stubborn() -> Builder:
+        """The talker's own implementation lets it read what peers do not let it read."""
+        b = chain()
+        b.enclaves[TALKER] = replace(b.enclaves[TALKER], reads_alone=frozenset({OTHER_TOPIC}))
+        return b
+
     honest, source, relays = Attacker.HONEST, Attacker.SOURCE, Attacker.RELAYS
     shared = {"rtps": ProtectionKind.ENCRYPT, "metadata": ProtectionKind.ENCRYPT}
     return [
@@ -182,4 +188,8 @@ def questions() -> list[Question]:
         ),
         (chain(), claim(at(TALKER), at(THIRD), kind=ClaimKind.SEPARATE_DOMAINS), True),
         (expired(), claim(at(TALKER), at(THIRD), kind=ClaimKind.SEPARATE_DOMAINS), False),
+        # readers that honest peers refuse
+        (chain(), claim(at(LISTENER), at(TALKER), source), False),
+        (stubborn(), claim(at(LISTENER), at(TALKER), source), True),
+        (stubborn(), claim(at(LISTENER), at(TALKER), honest), False),
     ]

@@ -145,9 +145,11 @@ MUTANTS = {
     ),
     "no hop by force": (
         8,
-        "obtains[eavesdroppers, receiving].(usable &",
-        "obtains[eavesdroppers, receiving].(usable & none &",
+        "is_told[eavesdroppers, receiving].(usable &",
+        "is_told[eavesdroppers, receiving].(usable & none &",
     ),
+    "who attacks gives its keys to those alone that peers let read": (47, " + in_realm.realm <: reads_alone", ""),
+    "honest writers give their keys to whoever reads": (48, "takes[receiving] & may_read[sending]", "hears[receiving]"),
     "who gets a sample does not pass it on": (
         16,
         "getters[first, eavesdroppers, realm] in inside + through - target",

@@ -31,7 +31,8 @@ sig pins_signer, requires_grant in Realm {}
 sig AnyEnclave extends Enclave {
 	in_realm: one Realm,
 	identity: lone Certificate,
-	permissions: lone Document
+	permissions: lone Document,
+	reads_alone: set Channel
 }
 sig anonymous in Enclave {}
 

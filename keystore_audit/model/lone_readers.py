@@ -1,0 +1,148 @@
+"""Readers that an enclave's own implementation creates although its peers would refuse them.
+
+Whoever attacks gives its keys to anybody. So what reaches an honest enclave from an attacker is bounded by what its own
+implementation lets it read, not by what honest peers concede; and some implementations let it read more: Fast DDS
+applies rules of other domains to its own endpoints, Cyclone DDS lets a participant start wherever some topic has no
+access control (docs/profiles.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from datetime import datetime
+from typing import NamedTuple
+
+from keystore_audit.keystore.governance import GovernanceFile
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.channels import Channels
+from keystore_audit.model.decision import WILDCARDS, LocalRights
+from keystore_audit.model.domains import Interval, contains
+from keystore_audit.model.permission import bits, members
+from keystore_audit.model.profiles import Access, Profile
+from keystore_audit.model.semantics import ReadGrant
+from keystore_audit.model.usability import Usabilities
+
+
+class Read(NamedTuple):
+    """Channels that an enclave may read by what its own implementation decides; `certain`: and certainly starts."""
+
+    possible: frozenset[int]
+    certain: frozenset[int]
+
+
+NOTHING = Read(frozenset(), frozenset())
+"""Of an enclave whose implementation lets it read nothing but what its peers let it read."""
+
+
+class LoneReaders:
+    """Of the enclaves of one keystore, from `at` (aware UTC) on."""
+
+    def __init__(self, keystore: Keystore, accesses: AccessViews, channels: Channels, at: datetime) -> None:
+        self._keystore = keystore
+        self._accesses = accesses
+        self._channels = channels
+        self._at = at
+        self._in_domain = [
+            bits(number for number, channel in enumerate(channels.channels) if channel.domain == domain)
+            for domain in range(len(channels.domains))
+        ]
+        self._odd_names = any(
+            not channel.infinite and not WILDCARDS.isdisjoint(channel.topic) for channel in channels.channels
+        )
+        self._differing: dict[tuple[Access, bool], set[int]] = {}
+        self._rights: dict[datetime, LocalRights] = {}
+        self._usabilities: dict[int, Usabilities] = {}
+        self._ruled: dict[tuple[str, Access], frozenset[int]] = {}
+        self._covers: dict[tuple[tuple[Interval, ...], frozenset[int]], bool] = {}
+
+    def of(self, profile: Profile) -> tuple[Read, ...]:
+        """By enclave; empty where no enclave may differ from what peers concede it."""
+        row = self._accesses.row(profile.access)
+        odd_names = self._odd_names and profile.local.reads_names_as_expressions
+        if (row, odd_names) not in self._differing:
+            self._differing[row, odd_names] = {
+                number
+                for number, enclave in enumerate(self._keystore.enclaves)
+                if enclave.governance is not None
+                and (odd_names or self._may_differ(enclave.governance, self._grants(enclave, row), row))
+            }
+        differing = self._differing[row, odd_names]
+        if not differing:  # nearly always
+            return ()
+        enclaves = enumerate(self._keystore.enclaves)
+        found = tuple(self._read(each, profile) if number in differing else NOTHING for number, each in enclaves)
+        return found if any(each.possible for each in found) else ()
+
+    def _read(self, enclave: Enclave, profile: Profile) -> Read:
+        possible, certain = 0, 0
+        for at in self._moments(self._grants(enclave, profile.access)):
+            read = self._local(at).allowed(enclave, profile, Operation.SUBSCRIBE)
+            for domain, within in enumerate(self._in_domain):
+                if read & within:
+                    usable = self._in(domain).of(enclave, at, profile).usable
+                    possible |= read & within if usable is not False else 0
+                    certain |= read & within if usable else 0
+        return Read(frozenset(members(possible)), frozenset(members(certain)))
+
+    def _grants(self, enclave: Enclave, access: Access) -> tuple[ReadGrant, ...]:
+        """What its own document grants, to whomever."""
+        return () if enclave.permissions is None else self._accesses.read(enclave.permissions, access).grants or ()
+
+    def _may_differ(self, governance: GovernanceFile, grants: Iterable[ReadGrant], access: Access) -> bool:
+        """Whether the enclave might read what peers would not let it read.
+
+        It might not where each rule of its grants is about all domains that the governance covers, and about its own
+        endpoints as about those of peers: then peers let it join them all, and rules apply there as they do here.
+        """
+        ruled = self._ruled_by(governance, access)
+        return any(
+            not (grant.default_allow or any(rule.allow for rule in grant.rules))
+            or any(rule.of_peers or not self._cover(rule.domains, ruled) for rule in grant.rules)
+            for grant in grants
+        )
+
+    def _ruled_by(self, governance: GovernanceFile, access: Access) -> frozenset[int]:
+        """The domain classes that some rule of the governance is about."""
+        key = (governance.signed.file.place, access)
+        if key not in self._ruled:
+            rules = self._accesses.read(governance, access).domain_rules or ()
+            self._ruled[key] = frozenset(
+                number
+                for number, domain in enumerate(self._channels.domains)
+                if any(contains(rule.domains, domain.intervals[0][0]) for rule in rules)
+            )
+        return self._ruled[key]
+
+    def _cover(self, domains: tuple[Interval, ...], ruled: frozenset[int]) -> bool:
+        key = (domains, ruled)
+        if key not in self._covers:
+            witnesses = (self._channels.domains[number].intervals[0][0] for number in ruled)
+            self._covers[key] = all(contains(domains, witness) for witness in witnesses)
+        return self._covers[key]
+
+    def _moments(self, grants: Iterable[ReadGrant]) -> Iterator[datetime]:
+        """The audit instant, and those later ones at which another grant may count."""
+        later = {
+            moment for grant in grants for moment in (grant.not_before, *(_after(grant.not_after))) if moment > self._at
+        }
+        yield self._at
+        yield from sorted(later)
+
+    def _local(self, at: datetime) -> LocalRights:
+        if at not in self._rights:
+            self._rights[at] = LocalRights(self._accesses, self._channels, at)
+        return self._rights[at]
+
+    def _in(self, domain: int) -> Usabilities:
+        """Who starts in the domains of a class."""
+        if domain not in self._usabilities:
+            witness = self._channels.domains[domain].intervals[0][0]
+            self._usabilities[domain] = Usabilities(witness, self._accesses)
+        return self._usabilities[domain]
+
+
+def _after(end: datetime) -> tuple[datetime, ...]:
+    """The first moment after the end of a validity, if there is one."""
+    return () if end > datetime.max.replace(tzinfo=end.tzinfo) - datetime.resolution else (end + datetime.resolution,)
