@@ -45,10 +45,10 @@ MUTANTS: dict[str, tuple[Any, str, str, str]] = {
     "the last domain rule decides": (
         protection,
         "protection",
-        "for number, rule in rules if",
-        "for number, rule in rules[::-1] if",
+        "enumerate(system.domain_rules)",
+        "reversed([*enumerate(system.domain_rules)])",
     ),
-    "the last topic rule decides": (protection, "_apply_domain", "for topic in topics:", "for topic in topics[::-1]:"),
+    "the last topic rule decides": (protection, "_apply_domain", "in topics:", "in topics[::-1]:"),
     "every topic rule counts": (protection, "_apply_domain", "undecided &= ~hit", "undecided &= -1"),
     "any certificate issues": (RealmView, "vouched", "issuer.authority and", "True and"),
     "the revoked are authentic": (RealmView, "authenticated", "atom.identity not in self._realm.revoked", "True"),
