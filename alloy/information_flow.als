@@ -63,7 +63,7 @@ fun imposes[forgers: set Enclave + Outsider, realm: Realm]: (Enclave + Outsider)
  * Channels that each member of a realm reads if the writer attacks: whoever attacks gives its keys to anybody, so that
  * nothing binds the reader but its own implementation.
  */
-fun hears[realm: Realm]: Enclave -> Channel { takes[realm] + in_realm.realm <: reads_alone }
+fun hears[realm: Realm]: Enclave -> Channel { takes[realm] + { e: in_realm.realm, c: e.reads_alone } }
 
 /** Channels that each participant reads of one who attacks, through a member of the realm as whom it acts. */
 fun is_told[eavesdroppers: set Enclave + Outsider, realm: Realm]: Enclave -> Channel {

@@ -75,6 +75,19 @@ class Unresolved:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SetVariable:
+    """A variable that a launch file sets for a process, and that decides whether there is security in it.
+
+    `value` is None where it cannot be told. `node` is empty where the program chooses the name.
+    """
+
+    node: str
+    name: str
+    value: str | None
+    location: Location
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Intent:
     """What one file, with all that it includes, says. `enclaves`: every path it names, with the place."""
 
@@ -85,3 +98,4 @@ class Intent:
     rights: tuple[IntendedRight, ...]
     names: tuple[UsedName, ...] = ()
     unresolved: tuple[Unresolved, ...] = ()
+    variables: tuple[SetVariable, ...] = ()

@@ -26,8 +26,9 @@ from keystore_audit.intent.launch_actions import (
     Unknown,
     Unread,
 )
+from keystore_audit.intent.launch_environment import NAMES
 from keystore_audit.intent.launch_nodes import Nodes
-from keystore_audit.intent.launch_scope import OVERRIDE, GlobalRemap, Scope
+from keystore_audit.intent.launch_scope import GlobalRemap, Scope
 from keystore_audit.intent.ros_names import ROOT
 from keystore_audit.intent.source import Directory, Source, Unreadable, read_source, shown
 
@@ -168,7 +169,7 @@ class _Launch:
         name = self._name(action, action.name, scope, source)
         if name is None:
             if isinstance(action, AssignEnvironment):
-                values[OVERRIDE] = Unknown(reason="an environment variable whose name cannot be told")
+                values |= dict.fromkeys(NAMES, Unknown(reason="an environment variable whose name cannot be told"))
         elif action.value is not None:
             values[name] = scope.known(action.value, source)
         elif isinstance(action, AssignEnvironment):

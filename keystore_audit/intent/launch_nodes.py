@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
-import shlex
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
-from keystore_audit.intent.intent import Action, IntendedNode, IntendedRight, Intent, Origin, Unresolved, UsedName
+from keystore_audit.intent.intent import (
+    Action,
+    IntendedNode,
+    IntendedRight,
+    Intent,
+    Origin,
+    SetVariable,
+    Unresolved,
+    UsedName,
+)
 from keystore_audit.intent.launch_actions import LoadComponents, NodeKind, NodeNames, StartNode, Unknown
+from keystore_audit.intent.launch_environment import started_with
 from keystore_audit.intent.launch_scope import OVERRIDE, GlobalRemap, Scope
 from keystore_audit.intent.ros_arguments import RosArguments, Rule, read
 from keystore_audit.intent.ros_names import ROOT, expanded, is_node_name, is_path, joined
@@ -21,9 +30,6 @@ MAX_NODES: Final = 5_000
 
 MAX_NAMES: Final = 100_000
 """Names and unresolved places of one launch; includes can repeat a few files very often."""
-
-PREFIX: Final = "launch-prefix"
-"""The launch configuration that stands before each program that has no prefix of its own (launch, execute_local)."""
 
 _OFFERS: Final = {
     # rclcpp's and rclpy's lifecycle nodes, sros2's policy/common/lifecycle_node.xml
@@ -91,6 +97,7 @@ class Nodes:
         self._rights: dict[tuple[str, str, Action, str], IntendedRight] = {}
         self._names: dict[tuple[str, str, str], UsedName] = {}
         self._unresolved: dict[Unresolved, None] = {}
+        self._variables: dict[SetVariable, None] = {}
         self._processes: dict[str, str | Unknown] = {}
         self._called: dict[str, set[str | Unknown]] = {}
         self._loads: list[_Load] = []
@@ -116,13 +123,22 @@ class Nodes:
         for unknown in command.unknown:
             self._not_known(location, "a remapping of a node", unknown)
         node = self._node(action.names, command, scope, source, action.kind)
-        enclave = _enclave(action, command, scope, source)
+        variables = started_with(action, scope, source)
+        enclave = _enclave(command, variables)
+        self._sets(node.full_name, variables, location)
         if node.full_name:
             self._processes[node.full_name] = enclave
             self._called.setdefault(node.full_name.rpartition("/")[2], set()).add(enclave)
         self._place(node, enclave)
         for component in self._components(action.components, scope, source):
             self._place(component, enclave)
+
+    def _sets(self, node: str, variables: Mapping[str, str | Unknown], location: Location) -> None:
+        """The variables of a process, apart from the one that says its enclave."""
+        for name, value in variables.items():
+            if name != OVERRIDE:
+                known = value if isinstance(value, str) else None
+                self._variables[SetVariable(node=node, name=name, value=known, location=location)] = None
 
     def load(self, action: LoadComponents, scope: Scope, source: Source) -> None:
         """Components for a container that may come later."""
@@ -150,6 +166,7 @@ class Nodes:
             rights=tuple(self._rights.values()),
             names=tuple(self._names.values()),
             unresolved=tuple(self._unresolved),
+            variables=tuple(self._variables),
         )
 
     def _components(self, components: Iterable[NodeNames], scope: Scope, source: Source) -> Iterator[_Node]:
@@ -296,40 +313,12 @@ class Nodes:
             raise UsageError(f"{location.path}: more than {MAX_NAMES} names and unresolved places, which are not kept.")
 
 
-def _enclave(action: StartNode, command: RosArguments, scope: Scope, source: Source) -> str | Unknown:
+def _enclave(command: RosArguments, variables: Mapping[str, str | Unknown]) -> str | Unknown:
     """The enclave of a process: the override variable before the command line, the root before nothing."""
-    override = scope.environment.get(OVERRIDE, "")
-    for name, value in action.environment:
-        variable = scope.known(name, source)
-        if variable == OVERRIDE:
-            override = scope.known(value, source)
-        elif isinstance(variable, Unknown):
-            override = variable
-    override = _prefixed(action, scope, source, override)
-    enclave = override or command.enclave or ROOT
+    enclave = variables.get(OVERRIDE, "") or command.enclave or ROOT
     if isinstance(enclave, str) and not is_path(enclave):
         return _no(enclave, "path of an enclave")
     return enclave
-
-
-def _prefixed(action: StartNode, scope: Scope, source: Source, override: str | Unknown) -> str | Unknown:
-    """The override variable behind what stands before the program, such as `env NAME=VALUE`."""
-    prefix = scope.arguments.get(PREFIX, "") if action.prefix is None else scope.known(action.prefix, source)
-    if isinstance(prefix, Unknown):
-        return prefix
-    if OVERRIDE not in prefix:
-        return override
-    try:
-        words = shlex.split(prefix)
-    except ValueError:
-        words = [prefix]
-    for word in words:
-        name, is_set, value = word.partition("=")
-        if name == OVERRIDE and is_set:
-            override = value
-        elif OVERRIDE in word:
-            return Unknown(reason=f"{shown(prefix)}, which stands before the program and speaks of {OVERRIDE}")
-    return override
 
 
 def _no(text: str, what: str) -> Unknown:

@@ -12,7 +12,7 @@ from datetime import datetime
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
-from keystore_audit.intent.intent import Intent, Origin, Unresolved, UsedName
+from keystore_audit.intent.intent import Intent, Origin, SetVariable, Unresolved, UsedName
 from keystore_audit.keystore.governance import Text
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind
@@ -111,6 +111,7 @@ class Observation:
     unresolved: tuple[Unresolved, ...]
     undecided: tuple[Undecided, ...]
     unused: tuple[str, ...]
+    variables: tuple[SetVariable, ...] = ()
 
 
 def observe(
@@ -144,6 +145,7 @@ def observe(
         unresolved=unresolved,
         undecided=tuple(each for one in compared for each in one.undecided()),
         unused=tuple(enclave.path for enclave in keystore.enclaves if enclave.path not in told.enclaves),
+        variables=tuple(each for intent in intents for each in intent.variables),
     )
 
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
-from keystore_audit.intent.intent import Action
+from keystore_audit.intent.intent import Action, SetVariable
+from keystore_audit.intent.launch_environment import DOMAIN, ENABLE, STRATEGY
 from keystore_audit.intent.ros_names import ROOT
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Operation
@@ -268,10 +269,52 @@ def _reasons(messages: Iterable[str]) -> str:
     return "\n".join(sorted(set(messages)))
 
 
+@rule(
+    "KA655",
+    "launch-changes-security",
+    Severity.CRITICAL,
+    on=Keystore,
+    clause="rcl, security.c and domain_id.c (read)",
+    remedy="Take the variable out of the launch file, and let the robot's environment say it for every process.",
+    applies=_observes,
+)
+def launch_changes_security(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """A launch file starts a process without security, or not with this keystore and in the domain asked about.
+
+    What it sets comes before what the robot's environment says (`--env`). A value that cannot be told without running
+    the file leaves the audit open.
+    """
+    for variable in _seen(context).variables:
+        harm = _harm(variable)
+        if harm is not None:
+            severity, what = harm
+            value = "a value that cannot be told" if variable.value is None else quoted(variable.value)
+            yield Violation(
+                message=f"{sentence(variable.node or 'a node')} starts with {variable.name} set to {value}: {what}.",
+                locations=(_beside(variable.location),),
+                severity=severity,
+                key=f"{variable.node} {variable.name}",
+                undecided=variable.value is None,
+            )
+
+
+def _harm(variable: SetVariable) -> tuple[Severity, str] | None:
+    """How bad it is, and what it does; None: nothing."""
+    if variable.name == ENABLE:
+        return None if variable.value == "true" else (Severity.CRITICAL, "but for exactly 'true' there is no security")
+    if variable.name == STRATEGY:
+        what = "but for exactly 'Enforce' it starts without security where its enclave does not load"
+        return None if variable.value == "Enforce" else (Severity.HIGH, what)
+    if variable.name == DOMAIN:
+        return Severity.MEDIUM, "what it may do there is what `--domain` asks about"
+    return Severity.MEDIUM, "whether that is this keystore is not known"
+
+
 OBSERVED: tuple[Rule[Any], ...] = (
     missing_grant,
     excess_grant,
     node_in_unknown_enclave,
     used_name_without_right,
     observation_incomplete,
+    launch_changes_security,
 )

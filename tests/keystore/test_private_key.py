@@ -175,7 +175,7 @@ def test_rsa_keys_are_not_tested_for_primality() -> None:
     """That takes 42 ms a key (facts 3): 1,000 enclaves would take 42 s."""
     content = encoded(KEYS["RSA 2048"])
     read(content)
-    started = time.perf_counter()
-    for _ in range(20):
+    started = time.process_time()
+    for _ in range(100):
         read(content)
-    assert time.perf_counter() - started < 0.4
+    assert time.process_time() - started < 2  # tested: 4.2 s on an idle machine

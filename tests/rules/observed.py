@@ -11,6 +11,7 @@ from keystore_audit.intent.intent import (
     IntendedRight,
     Intent,
     Origin,
+    SetVariable,
     Unresolved,
     UsedName,
 )
@@ -59,7 +60,17 @@ def graph(*rights: IntendedRight, nodes: tuple[IntendedNode, ...] | None = None,
     return Intent(nodes=tuple(shown.values()) if nodes is None else nodes, rights=rights, **more)
 
 
-def launch(*names: UsedName, nodes: tuple[IntendedNode, ...] = (), unresolved: tuple[str, ...] = ()) -> Intent:
+def variable(name: str, value: str | None) -> SetVariable:
+    """What the launch file sets for the talker."""
+    return SetVariable(node="/talker", name=name, value=value, location=place(3))
+
+
+def launch(
+    *names: UsedName,
+    nodes: tuple[IntendedNode, ...] = (),
+    unresolved: tuple[str, ...] = (),
+    variables: tuple[SetVariable, ...] = (),
+) -> Intent:
     """A launch file that remaps these names."""
     return Intent(
         origin=Origin.LAUNCH,
@@ -69,6 +80,7 @@ def launch(*names: UsedName, nodes: tuple[IntendedNode, ...] = (), unresolved: t
         rights=(),
         names=names,
         unresolved=tuple(Unresolved(location=place(9), reason=reason) for reason in unresolved),
+        variables=variables,
     )
 
 

@@ -40,6 +40,7 @@ from tests.rules.observed import (
     spoken,
     uses,
     usual_rules,
+    variable,
 )
 
 CHATTER = allow(["rt/chatter"])
@@ -51,6 +52,11 @@ CASES: dict[str, tuple[Keystore, Intent, list[str]]] = {
     "KA651": (granted(allow(["rt/chatter", "rt/map"])), TALKS, ["KA651"]),
     "KA652": (granted(CHATTER), graph(*TALKS.rights, log("/talcer")), ["KA652"]),
     "KA653": (granted(CHATTER), launch(uses("/talker", "/map"), uses("/talker", "/chatter")), ["KA653"]),
+    "KA655": (
+        granted(CHATTER),
+        launch(uses("/talker", "/chatter"), variables=(variable("ROS_SECURITY_ENABLE", "TRUE"),)),
+        ["KA655"],
+    ),
     "KA654": (granted(CHATTER), launch(uses("/talker", "/chatter"), unresolved=("a loop is not run",)), ["KA654"]),
 }
 """A keystore, a graph or launch file, and the rules that speak."""
@@ -64,6 +70,25 @@ def codes(findings: tuple[Finding, ...]) -> list[str]:
 def test_one_cause_makes_one_rule_speak(code: str) -> None:
     store, intent, expected = CASES[code]
     assert codes(spoken(store, intent)) == expected
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "severity"),
+    [
+        ("ROS_SECURITY_ENABLE", "true", None),
+        ("ROS_SECURITY_ENABLE", "false", Severity.CRITICAL),
+        ("ROS_SECURITY_ENABLE", "", Severity.CRITICAL),
+        ("ROS_SECURITY_ENABLE", None, Severity.CRITICAL),
+        ("ROS_SECURITY_STRATEGY", "Enforce", None),
+        ("ROS_SECURITY_STRATEGY", "Permissive", Severity.HIGH),
+        ("ROS_SECURITY_KEYSTORE", "/other", Severity.MEDIUM),
+        ("ROS_DOMAIN_ID", "42", Severity.MEDIUM),
+    ],
+)
+def test_what_a_launch_file_makes_of_security(name: str, value: str | None, severity: Severity | None) -> None:
+    spoke = spoken(granted(CHATTER), launch(uses("/talker", "/chatter"), variables=(variable(name, value),)))
+    assert [each.severity for each in spoke] == ([severity] if severity is not None else [])
+    assert all(each.undecided is (value is None) for each in spoke)
 
 
 def test_nothing_is_said_where_nodes_do_what_they_may() -> None:

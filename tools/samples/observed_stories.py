@@ -13,6 +13,7 @@ from .story import Case, Story, pair
 
 GRAPH = ("--graph", "graphs/talker.graph.json")
 LAUNCH = ("--launch", "launch/talker.launch.xml")
+UNSECURED = ("--launch", "launch/talker-unsecured.launch.xml")
 ELSEWHERE = ("--launch", "launch/talker-elsewhere.launch.xml")
 
 SEEN = ("rt/chatter", "rt/rosout")
@@ -91,6 +92,21 @@ def _launches() -> Iterator[Story]:
         directory=f"{folder}/good",
         rule="KA654",
         text="The launch file says everything itself.",
+        tree=LAUNCHED.tree(),
+        options=LAUNCH,
+    )
+    folder = "rules/KA655-launch-changes-security"
+    yield Story(
+        directory=f"{folder}/bad",
+        rule="KA655",
+        text="The launch file switches security off for the talker: it starts without any.",
+        tree=LAUNCHED.tree(),
+        options=UNSECURED,
+    )
+    yield Story(
+        directory=f"{folder}/good",
+        rule="KA655",
+        text="The launch file says nothing of security.",
         tree=LAUNCHED.tree(),
         options=LAUNCH,
     )

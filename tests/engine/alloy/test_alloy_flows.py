@@ -148,7 +148,11 @@ MUTANTS = {
         "is_told[eavesdroppers, receiving].(usable &",
         "is_told[eavesdroppers, receiving].(usable & none &",
     ),
-    "who attacks gives its keys to those alone that peers let read": (47, " + in_realm.realm <: reads_alone", ""),
+    "who attacks gives its keys to those alone that peers let read": (
+        47,
+        " + { e: in_realm.realm, c: e.reads_alone }",
+        "",
+    ),
     "honest writers give their keys to whoever reads": (48, "takes[receiving] & may_read[sending]", "hears[receiving]"),
     "who gets a sample does not pass it on": (
         16,
