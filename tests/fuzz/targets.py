@@ -30,7 +30,7 @@ from keystore_audit.keystore.xml import read_xml
 Target = Callable[[bytes], None]
 
 SECONDS: Final = 5.0
-"""CPU time that one input of at most MAX_INPUT bytes may take: what takes longer is not linear, on a slow machine too."""
+"""CPU time for one input of at most MAX_INPUT bytes, on a slow machine too: what takes longer is not linear."""
 
 MAX_INPUT: Final = 1 << 16
 
