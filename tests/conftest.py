@@ -24,6 +24,11 @@ settings.register_profile("ci", parent=settings.get_profile("local"), derandomiz
 settings.load_profile("ci" if IN_CI else "local")
 
 
+def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
+    """Keys and signatures are new in each process: bytes in the name of a test would be others in each worker."""
+    return argname if isinstance(val, bytes) else None
+
+
 @pytest.fixture(scope="session")
 def repository() -> Path:
     """The root of the source tree."""
