@@ -52,13 +52,16 @@ check AttackersOnlyAdd {
 	}
 } for 2 but 3 Enclave, 4 Entry, 1 Instant expect 0
 
-/** Nobody but a forger, an eavesdropper or the outsider is at an end of a hop without having joined its domain. */
+/**
+ * Nobody but a forger, an eavesdropper or the outsider is at an end of a hop without having joined its domain, or
+ * reading there by what its own implementation alone allows.
+ */
 check HopsNeedAJoinedDomain {
 	all a, b: Enclave, c: Channel | hop[a, c, b, nobody, nobody]
 		implies some sending, receiving: Realm |
 			c.in_domain in a.(joins[receiving]) & b.(joins[receiving]) & b.(joins[sending])
 	all c: Channel | some hops[c, everybody, everybody] :> Enclave
-		implies some realm: Realm | c.in_domain in Enclave.(joins[realm])
+		implies c in Enclave.reads_alone or some realm: Realm | c.in_domain in Enclave.(joins[realm])
 } for 2 but 3 Enclave, 4 Entry, 1 Instant expect 0
 
 /** Where nothing is governed, nothing flows. */
@@ -88,9 +91,12 @@ check EncryptedMessagesCutTheOutsiderOff {
 		implies no Outsider.(hops[Channel, everybody, everybody]) + hops[Channel, everybody, everybody].Outsider
 } for 2 but 3 Enclave, 4 Entry, 1 Instant expect 0
 
-/** All access control on, origins authenticated, payloads encrypted, one key each, all read: relays do no more than honest. */
+/**
+ * All access control on, origins authenticated, payloads encrypted, one key each, all read, and nobody reads but what
+ * peers let it read: relays do no more than honest.
+ */
 check AGoodKeystoreMakesEverybodyHonest {
-	(no opaque and no one_key and no self_granting and no allow_unauthenticated_participants
+	(no opaque and no one_key and no self_granting and no allow_unauthenticated_participants and no reads_alone
 		and TopicRule in enable_read_access_control & enable_write_access_control
 		and TopicRule.metadata_protection_kind in authenticating_origin & encrypting
 		and TopicRule.data_protection_kind in encrypting and one Realm)
