@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.lone_readers import LoneReaders
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.system import Reading
 from keystore_audit.model.systems import SystemBuilder
@@ -34,23 +36,30 @@ STORES = sorted(
 )
 
 
-def builder_of(store: Path, at: datetime) -> tuple[SystemBuilder, AccessViews]:
+def builder_of(store: Path, at: datetime) -> tuple[SystemBuilder, Callable[[str], Kind]]:
+    """What builds the systems of a keystore, and what a variant makes of it by itself."""
     keystore = read_keystore(store)
     accesses = AccessViews(documents_of(keystore), at, None)
-    return SystemBuilder(keystore, list(VARIANTS.values()), at, accesses), accesses
+    builder = SystemBuilder(keystore, list(VARIANTS.values()), at, accesses)
+    lone = LoneReaders(keystore, accesses, builder.channels, at)
+
+    def kind(name: str) -> Kind:
+        variant = VARIANTS[name]
+        return Kind(variant.trust, accesses.row(variant.access), lone.of(variant))
+
+    return builder, kind
 
 
 @pytest.mark.parametrize("store", STORES, ids=lambda store: str(store.relative_to(SAMPLES)))
 def test_what_one_system_stands_for_is_equal(store: Path) -> None:
     about = tomllib.loads(store.with_suffix(".toml").read_text(encoding="utf-8"))
-    builder, accesses = builder_of(store, datetime.fromisoformat(about["at"].replace("Z", "+00:00")))
+    builder, alone = builder_of(store, datetime.fromisoformat(about["at"].replace("Z", "+00:00")))
     kinds = builder.kinds()
     assert sorted(name for names in kinds.values() for name in names) == sorted(VARIANTS)
     for kind, names in kinds.items():
         shared = builder.build(kind, profiles=(), reading=Reading.MAY)
         for name in names:
-            row = Kind(VARIANTS[name].trust, accesses.row(VARIANTS[name].access))
-            assert builder.build(row, profiles=(), reading=Reading.MAY) == shared, name
+            assert builder.build(alone(name), profiles=(), reading=Reading.MAY) == shared, name
 
 
 def test_kinds_are_told_apart() -> None:
