@@ -49,7 +49,7 @@ class Rule(Generic[S]):
     clause: str
     remedy: str
     explains: frozenset[str]
-    stops: bool
+    stops: bool = False
     check: Callable[[S, Context], Iterator[Violation]] = field(repr=False)
     applies: Callable[[S, Context], bool] | None = field(repr=False)
     """Whether the subject has what the rule is about; None: it always has."""
