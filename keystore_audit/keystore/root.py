@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import Final
 from urllib.parse import unquote_to_bytes
 
-from keystore_audit.dataclass import dataclass, field
+from keystore_audit.dataclass import dataclass, field, replace
 from keystore_audit.errors import NothingToAudit
 from keystore_audit.keystore.descent import (
     MAX_DEPTH,
@@ -53,17 +53,6 @@ class _Reading:
     mode: int | None = None
     holds_private_key: bool = False
     may_be_message: bool = False
-
-    def sealed(self) -> _Reading:
-        """The same without the bytes."""
-        return _Reading(
-            status=self.status,
-            detail=self.detail,
-            sha256=self.sha256,
-            mode=self.mode,
-            holds_private_key=self.holds_private_key,
-            may_be_message=self.may_be_message,
-        )
 
 
 class Root:
@@ -277,7 +266,7 @@ class Root:
         reading = self._known(inode, needed=needed)
         if reading is None:
             reading = self._content(descriptor, found)
-            self._readings[inode] = reading if keep else reading.sealed()
+            self._readings[inode] = reading if keep else replace(reading, content=None)
         return reading
 
     def _content(self, descriptor: int, found: os.stat_result) -> _Reading:
