@@ -20,15 +20,17 @@ from keystore_audit.findings import Location
 
 MAX_BYTES: Final = 1024 * 1024
 
-VARIABLES: Final = (
-    "ROS_SECURITY_ENABLE",
-    "ROS_SECURITY_STRATEGY",
-    "ROS_SECURITY_KEYSTORE",
-    "ROS_SECURITY_ENCLAVE_OVERRIDE",
-    "ROS_DOMAIN_ID",
-    "RMW_IMPLEMENTATION",
-    "ROS_DISTRO",
-)
+ENABLE: Final = "ROS_SECURITY_ENABLE"
+STRATEGY: Final = "ROS_SECURITY_STRATEGY"
+KEYSTORE: Final = "ROS_SECURITY_KEYSTORE"
+OVERRIDE: Final = "ROS_SECURITY_ENCLAVE_OVERRIDE"
+"""The variable that replaces the enclave of every process that has it (rcl's `security.c`)."""
+DOMAIN: Final = "ROS_DOMAIN_ID"
+
+SECURE: Final = {ENABLE: "true", STRATEGY: "Enforce"}
+"""The one value with which there is security, exactly (rcl's `security.c`)."""
+
+VARIABLES: Final = (ENABLE, STRATEGY, KEYSTORE, OVERRIDE, DOMAIN, "RMW_IMPLEMENTATION", "ROS_DISTRO")
 """Those that are looked at; others are passed over."""
 
 _ASSIGNMENT: Final = re.compile(r"(export[ \t]+)?([A-Za-z_][A-Za-z0-9_]*)=(.*)", re.DOTALL)

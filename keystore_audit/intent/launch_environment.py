@@ -5,17 +5,13 @@ from __future__ import annotations
 import shlex
 from typing import Final
 
+from keystore_audit.intent.environment import DOMAIN, ENABLE, KEYSTORE, OVERRIDE, STRATEGY
 from keystore_audit.intent.launch_actions import StartNode, Unknown
-from keystore_audit.intent.launch_scope import OVERRIDE, Scope
+from keystore_audit.intent.launch_scope import Scope
 from keystore_audit.intent.source import Source, shown
 
 PREFIX: Final = "launch-prefix"
 """The launch configuration that stands before each program that has no prefix of its own (launch, execute_local)."""
-
-ENABLE: Final = "ROS_SECURITY_ENABLE"
-STRATEGY: Final = "ROS_SECURITY_STRATEGY"
-KEYSTORE: Final = "ROS_SECURITY_KEYSTORE"
-DOMAIN: Final = "ROS_DOMAIN_ID"
 
 NAMES: Final[tuple[str, ...]] = (OVERRIDE, ENABLE, STRATEGY, KEYSTORE, DOMAIN)
 """What rcl and rmw read before they take an enclave (rcl's `security.c`, `domain_id.c`)."""

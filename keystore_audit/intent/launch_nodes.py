@@ -8,6 +8,7 @@ from typing import Final
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
+from keystore_audit.intent.environment import OVERRIDE
 from keystore_audit.intent.intent import (
     Action,
     IntendedNode,
@@ -20,7 +21,7 @@ from keystore_audit.intent.intent import (
 )
 from keystore_audit.intent.launch_actions import LoadComponents, NodeKind, NodeNames, StartNode, Unknown
 from keystore_audit.intent.launch_environment import started_with
-from keystore_audit.intent.launch_scope import OVERRIDE, GlobalRemap, Scope
+from keystore_audit.intent.launch_scope import GlobalRemap, Scope
 from keystore_audit.intent.ros_arguments import RosArguments, Rule, read
 from keystore_audit.intent.ros_names import ROOT, expanded, is_node_name, is_path, joined
 from keystore_audit.intent.source import Source, shown

@@ -16,9 +16,6 @@ MAX_TEXT: Final = 4096
 MAX_DEPTH: Final = 64
 """Defaults within defaults."""
 
-OVERRIDE: Final = "ROS_SECURITY_ENCLAVE_OVERRIDE"
-"""The variable that replaces the enclave of every process that has it (rcl's `security.c`)."""
-
 _TRUE: Final = frozenset({"true", "1"})
 _FALSE: Final = frozenset({"false", "0"})
 

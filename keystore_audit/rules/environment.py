@@ -7,7 +7,7 @@ from difflib import get_close_matches
 from typing import Any, Final
 
 from keystore_audit.findings import Severity
-from keystore_audit.intent.environment import Environment
+from keystore_audit.intent.environment import ENABLE, SECURE, STRATEGY, Environment
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.profiles import DISTRIBUTIONS, MIDDLEWARE, running
 from keystore_audit.rules.context import Context
@@ -52,8 +52,8 @@ def _found(environment: Environment, variable: str, message: str, **more: Any) -
 def security_not_enabled(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """ROS_SECURITY_ENABLE is not exactly `true`: processes start without any security, whatever the keystore says."""
     environment = _of(context)
-    value = environment.value("ROS_SECURITY_ENABLE")
-    if value != "true":
+    value = environment.value(ENABLE)
+    if value != SECURE[ENABLE]:
         said = f"is {quoted(value)}, not exactly 'true'" if value else "is not set"
         yield _found(environment, "ROS_SECURITY_ENABLE", f"ROS_SECURITY_ENABLE {said}: nothing of this is in force.")
 
@@ -70,8 +70,8 @@ def security_not_enabled(_keystore: Keystore, context: Context) -> Iterator[Viol
 def security_not_enforced(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """ROS_SECURITY_STRATEGY is not exactly `Enforce`: a process whose enclave does not load starts without security."""
     environment = _of(context)
-    value = environment.value("ROS_SECURITY_STRATEGY")
-    if value != "Enforce":
+    value = environment.value(STRATEGY)
+    if value != SECURE[STRATEGY]:
         said = f"is {quoted(value)}, not exactly 'Enforce'" if value else "is not set"
         yield _found(
             environment,

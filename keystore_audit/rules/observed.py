@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
+from keystore_audit.intent.environment import DOMAIN, ENABLE, SECURE, STRATEGY
 from keystore_audit.intent.intent import Action, SetVariable
-from keystore_audit.intent.launch_environment import DOMAIN, ENABLE, STRATEGY
 from keystore_audit.intent.ros_names import ROOT
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Operation
@@ -300,11 +300,12 @@ def launch_changes_security(_keystore: Keystore, context: Context) -> Iterator[V
 
 def _harm(variable: SetVariable) -> tuple[Severity, str] | None:
     """How bad it is, and what it does; None: nothing."""
+    if variable.name in SECURE and variable.value == SECURE[variable.name]:
+        return None
     if variable.name == ENABLE:
-        return None if variable.value == "true" else (Severity.CRITICAL, "but for exactly 'true' there is no security")
+        return Severity.CRITICAL, "but for exactly 'true' there is no security"
     if variable.name == STRATEGY:
-        what = "but for exactly 'Enforce' it starts without security where its enclave does not load"
-        return None if variable.value == "Enforce" else (Severity.HIGH, what)
+        return Severity.HIGH, "but for exactly 'Enforce' it starts without security where its enclave does not load"
     if variable.name == DOMAIN:
         return Severity.MEDIUM, "what it may do there is what `--domain` asks about"
     return Severity.MEDIUM, "whether that is this keystore is not known"
