@@ -62,9 +62,10 @@ class LocalRights:
         self._channels = channels
         self._at = at
         self._bits: dict[object, int] = {}
-        self._in_domain = [0] * len(channels.domains)
+        self.in_domain = [0] * len(channels.domains)
+        """By domain class: its channels."""
         for number, channel in enumerate(channels.channels):
-            self._in_domain[channel.domain] |= 1 << number
+            self.in_domain[channel.domain] |= 1 << number
         self._all = (1 << len(channels.channels)) - 1
         self._wildcard_names = [
             number
@@ -224,7 +225,7 @@ class LocalRights:
             known, ids = 0, domain_bits(rule.domains)
             for number, domain in enumerate(self._channels.domains):
                 if ids >> domain.intervals[0][0] & 1:
-                    known |= self._in_domain[number]
+                    known |= self.in_domain[number]
             self._bits[rule.domains] = known
         return known
 

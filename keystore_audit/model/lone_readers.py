@@ -19,7 +19,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.decision import WILDCARDS, LocalRights
 from keystore_audit.model.domains import Interval, contains
-from keystore_audit.model.permission import bits, members
+from keystore_audit.model.permission import members
 from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.usability import Usabilities
@@ -44,10 +44,6 @@ class LoneReaders:
         self._accesses = accesses
         self._channels = channels
         self._at = at
-        self._in_domain = [
-            bits(number for number, channel in enumerate(channels.channels) if channel.domain == domain)
-            for domain in range(len(channels.domains))
-        ]
         self._odd_names = any(
             not channel.infinite and not WILDCARDS.isdisjoint(channel.topic) for channel in channels.channels
         )
@@ -78,8 +74,9 @@ class LoneReaders:
     def _read(self, enclave: Enclave, profile: Profile) -> Read:
         possible, certain = 0, 0
         for at in self._moments(self._grants(enclave, profile.access)):
-            read = self._local(at).allowed(enclave, profile, Operation.SUBSCRIBE)
-            for domain, within in enumerate(self._in_domain):
+            local = self._local(at)
+            read = local.allowed(enclave, profile, Operation.SUBSCRIBE)
+            for domain, within in enumerate(local.in_domain):
                 if read & within:
                     usable = self._in(domain).of(enclave, at, profile).usable
                     possible |= read & within if usable is not False else 0
