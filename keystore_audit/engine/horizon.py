@@ -55,7 +55,8 @@ def horizon(
     if not native.systems:
         return Horizon(instant=at, why="nothing could be decided")
     kinds = tuple({usabilities.kind(profile): profile for profile in profiles}.values())
-    moments = _moments(keystore, native.systems[0], at, accesses.dates_in_local_time(profiles))
+    local, (begins, ends) = accesses.dates_in_local_time(profiles), accesses.exclusive_bounds(profiles)
+    moments = _moments(keystore, native.systems[0], at, local, ends)
     for count, (moment, instant, earliest) in enumerate(moments):
         if count == MAX_MOMENTS:
             return Horizon(instant=earliest, why="later dates were not looked at")
@@ -68,19 +69,24 @@ def horizon(
         if not why:
             enclave = next((label for label in native.changed_rights(moment) if label is not None), None)
             why = f"{enclave}: its grants give it other rights" if enclave is not None else ""
+        if not why and earliest < instant and not local.isdisjoint((instant, instant - _TICK)):
+            why = "a date of a grant is near that some implementation reads in the robot's zone (--time-zone)"
+        if not why and instant in begins & ends:
+            why = "a grant ends as another begins, and some implementation counts neither at that instant"
         if why:
             return Horizon(instant=earliest, why=why)
     return Horizon(instant=None, why="no date in the keystore changes anything")
 
 
 def _moments(
-    keystore: Keystore, system: System, at: datetime, local: Collection[datetime]
+    keystore: Keystore, system: System, at: datetime, local: Collection[datetime], excluded: Collection[datetime]
 ) -> list[tuple[int, datetime, datetime]]:
     """Every boundary after `at`: as a moment of the system, as an instant, and when it may be at the earliest; in
     order.
 
     Revocation lists have no instants in the system: they are void one second after nextUpdate. `local`: dates of grants
-    that some implementation reads in a zone that we do not know.
+    that some implementation reads in a zone that we do not know. `excluded`: ends of grants that some implementation
+    counts no more at the end itself.
     """
     found: dict[datetime, int] = {}
     earlier: dict[datetime, datetime] = {}
@@ -90,6 +96,10 @@ def _moments(
             found[instant] = 2 * index
         if instant <= _LAST:
             found.setdefault(instant + _TICK, 2 * index + 1)
+            if instant in excluded:
+                earlier[instant + _TICK] = (
+                    instant if not instant.microsecond else instant.replace(microsecond=0) + _TICK
+                )
         if instant in local:
             for each in (instant, instant + _TICK) if instant <= _LAST else (instant,):
                 earlier[each] = max(at, each - ANY_ZONE)

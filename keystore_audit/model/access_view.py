@@ -103,6 +103,19 @@ class AccessViews:
         dated = [read_date(text, reading, self._zone) for text in self._dates for reading in readings]
         return frozenset(each.instant for each in dated if each is not None and each.local)
 
+    def exclusive_bounds(self, profiles: Iterable[Profile]) -> tuple[frozenset[datetime], frozenset[datetime]]:
+        """Where grants begin, and where they end, that a profile counts not yet, or no more, at that very instant."""
+        if all(profile.access.dates is not DateReading.CYCLONEDDS for profile in profiles):
+            return frozenset(), frozenset()
+        bounds = []
+        for texts in (
+            {grant.not_before.text for grant in self._grants},
+            {grant.not_after.text for grant in self._grants},
+        ):
+            dated = (read_date(text, DateReading.CYCLONEDDS, self._zone) for text in texts)
+            bounds.append(frozenset(each.instant for each in dated if each is not None))
+        return bounds[0], bounds[1]
+
     def _reduced(self, access: Access) -> Access:
         """The row with everything that no document gives an occasion for as the specification has it."""
         texts = self._unusual_expressions

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime, timedelta, timezone
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
@@ -91,15 +91,19 @@ class Claim:
         return json.dumps([self.kind.value, self.attacker.value, sides, self.include_ambient])
 
 
-def lasting(claims: Iterable[Claim], local: Iterable[datetime]) -> tuple[Claim, ...]:
-    """The claims, each with an end after what may happen before its own.
+def lasting(
+    claims: Iterable[Claim], local: Iterable[datetime], excluded: Collection[datetime] = ()
+) -> tuple[Claim, ...]:
+    """The claims, each with an end after what may happen before its own, or at it.
 
-    `local`: dates that some implementation reads in a zone that we do not know, 14 hours earlier at most.
+    `local`: dates that some implementation reads in a zone that we do not know, 14 hours earlier at most. `excluded`:
+    ends of grants that some implementation counts no more at the end itself.
     """
     ends = sorted(local)
 
     def end(until: datetime) -> datetime:
-        return max([until, *(date + _TICK for date in ends if date - until <= ANY_ZONE and date <= _LAST)])
+        over = until + _TICK if until in excluded and until <= _LAST else until
+        return max([over, *(date + _TICK for date in ends if date - until <= ANY_ZONE and date <= _LAST)])
 
     return tuple(claim if claim.until is None else replace(claim, until=end(claim.until)) for claim in claims)
 

@@ -57,7 +57,8 @@ def interpret(
     Topic classes over budget leave `systems` empty and say why: nothing is decided then.
     """
     if claims:
-        claims = lasting(claims, accesses.dates_in_local_time(profiles))
+        _begins, excluded = accesses.exclusive_bounds(profiles)
+        claims = lasting(claims, accesses.dates_in_local_time(profiles), excluded)
     over_budget: str | None = None
     systems: tuple[System, ...] = ()
     usability = usability_by_profile(keystore.enclaves, profiles, at, usabilities)

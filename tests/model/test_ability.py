@@ -28,7 +28,14 @@ LISTENER = Member(permissions=permissions(grant("/f", rule(criterion("subscribe"
 STORE = Store(members={"/e": TALKER, "/f": LISTENER}, governance=governance(domain_rule("<id>0</id><id>9</id>")))
 
 
-def holds(store: Store, root: Path, *, until: datetime | None = None, domain: int | None = None) -> bool:
+def holds(
+    store: Store,
+    root: Path,
+    *,
+    until: datetime | None = None,
+    domain: int | None = None,
+    profiles: tuple[str, ...] = ("fastdds", "cyclonedds"),
+) -> bool:
     """Whether /e can reach /f, for every profile."""
     keystore = read_keystore(store.write(root))
     accesses = AccessViews(documents_of(keystore), AT, None)
@@ -43,9 +50,7 @@ def holds(store: Store, root: Path, *, until: datetime | None = None, domain: in
         location=Location(path="s.toml", beside=True),
         place="s.toml:1:1",
     )
-    found = interpret(
-        keystore, resolve(["fastdds", "cyclonedds"]), AT, accesses, Usabilities(domain, accesses), domain, [claim]
-    )
+    found = interpret(keystore, resolve(profiles), AT, accesses, Usabilities(domain, accesses), domain, [claim])
     answers = NativeEngine(found.systems).answers
     [answer] = {each["able"].status for each in answers}
     return answer is Status.HOLDS
@@ -65,6 +70,13 @@ def test_it_lasts_until_something_ends(ending: Store, tmp_path: Path) -> None:
     assert holds(ending, tmp_path / "before", until=BEFORE)
     assert not holds(ending, tmp_path / "after", until=AFTER)
     assert holds(STORE, tmp_path / "nothing", until=AFTER)
+
+
+@pytest.mark.parametrize(("profile", "lasts"), [("spec", True), ("cyclonedds", False)])
+def test_an_end_that_is_not_included_any_more(profile: str, lasts: bool, tmp_path: Path) -> None:
+    """Cyclone DDS counts no grant at its not_after itself."""
+    ending = STORE.member("/f", permissions=LISTENER.permissions.replace("2034-01-01", "2027-03-01"))
+    assert holds(ending, tmp_path / "k", until=ENDS, profiles=(profile,)) is lasts
 
 
 def test_it_is_asked_in_the_domain_that_is_used(tmp_path: Path) -> None:
