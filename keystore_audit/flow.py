@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 from zoneinfo import ZoneInfo
 
+from keystore_audit.aside import FEW
 from keystore_audit.dataclass import dataclass
 from keystore_audit.engine.agreement import EngineAnswers, combine_claims
 from keystore_audit.engine.engines import run_engines
@@ -55,7 +56,7 @@ class Engines:
 class FlowAnswer:
     """Whether there is a flow, by attacker: a result is VIOLATED where there is one for certain.
 
-    `doubts`: places of what could not be read, which an unknown answer depends on.
+    `doubts`: places of what could not be read, which an unknown answer depends on; none where no answer is unknown.
     """
 
     question: FlowQuestion
@@ -82,20 +83,24 @@ def find_flow(
     at: datetime,
     zone: ZoneInfo | None = None,
     engines: Engines | None = None,
+    aside: bool = False,
 ) -> FlowAnswer:
     """Whether there is a flow in the keystore at `path`, at `at` (aware UTC).
+
+    `aside`: of many enclaves, copies of this process may do a part of the work.
 
     Raises errors.NothingToAudit, errors.UsageError for a place that names nothing there, and errors.BudgetExceeded
     where there are too many classes of names.
     """
     claims = questions(question)
-    keystore = read_keystore(path)
+    keystore = read_keystore(path, aside=aside)
     accesses = AccessViews(documents_of(keystore), at, zone)
-    builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims)
+    builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims, aside=aside)
     native = NativeEngine(with_claims(builder.systems(), claims, builder.channels, keystore, {}))
-    runs, answers = _decide(native, engines or Engines())
+    runs, answers = _decide(native, engines or Engines(), aside=aside and len(keystore.enclaves) >= FEW)
     results = combine_claims(claims, native.systems, answers, [profile.name for profile in profiles])
-    doubts = (doubt.location for profile in profiles for doubt in keystore_doubts(keystore, profile, accesses))
+    asked = profiles if any(result.status is Status.UNKNOWN for result in results) else ()
+    doubts = (doubt.location for profile in asked for doubt in keystore_doubts(keystore, profile, accesses))
     return FlowAnswer(
         question=question,
         at=at,
@@ -105,11 +110,13 @@ def find_flow(
     )
 
 
-def _decide(native: NativeEngine, engines: Engines) -> tuple[tuple[EngineRun, ...], tuple[EngineAnswers, ...]]:
+def _decide(
+    native: NativeEngine, engines: Engines, *, aside: bool
+) -> tuple[tuple[EngineRun, ...], tuple[EngineAnswers, ...]]:
     """The engines' answers; the native one alone is asked about the flow and nothing else."""
     if engines.choice == "native":
         run = EngineRun(name="native", version=None, status=EngineStatus.OK, reason="", required=True)
-        return (run,), (EngineAnswers(engine="native", answers=native.claim_answers()),)
+        return (run,), (EngineAnswers(engine="native", answers=native.claim_answers(aside=aside)),)
     return run_engines(
         native,
         choice=engines.choice,

@@ -20,6 +20,8 @@ AUDIT = """
 import os, sys
 copies = []
 sys.addaudithook(lambda event, _: copies.append(event) if event == "os.fork" else None)
+if sys.argv[1] == "one processor":
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 if sys.argv[1] == "dying":
     os.register_at_fork(after_in_child=lambda: os._exit(9))
 from keystore_audit.cli.program import run
@@ -112,17 +114,30 @@ def keystore(tmp_path_factory: pytest.TempPathFactory) -> Path:
         enclave.with_name(f"n{number + 3:03}").joinpath("permissions.p7s").write_bytes(stranger)
         enclave.with_name(f"n{number + 4:03}").joinpath("permissions.p7s").unlink()
         (enclave.with_name(f"n{number + 5:03}") / "permissions.p7s").write_bytes(b"\0" * 100)
+    elsewhere = root / "enclaves/robot/n041/permissions.p7s"
+    elsewhere.unlink()
+    elsewhere.symlink_to("/elsewhere/permissions.p7s")  # outside: nobody knows what it says
     same = (root / "enclaves/robot/n020/permissions.p7s").read_bytes()
     for number in (21, 70, 71):
         (root / f"enclaves/robot/n{number:03}/permissions.p7s").write_bytes(same)
     return root
 
 
-def report(keystore: Path, mode: str, jobs: int, *options: str) -> tuple[str, int, int]:
-    """The report, the exit code, and how many copies were made."""
-    arguments = ("audit", "--engine", "native", "--at", AT, "-j", str(jobs), *options, str(keystore))
+@pytest.fixture(scope="module")
+def healthy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """As many, and nothing wrong."""
+    return builder.sros2(tmp_path_factory.mktemp("well") / "keystore", [f"/robot/n{n:03}" for n in range(120)])
+
+
+def answered(mode: str, *arguments: str) -> tuple[str, int, int]:
+    """What was written, the exit code, and how many copies were made."""
     done = python(AUDIT, mode, *arguments)
     return done.stdout, done.returncode, int(done.stderr)
+
+
+def report(keystore: Path, mode: str, jobs: int, *options: str) -> tuple[str, int, int]:
+    """The report, the exit code, and how many copies were made."""
+    return answered(mode, "audit", "--engine", "native", "--at", AT, "-j", str(jobs), *options, str(keystore))
 
 
 @pytest.mark.parametrize("kind", ["json", "text"])
@@ -146,3 +161,18 @@ def test_the_report_speaks_of_both_halves(keystore: Path) -> None:
 def test_few_enclaves_are_audited_in_one_process(tmp_path: Path) -> None:
     few = builder.sros2(tmp_path / "keystore", [f"/n{number}" for number in range(20)])
     assert report(few, "", 2, "--format", "json")[2] == 0
+
+
+@pytest.mark.parametrize(("which", "source", "code"), [("keystore", "n041", 4), ("healthy", "n010", 1)])
+def test_copies_change_no_byte_of_a_flow(which: str, source: str, code: int, request: pytest.FixtureRequest) -> None:
+    root = str(request.getfixturevalue(which))
+    profiles = ("--profile", "spec") if which == "keystore" else ()  # one that the healthy one has no flow under
+    asked = ("flow", "--at", AT, *profiles, root, f"/robot/{source}", "/robot/n119")
+    alone, exit_code, copies = answered("one processor", *asked)
+    assert (exit_code, copies) == (code, 0)
+    assert ("It depends on what could not be read: " in alone and "n041/permissions.p7s" in alone) is (code == 4)
+    for mode in ("", "dying"):
+        found, same_code, copies = answered(mode, *asked)
+        assert found == alone
+        assert same_code == code
+        assert copies >= 3  # for reading, for certificates, for the answers about half of the systems

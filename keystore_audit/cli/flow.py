@@ -97,6 +97,7 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
         return _stolen_key(keystore, given)
     if source is None or target is None:
         raise click.UsageError("Expected FROM and TO, or --from-compromised.")
+    from keystore_audit.aside import processors
     from keystore_audit.flow import ATTACKERS, Engines, FlowQuestion, find_flow
     from keystore_audit.model.claim import Attacker
     from keystore_audit.model.profiles import resolve
@@ -119,6 +120,7 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
         engines=Engines(
             choice=given["engine"], jar=given["alloy_jar"], offline=given["offline"], timeout=given["timeout"]
         ),
+        aside=processors() > 1,
     )
     output.write_stdout(_rendered(answer, given["kind"]))
     return {Status.HOLDS: 0, Status.VIOLATED: 1, Status.UNKNOWN: EXIT_INCOMPLETE}[answer.status]

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from datetime import datetime
 from functools import cached_property
 
+from keystore_audit.aside import FEW, Aside
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import GovernanceFile
@@ -26,6 +27,7 @@ from keystore_audit.model.inventory import (
     instants_of,
 )
 from keystore_audit.model.lone_readers import NOTHING, LoneReaders
+from keystore_audit.model.meaning import Doubt
 from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.rule_atoms import Atoms, RuleAtoms
 from keystore_audit.model.system import (
@@ -51,7 +53,7 @@ class SystemBuilder:
     `claims`: the names and instants that they speak of take part. `channels`: these, which tell apart all that the
     keystore's documents do. `named`: sets of names that are told apart as well. `literal`: partitions are plain names,
     as they are to permissions; else who may be in one that is a pattern is met in all that it matches. None: they are
-    where there are `points`.
+    where there are `points`. `aside`: of many enclaves, a copy of this process may verify the certificates.
     Raises errors.BudgetExceeded where the classes are too many.
     """
 
@@ -67,27 +69,28 @@ class SystemBuilder:
         named: Sequence[Named] = (),
         *,
         literal: bool | None = None,
+        aside: bool = False,
     ) -> None:
         self._keystore = keystore
         self._profiles = profiles
         self._at = at
         self._documents = documents_of(keystore)
         self._accesses = accesses
-        self._read = {row: self._read_all(row) for row in {accesses.row(profile.access) for profile in profiles}}
         self._certificates = certificates_of(keystore, self._documents)
         self._number = {certificate.sha256: n for n, certificate in enumerate(self._certificates)}
-        grants = (g for read in self._read.values() for document in read for g in document.grants or ())
-        ends = {claim.until for claim in claims if claim.until is not None and claim.until > at}
-        self._instants = tuple(sorted({*instants_of(self._certificates, grants, at), *ends}))
-        if channels is None:
-            channels = document_channels(self._read, points, (*claim_regions(claims), *named))
-        self.channels = channels
+        with Aside(self._identified, wanted=aside and len(keystore.enclaves) >= FEW) as identified:
+            self._read = {row: self._read_all(row) for row in {accesses.row(profile.access) for profile in profiles}}
+            grants = (g for read in self._read.values() for document in read for g in document.grants or ())
+            ends = {claim.until for claim in claims if claim.until is not None and claim.until > at}
+            self._instants = tuple(sorted({*instants_of(self._certificates, grants, at), *ends}))
+            if channels is None:
+                channels = document_channels(self._read, points, (*claim_regions(claims), *named))
+            self.channels = channels
+            self._issuers, self._doubts = identified.result()
         plain = points is not None if literal is None else literal
         self._meets = () if plain else channels.meets
         self._rule_atoms = RuleAtoms(self.channels, self._instants)
-        self._issuers = self._issue()
         self._typed: dict[object, Atoms] = {}
-        self._doubts = [(identity_doubt(enclave) is not None, realm_doubt(enclave)) for enclave in keystore.enclaves]
         self._keys = {key: n for n, key in enumerate(dict.fromkeys(c.key for c in self._certificates))}
         self._views = Views(keystore, self._documents, self._certificates, accesses, at)
 
@@ -95,6 +98,11 @@ class SystemBuilder:
         """The documents as they are read, in order."""
         nothing = ReadDocument()
         return [nothing if d.file is None else self._accesses.read(d.file, access) for d in self._documents]
+
+    def _identified(self) -> tuple[tuple[frozenset[int], ...], list[tuple[bool, Doubt | None]]]:
+        """Who issued each certificate, and what is in doubt about each enclave's identity and realm."""
+        issuers = self._issue()
+        return issuers, [(identity_doubt(each) is not None, realm_doubt(each)) for each in self._keystore.enclaves]
 
     def _issue(self) -> tuple[frozenset[int], ...]:
         """For each certificate, those of CA files and messages that issued it: names and signature, not dates."""
