@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TypeVar
 
 from cryptography.x509.oid import NameOID
@@ -22,6 +22,7 @@ from keystore_audit.keystore.private_key import PrivateKey, read_private_key
 from keystore_audit.keystore.root import Root
 from keystore_audit.keystore.smime import Candidates
 from keystore_audit.keystore.stray import Stray, is_message_by_name, read_strays
+from keystore_audit.keystore.stray_identity import StrayIdentities, read_stray_identities
 from keystore_audit.text import percent_path
 
 
@@ -65,6 +66,8 @@ class Keystore:
     """Path and SHA-256, in hexadecimal, of every file that was read, by path: of the bytes that were parsed."""
     strays: tuple[Stray, ...] = ()
     """Signed messages that no enclave carries, by place, each content once: see `stray`."""
+    identities: StrayIdentities = StrayIdentities()
+    """Identities beside the enclaves."""
     unread: int = 0
     """Other files that were not read: neither name nor beginning is that of a signed message."""
 
@@ -107,6 +110,7 @@ def read_keystore(
             digest=_digest(records),
             contents=tuple(_contents(records)),
             strays=strays,
+            identities=_identities(root, reader, enclaves),
             unread=len(_unread(root, layout)) - sum(stray.file.status.unknown for stray in strays),
         )
 
@@ -238,6 +242,19 @@ def _strays(root: Root, layout: Layout, enclaves: list[Enclave], candidates: Can
     unread = [file for file in _unread(root, layout) if file.may_be_message or is_message_by_name(file)]
     read = [file for file in root.messages() if file.status is Status.PRESENT]
     return tuple(sorted(read_strays([*read, *unread], carried, candidates), key=lambda stray: stray.place))
+
+
+def _identities(root: Root, reader: _Reader, enclaves: Sequence[Enclave]) -> StrayIdentities:
+    """Certificates in files of no enclave, with private keys of any file."""
+    files = root.certificates()
+    if not files:  # nearly always
+        return StrayIdentities()
+    own = [enclave.key for enclave in enclaves if enclave.key is not None]
+    places = {key.file.place for key in own}
+    others = [reader.private_key(file) for file in root.holding_private_keys() if file.place not in places]
+    keys = {key.key: key.file.place for key in (*own, *others) if key is not None and key.key is not None}
+    known = (enclave.certificate.first for enclave in enclaves if enclave.certificate is not None)
+    return read_stray_identities(files, keys, (certificate for certificate in known if certificate is not None))
 
 
 def _unread(root: Root, layout: Layout) -> list[File]:

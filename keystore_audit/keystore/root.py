@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import stat
+from collections.abc import Iterable, Mapping
 from types import TracebackType
 from typing import Final
 from urllib.parse import unquote_to_bytes
@@ -35,6 +36,9 @@ MAX_ENTRIES: Final = 200_000
 
 _BEGINNING: Final = 4096
 """Bytes that are looked at of a file too large to be read: the header of a real message has 250."""
+
+_CERTIFICATE: Final = b"CERTIFICATE-----"
+"""How the first line of a certificate in PEM ends (RFC 7468, 5.1)."""
 
 _LIST_FLAGS: Final = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 _READ_FLAGS: Final = os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC
@@ -74,6 +78,7 @@ class Root:
         self._sealed: dict[bytes, File] = {}
         self._secrets: dict[str, bytes] = {}
         self._messages: dict[str, bytes] = {}
+        self._certificates: dict[str, bytes] = {}
         self._entries: dict[bytes, Entry] = {}
         self._listings: dict[bytes, Listing] = {}
         self._entries_left = MAX_ENTRIES
@@ -159,12 +164,11 @@ class Root:
 
     def messages(self) -> tuple[File, ...]:
         """The files read so far that may be S/MIME messages, by place, each content once, and with it."""
-        read = [file for file in (*self._files.values(), *self._sealed.values()) if file.sha256 in self._messages]
-        found: dict[str, File] = {}
-        for file in sorted(read, key=lambda file: file.place):
-            if file.sha256 is not None:
-                found.setdefault(file.sha256, file.holding(self._messages[file.sha256]))
-        return tuple(found.values())
+        return _each_once((*self._files.values(), *self._sealed.values()), self._messages)
+
+    def certificates(self) -> tuple[File, ...]:
+        """The files that nobody parses and in which certificates are, as `messages`."""
+        return _each_once(self._sealed.values(), self._certificates)
 
     def unread(self) -> tuple[File, ...]:
         """The entries met so far in which a robot might read something that we did not, by path."""
@@ -289,6 +293,8 @@ class Root:
         message = may_be_message(content) or concealed(content) != ""
         if message:
             self._messages.setdefault(digest, content)
+        if _CERTIFICATE in content:
+            self._certificates.setdefault(digest, content)
         return _Reading(
             status=Status.PRESENT,
             content=content,
@@ -329,6 +335,15 @@ class Root:
         self._entries_left -= len(entries)
         entries.sort(key=lambda entry: entry.name)
         return tuple(entries)
+
+
+def _each_once(files: Iterable[File], contents: Mapping[str, bytes]) -> tuple[File, ...]:
+    """Those whose content is among `contents`, by place, each content once, and with it."""
+    found: dict[str, File] = {}
+    for file in sorted((file for file in files if file.sha256 in contents), key=lambda file: file.place):
+        if file.sha256 is not None:
+            found.setdefault(file.sha256, file.holding(contents[file.sha256]))
+    return tuple(found.values())
 
 
 def _refuse_unless_file(found: os.stat_result, way: str = "") -> None:

@@ -1,4 +1,6 @@
-"""KA6: signed documents that no enclave carries, and that peers take all the same (DDS-Security 1.1, 9.4.1.3)."""
+"""KA6: signed documents and identities that no enclave has, and that peers take all the same (DDS-Security 1.1,
+9.4.1.3).
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,9 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.stray import Stray
+from keystore_audit.keystore.stray_identity import MAX_BYTES
 from keystore_audit.model.inventory import may_be_taken, permissions_at_large, permissions_cas
+from keystore_audit.model.stray_identity import Admitted, admitted
 from keystore_audit.model.surplus import StrayGrant, stray_grants
 from keystore_audit.model.trust import Verdict, envelope
 from keystore_audit.rules.context import Context
@@ -193,9 +197,62 @@ def document_at_large_unread(keystore: Keystore, context: Context) -> Iterator[V
         )
 
 
+@rule(
+    "KA668",
+    "identity-outside-enclaves",
+    Severity.HIGH,
+    on=Keystore,
+    clause="DDS-Security 1.1, 9.3.1 and 9.4.1.3 (whoever has the key of a certificate that the identity CA issued is a "
+    "participant, with what grants give its subject)",
+    remedy="If a robot needs it, move its folder below enclaves/, so that it is audited with the others. If not, "
+    "delete the key, and revoke the certificate or let no grant name its subject: whoever has a copy of both is this "
+    "participant.",
+    applies=lambda keystore, _context: bool(keystore.identities.found or keystore.identities.unread),
+)
+def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """A certificate outside the enclaves, its private key somewhere in the tree, and peers that let it in.
+
+    Whoever has the tree can start it: a run time needs no more than a folder of six files, and may get them from
+    anywhere. It is no enclave here, so properties and flows are decided without it. Medium where an enclave has the
+    same subject, since it has no rights then that this enclave has not. Grants that begin later count, and a governance
+    with join access control off, where no grant is needed. Keys with a password and in other forms than PEM are not
+    seen, nor are certificates without a key in the tree.
+    """
+    found = admitted(keystore, context.profiles, context.at)
+    for same in (False, True):
+        some = [each for each in found if (each.enclave is not None) is same]
+        if some:
+            first = some[0]
+            more = f" (and {len(some) - 1} more like it)" if len(some) > 1 else ""
+            whose = f"another identity of {first.enclave}" if same else "an identity of its own and no enclave here"
+            yield Violation(
+                message=f"{first.certificate.path} is {whose} ({quoted(first.certificate.subject)}), its private key "
+                f"is in {first.key}, and peers let it in: whoever has this tree can start it{more}.",
+                locations=places(place for each in some for place in _identity_at(each)),
+                severity=Severity.MEDIUM if same else None,
+                key="same subject" if same else "other subject",
+            )
+    unread = keystore.identities.unread
+    if unread:
+        yield Violation(
+            message=f"{len(unread)} files with certificates outside enclaves were not read, {quoted(unread[0].place)} "
+            f"first (limit {MAX_BYTES} bytes): whether peers take any of them is unknown.",
+            locations=places(Location(path=file.place) for file in unread),
+            undecided=True,
+            key="unread",
+        )
+
+
+def _identity_at(each: Admitted) -> Iterator[Location]:
+    yield Location(path=each.certificate.path, line=each.certificate.line)
+    yield Location(path=each.key, message="the private key")
+    yield Location(path=each.right.path, line=each.right.line, message="what lets it in")
+
+
 STRAY: tuple[Rule[Any], ...] = (
     several_permissions_for_subject,
     signed_governance_at_large,
     signed_document_without_effect,
     document_at_large_unread,
+    identity_outside_enclaves,
 )

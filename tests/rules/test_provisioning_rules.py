@@ -1,4 +1,4 @@
-"""KA660 to KA667, on whole keystores: what lies outside enclaves, what robots share, and how long it lasts."""
+"""KA660 to KA668, on whole keystores: what lies outside enclaves, what robots share, and how long it lasts."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 import pytest
+from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -105,6 +106,18 @@ def unsigned(_fleet: Fleet, root: Path) -> None:
     (root / "enclaves/talker/permissions.xml").write_bytes(PERMISSIONS.format(name="/talker").encode())
 
 
+def moved(path: str, start: str = "backup", **left_out: str) -> Change:
+    """A further enclave, whose folder lies outside enclaves/; `left_out`: files that do not."""
+
+    def change(fleet: Fleet, root: Path) -> None:
+        other = fleet.robot(root.parent / "other", path)
+        shutil.move(other / "enclaves" / path.strip("/"), root / start)
+        for name in left_out.values():
+            (root / start / name).unlink()
+
+    return change
+
+
 CASES: dict[str, tuple[Change, list[str]]] = {
     "KA660": (kept("archive/2023/permissions.p7s", "rt/chatter", "rt/other"), ["KA660"]),
     "KA661": (governance, ["KA661"]),
@@ -114,6 +127,7 @@ CASES: dict[str, tuple[Change, list[str]]] = {
     "KA665": (lambda _fleet, _root: None, ["KA665", "KA667"]),
     "KA666": (lambda _fleet, _root: None, ["KA666"]),
     "KA667": (lambda _fleet, _root: None, ["KA665", "KA667"]),
+    "KA668": (moved("/gripper"), ["KA661", "KA662", "KA668"]),
 }
 """What makes a rule speak, and all that speak then; KA665 and KA667 with --deployed, KA666 beside another robot."""
 
@@ -213,6 +227,93 @@ def test_a_grant_for_nobody_here_is_a_note(fleet: Fleet, tmp_path: Path) -> None
     root = fleet.robot(tmp_path / "robot")
     (root / "old").write_bytes(fleet.document("/gripper", "rt/*"))
     assert {code: each.severity for code, each in found(root).items()} == {"KA662": Severity.INFO}
+
+
+# --- identities outside enclaves
+
+
+def beside(root: Path, **options: object) -> dict[str | None, Severity]:
+    """The severity of KA668 by file of the identity."""
+    findings = [finding for finding in report(root, **options).findings if finding.code == "KA668"]
+    return {finding.locations[0].path: finding.severity for finding in findings}
+
+
+def test_an_identity_outside_enclaves_wants_a_key_and_a_right(fleet: Fleet, tmp_path: Path) -> None:
+    for lacking, expected in (
+        ({}, True),
+        ({"key": "key.pem"}, False),
+        ({"right": "permissions.p7s"}, False),
+        ({"certificate": "cert.pem"}, False),
+        ({"one": "governance.p7s", "two": "identity_ca.cert.pem"}, True),  # whoever has the tree has others
+    ):
+        place = tmp_path / "-".join(lacking) / "robot"
+        root = fleet.robot(place)
+        moved("/gripper", **lacking)(fleet, root)
+        assert (beside(root) == {"backup/cert.pem": Severity.HIGH}) is expected
+        assert bool(beside(root)) is expected
+        assert report(root).exit_code == int(expected)
+
+
+def test_key_certificate_and_right_may_lie_anywhere(fleet: Fleet, tmp_path: Path) -> None:
+    root = fleet.robot(tmp_path / "robot")
+    own = certificate("/gripper", fleet.identity)
+    (root / "notes").write_bytes(b"the old one\n" + own.pem)
+    (root / "enclaves/talker/spare").write_bytes(own.key_pem)
+    assert beside(root) == {}
+    grants = PERMISSIONS.format(name="/talker").replace("</permissions>", "")
+    grants = grants.replace("</dds>", "").rstrip() + PERMISSIONS.format(name="/gripper").split("<permissions>")[1]
+    signed = signed_document(grants.encode(), fleet.permissions)
+    (root / "enclaves/talker/permissions.p7s").write_bytes(signed)
+    assert beside(root) == {"notes": Severity.HIGH}
+
+
+def test_a_key_that_an_enclave_has_is_in_the_tree_too(fleet: Fleet, tmp_path: Path) -> None:
+    """The talker's key, certified under another name."""
+    root = fleet.robot(tmp_path / "robot")
+    talker = load_pem_private_key((root / "enclaves/talker/key.pem").read_bytes(), None)
+    again = certificate("/admin", fleet.identity, key=talker)  # type: ignore[arg-type]
+    (root / "admin").write_bytes(again.pem)
+    (root / "old").write_bytes(fleet.document("/admin", "rt/*"))
+    assert beside(root) == {"admin": Severity.HIGH}
+
+
+def test_whom_nobody_takes_or_who_is_known_already(fleet: Fleet, tmp_path: Path) -> None:
+    root = fleet.robot(tmp_path / "robot")
+    (root / "old").write_bytes(fleet.document("/gripper", "rt/*"))
+    for place, made, severity in (
+        ("expired", certificate("/gripper", fleet.identity, end=AT - timedelta(days=1)), None),
+        ("stranger", certificate("/gripper", authority("identityCA")), None),
+        ("signer", certificate("/gripper", fleet.permissions), None),
+        ("renewed", certificate("/talker", fleet.identity), Severity.MEDIUM),
+        ("valid", certificate("/gripper", fleet.identity), Severity.HIGH),
+    ):
+        (root / place).write_bytes(made.pem + made.key_pem)
+        assert beside(root) == ({place: severity} if severity else {})
+        (root / place).unlink()
+    shutil.copy(root / "enclaves/talker/cert.pem", root / "copy")
+    shutil.copy(root / "enclaves/talker/key.pem", root / "copy of key")
+    assert beside(root) == {}
+
+
+def test_without_join_access_control_no_grant_is_wanted(fleet: Fleet, tmp_path: Path) -> None:
+    root = fleet.robot(tmp_path / "robot")
+    made = certificate("/gripper", fleet.identity)
+    (root / "spare").write_bytes(made.pem + made.key_pem)
+    assert beside(root) == {}
+    open_to_all = GOVERNANCE.replace(b"<enable_join_access_control>true", b"<enable_join_access_control>false")
+    (root / "enclaves/talker/governance.p7s").write_bytes(signed_document(open_to_all, fleet.permissions))
+    assert beside(root) == {"spare": Severity.HIGH}
+
+
+def test_what_is_too_much_to_be_parsed_is_no_pass(fleet: Fleet, tmp_path: Path) -> None:
+    root = fleet.robot(tmp_path / "robot")
+    moved("/gripper")(fleet, root)
+    for number in range(2):
+        (root / f"a{number}").write_bytes(authority("other").pem + b"\n" * (3 * 1024 * 1024 + number))
+    assert report(root).exit_code == 4
+    assert "backup/cert.pem" in {
+        place.path for f in report(root).findings if f.code == "KA668" for place in f.locations
+    }
 
 
 TOPICS = ("rt/a", "rt/b", "rt/c", "rt/d", "rt/dd", "other")

@@ -1,4 +1,4 @@
-"""Pairs for KA660 to KA667: signed documents left lying about, what robots are given, and how long it lasts."""
+"""Pairs for KA660 to KA668: signed documents left lying about, what robots are given, and how long it lasts."""
 
 from __future__ import annotations
 
@@ -6,7 +6,17 @@ from collections.abc import Iterator
 from dataclasses import replace
 from datetime import datetime, timezone
 
-from .base import ONE, PERMISSIONS_CA, QUIET, TALKER_CERTIFICATE, TALKER_GRANT, talker, with_talker
+from .base import (
+    LISTENER,
+    LISTENER_CERTIFICATE,
+    ONE,
+    PERMISSIONS_CA,
+    QUIET,
+    TALKER_CERTIFICATE,
+    TALKER_GRANT,
+    talker,
+    with_talker,
+)
 from .cms import SignedData, Signer
 from .documents import DISCOVERY, Governance, Grant, Permissions, Rule, edited
 from .keys import Key
@@ -22,6 +32,7 @@ def stories() -> Iterator[Story]:
     """All pairs; KA666, about two keystores, has none."""
     yield from _at_large()
     yield from _given()
+    yield from _beside()
 
 
 def _with(path: str, content: bytes) -> Store:
@@ -118,6 +129,24 @@ def _given() -> Iterator[Story]:
         ),
         good=Case("Certificate and permissions were made in one go.", ONE),
         options=_DEPLOYED,
+    )
+
+
+def _beside() -> Iterator[Story]:
+    """A backup of the listener, which this robot does not run any more."""
+    kept = {
+        "backup/cert.pem": LISTENER_CERTIFICATE.pem(),
+        "backup/permissions.p7s": ONE.signed_permissions(LISTENER),
+    }
+    yield from pair(
+        "KA668",
+        "identity-outside-enclaves",
+        bad=Case(
+            "The listener's folder was moved to backup/, with its key. It is no enclave of this keystore any more, and "
+            "whoever has the tree can start it: its peers know of no move.",
+            replace(ONE, changes={**kept, "backup/key.pem": LISTENER_CERTIFICATE.key.pem()}),
+        ),
+        good=Case("The same folder without the private key: nobody can be the listener.", replace(ONE, changes=kept)),
     )
 
 
