@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from keystore_audit import __version__
 from keystore_audit.aside import FEW, Aside
 from keystore_audit.dataclass import replace
-from keystore_audit.engine.agreement import combine, combine_claims, combine_determinism
+from keystore_audit.engine.agreement import EngineAnswers, combine, combine_claims, combine_determinism
 from keystore_audit.engine.engines import run_engines
 from keystore_audit.engine.horizon import Horizon, horizon
 from keystore_audit.engine.label_answers import with_label_answers
@@ -28,7 +28,7 @@ from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.profiles import Profile, resolve, running
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.options import Options, Progress
-from keystore_audit.properties.result import AlloyResult, EngineRun, EngineStatus
+from keystore_audit.properties.result import AlloyResult, EngineRun, EngineStatus, PropertyResult
 from keystore_audit.report.content import (
     ASSUMPTIONS,
     MAX_RANKED,
@@ -47,6 +47,7 @@ from keystore_audit.suppressions import accepted_by
 
 if TYPE_CHECKING:
     from keystore_audit.intent.policy import Policy
+    from keystore_audit.model.claims import Claim
     from keystore_audit.model.drift import Drift
     from keystore_audit.model.observed import Observation
     from keystore_audit.model.wiring import WiredNode
@@ -106,7 +107,7 @@ def audit(
         stage=progress.stage if progress else None,
     )
     names = [profile.name for profile in profiles]
-    asserted = with_label_answers(claims, combine_claims(claims, meaning.systems, answers, names)) if claims else ()
+    asserted = _asserted(claims, meaning, answers, names)
     determined = combine_determinism(declared.claims, meaning.systems, answers, names) if declared else ()
     in_alloy = _in_alloy(options, meaning, runs, names, progress)
     context = Context(
@@ -181,6 +182,18 @@ def _nodes(
     from keystore_audit.model.wiring import wiring
 
     return wiring((*intents, *((policy.intent,) if policy else ())), keystore.layout.kind)
+
+
+def _asserted(
+    claims: Sequence[Claim], meaning: Meaning, answers: Sequence[EngineAnswers], names: Sequence[str]
+) -> tuple[PropertyResult, ...]:
+    """What the engines say of what users assert, with all that violates it."""
+    if not claims:
+        return ()
+    from keystore_audit.engine.breaches import with_breaches  # most audits have none
+
+    results = combine_claims(claims, meaning.systems, answers, names)
+    return with_label_answers(claims, with_breaches(claims, results, meaning.systems))
 
 
 def _in_alloy(

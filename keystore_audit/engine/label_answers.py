@@ -34,6 +34,17 @@ def _joint(pair: LabelPair, parts: Sequence[AssertedResult]) -> LabelResult:
         meaning="\0".join(part.meaning for part in parts),
         severity=first.severity,
         location=first.location,
+        breaches=_together([part.breaches for part in parts]),
+    )
+
+
+def _together(parts: Sequence[tuple[str, ...] | None]) -> tuple[str, ...] | None:
+    """What violates them; None where that of one is not known."""
+    known = [part for part in parts if part is not None]
+    return (
+        tuple(f"{number}: {each}" for number, part in enumerate(known) for each in part)
+        if len(known) == len(parts)
+        else None
     )
 
 

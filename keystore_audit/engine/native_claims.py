@@ -25,7 +25,11 @@ class Claims:
 
     def violation(self, claim: ClaimAtom) -> Found | None:
         """What violates the claim, None where it holds."""
-        return next(_KINDS[claim.kind](self, claim), None)
+        return next(self.violations(claim), None)
+
+    def violations(self, claim: ClaimAtom) -> Iterator[Found]:
+        """All that violates the claim; of a flow, a shortest one alone."""
+        return _KINDS[claim.kind](self, claim)
 
     def flows(self, claim: ClaimAtom) -> Iterator[Found]:
         """A shortest flow from source to target."""

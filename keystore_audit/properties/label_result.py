@@ -12,6 +12,7 @@ class LabelResult(PropertyResult):
     """Whether what is labelled `source` stays away from what is labelled `target`.
 
     `location`: of the lattice, beside the keystore. `meaning`: what is claimed, equal where it is the same.
+    `breaches`: as of an AssertedResult.
     """
 
     source: str
@@ -19,3 +20,4 @@ class LabelResult(PropertyResult):
     meaning: str
     severity: Severity
     location: Location
+    breaches: tuple[str, ...] | None

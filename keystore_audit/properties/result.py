@@ -77,7 +77,8 @@ class AssertedResult(PropertyResult):
 
     `meaning`: what is asserted, apart from its name and its words. `forgers`: where only some may publish a topic,
     enclaves that could pass for one of them with the keys they hold. `reason`: of determinism, why it is unknown, a
-    sentence without its full stop; empty where it is not.
+    sentence without its full stop; empty where it is not. `breaches`: all that violates it, a text each, for telling
+    one violation from another; None where that is not known.
     """
 
     severity: Severity
@@ -85,15 +86,18 @@ class AssertedResult(PropertyResult):
     meaning: str = ""
     forgers: tuple[str, ...] = ()
     reason: str = ""
+    breaches: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AlloyResult(PropertyResult):
     """A property that a user asserts in Alloy, decided by Alloy alone. `location`: of the command, beside the keystore.
 
-    `reason`: why it is unknown, a sentence without its full stop; empty where it is not.
+    `meaning`: the text that asserts it. `reason`: why it is unknown, a sentence without its full stop; empty where it
+    is not.
     """
 
     severity: Severity
     location: Location
+    meaning: str
     reason: str = ""

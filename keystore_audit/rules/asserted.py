@@ -23,7 +23,7 @@ from keystore_audit.rules.wording import listed, quoted
     clause="keystore-audit, docs/settings.md: what is asserted in keystore-audit.toml",
     remedy="Change what lets it through at one of the lines named, or change what is asserted.",
 )
-def asserted_property_violated(result: AssertedResult, _context: Context) -> Iterator[Violation]:
+def asserted_property_violated(result: AssertedResult, context: Context) -> Iterator[Violation]:
     """A property that the settings assert is violated, with the shortest way found.
 
     The severity is the one given there, high where none is. A flow is the absence or presence of explicit flows over
@@ -40,7 +40,7 @@ def asserted_property_violated(result: AssertedResult, _context: Context) -> Ite
         locations=(replace(result.location, message="asserted here"), *(steps(example) if example else ())),
         severity=result.severity,
         profiles=() if len(answers) == len(result.profiles) else tuple(answers),
-        key=f"{result.prop.id}\0{result.meaning}",
+        key=f"{result.prop.id}\0{result.meaning}\0{breach(result.breaches, context)}",
     )
 
 
@@ -53,7 +53,7 @@ def asserted_property_violated(result: AssertedResult, _context: Context) -> Ite
     remedy="Look at the places named; `keystore-audit model KEYSTORE -o DIR --alloy-property FILE` writes all of it "
     "for the Analyzer's window.",
 )
-def asserted_alloy_property_violated(result: AlloyResult, _context: Context) -> Iterator[Violation]:
+def asserted_alloy_property_violated(result: AlloyResult, context: Context) -> Iterator[Violation]:
     """A property that a user asserts in Alloy is violated: a check has a counterexample, or a run no instance.
 
     Alloy alone decides it: no second engine has checked the answer, and what the file says is taken at its word. The
@@ -69,8 +69,16 @@ def asserted_alloy_property_violated(result: AlloyResult, _context: Context) -> 
         locations=(replace(result.location, message="asserted here"), *(steps(example) if example else ())),
         severity=result.severity,
         profiles=() if len(answers) == len(result.profiles) else tuple(answers),
-        key=result.prop.id,
+        key=f"{result.prop.id}\0{result.meaning}\0{breach(None, context)}",
     )
+
+
+def breach(breaches: tuple[str, ...] | None, context: Context) -> str:
+    """What somebody accepts who accepts the violation: all that violates the property now, else the whole keystore.
+
+    An example is told, and another one may be worse; so nobody accepts a property's violation whatever comes.
+    """
+    return context.keystore.digest if breaches is None else "\0".join(breaches)
 
 
 ASSERTED: tuple[Rule[Any], ...] = (asserted_property_violated, asserted_alloy_property_violated)

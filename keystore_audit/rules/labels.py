@@ -9,6 +9,7 @@ from keystore_audit.dataclass import replace
 from keystore_audit.findings import Severity
 from keystore_audit.properties.label_result import LabelResult
 from keystore_audit.properties.property import Status
+from keystore_audit.rules.asserted import breach
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.formal import steps
 from keystore_audit.rules.registry import Rule, Violation, rule
@@ -23,7 +24,7 @@ from keystore_audit.rules.wording import quoted
     clause="keystore-audit, docs/settings.md: the lattice and the labels in keystore-audit.toml",
     remedy="Change what lets it through at one of the lines named, or declare who is trusted to pass it on.",
 )
-def label_flow_violated(result: LabelResult, _context: Context) -> Iterator[Violation]:
+def label_flow_violated(result: LabelResult, context: Context) -> Iterator[Violation]:
     """What has one label can reach what has another, though the lattice of the settings lets nothing through there.
 
     One finding for each two labels, with the shortest way; others between the same labels may remain. The severity is
@@ -39,7 +40,7 @@ def label_flow_violated(result: LabelResult, _context: Context) -> Iterator[Viol
         locations=(replace(result.location, message="the lattice"), *(steps(example) if example else ())),
         severity=result.severity,
         profiles=() if len(answers) == len(result.profiles) else tuple(answers),
-        key=f"{result.prop.id}\0{result.meaning}",
+        key=f"{result.prop.id}\0{result.meaning}\0{breach(result.breaches, context)}",
     )
 
 

@@ -9,7 +9,7 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.properties import BY_ID, Status
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.result import AlloyResult, ProfileResult
-from tests.rules.evidence import judged
+from tests.rules.evidence import healthy, judged
 
 EXAMPLE = Counterexample(
     text="With enclave: /listener.",
@@ -17,6 +17,7 @@ EXAMPLE = Counterexample(
 )
 
 ASSERTED = AlloyResult(
+    meaning="",
     prop=replace(BY_ID["outsiders-cannot-read"], id="chatter-nobody-else", statement="Nobody else. (Alloy alone.)"),
     profiles={
         "spec": ProfileResult(status=Status.VIOLATED, engines={"alloy": Status.VIOLATED}, counterexample=EXAMPLE)
@@ -52,3 +53,12 @@ def test_a_violation_under_some_profiles_names_them() -> None:
     result = replace(ASSERTED, profiles={**ASSERTED.profiles, "fastdds-3.6": holds})
     (found,) = judged(results=(result,)).findings
     assert found.profiles == ("spec",)
+
+
+def test_who_accepts_it_accepts_this_text_about_this_keystore() -> None:
+    """Alloy tells one example of many, and another may be worse."""
+    store = healthy()
+    other = replace(store, digest="another")
+    asked = ((store, ASSERTED), (store, replace(ASSERTED, meaning="check { no Enclave }")), (other, ASSERTED))
+    found = [judged(keystore, results=(result,)).findings[0].fingerprint for keystore, result in asked]
+    assert len(set(found)) == 3

@@ -26,8 +26,11 @@ HOLDS = ProfileResult(status=Status.HOLDS, engines={"native": Status.HOLDS}, cou
 UNKNOWN = ProfileResult(status=Status.UNKNOWN, engines={"native": Status.UNKNOWN}, counterexample=EXAMPLE)
 
 
-def labels(*answers: ProfileResult) -> LabelResult:
-    """What becomes of the answers about the parts of one pair of labels, and of one property beside it."""
+def labels(*answers: ProfileResult, breaches: tuple[tuple[str, ...] | None, ...] = ()) -> LabelResult:
+    """What becomes of the answers about the parts of one pair of labels, and of one property beside it.
+
+    `breaches`: what violates each part, parallel to them where it is given.
+    """
     lattice = chain(("low", "high"))
     given = Labelling(
         lattice=lattice,
@@ -40,7 +43,11 @@ def labels(*answers: ProfileResult) -> LabelResult:
     )
     pair = LabelPair(id="label-high-to-low", source="high", target="low", labelling=given)
     claims = [_claim(f"part-{number}", pair) for number in range(len(answers))]
-    results = [_result(claim, answer) for claim, answer in zip(claims, answers, strict=True)]
+    violating = breaches or ((),) * len(answers)
+    results = [
+        replace(_result(claim, answer), breaches=each)
+        for claim, answer, each in zip(claims, answers, violating, strict=True)
+    ]
     alone = _claim("mine", None)
     told = with_label_answers([claims[0], alone, *claims[1:]], [results[0], _result(alone, HOLDS), *results[1:]])
     assert [one.prop.id for one in told] == ["mine", "label-high-to-low"]
@@ -107,3 +114,13 @@ def test_the_shortest_example_is_told() -> None:
     longer = replace(EXAMPLE, text="Longer.", steps=(*EXAMPLE.steps, replace(EXAMPLE.steps[0], line=10)))
     result = labels(replace(VIOLATED, counterexample=longer), VIOLATED)
     assert result.profiles["spec"].counterexample is EXAMPLE
+
+
+def test_what_violates_a_part_is_what_is_accepted() -> None:
+    def found(*breaches: tuple[str, ...] | None) -> str:
+        return judged(results=(labels(VIOLATED, VIOLATED, breaches=breaches),)).findings[0].fingerprint
+
+    alike = found(("a",), ("b",))
+    assert found(("a",), ("b",)) == alike
+    others = (found(("a",), ("b", "c")), found(("b",), ("a",)), found(("a",), None), found((), ("b",)))
+    assert len({alike, *others}) == 5

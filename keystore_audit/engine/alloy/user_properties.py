@@ -76,7 +76,9 @@ def decide_files(
         if stage:
             stage(f"asking the Alloy Analyzer about {file.path}")
         told = _told(file, mine, engines, jar=jar, offline=offline, timeout=timeout, stage=stage)
-        results += (_result(asked, mine, told[number], profiles) for number, asked in enumerate(file.commands))
+        results += (
+            _result(asked, file.text, mine, told[number], profiles) for number, asked in enumerate(file.commands)
+        )
     return tuple(results)
 
 
@@ -166,7 +168,9 @@ def _undecided(file: UserFile, systems: Sequence[System], reason: str) -> list[l
     return [[Told(status=Status.UNKNOWN, reason=reason) for _ in systems] for _ in file.commands]
 
 
-def _result(asked: Asked, systems: Sequence[System], told: Sequence[Told], profiles: Sequence[str]) -> AlloyResult:
+def _result(
+    asked: Asked, text: str, systems: Sequence[System], told: Sequence[Told], profiles: Sequence[str]
+) -> AlloyResult:
     """The result of one command: HOLDS or VIOLATED only where every reading says so."""
     by_profile = {}
     for profile in profiles:
@@ -190,5 +194,6 @@ def _result(asked: Asked, systems: Sequence[System], told: Sequence[Told], profi
         profiles=by_profile,
         severity=asked.severity,
         location=asked.location,
+        meaning=text,
         reason=next((one.reason for one in told if one.reason), "" if told else "no right was decided"),
     )

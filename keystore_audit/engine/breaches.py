@@ -1,0 +1,113 @@
+"""Everything that violates a user's claim, in names: what somebody accepts who accepts the finding.
+
+A report tells one example. Who accepts that a telematics unit may publish a command has not accepted that the
+infotainment system may, so a fingerprint holds all that violates the claim, as far as it can be told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import islice, product
+from typing import Final
+
+from keystore_audit.dataclass import replace
+from keystore_audit.engine.native_claims import Claims, claims_at
+from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.claims import Claim
+from keystore_audit.model.permission import Decisions
+from keystore_audit.model.system import Reading, System
+from keystore_audit.properties.property import Role, Status, Witness
+from keystore_audit.properties.result import AssertedResult
+
+MAX_STEPS: Final = 200_000
+"""Pairs of places that are looked at, times moments and, of flows, enclaves: some seconds at worst."""
+
+MAX_BREACHES: Final = 10_000
+"""What is told apart; beyond it the keystore stands for it as a whole."""
+
+_ATTACKERS: Final = (Attacker.HONEST, Attacker.SOURCE, Attacker.RELAYS)
+"""From the least to the most that is assumed of them: each can do all that the one before can."""
+
+
+class _TooManyPairs(Exception):
+    """Looking for a flow between all of them would take too long."""
+
+
+def with_breaches(
+    claims: Sequence[Claim], results: Sequence[AssertedResult], systems: Sequence[System]
+) -> tuple[AssertedResult, ...]:
+    """The results, parallel to `claims`, each with all that violates it, unless that is too much."""
+    numbered = enumerate(zip(claims, results, strict=True))
+    return tuple(_with_its_own(number, result, systems) for number, (_claim, result) in numbered)
+
+
+def _with_its_own(number: int, result: AssertedResult, systems: Sequence[System]) -> AssertedResult:
+    try:
+        found = set(islice(_under_profiles(number, result, systems), MAX_BREACHES + 1))
+    except _TooManyPairs:
+        return result
+    return result if len(found) > MAX_BREACHES else replace(result, breaches=tuple(sorted(found)))
+
+
+def _under_profiles(number: int, result: AssertedResult, systems: Sequence[System]) -> Iterator[str]:
+    """What violates it under each profile that it is violated under."""
+    violated = {name for name, answer in result.profiles.items() if answer.status is Status.VIOLATED}
+    for system in systems:
+        profiles = sorted(violated.intersection(system.profiles))
+        if profiles and system.reading is Reading.MAY:  # all that may be; MUST has nothing beyond it
+            for breach in _breaches(system, system.claims[number]):
+                yield from (f"{profile}: {breach}" for profile in profiles)
+
+
+def _breaches(system: System, claim: ClaimAtom) -> Iterator[str]:
+    """What violates the claim at some moment until its end."""
+    first = 2 * system.now
+    last = first if claim.until is None else max(first, 2 * claim.until)
+    sources, targets = _each(claim.source), _each(claim.target)
+    each = len(system.enclaves) if claim.kind is ClaimKind.NO_FLOW else 1
+    if len(sources) * len(targets) * each * (last - first + 1) > MAX_STEPS:
+        raise _TooManyPairs
+    decisions = Decisions(system)
+    for moment in range(first, last + 1):
+        asked = claims_at(system, moment, decisions)
+        if claim.kind is ClaimKind.NO_FLOW:
+            yield from _flows(system, asked, claim, product(sources, targets))
+        else:
+            yield from (_told(system, witness) for witness, _path in asked.violations(claim))
+
+
+def _each(place: Place) -> list[Place]:
+    """Its enclaves one by one, and the rest."""
+    rest = replace(place, enclaves=frozenset())
+    alone = [Place(enclaves=frozenset({enclave})) for enclave in sorted(place.enclaves)]
+    return [*alone, rest] if rest.channels or rest.outsider else alone
+
+
+def _flows(system: System, asked: Claims, claim: ClaimAtom, pairs: Iterable[tuple[Place, Place]]) -> Iterator[str]:
+    """Between which of them there is a flow, and the least attacker who makes one."""
+    attackers = _ATTACKERS[: _ATTACKERS.index(claim.attacker) + 1]
+    for source, target in pairs:
+        for attacker in attackers:
+            one = replace(claim, source=source, target=target, attacker=attacker)
+            if asked.violation(one) is not None:
+                yield f"{attacker.value}: {_named(system, source)} -> {_named(system, target)}"
+                break
+
+
+def _named(system: System, place: Place) -> str:
+    names = [system.enclaves[enclave].label for enclave in sorted(place.enclaves)]
+    return ", ".join([*names, *(["topics"] if place.channels else []), *(["outsider"] if place.outsider else [])])
+
+
+def _told(system: System, witness: Witness) -> str:
+    """Who, on what and where, by names that do not hang on the order of atoms; a realm has none."""
+    told = []
+    for role, atom in sorted(witness.items()):
+        if role in (Role.ENCLAVE, Role.OTHER):
+            told.append(system.enclaves[atom].label)
+        elif role is Role.CHANNEL:
+            channel = system.channels[atom]
+            told += [channel.topic, channel.partition, system.domains[channel.domain].label]
+        elif role is Role.DOMAIN:
+            told.append(system.domains[atom].label)
+    return "\0".join(told)

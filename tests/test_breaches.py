@@ -1,0 +1,91 @@
+"""Who accepts that a property of its own is violated accepts what violates it now, and nothing that comes later."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.cli.keystores import AT, answer, keystore, rule
+
+PROPERTIES = {
+    "only_publish": 'only_publish = { topic = "/cmd", enclaves = ["/planner"] }',
+    "no_flow": 'no_flow = { from = ["/info", "/diag"], to = "/motor" }',
+}
+BEFORE = {
+    "/planner": (rule(("rt/cmd",)),),
+    "/motor": (rule((), ("rt/cmd", "rt/dbg")),),
+    "/joy": (rule(("rt/cmd",)),),
+    "/diag": (rule(("rt/dbg",)),),
+    "/info": (rule(("rt/info",)),),
+}
+WORSE = {
+    "only_publish": {"/info": (rule(("rt/info", "rt/cmd")),)},
+    "no_flow": {"/diag": (rule(("rt/dbg",), ("rt/info",)),)},
+}
+OTHERWISE = {"/joy": (rule(("rt/cmd", "rt/joy"), ("rt/joy",)),)}
+"""A right that no property speaks of."""
+
+
+def asserted(path: Path, *names: str) -> Path:
+    text = "".join(f'[[property]]\nname = "{name.replace("_", "-")}"\n{PROPERTIES[name]}\n' for name in names)
+    path.write_text(text, "utf-8")
+    return path
+
+
+def audited(root: Path, *options: str | Path) -> tuple[int, dict[str, dict[str, Any]]]:
+    """The exit code, and what is said of each property that is asserted, by its name."""
+    code, text = answer("audit", root, "--engine", "native", "--at", AT, "--fail-on", "high", "-f", "json", *options)
+    findings = [each for each in json.loads(text)["findings"] if each["code"] == "KA740"]
+    return code, {each["message"].split(" is violated")[0].strip("'"): each for each in findings}
+
+
+def accepted(tmp_path: Path, root: Path, settings: Path) -> Path:
+    """A baseline of all that is found now."""
+    path = tmp_path / "baseline.toml"
+    why = ("--reason", "known", "--owner", "Ada", "--until", "2027-01-31")
+    made = answer(
+        "baseline", "create", root, "-o", path, "--engine", "native", "--at", AT, "--settings", settings, *why
+    )
+    assert made == (0, "")
+    return path
+
+
+def changed(tmp_path: Path, name: str, rules: Mapping[str, tuple[str, ...]]) -> Path:
+    return keystore(tmp_path / name, {**BEFORE, **rules})
+
+
+@pytest.mark.parametrize("name", ["only_publish", "no_flow"])
+def test_another_violation_of_an_accepted_property_is_not_accepted(name: str, tmp_path: Path) -> None:
+    settings = asserted(tmp_path / "keystore-audit.toml", name)
+    root = changed(tmp_path, "before", {})
+    assert set(audited(root, "--settings", settings)[1]) == {name.replace("_", "-")}
+    options = ("--settings", settings, "--baseline", accepted(tmp_path, root, settings))
+    code, found = audited(root, *options)
+    assert code == 0
+    assert all(each["suppressed"] for each in found.values())
+
+    code, found = audited(changed(tmp_path, "otherwise", OTHERWISE), *options)
+    assert code == 0
+    assert all(each["suppressed"] for each in found.values())
+
+    code, found = audited(changed(tmp_path, "worse", WORSE[name]), *options)
+    assert code == 1
+    assert [each["suppressed"] for each in found.values()] == [None]
+
+
+def test_a_weaker_attacker_is_another_violation(tmp_path: Path) -> None:
+    """Before: only if /diag forges, since it may read what it may not write."""
+    settings = asserted(tmp_path / "keystore-audit.toml", "no_flow")
+    rights = {"/diag": (rule((), ("rt/info", "rt/dbg")),), "/motor": (rule((), ("rt/dbg",)),)}
+    attacked = {**rights, "/joy": (rule(("rt/dbg",)),)}
+    root = changed(tmp_path, "before", attacked)
+    found = audited(root, "--settings", settings)[1]
+    assert "attack" in found["no-flow"]["message"] or "compromised" in found["no-flow"]["message"]
+    options = ("--settings", settings, "--baseline", accepted(tmp_path, root, settings))
+    assert audited(root, *options)[0] == 0
+    by_right = {**attacked, "/diag": (rule(("rt/dbg",), ("rt/info", "rt/dbg")),)}
+    assert audited(changed(tmp_path, "worse", by_right), *options)[0] == 1
