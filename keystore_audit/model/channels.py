@@ -19,7 +19,7 @@ from keystore_audit.model.atoms import TopicClass
 from keystore_audit.model.domains import Interval, contains, describe, domain_bits, elementary
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.names import is_ros_dds_name
-from keystore_audit.model.partition_patterns import between, meetings
+from keystore_audit.model.partition_patterns import between
 from keystore_audit.model.patterns import Patterns
 from keystore_audit.model.profiles import Access
 from keystore_audit.model.semantics import DEFAULT_PARTITION, Region
@@ -243,6 +243,7 @@ class _Shapes:
         self._partitions = Patterns()
         self._numbers: dict[_Shape, int] = {}
         self._of = {named: self._number(named) for named in dict.fromkeys(regions)}
+        self._by_topic: dict[str, tuple[TopicClass, list[tuple[int, frozenset[int] | None]]]] = {}
 
     def _number(self, named: Named) -> int:
         matcher, region = named
@@ -300,7 +301,7 @@ class _Shapes:
         if allowing is None:
             asked.update(range(len(partitions)))
         met_by: dict[int, list[int]] = {}
-        for place, others in meetings(self._partitions.patterns, partitions, sorted(asked - {0})).items():
+        for place, others in self._partitions.meetings(sorted(asked - {0})).items():
             for other in others:
                 met_by.setdefault(other, []).append(place)
         return met_by
@@ -328,16 +329,19 @@ class _Shapes:
     def column(self, point: Point) -> _Column:
         """One topic name in one partition."""
         topic, partition = point
-        named = self._topics.matching(topic)
+        only, shapes = self._topic(topic)
         listed = self._partitions.matching(partition)
-        hits = {
-            number
-            for pattern in named
-            for number, partitions in self._listing.get(pattern, ())
-            if partitions is None or not listed.isdisjoint(partitions)
-        }
-        only = TopicClass(members=named, witness=topic, ros=is_ros_dds_name(topic), infinite=False)
+        hits = {number for number, partitions in shapes if partitions is None or not listed.isdisjoint(partitions)}
         return _Column(hits=tuple(sorted(hits)), topic=only, partition=partition, infinite=False)
+
+    def _topic(self, name: str) -> tuple[TopicClass, list[tuple[int, frozenset[int] | None]]]:
+        """One topic name, and the shapes that list it, each with the partition patterns beside it."""
+        known = self._by_topic.get(name)
+        if known is None:
+            named = self._topics.matching(name)
+            only = TopicClass(members=named, witness=name, ros=is_ros_dds_name(name), infinite=False)
+            known = self._by_topic[name] = only, [each for pattern in named for each in self._listing.get(pattern, ())]
+        return known
 
     @cached_property
     def _listing(self) -> dict[int, list[tuple[int, frozenset[int] | None]]]:

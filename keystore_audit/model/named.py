@@ -12,9 +12,9 @@ from typing import Final
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.access_view import ReadDocument
-from keystore_audit.model.atoms import classify
 from keystore_audit.model.channels import MAX_CELLS
 from keystore_audit.model.expression import Matcher, Pattern, parse
+from keystore_audit.model.patterns import classes_of
 from keystore_audit.model.semantics import Area
 
 DEFAULT_PARTITION: Final = ""
@@ -58,8 +58,10 @@ def names_of(read: Iterable[tuple[Matcher, ReadDocument]]) -> Names:
             for rule in grant.rules:
                 for area in (*rule.publish, *rule.subscribe, *rule.relay):
                     _add(area, matcher, topics, partitions)
-    classes = classify(topics.patterns)
-    others = [each.witness for each in classify(partitions.patterns)] if partitions.patterns else []
+    classes = classes_of(topics.patterns)
+    others: list[str] = []
+    if any(pattern.literal != DEFAULT_PARTITION for pattern in partitions.patterns):
+        others = [each.witness for each in classes_of(partitions.patterns)]
     if len(classes) * (1 + len(others)) > MAX_CELLS:
         message = f"{len(classes)} topic classes in {1 + len(others)} partition classes are more than can be shown."
         raise BudgetExceeded(message)
@@ -80,7 +82,7 @@ def names_of(read: Iterable[tuple[Matcher, ReadDocument]]) -> Names:
 
 def _add(area: Area, matcher: Matcher, topics: _Expressions, partitions: _Expressions) -> None:
     topics.add(area.topics, matcher, granted=True)
-    partitions.add((text for text in area.partitions or () if text != DEFAULT_PARTITION), matcher, granted=True)
+    partitions.add(area.partitions or (), matcher, granted=True)
 
 
 class _Expressions:

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
+from functools import lru_cache
+from typing import Final
 
 from keystore_audit.model.atoms import TopicClass, classify
 from keystore_audit.model.expression import Matcher, Pattern, parse
+from keystore_audit.model.partition_patterns import meetings
 from keystore_audit.model.pattern_index import PatternIndex
+
+MAX_KEPT: Final = 50_000
+"""Expressions whose classes are kept for who asks again; those of more are some 100 MB."""
 
 
 class Patterns:
@@ -18,6 +24,7 @@ class Patterns:
         self._known: dict[tuple[str, Matcher], int] = {}
         self._literals: dict[str, int] = {}
         self._wildcards = PatternIndex()
+        self._matching: dict[str, frozenset[int]] = {}
 
     def number(self, text: str, matcher: Matcher) -> int:
         """The number of the pattern."""
@@ -27,6 +34,7 @@ class Patterns:
             number = self._by_meaning.setdefault((pattern.rewinds, pattern.pieces), len(self.patterns))
             if number == len(self.patterns):
                 self.patterns.append(pattern)
+                self._matching.clear()
                 if pattern.literal is None:
                     self._wildcards.add(number, pattern)
                 else:
@@ -36,7 +44,14 @@ class Patterns:
 
     def classes(self) -> tuple[TopicClass, ...]:
         """The classes of all non-empty names."""
-        return classify(self.patterns)
+        return classes_of(self.patterns)
+
+    def meetings(self, asked: Collection[int]) -> Mapping[int, frozenset[int]]:
+        """By class of partitions, of those `asked` about, what it meets: places in `empty` and, behind it, `classes`.
+
+        Raises errors.BudgetExceeded.
+        """
+        return _meetings(_Expressions(self.patterns), tuple(asked))
 
     def empty(self) -> TopicClass:
         """The class of the empty name alone: the default partition."""
@@ -44,9 +59,12 @@ class Patterns:
 
     def matching(self, name: str) -> frozenset[int]:
         """The patterns that match the name."""
-        literal = self._literals.get(name)
-        found = [number for number, pattern in self._wildcards.candidates(name) if pattern.matches(name)]
-        return frozenset(found if literal is None else [literal, *found])
+        known = self._matching.get(name)
+        if known is None:
+            literal = self._literals.get(name)
+            found = [number for number, pattern in self._wildcards.candidates(name) if pattern.matches(name)]
+            known = self._matching[name] = frozenset(found if literal is None else [literal, *found])
+        return known
 
     def places(self, classes: Sequence[TopicClass]) -> list[list[int]]:
         """By pattern: the classes whose names it matches."""
@@ -55,3 +73,40 @@ class Patterns:
             for member in each.members:
                 places[member].append(place)
         return places
+
+
+def classes_of(patterns: Sequence[Pattern]) -> tuple[TopicClass, ...]:
+    """What `atoms.classify` returns or raises: the same for those who ask about the same expressions in turn.
+
+    The systems, the lines on which profiles differ and the ranking of enclaves do, of one keystore.
+    """
+    return _classes(_Expressions(patterns)) if len(patterns) <= MAX_KEPT else classify(patterns)
+
+
+class _Expressions:
+    """Patterns, which are equal if they mean the same in the same order."""
+
+    __slots__ = ("_hash", "_meanings", "patterns")
+
+    def __init__(self, patterns: Sequence[Pattern]) -> None:
+        self.patterns = tuple(patterns)
+        self._meanings = tuple([(pattern.rewinds, pattern.pieces) for pattern in patterns])
+        self._hash = hash(self._meanings)
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Expressions) and self._meanings == other._meanings
+
+
+@lru_cache(maxsize=4)
+def _classes(expressions: _Expressions) -> tuple[TopicClass, ...]:
+    return classify(expressions.patterns)
+
+
+@lru_cache(maxsize=1)
+def _meetings(expressions: _Expressions, asked: tuple[int, ...]) -> Mapping[int, frozenset[int]]:
+    default = frozenset(number for number, pattern in enumerate(expressions.patterns) if pattern.matches(""))
+    empty = TopicClass(members=default, witness="", ros=False, infinite=False)
+    return meetings(expressions.patterns, [empty, *classes_of(expressions.patterns)], asked)

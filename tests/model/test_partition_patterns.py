@@ -58,6 +58,24 @@ def test_classes_meet_if_a_pattern_in_one_matches_a_name_in_the_other(seed: int)
     assert pairs <= known
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_what_a_class_meets_does_not_hang_on_which_others_are_asked_about(seed: int) -> None:
+    """Nor on what was asked before about the same expressions in another order."""
+    random_ = random.Random(seed)
+    texts = random_.sample(EXPRESSIONS, 4)
+    found = []
+    for order in (texts, texts[::-1]):
+        patterns = Patterns()
+        for text in order:
+            patterns.number(text, Matcher.POSIX)
+        classes = [patterns.empty(), *patterns.classes()]
+        all_of_them = patterns.meetings(range(len(classes)))
+        asked = random_.sample(range(len(classes)), 2)
+        assert patterns.meetings(asked) == {one: met for one, met in all_of_them.items() if one in asked}
+        found.append({classes[one].witness: {classes[n].witness for n in met} for one, met in all_of_them.items()})
+    assert found[0] == found[1]
+
+
 def test_the_partition_of_all_meets_the_default_one() -> None:
     patterns = Patterns()
     for text in ("secret", "*"):
