@@ -189,7 +189,8 @@ def _able(table: Table, key: str) -> dict[str, Any]:
         "source": form.place_of("from"),
         "target": form.place_of("to"),
         "include_ambient": form.flag("include_ambient"),
-        "statement": f"Data can get from {_listed(form.texts('from'))} to {_listed(form.texts('to'))}.",
+        "statement": f"Data can get from {_listed(form.texts('from'))} to {_listed(form.texts('to'))}, by what "
+        "permissions allow; whether governances match (KA416) and nodes use it is not asked.",
     }
 
 

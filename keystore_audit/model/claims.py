@@ -14,7 +14,6 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.channels import Channels, Named
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
-from keystore_audit.model.domains import contains
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import VARIANTS
@@ -117,6 +116,10 @@ def claim_regions(claims: Iterable[Claim]) -> tuple[Named, ...]:
                 regions.update(dict.fromkeys(topic_regions(globs.topics)))
         if not claim.include_ambient:
             regions[named(AMBIENT)] = None
+        if claim.kind is ClaimKind.ABLE:
+            from keystore_audit.model.ability import IN_DEFAULT_PARTITION
+
+            regions[IN_DEFAULT_PARTITION] = None
     for labelling in _labellings(claims):
         from keystore_audit.model.labels import label_regions  # most settings have no labels
 
@@ -161,17 +164,9 @@ def with_claims(
     if not claims or not systems:
         return tuple(systems)
     _check(claims, systems, channels, keystore)
-    elsewhere = frozenset() if domain is None else _outside(channels, domain)
     return tuple(
-        _Resolution(system, channels, keystore, usability, usabilities, elsewhere).resolved(claims)
-        for system in systems
+        _Resolution(system, channels, keystore, usability, usabilities, domain).resolved(claims) for system in systems
     )
-
-
-def _outside(channels: Channels, domain: int) -> frozenset[int]:
-    """The channels of other domains."""
-    inside = {n for n, each in enumerate(channels.domains) if contains(each.intervals, domain)}
-    return frozenset(n for n, channel in enumerate(channels.channels) if channel.domain not in inside)
 
 
 def _check(claims: Sequence[Claim], systems: Sequence[System], channels: Channels, keystore: Keystore) -> None:
@@ -255,11 +250,11 @@ class _Resolution:
         keystore: Keystore,
         usability: Mapping[tuple[str, str], Usability],
         usabilities: Usabilities | None,
-        elsewhere: frozenset[int],
+        domain: int | None,
     ) -> None:
         self._system = system
         self._usabilities = usabilities
-        self._elsewhere = elsewhere
+        self._domain = domain
         self._channels = channels
         self._known = {enclave.path for enclave in keystore.enclaves}
         self._labels = [enclave.label for enclave in system.enclaves]
@@ -267,9 +262,20 @@ class _Resolution:
         self._usability = usability
 
     @cached_property
+    def _elsewhere(self) -> frozenset[int]:
+        """Channels on which no claim of ability counts."""
+        from keystore_audit.model.ability import unusable  # most settings claim none
+
+        return unusable(self._system, self._channels, self._keystore, self._usabilities, self._domain)
+
+    @cached_property
     def _stopped(self) -> frozenset[int]:
-        """Enclaves that do not start under some profile of the system, or (MUST, or without doubt) may not."""
-        stopped = set()
+        """Enclaves that do not start under some profile of the system, or (MUST, or without doubt) may not; and those
+        that nobody talks to.
+        """
+        from keystore_audit.model.ability import talks  # most settings claim none
+
+        stopped = {enclave.path for enclave in self._keystore.enclaves if not talks(enclave)}
         for enclave in self._keystore.enclaves:
             starts = (self._usability[enclave.files.directory, profile] for profile in self._system.profiles)
             if not all(map(self._counts_as_starting, starts)):

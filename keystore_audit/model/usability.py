@@ -72,6 +72,10 @@ class Usabilities:
         self._indexed = 0
         self._resting: list[tuple[Certificate | ReadGrant | None, set[str]]] = []
 
+    def in_domain(self, domain: int) -> Usabilities:
+        """The answers for the same enclaves in this domain."""
+        return Usabilities(domain, self._accesses)
+
     def kind(self, profile: Profile) -> object:
         """Equal for profiles whose answers are equal."""
         return profile.trust, self._accesses.row(profile.access), profile.local

@@ -18,7 +18,18 @@ from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.profiles import resolve
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.properties import Status
-from tests.model.comparing import AT, Member, Store, criterion, domain_rule, governance, grant, permissions, rule
+from tests.model.comparing import (
+    AT,
+    Member,
+    Store,
+    criterion,
+    domain_rule,
+    governance,
+    grant,
+    permissions,
+    rule,
+    topic_rule,
+)
 
 ENDS = datetime(2027, 3, 1, tzinfo=timezone.utc)
 BEFORE, AFTER = (datetime(year, 2, 1, tzinfo=timezone.utc) for year in (2027, 2028))
@@ -79,6 +90,11 @@ def test_an_end_that_is_not_included_any_more(profile: str, lasts: bool, tmp_pat
     assert holds(ending, tmp_path / "k", until=ENDS, profiles=(profile,)) is lasts
 
 
+def test_a_private_key_of_another_certificate(tmp_path: Path) -> None:
+    """Cyclone DDS starts with it, and never talks."""
+    assert not holds(STORE.member("/f", private_key="another"), tmp_path / "k", profiles=("cyclonedds-0.10",))
+
+
 def test_it_is_asked_in_the_domain_that_is_used(tmp_path: Path) -> None:
     """Both start in 9 as well, by a rule about another topic, and nothing of one reaches the other there."""
     store = STORE
@@ -88,3 +104,38 @@ def test_it_is_asked_in_the_domain_that_is_used(tmp_path: Path) -> None:
     assert holds(store, tmp_path / "any")
     assert holds(store, tmp_path / "zero", domain=0)
     assert not holds(store, tmp_path / "nine", domain=9)
+
+
+def rights(topic: str, partitions: tuple[str, ...] = (), by: str = governance()) -> Store:
+    """/e may publish the topic and /f subscribe to it, in these partitions."""
+    talker = permissions(grant("/e", rule(criterion("publish", topic, partitions=partitions))))
+    listener = permissions(grant("/f", rule(criterion("subscribe", topic, partitions=partitions))))
+    members = {"/e": Member(permissions=talker), "/f": Member(permissions=listener)}
+    return Store(members=members, governance=by)
+
+
+@pytest.mark.parametrize(
+    ("partitions", "expected"), [((), True), (("",), True), (("p",), False), (("p", ""), True), (("*",), True)]
+)
+def test_nodes_of_ros_2_are_in_the_default_partition(
+    partitions: tuple[str, ...], expected: bool, tmp_path: Path
+) -> None:
+    assert holds(rights("rt/a", partitions), tmp_path / "k", profiles=("spec", "fastdds", "cyclonedds")) is expected
+
+
+@pytest.mark.parametrize(("topic", "expected"), [("rt/a", True), ("rt/a[*]", False), ("rt/a*", True)])
+def test_a_topic_that_no_cyclonedds_creates(topic: str, expected: bool, tmp_path: Path) -> None:
+    """The one name that `rt/a[*]` matches holds an asterisk."""
+    assert holds(rights(topic), tmp_path / "k", profiles=("cyclonedds-11",)) is expected
+    assert holds(rights(topic), tmp_path / "s", profiles=("spec",))
+
+
+def test_starting_is_asked_in_the_domain_of_the_path(tmp_path: Path) -> None:
+    """OpenDDS starts in 9 alone, where neither has a right; without join access control in 0 it starts there too."""
+    nine = domain_rule("<id>9</id>", enable_join_access_control="false")
+    stock, loose = domain_rule(), domain_rule(enable_join_access_control="false")
+    assert not holds(rights("rt/a", by=governance(stock, nine)), tmp_path / "nine", profiles=("opendds",))
+    assert holds(rights("rt/a", by=governance(loose, nine)), tmp_path / "zero", profiles=("opendds",))
+    assert holds(rights("rt/a", by=governance(stock, nine)), tmp_path / "spec", profiles=("spec",))
+    odd = topic_rule("rt/z", enable_read_access_control="false") + topic_rule()
+    assert holds(rights("rt/a", by=governance(domain_rule(topics=odd), nine)), tmp_path / "z", profiles=("opendds",))

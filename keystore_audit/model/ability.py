@@ -1,0 +1,99 @@
+"""Where a claim of ability does not count on data: channels that no node of ROS 2 uses, or that cannot be had.
+
+What is left out makes such a claim harder to keep, never easier.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from datetime import datetime
+from typing import Final
+
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.model.channels import Channels, Named
+from keystore_audit.model.domains import contains
+from keystore_audit.model.expression import Matcher
+from keystore_audit.model.profiles import VARIANTS, JoinCheck, Profile
+from keystore_audit.model.semantics import DEFAULT_PARTITION, Area
+from keystore_audit.model.system import System
+from keystore_audit.model.usability import Usabilities
+
+IN_DEFAULT_PARTITION: Final[Named] = (Matcher.POSIX, (Area(topics=("*",), partitions=DEFAULT_PARTITION),))
+"""Every topic in the one partition in which the nodes of ROS 2 are."""
+
+
+def unusable(
+    system: System, channels: Channels, keystore: Keystore, usabilities: Usabilities | None, domain: int | None
+) -> frozenset[int]:
+    """The channels of other domains than `domain` (None: the robots use any) and of other partitions than the default
+    one, those whose name some implementation of the system has for no topic, and those of domains in which an enclave
+    does not start although it does elsewhere.
+
+    `usabilities`: who starts, in `domain`; None: everybody.
+    """
+    profiles = [VARIANTS[name] for name in system.profiles]
+    found = set(range(len(channels.channels))) - channels.regions[IN_DEFAULT_PARTITION]
+    if domain is not None:
+        inside = {n for n, each in enumerate(channels.domains) if contains(each.intervals, domain)}
+        found.update(n for n, channel in enumerate(channels.channels) if channel.domain not in inside)
+    for legal in {profile.local.topic_names for profile in profiles} - {None}:
+        found.update(_impossible(channels, legal or ""))
+    if usabilities is not None and domain is None:
+        at = system.instants[system.now]
+        closed = set(_closed(system, channels, keystore.enclaves, usabilities, profiles, at))
+        found.update(n for n, channel in enumerate(channels.channels) if closed and channel.domain in closed)
+    return frozenset(found)
+
+
+def talks(enclave: Enclave) -> bool:
+    """Whether it can prove who it is once it has started.
+
+    Cyclone DDS starts with a private key that is not the certificate's, and completes no handshake (measured).
+    """
+    first = enclave.certificate.first if enclave.certificate is not None else None
+    key = enclave.key.key if enclave.key is not None else None
+    return first is None or key is None or first.key == key
+
+
+def _impossible(channels: Channels, legal: str) -> Iterator[int]:
+    """Channels of one name that is not `legal`; of infinitely many names some may be."""
+    pattern = re.compile(legal)
+    for number, channel in enumerate(channels.channels):
+        if not channel.infinite and pattern.fullmatch(channel.topic) is None:
+            yield number
+
+
+def _closed(
+    system: System,
+    channels: Channels,
+    enclaves: Sequence[Enclave],
+    usabilities: Usabilities,
+    profiles: Iterable[Profile],
+    at: datetime,
+) -> Iterator[int]:
+    """Domain classes in which an enclave does not start whose governance covers them, although it does in others.
+
+    OpenDDS alone decides that by the domain's rules; with others, who has rights in a domain starts there.
+    """
+    for profile in profiles:
+        if profile.local.joins is not JoinCheck.OPENDDS:
+            continue
+        starting = [each for each in enclaves if usabilities.of(each, at, profile).usable is not False]
+        governed = _governed(system)
+        realms = {enclave.label: enclave.realm for enclave in system.enclaves}
+        for number, domain in enumerate(channels.domains):
+            there = usabilities.in_domain(domain.intervals[0][0])
+            for enclave in starting:
+                covered = number in governed[realms[enclave.path]] if enclave.path in realms else False
+                if covered and there.of(enclave, at, profile).usable is False:
+                    yield number
+                    break
+
+
+def _governed(system: System) -> list[set[int]]:
+    """By realm: the domain classes that its governance covers."""
+    by_document: dict[int | None, set[int]] = {}
+    for rule in system.domain_rules:
+        by_document.setdefault(rule.document, set()).update(rule.domains)
+    return [by_document.get(realm.governance, set()) for realm in system.realms]
