@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from datetime import datetime
-from typing import Final, NamedTuple
+from typing import Final
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
-from keystore_audit.keystore.crl import RevocationList
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.comparison import Aspect, Direction, Layer, direction_of
-from keystore_audit.model.comparison_dates import Dates, other_dates, spanned
+from keystore_audit.model.comparison_dates import Dates, spanned
 from keystore_audit.model.comparison_drafts import Draft
+from keystore_audit.model.comparison_facts import Fact, Placed, dated
+from keystore_audit.model.comparison_revocation import revocation_facts
 from keystore_audit.model.comparison_sides import Sides
 from keystore_audit.model.trust import Verdict, envelope, may_have_issued
 
@@ -42,25 +42,13 @@ _PRESENCE: Final = {
 """Files whose absence is a change of its own. Without permissions there are no rights, which is one already."""
 
 
-class _Fact(NamedTuple):
-    """A change of one enclave; equal ones are told once, and so are dates that moved the same way."""
-
-    kind: str
-    direction: Direction
-    what: str
-    aspects: tuple[Aspect, ...]
-
-
-_Placed = tuple[_Fact, Location | None, Location | None]
-
-
 def trust_changes(sides: Sides) -> list[Draft]:
     """One draft for each change, of all enclaves that have it."""
-    found: dict[_Fact, tuple[list[str], list[tuple[Aspect, ...]], Location | None, Location | None]] = {}
+    found: dict[Fact, tuple[list[str], list[tuple[Aspect, ...]], Location | None, Location | None]] = {}
     placed = list(_shared_keys(sides))
     for path in sides.common:
         old, new = (by_path[path] for by_path in sides.enclaves)
-        placed.extend((path, each) for each in _facts(old, new, sides.at))
+        placed.extend((path, each) for each in _facts(old, new, sides))
     for path, (fact, one, other) in placed:
         key = fact._replace(aspects=()) if fact.kind.endswith("-validity") else fact
         held = found.setdefault(key, ([], [], one, other))
@@ -70,18 +58,18 @@ def trust_changes(sides: Sides) -> list[Draft]:
     for fact, (paths, aspects, one, other) in found.items():
         drafts.append(_draft(fact._replace(aspects=spanned(aspects)), tuple(dict.fromkeys(paths)), one, other))
     for draft in drafts:
-        draft.profiles = tuple(profile.name for profile in sides.profiles)
+        draft.profiles = draft.profiles or tuple(profile.name for profile in sides.profiles)
     return drafts
 
 
-def _draft(fact: _Fact, paths: tuple[str, ...], one: Location | None, other: Location | None) -> Draft:
+def _draft(fact: Fact, paths: tuple[str, ...], one: Location | None, other: Location | None) -> Draft:
     return Draft(
         layer=Layer.TRUST,
         kind=fact.kind,
         direction=fact.direction,
         what=fact.what,
         enclaves=paths,
-        profiles=(),
+        profiles=fact.profiles,
         aspects=fact.aspects,
         everybody=fact.kind in _EVERYBODY,
         old=one,
@@ -94,7 +82,7 @@ def _of_keystores(old: Keystore, new: Keystore) -> Iterator[Draft]:
     kinds = old.layout.kind.value, new.layout.kind.value
     if kinds[0] != kinds[1]:
         aspect = Aspect(what="layout", old=kinds[0], new=kinds[1], direction=Direction.CHANGED)
-        yield _draft(_Fact("layout", Direction.CHANGED, "the layout", (aspect,)), (), None, None)
+        yield _draft(Fact("layout", Direction.CHANGED, "the layout", (aspect,)), (), None, None)
     ofs = [{each.key or each.file.place: each.file.place for each in k.authority_keys} for k in (old, new)]
     yield from _left_keys("authority-key", "the private key of an authority", ofs[0], ofs[1])
     others = [{file.sha256 or file.place: file.place for file in _other_private_keys(k)} for k in (old, new)]
@@ -106,7 +94,7 @@ def _left_keys(kind: str, what: str, old: Mapping[str, str], new: Mapping[str, s
     come, gone = ([place for key, place in one.items() if key not in other] for one, other in ((new, old), (old, new)))
     if come or gone:
         verb = "is there" if not gone else ("is no longer there" if not come else "is another")
-        fact = _Fact(kind, direction_of(gains=bool(come), losses=bool(gone)), f"{what} {verb}", ())
+        fact = Fact(kind, direction_of(gains=bool(come), losses=bool(gone)), f"{what} {verb}", ())
         yield _draft(fact, (), *(Location(path=min(places)) if places else None for places in (gone, come)))
 
 
@@ -117,7 +105,7 @@ def _other_private_keys(keystore: Keystore) -> Iterator[File]:
     return (file for file in keystore.private_keys if file.place not in own)
 
 
-def _shared_keys(sides: Sides) -> Iterator[tuple[str, _Placed]]:
+def _shared_keys(sides: Sides) -> Iterator[tuple[str, Placed]]:
     """Enclaves whose identity has the key of another one: whoever holds it has the rights of both."""
     holders: list[dict[str, set[str]]] = [{}, {}]
     for found, by_path in zip(holders, sides.enclaves, strict=True):
@@ -135,7 +123,7 @@ def _shared_keys(sides: Sides) -> Iterator[tuple[str, _Placed]]:
             told = [", ".join(sorted(paths)) or None for paths in (one, other)]
             aspect = Aspect(what="shared with", old=told[0], new=told[1], direction=direction)
             word = "another enclave" if direction is not Direction.LOST else "another enclave no longer"
-            fact = _Fact("identity-shared", direction, f"its identity has the key of {word}", (aspect,))
+            fact = Fact("identity-shared", direction, f"its identity has the key of {word}", (aspect,))
             yield path, (fact, _place(firsts[0]), _place(firsts[1]))
 
 
@@ -149,10 +137,10 @@ def _of_enclaves(sides: Sides) -> Iterator[Draft]:
         if paths:
             place = Location(path=here[paths[0]].files.directory)
             places = (None, place) if kind == ADDED else (place, None)
-            yield _draft(_Fact(kind, direction, "was added" if kind == ADDED else "was removed", ()), paths, *places)
+            yield _draft(Fact(kind, direction, "was added" if kind == ADDED else "was removed", ()), paths, *places)
 
 
-def _facts(old: Enclave, new: Enclave, at: datetime) -> Iterator[_Placed]:
+def _facts(old: Enclave, new: Enclave, sides: Sides) -> Iterator[Placed]:
     """Everything that changed of an enclave."""
     yield from _presences(old, new)
     authorities = list(_authorities(old, new))
@@ -160,17 +148,17 @@ def _facts(old: Enclave, new: Enclave, at: datetime) -> Iterator[_Placed]:
     changed = {each.what for fact, _one, _other in authorities for each in fact.aspects}
     yield from _identity(old, new, reissued=_IDENTITY_CA in changed)
     yield from _signatures(old, new, moved=PERMISSIONS_CA in changed)
-    yield from _revocations(old, new, at)
+    yield from revocation_facts(old, new, sides)
 
 
-def _presences(old: Enclave, new: Enclave) -> Iterator[_Placed]:
+def _presences(old: Enclave, new: Enclave) -> Iterator[Placed]:
     for role, word in _PRESENCE.items():
         files = old.files.files[role], new.files.files[role]
         before, after = (file.status is Status.PRESENT for file in files)
         if before != after and not any(file.status.unknown for file in files):
             direction = Direction.GAINED if after else Direction.LOST
             what = f"its {word} {'is there' if after else 'is no longer there'}"
-            yield _Fact(FILE, direction, what, ()), Location(path=files[0].path), Location(path=files[1].path)
+            yield Fact(FILE, direction, what, ()), Location(path=files[0].path), Location(path=files[1].path)
 
 
 def _first(file: CertificateFile | None) -> Certificate | None:
@@ -181,7 +169,7 @@ def _place(certificate: Certificate | None) -> Location | None:
     return None if certificate is None else Location(path=certificate.path, line=certificate.line)
 
 
-def _identity(old: Enclave, new: Enclave, *, reissued: bool) -> Iterator[_Placed]:
+def _identity(old: Enclave, new: Enclave, *, reissued: bool) -> Iterator[Placed]:
     """The identity certificate. `reissued`: its CA is another, so that it had to be."""
     one, other = _first(old.certificate), _first(new.certificate)
     if one is None or other is None or one.sha256 == other.sha256:
@@ -191,25 +179,25 @@ def _identity(old: Enclave, new: Enclave, *, reissued: bool) -> Iterator[_Placed
     if not reissued:
         facts += _issuer_facts(old, new)
     if not facts and not reissued:
-        facts.append(_Fact("reissued", Direction.INFO, "its identity certificate was issued again, with its key", ()))
+        facts.append(Fact("reissued", Direction.INFO, "its identity certificate was issued again, with its key", ()))
     for fact in facts:
         yield fact, *places
 
 
-def _identity_facts(one: Certificate, other: Certificate) -> Iterator[_Fact]:
+def _identity_facts(one: Certificate, other: Certificate) -> Iterator[Fact]:
     if one.key != other.key:
-        yield _Fact("identity-key", Direction.CHANGED, "its identity has another key", ())
+        yield Fact("identity-key", Direction.CHANGED, "its identity has another key", ())
     if one.subject != other.subject:
         aspect = Aspect(what="subject", old=one.subject, new=other.subject, direction=Direction.CHANGED)
-        yield _Fact(SUBJECT, Direction.CHANGED, "its identity has another subject", (aspect,))
+        yield Fact(SUBJECT, Direction.CHANGED, "its identity has another subject", (aspect,))
     if bool(one.is_ca) != bool(other.is_ca):
         direction = Direction.GAINED if other.is_ca else Direction.LOST
         word = "is an authority" if other.is_ca else "is no longer an authority"
-        yield _Fact("identity-authority", direction, f"its identity {word}", ())
-    yield from _dates("identity-validity", "its identity certificate", _validity(one), _validity(other))
+        yield Fact("identity-authority", direction, f"its identity {word}", ())
+    yield from dated("identity-validity", "its identity certificate", _validity(one), _validity(other))
 
 
-def _issuer_facts(old: Enclave, new: Enclave) -> Iterator[_Fact]:
+def _issuer_facts(old: Enclave, new: Enclave) -> Iterator[Fact]:
     """Whether another authority of the same CA file issued the identity, or none of them."""
     issuers = []
     for enclave in (old, new):
@@ -218,21 +206,14 @@ def _issuer_facts(old: Enclave, new: Enclave) -> Iterator[_Fact]:
         issuers.append([c for c in pool if certificate is not None and may_have_issued(c, certificate)])
     if {c.key for c in issuers[0]} != {c.key for c in issuers[1]}:
         aspect = Aspect(what="issuer", old=_told(issuers[0]), new=_told(issuers[1]), direction=Direction.CHANGED)
-        yield _Fact("identity-issuer", Direction.CHANGED, "its identity was issued by another authority", (aspect,))
+        yield Fact("identity-issuer", Direction.CHANGED, "its identity was issued by another authority", (aspect,))
 
 
 def _validity(certificate: Certificate) -> Dates:
     return certificate.not_before, certificate.not_after
 
 
-def _dates(kind: str, what: str, old: Dates, new: Dates) -> Iterator[_Fact]:
-    """Other dates: neither more nor less, since everything is decided at one instant."""
-    if old != new:
-        words, aspects = other_dates(old, new)
-        yield _Fact(kind, Direction.CHANGED, f"{what} {words}", aspects)
-
-
-def _authorities(old: Enclave, new: Enclave) -> Iterator[_Placed]:
+def _authorities(old: Enclave, new: Enclave) -> Iterator[Placed]:
     """The CA files; one file for both roles is one change."""
     files = {
         _IDENTITY_CA: (old.identity_ca, new.identity_ca),
@@ -251,7 +232,7 @@ def _authorities(old: Enclave, new: Enclave) -> Iterator[_Placed]:
                 yield fact, _place(before.first), _place(after.first)
 
 
-def _authority_facts(words: str, roles: list[str], before: CertificateFile, after: CertificateFile) -> Iterator[_Fact]:
+def _authority_facts(words: str, roles: list[str], before: CertificateFile, after: CertificateFile) -> Iterator[Fact]:
     old = {certificate.key: certificate for certificate in before.certificates}
     new = {certificate.key: certificate for certificate in after.certificates}
     gone, come = (
@@ -266,20 +247,20 @@ def _authority_facts(words: str, roles: list[str], before: CertificateFile, afte
             ]
         told = _told(gone), _told(come)
         aspects = tuple(Aspect(what=role, old=told[0], new=told[1], direction=direction) for role in roles)
-        yield _Fact("authority", direction, f"the {words} {verb}", aspects)
+        yield Fact("authority", direction, f"the {words} {verb}", aspects)
         return
     start = len(list(_validity_facts(words, old, new)))
     yield from _validity_facts(words, old, new)
     if [c.key for c in before.certificates] != [c.key for c in after.certificates]:
-        yield _Fact("authority-order", Direction.CHANGED, f"the {words} have another order", ())
+        yield Fact("authority-order", Direction.CHANGED, f"the {words} have another order", ())
     elif not start:
-        yield _Fact("reissued", Direction.INFO, f"the {words}: issued again, with the same key", ())
+        yield Fact("reissued", Direction.INFO, f"the {words}: issued again, with the same key", ())
 
 
-def _validity_facts(words: str, old: dict[str, Certificate], new: dict[str, Certificate]) -> Iterator[_Fact]:
+def _validity_facts(words: str, old: dict[str, Certificate], new: dict[str, Certificate]) -> Iterator[Fact]:
     for key, one in old.items():
         if one.sha256 != new[key].sha256:
-            yield from _dates("authority-validity", f"the {words}", _validity(one), _validity(new[key]))
+            yield from dated("authority-validity", f"the {words}", _validity(one), _validity(new[key]))
 
 
 def _told(certificates: Iterable[Certificate]) -> str | None:
@@ -287,7 +268,7 @@ def _told(certificates: Iterable[Certificate]) -> str | None:
     return ", ".join(f"{c.subject} (key {c.key[:12]})" for c in certificates) or None
 
 
-def _signatures(old: Enclave, new: Enclave, *, moved: bool) -> Iterator[_Placed]:
+def _signatures(old: Enclave, new: Enclave, *, moved: bool) -> Iterator[Placed]:
     """Who signed the documents, and whether the signatures hold. `moved`: the permissions CA is another."""
     for word, one, other in (
         ("governance", old.governance, new.governance),
@@ -301,7 +282,7 @@ def _signatures(old: Enclave, new: Enclave, *, moved: bool) -> Iterator[_Placed]
         if held != holds:
             direction = Direction.GAINED if holds else Direction.LOST
             verb = "holds" if holds else "no longer holds"
-            yield _Fact("signature", direction, f"the signature of its {word} {verb}", ()), *places
+            yield Fact("signature", direction, f"the signature of its {word} {verb}", ()), *places
             continue
         signed_by = {c.key for c in before.signers}, {c.key for c in after.signers}
         if signed_by[0] == signed_by[1] or (moved and _by_authority(one, old) and _by_authority(other, new)):
@@ -309,52 +290,10 @@ def _signatures(old: Enclave, new: Enclave, *, moved: bool) -> Iterator[_Placed]
         told = _told(before.signers), _told(after.signers)
         verb = "were" if word == "permissions" else "was"
         aspect = Aspect(what="signer", old=told[0], new=told[1], direction=Direction.MIXED)
-        yield _Fact("signer", Direction.MIXED, f"its {word} {verb} signed by somebody else", (aspect,)), *places
+        yield Fact("signer", Direction.MIXED, f"its {word} {verb} signed by somebody else", (aspect,)), *places
 
 
 def _by_authority(document: GovernanceFile | PermissionsFile, enclave: Enclave) -> bool:
     """Whether the enclave's permissions CA signed it."""
     keys = {certificate.key for certificate in enclave.permissions_ca.certificates} if enclave.permissions_ca else set()
     return all(signer.key in keys for signer in envelope(document.signed).signers)
-
-
-def _lists(enclave: Enclave) -> list[RevocationList]:
-    lists = list(enclave.crl.revocation_lists) if enclave.crl else []
-    return lists + (list(enclave.identity_ca.revocation_lists) if enclave.identity_ca else [])
-
-
-def _revocations(old: Enclave, new: Enclave, at: datetime) -> Iterator[_Placed]:
-    """What is taken back, by issuer and serial number, and until when the lists count."""
-    one, other = _lists(old), _lists(new)
-    places = _place_of(one), _place_of(other)
-    before, after = ({(each.issuer, n) for each in lists for n in each.revoked} for lists in (one, other))
-    if before != after:
-        direction = direction_of(gains=bool(before - after), losses=bool(after - before))
-        aspects = tuple(
-            Aspect(what="revoked", old=_serials(was), new=_serials(now), direction=direction)
-            for was, now in ((before - after, after - before),)
-        )
-        yield _Fact("revocation", direction, "its revocation lists take back others", aspects), *places
-    elif bool(one) != bool(other):
-        word = "it has a revocation list" if other else "it has no revocation list any more"
-        yield _Fact("revocation", Direction.LOST if other else Direction.GAINED, word, ()), *places
-    elif one and other:
-        dates = tuple((max(e.this_update for e in lists), _last(lists)) for lists in (one, other))
-        for fact in _dates("revocation-validity", "its revocation lists", *dates):
-            in_time = all(start <= at and (end is None or at <= end) for start, end in dates)
-            newer = in_time and all(aspect.what == "from" for aspect in fact.aspects)
-            info = fact._replace(direction=Direction.INFO, what="its revocation lists were issued again")
-            yield info if newer else fact, *places
-
-
-def _place_of(lists: list[RevocationList]) -> Location | None:
-    return Location(path=lists[0].path, line=lists[0].line) if lists else None
-
-
-def _last(lists: list[RevocationList]) -> datetime | None:
-    ends = [each.next_update for each in lists if each.next_update is not None]
-    return min(ends, default=None)
-
-
-def _serials(revoked: Iterable[tuple[str, int]]) -> str | None:
-    return ", ".join(f"{issuer} {number:x}" for issuer, number in sorted(revoked)) or None

@@ -64,6 +64,20 @@ def list_used(enclave: Enclave, certificate: Certificate, trust: Trust, at: date
     return max(usable, key=lambda each: (_in_force(each, at), each.this_update), default=None)
 
 
+def list_looked_up(authority: Certificate, lists: Iterable[RevocationList], at: datetime) -> RevocationList | None:
+    """Of `lists`, the one in which OpenSSL looks up an identity that the authority itself issued, whichever it is."""
+    usable = (
+        each
+        for each in lists
+        if same_name(each.issuer_name, authority.subject_name)
+        and not each.scope & NO_IDENTITIES
+        and key_identifier_fits(each, authority)
+        and (authority.key_usage is None or "cRLSign" in authority.key_usage)
+        and crl_signed_by(each, authority) is not False
+    )
+    return max(usable, key=lambda each: (_in_force(each, at), each.this_update), default=None)
+
+
 def _in_force(revocations: RevocationList, at: datetime) -> bool:
     return revocations.this_update <= at and (revocations.next_update is None or at <= revocations.next_update)
 

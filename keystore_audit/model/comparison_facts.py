@@ -1,0 +1,34 @@
+"""Changes of single enclaves before they are told: equal ones of several enclaves are one change."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from keystore_audit.findings import Location
+from keystore_audit.model.comparison import Aspect, Direction
+from keystore_audit.model.comparison_dates import Dates, other_dates
+
+
+class Fact(NamedTuple):
+    """A change of one enclave; equal ones are told once, and so are dates that moved the same way.
+
+    `profiles`: under which it is one; none: under all that were asked for.
+    """
+
+    kind: str
+    direction: Direction
+    what: str
+    aspects: tuple[Aspect, ...]
+    profiles: tuple[str, ...] = ()
+
+
+Placed = tuple[Fact, Location | None, Location | None]
+"""With where it is written in the old and in the new keystore."""
+
+
+def dated(kind: str, what: str, old: Dates, new: Dates) -> Iterator[Fact]:
+    """Other dates: neither more nor less, since everything is decided at one instant."""
+    if old != new:
+        words, aspects = other_dates(old, new)
+        yield Fact(kind, Direction.CHANGED, f"{what} {words}", aspects)
