@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime, timedelta
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
@@ -11,6 +11,7 @@ from keystore_audit.dataclass import dataclass, fields, replace
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.governance import DomainRange, Governance, GovernanceFile, ProtectionKind, Text
 from keystore_audit.keystore.permissions import Grant, Operation, Permissions, PermissionsFile
+from keystore_audit.model.domains import Interval
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.inventory import Document
 from keystore_audit.model.profiles import SPEC, Access, DateReading, OpenRange, Profile
@@ -66,6 +67,7 @@ class AccessViews:
         self._rows: dict[Access, Access] = {}
         self._kept: dict[tuple[object, ...], Access] = {}
         self._read: dict[tuple[Access, Typed], ReadDocument] = {}
+        self._deciding: dict[tuple[Access, GovernanceFile], tuple[ReadDomainRule, ...]] = {}
 
     def row(self, access: Access) -> Access:
         """One row for all that read this keystore's documents alike."""
@@ -82,6 +84,16 @@ class AccessViews:
         if found is None:
             row = self.row(access)
             found = self._read[access, file] = self._document(file, row) if row is access else self.read(file, row)
+        return found
+
+    def deciding(self, file: GovernanceFile, access: Access) -> Sequence[ReadDomainRule]:
+        """The domain rules of the document that may decide: of those about the same domains the first."""
+        found = self._deciding.get((access, file))
+        if found is None:
+            first: dict[tuple[Interval, ...], ReadDomainRule] = {}
+            for rule in self.read(file, access).domain_rules or ():
+                first.setdefault(rule.domains, rule)
+            found = self._deciding[access, file] = tuple(first.values())
         return found
 
     def of_document(self, file: Typed) -> AccessViews:

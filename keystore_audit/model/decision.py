@@ -171,9 +171,8 @@ class LocalRights:
         self, enclave: Enclave, access: Access, local: Local
     ) -> Iterator[tuple[ReadDomainRule, TopicRule, int]]:
         """The topic rules of the enclave's governance, each with the channels that it decides about."""
-        read = self._accesses.read(enclave.governance, access) if enclave.governance else None
         left = self._all
-        for domain_rule in (read.domain_rules or ()) if read is not None else ():
+        for domain_rule in self._accesses.deciding(enclave.governance, access) if enclave.governance else ():
             if not left:
                 break
             undecided = self._domains(domain_rule) & left

@@ -18,7 +18,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.decision import WILDCARDS, LocalRights
-from keystore_audit.model.domains import Interval, contains
+from keystore_audit.model.domains import Interval, contains, domain_bits
 from keystore_audit.model.permission import members
 from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.semantics import ReadGrant
@@ -104,11 +104,11 @@ class LoneReaders:
         """The domain classes that some rule of the governance is about."""
         key = (governance.signed.file.place, access)
         if key not in self._ruled:
-            rules = self._accesses.read(governance, access).domain_rules or ()
+            ids = 0
+            for rule in self._accesses.deciding(governance, access):
+                ids |= domain_bits(rule.domains)
             self._ruled[key] = frozenset(
-                number
-                for number, domain in enumerate(self._channels.domains)
-                if any(contains(rule.domains, domain.intervals[0][0]) for rule in rules)
+                number for number, domain in enumerate(self._channels.domains) if ids >> domain.intervals[0][0] & 1
             )
         return self._ruled[key]
 

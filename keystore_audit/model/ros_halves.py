@@ -17,7 +17,7 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.decision import LocalRights
+from keystore_audit.model.decision import LocalRights, Step
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.names import ACTION_PART, ACTION_SERVICES, ACTION_TOPICS
@@ -223,20 +223,29 @@ class _Rights:
 
     def __init__(self, local: LocalRights, enclave: Enclave, profile: Profile) -> None:
         place = enclave.permissions.signed.file.place if enclave.permissions else ""
-        self.allowed = {each: local.allowed(enclave, profile, each) for each in (PUBLISH, SUBSCRIBE)}
-        self.granted = {each: _granted(local, enclave, profile, each, place) for each in (PUBLISH, SUBSCRIBE)}
+        self.allowed: dict[Operation, int] = {}
+        self.granted: dict[Operation, int] = {}
+        for operation in (PUBLISH, SUBSCRIBE):
+            steps = list(local.steps(enclave, profile, operation))
+            self.allowed[operation] = _allowed(steps)
+            steps.pop()  # the default
+            self.granted[operation] = _granted(steps, place)
 
 
-def _granted(local: LocalRights, enclave: Enclave, profile: Profile, operation: Operation, place: str) -> int:
-    *rules, _default = local.steps(enclave, profile, operation)
-    granted, decided = 0, 0
-    for step in rules:
-        location = step.decision.location
-        if location is not None and location.path == place:
-            if step.decision.allow:
-                granted |= step.channels & ~decided
-            decided |= step.channels
-    return granted
+def _allowed(steps: Iterable[Step]) -> int:
+    allowed, decided = 0, 0
+    for step in steps:
+        if step.decision.allow:
+            allowed |= step.channels & ~decided
+        decided |= step.channels
+    return allowed
+
+
+def _granted(steps: Iterable[Step], place: str) -> int:
+    """What of it rules of the document at `place` allow."""
+    return _allowed(
+        step for step in steps if step.decision.location is not None and step.decision.location.path == place
+    )
 
 
 def _telling(role: str, channel: tuple[Operation, Affix], channels: RosChannels) -> int:

@@ -15,7 +15,7 @@ from keystore_audit.model.access_view import AccessViews, Typed
 from keystore_audit.model.domains import Interval, contains, elementary
 from keystore_audit.model.doubt import enclave_doubts
 from keystore_audit.model.meaning import Usability
-from keystore_audit.model.profiles import JoinCheck, Local, Profile, Trust
+from keystore_audit.model.profiles import JoinCheck, Profile, Trust
 from keystore_audit.model.revocation import list_missing, list_used, lists_read, revoked
 from keystore_audit.model.semantics import ReadDomainRule, ReadGrant
 from keystore_audit.model.sight import Sight, authority_refusals, certificate_refusals, key_refusals, sight_of
@@ -40,10 +40,12 @@ class _Dated:
     """None where no authority of the file issued the identity: that is a reason of its own."""
     permissions_ca: Certificate | None
     """None where its dates do not count."""
-    grants: tuple[tuple[ReadGrant, bool], ...] | None
-    """Those that name the certificate, and whether each lets the enclave join; None where the document says nothing."""
+    grants: tuple[ReadGrant, ...] | None
+    """Those that name the certificate; None where the document says nothing."""
     skips_grants_out_of_date: bool
     joins: JoinCheck
+    governed: _Governed | None
+    """The domains of which a grant has to let the enclave join one; None where the governance says nothing."""
     listed: Enclave | None
     """The enclave, where it carries revocation lists."""
     signers: tuple[Certificate, ...]
@@ -177,24 +179,22 @@ class Usabilities:
             grants=self._own_grants(enclave, certificate, profile),
             skips_grants_out_of_date=profile.access.skips_grants_out_of_date,
             joins=profile.local.joins,
+            governed=self._governed_domains(enclave.governance, profile),
             listed=enclave if lists_read(enclave, trust) else None,
             signers=() if trust.pins_signer else _signers(enclave),
         )
 
     def _own_grants(
         self, enclave: Enclave, certificate: Certificate | None, profile: Profile
-    ) -> tuple[tuple[ReadGrant, bool], ...] | None:
+    ) -> tuple[ReadGrant, ...] | None:
         """The grants of the enclave's own document that name its certificate."""
         if certificate is None or enclave.permissions is None:
             return None
         grants = self._accesses.read(enclave.permissions, profile.access).grants
         if grants is None:
             return None
-        governed = self._governed_domains(enclave.governance, profile)
         return tuple(
-            (grant, governed is None or _joins(governed, grant, profile.local))
-            for grant in grants
-            if names(grant.grant.subject_name.text, certificate, profile.trust.subjects)
+            grant for grant in grants if names(grant.grant.subject_name.text, certificate, profile.trust.subjects)
         )
 
     def _governed_domains(self, file: GovernanceFile | None, profile: Profile) -> _Governed | None:
@@ -204,17 +204,14 @@ class Usabilities:
             return None
         key = (file.signed.file.place, self._accesses.row(profile.access))
         if key not in self._governed:
-            self._governed[key] = tuple(self._deciding(rules))
+            self._governed[key] = tuple(self._deciding(self._accesses.deciding(file, profile.access)))
         return self._governed[key]
 
     def _deciding(self, rules: Sequence[ReadDomainRule]) -> Iterator[tuple[Interval, ReadDomainRule]]:
         """The first rule for the domain in question, or for each that they tell apart."""
         asked: Iterable[Interval] = ((self._domain, self._domain),) if self._domain is not None else ()
         if self._domain is None:
-            first: dict[tuple[Interval, ...], ReadDomainRule] = {}
-            for rule in rules:  # of rules about the same domains only the first decides
-                first.setdefault(rule.domains, rule)
-            rules, asked = list(first.values()), elementary(first)
+            asked = elementary(rule.domains for rule in rules)
         for interval in asked:
             decides = next((rule for rule in rules if contains(rule.domains, interval[0])), None)
             if decides is not None:
@@ -247,7 +244,7 @@ def _rests_on(dated: _Dated) -> Iterator[Certificate | ReadGrant | None]:
     """Whatever is in force or is not; None for revocation lists."""
     yield from (each for each in (dated.certificate, dated.permissions_ca, *dated.signers) if each is not None)
     yield from dated.identity_ca.certificates if dated.identity_ca is not None else ()
-    yield from (grant for grant, _joins in dated.grants or ())
+    yield from dated.grants or ()
     if dated.listed is not None:
         yield None
 
@@ -268,12 +265,11 @@ def _refusals_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:
     if certificate is not None and dated.listed is not None:
         yield from _revocations_at(dated.listed, certificate, trust, at)
     if certificate is not None and dated.grants is not None:
-        named = ((grant.not_before <= at <= grant.not_after, joins) for grant, joins in dated.grants)
-        eligible = (each for each in named if each[0] or not dated.skips_grants_out_of_date)
-        in_force, joins = next(eligible, (False, False))
-        if not in_force:
+        eligible = (grant for grant in dated.grants if _in_force(grant, at) or not dated.skips_grants_out_of_date)
+        grant = next(eligible, None)
+        if grant is None or not _in_force(grant, at):
             yield f"no grant in force names {certificate.subject}"
-        elif not joins:
+        elif dated.governed is not None and not _joins(dated.governed, grant, dated.joins):
             yield _NOT_JOINING[dated.joins]
 
 
@@ -296,9 +292,8 @@ def _revocations_at(enclave: Enclave, certificate: Certificate, trust: Trust, at
         yield "the revocation list is not yet valid, so every identity is refused"
 
 
-def _joins(governed: _Governed, grant: ReadGrant, local: Local) -> bool:
+def _joins(governed: _Governed, grant: ReadGrant, check: JoinCheck) -> bool:
     """Whether the grant lets its holder join one of the domains."""
-    check = local.joins
     allowed = [interval for rule in grant.rules if rule.allow for interval in rule.domains]
     if check is JoinCheck.FASTDDS:
         return any(rule.allow for rule in grant.rules)
