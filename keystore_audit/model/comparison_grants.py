@@ -36,7 +36,7 @@ class _Moved(NamedTuple):
     new: Location
 
 
-class _Right(NamedTuple):
+class Right(NamedTuple):
     """An operation that somebody gained (or lost)."""
 
     operation: str
@@ -72,20 +72,20 @@ _NOTHING: Final = Given(0, 0, 0, 0)
 
 def grant_changes(sides: Sides) -> list[Draft]:
     """One draft for each operation and direction, of all enclaves for which the same names changed."""
-    found: dict[tuple[str, _Right], _Found] = {}
+    found: dict[tuple[str, Right], _Found] = {}
     for pair in sides.pairs:
         for path in sides.compared:
             for right, channels, old, new in _differences(sides, pair, path):
                 each = found.setdefault((path, right), _Found({}, old, new))
                 each.channels.update(dict.fromkeys(pair.profiles, channels))
-    folds: dict[tuple[_Right, tuple[tuple[str, int], ...]], list[tuple[str, _Found]]] = {}
+    folds: dict[tuple[Right, tuple[tuple[str, int], ...]], list[tuple[str, _Found]]] = {}
     for (path, right), each in found.items():
         folds.setdefault((right, tuple(sorted(each.channels.items()))), []).append((path, each))
     return [_draft(sides, right, by_profile, holders) for (right, by_profile), holders in folds.items()]
 
 
 def _draft(
-    sides: Sides, right: _Right, by_profile: tuple[tuple[str, int], ...], holders: list[tuple[str, _Found]]
+    sides: Sides, right: Right, by_profile: tuple[tuple[str, int], ...], holders: list[tuple[str, _Found]]
 ) -> Draft:
     union = 0
     for _profile, channels in by_profile:
@@ -106,21 +106,31 @@ def _draft(
     )
 
 
-def _differences(sides: Sides, pair: Pair, path: str) -> Iterator[tuple[_Right, int, Location | None, Location | None]]:
+def _differences(sides: Sides, pair: Pair, path: str) -> Iterator[tuple[Right, int, Location | None, Location | None]]:
     if is_refused(sides, pair, path):
         return  # whether it starts says so
     grants = pair.old.own_grant(path), pair.new.own_grant(path)
     old, new = given(pair.old, grants[0]), given(pair.new, grants[1])
     if old == new:
         return
+    for right, channels in differing(sides, pair, old, new):
+        if right.operation == JOIN:
+            one, other = (whole(view, grant) for view, grant in _both(pair, grants))
+        else:
+            operation = Operation(right.operation)
+            one, other = (deciding(view, grant, operation, channels) for view, grant in _both(pair, grants))
+        yield right, channels, one, other
+
+
+def differing(sides: Sides, pair: Pair, old: Given, new: Given) -> Iterator[tuple[Right, int]]:
+    """Operations with the channels on which they were gained, or lost; joining where that does not say it already."""
     touched = {True: 0, False: 0}
     for operation in _PARTS:
         before, after = old.of(operation) & sides.mask, new.of(operation) & sides.mask
         for gained, channels in ((True, after & ~before), (False, before & ~after)):
             if channels:
                 touched[gained] |= channels
-                one, other = (deciding(view, grant, operation, channels) for view, grant in _both(pair, grants))
-                yield _Right(operation.value, gained), channels, one, other
+                yield Right(operation.value, gained), channels
     for gained, domains in ((True, new.joined & ~old.joined), (False, old.joined & ~new.joined)):
         bare = 0
         for domain in members(domains):
@@ -128,8 +138,7 @@ def _differences(sides: Sides, pair: Pair, path: str) -> Iterator[tuple[_Right, 
             if not channels & touched[gained]:  # else it goes without saying
                 bare |= channels
         if bare:
-            one, other = (whole(view, grant) for view, grant in _both(pair, grants))
-            yield _Right(JOIN, gained), bare, one, other
+            yield Right(JOIN, gained), bare
 
 
 def validity_changes(sides: Sides, rights: list[Draft]) -> list[Draft]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from datetime import datetime
 from typing import Final
 from zoneinfo import ZoneInfo
@@ -19,6 +19,7 @@ from keystore_audit.model.comparison_influence import influence_changes
 from keystore_audit.model.comparison_labels import ConcernedLabels
 from keystore_audit.model.comparison_later import KIND as LATER
 from keystore_audit.model.comparison_later import later_changes
+from keystore_audit.model.comparison_others import OthersGrants, carriers
 from keystore_audit.model.comparison_reach import Reach
 from keystore_audit.model.comparison_sides import Sides
 from keystore_audit.model.comparison_trust import trust_changes
@@ -51,8 +52,9 @@ def compare(
     drafts = [*trust_changes(sides), *governance_changes(sides), *dates, *later, *rights]
     causes = Causes(drafts)
     unaccounted = [*Reach(sides, causes).work_out(), *influence_changes(sides, causes)]
-    found = [*causes.drafts, *unaccounted]
-    found += _signed_again(sides, found)
+    others = OthersGrants(sides)
+    found = [*causes.drafts, *unaccounted, *others.drafts()]
+    found += _signed_again(sides, found, carriers(others.places, sides))
     concerned = ConcernedLabels(sides, labels)
     changes = [draft.change(sides, concerned.of(draft)) for draft in sorted(found, key=_order)]
     return Comparison(
@@ -76,9 +78,9 @@ def _order(draft: Draft) -> tuple[int, int, str, tuple[str, ...], str]:
     return _LAYERS.index(draft.layer), ORDER.index(draft.direction), draft.kind, draft.enclaves, what
 
 
-def _signed_again(sides: Sides, found: Iterable[Draft]) -> Iterator[Draft]:
-    """Documents with other bytes and the same meaning, all in one line."""
-    told = {
+def _signed_again(sides: Sides, found: Iterable[Draft], carrying: Set[str]) -> Iterator[Draft]:
+    """Documents with other bytes and the same meaning, all in one line. `carrying`: others' rights in them changed."""
+    told = carrying | {
         path
         for draft in found
         for path in draft.enclaves

@@ -101,7 +101,9 @@ class Sides:
         domain: int | None,
         topics: Iterable[str] = (),
     ) -> None:
-        documents = (*documents_of(old), *documents_of(new))
+        several = documents_of(old), documents_of(new)
+        documents = (*several[0], *several[1])
+        self.documents = tuple({document.place: document.file for document in each} for each in several)
         self.at = at
         self.profiles = profiles
         self.keystores = (old, new)

@@ -19,6 +19,7 @@ from keystore_audit.model.comparison import (
     Names,
     Unread,
 )
+from keystore_audit.model.comparison_others import SUBJECT
 from keystore_audit.model.domains import HIGHEST_DOMAIN, Interval, describe
 from keystore_audit.model.names import ros_name
 
@@ -62,7 +63,9 @@ def sentence(change: Change, comparison: Comparison) -> str:
         parts.append(influence(change.influenced))
     if change.names is not None:
         parts.append(_domains(change.names.domains) if change.operation == "join" else names(change.names))
-    aspects = [_aspect(each) for each in change.aspects if (each.what, each.new) not in _COVERAGE]
+    aspects = [
+        _aspect(each) for each in change.aspects if each.what != SUBJECT and (each.what, each.new) not in _COVERAGE
+    ]
     if aspects:
         parts.append(f"({'; '.join(aspects)})")
     words = " ".join(parts) + reasons(change.reasons)
