@@ -52,6 +52,8 @@ class RevocationList:
     unknown_critical: tuple[str, ...]
     scope: frozenset[str]
     """Fields of issuingDistributionPoint that narrow the list (RFC 5280, 5.2.5), by their names there."""
+    delta: bool
+    """Whether it tells changes alone, of a list that is elsewhere (RFC 5280, 5.2.4)."""
     algorithms_agree: bool
     signed_part: bytes = field(repr=False)
     parsed: x509.CertificateRevocationList = field(repr=False)
@@ -157,6 +159,7 @@ def _parsed(parsed: x509.CertificateRevocationList, line: int, path: str) -> Rev
         signature_algorithm=signature_algorithm(parsed.signature_algorithm_oid.dotted_string),
         unknown_critical=tuple(sorted(critical)),
         scope=_scope(parsed.extensions),
+        delta=any(isinstance(extension.value, x509.DeltaCRLIndicator) for extension in parsed.extensions),
         algorithms_agree=parts(parsed.public_bytes(Encoding.DER), 2)[1] == algorithm,
         signed_part=signed,
         parsed=parsed,

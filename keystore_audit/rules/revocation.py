@@ -264,4 +264,51 @@ def crl_not_everywhere(keystore: Keystore, _context: Context) -> Iterator[Violat
     )
 
 
-REVOCATION: tuple[Rule[Any], ...] = (identity_revoked, crl_invalid, crl_stale, crl_not_everywhere)
+@rule(
+    "KA229",
+    "revocation-without-effect",
+    Severity.HIGH,
+    on=RevocationUse,
+    clause="RFC 5280, 5.2.4 (delta lists) and 6.3.3; measured: run times read the first list of crl.pem",
+    remedy="Let one complete list say all that is revoked. " + NEW_LIST,
+)
+def revocation_without_effect(use: RevocationUse, _context: Context) -> Iterator[Violation]:
+    """What somebody revoked is in force: a list behind the first of crl.pem says so alone, or the list is a delta.
+
+    OpenSSL, as the implementations ask it, takes a delta for a complete list (measured): whatever its base revokes is
+    accepted again.
+    """
+    for revocations in use.in_use:
+        if revocations.delta:
+            yield Violation(
+                message=f"The revocation list of {paths(use.enclaves)} is a delta, which tells changes alone: what the "
+                "list before it revokes is accepted.",
+                locations=(Location(path=revocations.path, line=revocations.line),),
+                enclave=sole(use.enclaves),
+                profiles=_reads(use),
+                key=f"delta {revocations.issuer}",
+            )
+    for revocations in use.lists[len(use.in_use) :]:
+        first = use.lists[0]
+        known = first.revoked if same_name(first.issuer_name, revocations.issuer_name) else frozenset()
+        unheard = sorted(revocations.revoked - known)
+        if unheard:
+            yield Violation(
+                message=f"Run times read the first revocation list of {paths(use.enclaves)} alone, and one behind it "
+                f"revokes {len(unheard)} more: {listed([f'{serial:X}' for serial in unheard])}.",
+                locations=(
+                    Location(path=revocations.path, line=revocations.line),
+                    Location(path=first.path, line=first.line, message="the list that is read"),
+                ),
+                enclave=sole(use.enclaves),
+                key=" ".join([revocations.issuer, *(f"{serial:X}" for serial in unheard)]),
+            )
+
+
+REVOCATION: tuple[Rule[Any], ...] = (
+    identity_revoked,
+    crl_invalid,
+    crl_stale,
+    crl_not_everywhere,
+    revocation_without_effect,
+)

@@ -141,16 +141,24 @@ def crl(
     label: str | None = None,
     this_update: datetime = START,
     next_update: datetime = END,
+    delta: bool = False,
 ) -> CrlFile:
-    """A revocation list, read by the real reader."""
+    """A revocation list, read by the real reader; `delta`: of changes alone."""
     builder = x509.CertificateRevocationListBuilder(
         issuer_name=name(issuer), last_update=this_update, next_update=next_update
     )
     for serial in revoked:
         entry = x509.RevokedCertificateBuilder(serial_number=serial, revocation_date=START)
         builder = builder.add_revoked_certificate(entry.build())
+    if delta:
+        builder = builder.add_extension(x509.DeltaCRLIndicator(1), critical=True)
     signed = builder.sign(key(label or issuer), hashes.SHA256())
     return read_crl(file(path, signed.public_bytes(Encoding.PEM)))
+
+
+def joined(*files: CrlFile) -> CrlFile:
+    """One file of all their lists."""
+    return read_crl(file(files[0].file.place, b"".join(each.file.content or b"" for each in files)))
 
 
 def private_key(path: str, label: str, **more: Any) -> PrivateKey:

@@ -45,6 +45,7 @@ from tests.rules.evidence import (
     governance,
     grant,
     healthy,
+    joined,
     judged,
     key,
     keystore,
@@ -179,6 +180,7 @@ CASES: dict[str, tuple[Change, list[str]]] = {
         both(identity_ca=certificates(CA, pem("oldCA", issuer="oldCA"), IDENTITY_CA)),
         ["KA202", "KA226"],
     ),
+    "KA229": (both(crl=joined(crl(CRL), crl(CRL, SERIAL))), ["KA229"]),
     "KA228": (
         talker(certificate=certificates(CERT, pem("/talker"), pem("/admin", label="/talker"))),
         ["KA202", "KA228"],
@@ -361,6 +363,20 @@ def test_a_list_that_another_key_signed_revokes_nothing() -> None:
 
 def test_a_list_from_the_future_is_refused_like_a_stale_one() -> None:
     assert becomes(both(crl=crl(CRL, this_update=AT + DAY))) == ["KA214"]
+
+
+def test_only_what_the_first_list_leaves_out_is_without_effect() -> None:
+    both_ways = [joined(crl(CRL, 7), crl(CRL)), joined(crl(CRL, 7, 8), crl(CRL, 8)), joined(crl(CRL, 7), crl(CRL, 8))]
+    assert [becomes(both(crl=each)) for each in both_ways] == [[], [], ["KA229"]]
+    (found,) = findings("KA229", judged(both(crl=joined(crl(CRL, 7), crl(CRL, 7, 255, 8)))(healthy())))
+    assert "revokes 2 more: 8, FF." in found.message
+    elsewhere = joined(crl(CRL, 7), crl(CRL, 7, issuer="permissionsCA"))
+    assert becomes(both(crl=elsewhere)) == ["KA229"]
+
+
+def test_a_delta_is_taken_for_a_complete_list() -> None:
+    assert becomes(both(crl=crl(CRL, 7, delta=True))) == ["KA229"]
+    assert becomes(both(crl=crl(CRL, SERIAL, delta=True))) == ["KA212", "KA229"]
 
 
 def test_an_unreadable_list_leaves_it_open() -> None:

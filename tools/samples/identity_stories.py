@@ -94,6 +94,16 @@ def _revocation() -> Iterator[Story]:
         ),
         good=Case("The list is current.", _with_crl(revocation_list(STOLEN))),
     )
+    yield from pair(
+        "KA229",
+        "revocation-without-effect",
+        bad=Case(
+            "The list that revokes the stolen identity was appended to crl.pem, and run times read the first: whoever "
+            "has the identity is let in as before.",
+            _with_crl(revocation_list() + revocation_list(STOLEN)),
+        ),
+        good=Case("The newer list stands first.", _with_crl(revocation_list(STOLEN) + revocation_list())),
+    )
     crl = {"crl.pem": revocation_list(STOLEN)}
     yield from pair(
         "KA215",
