@@ -11,8 +11,11 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.intent.environment import DOMAIN, ENABLE, SECURE, STRATEGY
 from keystore_audit.intent.intent import Action, SetVariable
 from keystore_audit.intent.ros_names import ROOT
-from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.governance import DomainRule
+from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.permissions import Rule as PermissionsRule
+from keystore_audit.model.domains import contains, covered
 from keystore_audit.model.names import ros_name
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN
@@ -278,14 +281,15 @@ def _reasons(messages: Iterable[str]) -> str:
     remedy="Take the variable out of the launch file, and let the robot's environment say it for every process.",
     applies=_observes,
 )
-def launch_changes_security(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+def launch_changes_security(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A launch file starts a process without security, or not with this keystore and in the domain asked about.
 
     What it sets comes before what the robot's environment says (`--env`). A value that cannot be told without running
-    the file leaves the audit open.
+    the file leaves the audit open. A domain is high where no governance covers it, low where all do and every enclave
+    is granted something there, else medium: rights in a domain are what `--domain` asks about.
     """
     for variable in _seen(context).variables:
-        harm = _harm(variable)
+        harm = _harm(variable, keystore, context)
         if harm is not None:
             severity, what = harm
             value = "a value that cannot be told" if variable.value is None else quoted(variable.value)
@@ -298,7 +302,7 @@ def launch_changes_security(_keystore: Keystore, context: Context) -> Iterator[V
             )
 
 
-def _harm(variable: SetVariable) -> tuple[Severity, str] | None:
+def _harm(variable: SetVariable, keystore: Keystore, context: Context) -> tuple[Severity, str] | None:
     """How bad it is, and what it does; None: nothing."""
     if variable.name in SECURE and variable.value == SECURE[variable.name]:
         return None
@@ -307,8 +311,43 @@ def _harm(variable: SetVariable) -> tuple[Severity, str] | None:
     if variable.name == STRATEGY:
         return Severity.HIGH, "but for exactly 'Enforce' it starts without security where its enclave does not load"
     if variable.name == DOMAIN:
-        return Severity.MEDIUM, "what it may do there is what `--domain` asks about"
+        return _harm_of_domain(variable.value, keystore, context)
     return Severity.MEDIUM, "whether that is this keystore is not known"
+
+
+def _harm_of_domain(value: str | None, keystore: Keystore, context: Context) -> tuple[Severity, str]:
+    """As `_harm`. An empty value is as good as none: domain 0 (rcl, domain_id.c)."""
+    asked = "what it may do there is what `--domain` asks about"
+    digits = value if value != "" else "0"
+    if digits is None or not (digits.isascii() and digits.isdigit() and len(digits) < _LONG):
+        return Severity.MEDIUM, asked
+    domain = int(digits)
+    governances = [enclave.governance.governance for enclave in keystore.enclaves if enclave.governance is not None]
+    governed = [each is not None and _covers(each.domain_rules, domain, context) for each in governances]
+    if governances and None not in governances and not any(governed):
+        return Severity.HIGH, f"no governance covers domain {domain}: what starts there is not protected by any"
+    if all(governed) and all(_is_granted(enclave, domain, context) for enclave in keystore.enclaves):
+        return Severity.LOW, f"every enclave may be in domain {domain}; {asked}"
+    return Severity.MEDIUM, asked
+
+
+_LONG: Final = 10
+"""Digits that no domain has."""
+
+
+def _covers(rules: Iterable[DomainRule | PermissionsRule], domain: int, context: Context) -> bool:
+    """Whether, however a chosen implementation reads ranges, one of the rules is about the domain."""
+    readings = {profile.access.open_ranges for profile in context.profiles}
+    return all(any(contains(covered(rule.domains, reading), domain) for rule in rules) for reading in readings)
+
+
+def _is_granted(enclave: Enclave, domain: int, context: Context) -> bool:
+    """Whether the enclave's own permissions allow something in the domain, to whomever."""
+    permissions = enclave.permissions.permissions if enclave.permissions is not None else None
+    return permissions is not None and any(
+        grant.default_allow or _covers([rule for rule in grant.rules if rule.allow], domain, context)
+        for grant in permissions.grants
+    )
 
 
 OBSERVED: tuple[Rule[Any], ...] = (

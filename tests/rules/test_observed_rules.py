@@ -82,13 +82,25 @@ def test_one_cause_makes_one_rule_speak(code: str) -> None:
         ("ROS_SECURITY_STRATEGY", "Enforce", None),
         ("ROS_SECURITY_STRATEGY", "Permissive", Severity.HIGH),
         ("ROS_SECURITY_KEYSTORE", "/other", Severity.MEDIUM),
-        ("ROS_DOMAIN_ID", "42", Severity.MEDIUM),
+        ("ROS_DOMAIN_ID", "42", Severity.HIGH),
+        ("ROS_DOMAIN_ID", "0", Severity.LOW),
+        ("ROS_DOMAIN_ID", "", Severity.LOW),
+        ("ROS_DOMAIN_ID", "9999999999999", Severity.MEDIUM),
+        ("ROS_DOMAIN_ID", "two", Severity.MEDIUM),
+        ("ROS_DOMAIN_ID", None, Severity.MEDIUM),
     ],
 )
 def test_what_a_launch_file_makes_of_security(name: str, value: str | None, severity: Severity | None) -> None:
     spoke = spoken(granted(CHATTER), launch(uses("/talker", "/chatter"), variables=(variable(name, value),)))
     assert [each.severity for each in spoke] == ([severity] if severity is not None else [])
     assert all(each.undecided is (value is None) for each in spoke)
+
+
+def test_a_domain_that_is_covered_and_where_one_may_do_nothing() -> None:
+    own = permissions(P7S, grant("/talker", allow(["rt/chatter"], domains=((5, 5),))))
+    elsewhere = keystore(enclave("/talker", permissions=own), enclave("/listener"))
+    (finding,) = spoken(elsewhere, launch(variables=(variable("ROS_DOMAIN_ID", "0"),)))
+    assert (finding.code, finding.severity) == ("KA655", Severity.MEDIUM)
 
 
 def test_nothing_is_said_where_nodes_do_what_they_may() -> None:
