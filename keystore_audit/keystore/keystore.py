@@ -252,7 +252,13 @@ def _identities(root: Root, reader: _Reader, enclaves: Sequence[Enclave]) -> Str
     own = [enclave.key for enclave in enclaves if enclave.key is not None]
     places = {key.file.place for key in own}
     others = [reader.private_key(file) for file in root.holding_private_keys() if file.place not in places]
-    keys = {key.key: key.file.place for key in (*own, *others) if key is not None and key.key is not None}
+    keys = {
+        public: key.file.place
+        for key in (*own, *others)
+        if key is not None
+        for public in (key.key, *(other.key for other in key.others))
+        if public is not None
+    }
     known = (enclave.certificate.first for enclave in enclaves if enclave.certificate is not None)
     return read_stray_identities(files, keys, (certificate for certificate in known if certificate is not None))
 

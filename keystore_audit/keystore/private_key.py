@@ -11,7 +11,7 @@ from cryptography.hazmat.primitives.asymmetric.types import PublicKeyTypes
 from cryptography.hazmat.primitives.serialization import load_der_private_key
 from cryptography.utils import CryptographyDeprecationWarning
 
-from keystore_audit.dataclass import dataclass
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore import public_key
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.files import File
@@ -28,11 +28,27 @@ _LABELS: Final = frozenset(
 """PKCS #8 and the traditional forms: what PEM_read_bio_PrivateKey takes; it skips every other block."""
 
 
+MAX_OTHER_KEYS: Final = 64
+"""Further keys of one file of which the public half is looked at; of the rest it is not known whose they are."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OtherKey:
+    """A further private key in the file of one: no run time reads it, and whoever has the file has it.
+
+    `key` as in `PrivateKey`.
+    """
+
+    line: int
+    key: str | None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PrivateKey:
     """A private key file. `file.content` is None: the bytes stay here.
 
-    `key` identifies the public half as `Certificate.key` does, None where it could not be read.
+    `key` identifies the public half as `Certificate.key` does, None where it could not be read. `others`: keys behind
+    it, each of which is a defect as well.
     """
 
     file: File
@@ -40,6 +56,7 @@ class PrivateKey:
     key_kind: str | None
     encrypted: bool
     defects: tuple[Defect, ...]
+    others: tuple[OtherKey, ...] = ()
 
 
 def read_private_key(file: File) -> PrivateKey:
@@ -53,20 +70,28 @@ def read_private_key(file: File) -> PrivateKey:
     block = _first_key(file.content)
     if isinstance(block, Problem):
         return _unread(sealed, Kind.KEY_UNREADABLE, block.line, block.detail)
+    others = list(_others(file, block))
+    second = tuple(_second(file, each) for each in others)
+    further = tuple(_other(each, look=number < MAX_OTHER_KEYS) for number, each in enumerate(others))
     if block.encrypted:
         detail = "expected a key without a password, found an encrypted one; ROS 2 hands over no password"
-        return _unread(sealed, Kind.KEY_ENCRYPTED, block.line, detail)
+        return _with(_unread(sealed, Kind.KEY_ENCRYPTED, block.line, detail), second, further)
     key = _public_half(block)
     if key is None:
         detail = f"expected a private key in DER, found other bytes in the block {block.label}"
-        return _unread(sealed, Kind.KEY_UNREADABLE, block.line, detail)
+        return _with(_unread(sealed, Kind.KEY_UNREADABLE, block.line, detail), second, further)
     return PrivateKey(
         file=sealed,
         key=public_key.identity(key),
         key_kind=public_key.kind(key),
         encrypted=False,
-        defects=tuple(_others(file, block)),
+        defects=second,
+        others=further,
     )
+
+
+def _with(unread: PrivateKey, second: tuple[Defect, ...], others: tuple[OtherKey, ...]) -> PrivateKey:
+    return replace(unread, defects=unread.defects + second, others=others) if others else unread
 
 
 def _first_key(content: bytes) -> Block | Problem:
@@ -81,15 +106,24 @@ def _first_key(content: bytes) -> Block | Problem:
     return Problem(line=1, detail="expected a PEM block PRIVATE KEY, found none")
 
 
-def _others(file: File, first: Block) -> Iterator[Defect]:
-    """Further private keys, which no run time reads and whoever has the file has."""
+def _others(file: File, first: Block) -> Iterator[Block]:
+    """The blocks of further private keys."""
     content = file.content or b""
     if content.count(_BEGIN) < 2:  # nearly always: the file is not read twice
         return
     for part in read_pem(content).parts:
         if isinstance(part, Block) and part.is_private_key and part.line != first.line:
-            detail = f"expected one private key, found another in the block {part.label}"
-            yield Defect(kind=Kind.SECOND_KEY, path=file.place, line=part.line, detail=detail)
+            yield part
+
+
+def _second(file: File, block: Block) -> Defect:
+    detail = f"expected one private key, found another in the block {block.label}"
+    return Defect(kind=Kind.SECOND_KEY, path=file.place, line=block.line, detail=detail)
+
+
+def _other(block: Block, *, look: bool) -> OtherKey:
+    key = _public_half(block) if look and not block.encrypted else None
+    return OtherKey(line=block.line, key=public_key.identity(key) if key is not None else None)
 
 
 def _public_half(block: Block) -> PublicKeyTypes | None:

@@ -16,6 +16,7 @@ from keystore_audit.model.comparison import Aspect, Direction, Layer, direction_
 from keystore_audit.model.comparison_dates import Dates, spanned
 from keystore_audit.model.comparison_drafts import Draft
 from keystore_audit.model.comparison_facts import Fact, Placed, dated
+from keystore_audit.model.comparison_keys import foreign_keys
 from keystore_audit.model.comparison_revocation import revocation_facts
 from keystore_audit.model.comparison_sides import Sides
 from keystore_audit.model.trust import Verdict, envelope, may_have_issued
@@ -45,7 +46,7 @@ _PRESENCE: Final = {
 def trust_changes(sides: Sides) -> list[Draft]:
     """One draft for each change, of all enclaves that have it."""
     found: dict[Fact, tuple[list[str], list[tuple[Aspect, ...]], Location | None, Location | None]] = {}
-    placed = list(_shared_keys(sides))
+    placed = [*_shared_keys(sides), *foreign_keys(sides)]
     for path in sides.common:
         old, new = (by_path[path] for by_path in sides.enclaves)
         placed.extend((path, each) for each in _facts(old, new, sides))

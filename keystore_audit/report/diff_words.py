@@ -52,7 +52,7 @@ _COVERAGE: Final = {
     ("topic_rule", "true"): "Now covered by a topic rule",
     ("topic_rule", "false"): "No longer covered by a topic rule",
 }
-_LISTED: Final = ("identity CA", "permissions CA", "revoked")
+_LISTED: Final = ("identity CA", "permissions CA", "revoked", "private key")
 """Aspects of which only what came and what went is told."""
 
 

@@ -68,8 +68,8 @@ def private_key_readable_by_others(enclave: Enclave, context: Context) -> Iterat
 def ca_private_key_in_tree(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """The private key of an authority lies in the tree: whoever has it issues identities or signs rights.
 
-    A note where keystores are made; critical in a tree that goes on a robot (--deployed), and always where it is an
-    enclave's own key. Backups and other copies outside the tree are not seen.
+    A note where keystores are made; critical in a tree that goes on a robot (--deployed), and always where an
+    enclave's key.pem holds it, as its own or behind it. Backups and other copies outside the tree are not seen.
     """
     subjects = {
         certificate.key: certificate.subject
@@ -89,15 +89,25 @@ def ca_private_key_in_tree(keystore: Keystore, context: Context) -> Iterator[Vio
                 severity=Severity.CRITICAL if context.deployed else None,
             )
     for enclave in keystore.enclaves:
-        if enclave.key is not None and enclave.key.key is not None and enclave.key.key in subjects:
-            yield Violation(
-                message=f"{enclave.path} has the private key of the authority {quoted(subjects[enclave.key.key])}: it "
-                "can issue any identity or sign any right.",
-                locations=(Location(path=enclave.key.file.place),),
-                enclave=enclave.path,
-                severity=Severity.CRITICAL,
-                remedy=f"Make a new authority, and for {enclave.path} a key of its own. {ISSUE_AGAIN}",
-            )
+        for key, line in _keys_of(enclave):
+            if key is not None and key in subjects and enclave.key is not None:
+                yield Violation(
+                    message=f"{enclave.path} has the private key of the authority {quoted(subjects[key])}: it can "
+                    "issue any identity or sign any right.",
+                    locations=(Location(path=enclave.key.file.place, line=line),),
+                    enclave=enclave.path,
+                    severity=Severity.CRITICAL,
+                    remedy=f"Make a new authority, and for {enclave.path} a key of its own. {ISSUE_AGAIN}",
+                )
+
+
+def _keys_of(enclave: Enclave) -> Iterator[tuple[str | None, int | None]]:
+    """The private keys in the enclave's key.pem, with the lines of those behind the first."""
+    if enclave.key is not None:
+        lines: dict[str | None, int | None] = {enclave.key.key: None}
+        for other in enclave.key.others:
+            lines.setdefault(other.key, other.line)
+        yield from lines.items()
 
 
 @rule(
@@ -115,7 +125,8 @@ def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> It
     `openssl req -x509 -keyout ca.pem -out ca.pem` writes key and certificate into one file; as a CA file it goes on
     every robot. Whose key it is is not asked: nobody needs one there. A second key in key.pem counts as well. In a
     tree that goes on a robot (--deployed), so does a key in any other file, as in a backup; KA109 speaks of those that
-    authorities' names are on. Keys in other forms than PEM are not seen.
+    authorities' names are on. Keys are seen in PEM anywhere in a file, in DER, and as a PKCS #12 file, which is made for
+    one.
     """
     own = {enclave.key.file.place for enclave in keystore.enclaves if enclave.key is not None}
     carried = {file.place for enclave in keystore.enclaves for file in enclave.files.files.values()}
@@ -129,15 +140,32 @@ def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> It
                 locations=(Location(path=file.place),),
                 key=file.place,
             )
+    holders = _holders(keystore)
     for enclave in keystore.enclaves:
+        keys = {other.line: other.key for other in enclave.key.others} if enclave.key is not None else {}
         for defect in enclave.key.defects if enclave.key is not None else ():
             if defect.kind is Kind.SECOND_KEY:
+                whose = holders.get(keys.get(defect.line or 0) or "")
+                told = f", that of {whose}" if whose is not None else ""
                 yield Violation(
-                    message=f"{enclave.path} has a second private key: {defect.detail}.",
+                    message=f"{enclave.path} has a second private key{told}: {defect.detail}.",
                     locations=(Location(path=defect.path, line=defect.line),),
                     enclave=enclave.path,
                     key=f"second {defect.path}",
                 )
+
+
+def _holders(keystore: Keystore) -> dict[str, str]:
+    """By key, the authority or enclave whose it is, in words."""
+    found: dict[str, str] = {}
+    for enclave in keystore.enclaves:
+        for file in (enclave.permissions_ca, enclave.identity_ca):
+            for certificate in file.certificates if file is not None else ():
+                found.setdefault(certificate.key, f"the authority {quoted(certificate.subject)}")
+    for enclave in keystore.enclaves:
+        if enclave.certificate is not None and enclave.certificate.first is not None:
+            found.setdefault(enclave.certificate.first.key, enclave.path)
+    return found
 
 
 @rule(

@@ -86,6 +86,18 @@ def test_the_first_of_several_keys_counts() -> None:
     assert read(other + encoded(EC)).key_kind == "Ed25519"
 
 
+@pytest.mark.parametrize("sealed", [False, True])
+def test_further_keys_are_known_by_their_public_halves(sealed: bool) -> None:
+    """Behind a key that cannot be read too; what needs a password is somebody's."""
+    password = BestAvailableEncryption(b"secret")
+    locked = EC.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, password)
+    found = read((locked if sealed else encoded(EC)) + encoded(KEYS["Ed25519"]) + locked)
+    assert [other.key for other in found.others] == [read(encoded(KEYS["Ed25519"])).key, None]
+    assert [each.line for each in found.defects if each.kind is Kind.SECOND_KEY] == [each.line for each in found.others]
+    assert found.encrypted is sealed
+    assert read(encoded(EC)).others == ()
+
+
 def test_encrypted_keys_are_said_and_nothing_is_asked() -> None:
     password = BestAvailableEncryption(b"secret")
     modern = EC.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, password)

@@ -210,7 +210,7 @@ CASES = (
     Case(
         "a private key of another's",
         BASE.member("/talker", private_key="another"),
-        (("access", "start", "lost", ("/talker",), None),),
+        (trust("private-key", "gained", "/talker"),),
     ),
     Case(
         "an enclave more",

@@ -6,12 +6,18 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from cryptography.hazmat.primitives.serialization import (
+    BestAvailableEncryption,
+    Encoding,
+    NoEncryption,
+    PrivateFormat,
+)
 
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.comparison import Comparison, Direction, FailOn
 from keystore_audit.model.comparison_run import compare
 from keystore_audit.model.profiles import resolve
-from tests.model.comparing import AT, authority, compared
+from tests.model.comparing import AT, authority, compared, key, mirrored, shapes
 from tests.model.single_changes import BASE, EVERYBODY
 
 IDENTITY, PERMISSIONS = authority("identityCA"), authority("permissionsCA")
@@ -84,4 +90,56 @@ def test_private_keys_that_lie_about(
     turned = {"gained": "lost", "mixed": "mixed"}
     assert [(change.kind, change.direction.value) for change in back.changes] == [
         (kind, turned[direction]) for kind, direction in found
+    ]
+
+
+PATHS = {"/listener": "enclaves/listener/key.pem", "/talker": "enclaves/talker/key.pem"}
+OWN = {path: key(path).private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()) for path in PATHS}
+SEALED = key("sealed").private_bytes(Encoding.PEM, PrivateFormat.PKCS8, BestAvailableEncryption(b"x"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected", "whose"),
+    [
+        ((), (OWN["/listener"],), "gained", "CN=/listener"),
+        ((OWN["/listener"],), (), "lost", "CN=/listener"),
+        ((), (PERMISSIONS.key_pem,), "gained", "the authority CN=permissionsCA"),
+        ((IDENTITY.key_pem,), (PERMISSIONS.key_pem,), "mixed", "the authority CN=permissionsCA"),
+        ((), (authority("elsewhere").key_pem,), "gained", "nobody here"),
+        ((), (SEALED,), "gained", "one that could not be read"),
+        # its own key once more, and the same ones in another order
+        ((), (OWN["/talker"],), None, ""),
+        ((OWN["/listener"], IDENTITY.key_pem), (IDENTITY.key_pem, OWN["/listener"]), None, ""),
+    ],
+)
+def test_other_private_keys_in_an_enclaves_key_file(
+    old: tuple[bytes, ...], new: tuple[bytes, ...], expected: str | None, whose: str, tmp_path: Path
+) -> None:
+    keystores = []
+    for name, keys in (("old", old), ("new", new)):
+        root = BASE.write(tmp_path / name)
+        (root / PATHS["/talker"]).write_bytes(OWN["/talker"] + b"".join(keys))
+        keystores.append(read_keystore(root))
+    found, back = (compare(one, other, resolve(()), AT) for one, other in (keystores, keystores[::-1]))
+    assert shapes(back) == mirrored(found)
+    if expected is None:
+        assert not found.changes
+        return
+    (change,) = found.changes
+    assert (change.layer.value, change.kind, change.direction.value) == ("trust", "private-key", expected)
+    assert change.enclaves == ("/talker",)
+    (aspect,) = change.aspects
+    assert (aspect.new or aspect.old or "").startswith(whose)
+    assert (change.new.path if change.new else None) == PATHS["/talker"]
+    assert bool(found.failing(FailOn.GAINED)) is (expected != "lost")
+
+
+def test_an_enclave_that_comes_with_anothers_key(tmp_path: Path) -> None:
+    root = BASE.write(tmp_path / "new")
+    (root / PATHS["/talker"]).write_bytes(OWN["/talker"] + PERMISSIONS.key_pem)
+    one, other = read_keystore(BASE.without("/talker").write(tmp_path / "old")), read_keystore(root)
+    found = compare(one, other, resolve(()), AT)
+    assert told(found, "private-key", "enclave-added") == [
+        ("enclave-added", "gained", ("/talker",)),
+        ("private-key", "gained", ("/talker",)),
     ]
