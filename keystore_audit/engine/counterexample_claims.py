@@ -40,7 +40,7 @@ def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Countere
         return Counterexample(text=text, steps=tuple(dict.fromkeys(step for way in ways for step in way.steps)))
     witness = answer.witnesses[0] if answer.witnesses else {}
     if claim.kind is ClaimKind.SEPARATE_DOMAINS and Role.DOMAIN in witness:
-        return _shared_domain(Case(system=system, witness=witness), when)
+        return _shared_domain(Case(system=system, witness=witness), when, claim.starts)
     if Role.CHANNEL not in witness:
         return Counterexample(text=f"It is violated, and no example was given{when}.", steps=())
     case = Case(system=system, witness=witness)
@@ -131,12 +131,21 @@ def hop_ways(system: System, claim: ClaimAtom, hop: Hop) -> tuple[Way, ...]:
     return tuple(ways)
 
 
-def _shared_domain(case: Case, when: str) -> Counterexample:
+def _shared_domain(case: Case, when: str, starts: frozenset[tuple[int, int]]) -> Counterexample:
     one, other = (case.system.enclaves[case.witness[role]] for role in (Role.ENCLAVE, Role.OTHER))
     domain = case.system.domains[case.witness[Role.DOMAIN]].label
     rule = causes.domain_rule(case.system, case.realm, case.witness[Role.DOMAIN])
     step = step_at(None if rule is None else rule.location, channel=domain, witness=domain, enclave=None)
-    return Counterexample(text=f"{one.label} and {other.label} can both join {domain}{when}.", steps=(step,))
+    text = f"{one.label} and {other.label} can both join {domain}{when}."
+    alone = [role for role in (Role.ENCLAVE, Role.OTHER) if (case.witness[role], case.witness[Role.DOMAIN]) in starts]
+    if alone:
+        starting = case.system.enclaves[case.witness[alone[0]]].label
+        joining = other if alone[0] is Role.ENCLAVE else one
+        text = (
+            f"{joining.label} can join {domain}, where {starting} starts too, by what its own implementation makes of "
+            f"its permissions{when}: it refuses nobody who may be there, and who attacks takes it."
+        )
+    return Counterexample(text=text, steps=(step,))
 
 
 def forgers(system: System, claim: ClaimAtom) -> tuple[str, ...]:

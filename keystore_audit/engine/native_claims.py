@@ -68,11 +68,19 @@ class Claims:
                         yield {Role.REALM: realm, Role.CHANNEL: channel}, ()
 
     def shared_domains(self, claim: ClaimAtom) -> Iterator[Found]:
-        """Domains that an enclave of the source and one of the target can join."""
+        """Domains that an enclave of the source and one of the target can join, or the one can and the other starts in.
+
+        Who attacks takes whomever it finds there.
+        """
+        alone: dict[int, int] = {}
+        for enclave, domain in claim.starts:
+            alone[enclave] = alone.get(enclave, 0) | 1 << domain
         for realm, view in enumerate(self._realms):
             for one in sorted(claim.source.enclaves):
                 for other in sorted(claim.target.enclaves):
-                    for domain in members(view.joined(one) & view.joined(other)):
+                    here, there = view.joined(one), view.joined(other)
+                    both = (here | alone.get(one, 0)) & (there | alone.get(other, 0))
+                    for domain in members(both & (here | there)):
                         roles = {Role.REALM: realm, Role.ENCLAVE: one, Role.OTHER: other, Role.DOMAIN: domain}
                         yield roles, ()
 

@@ -45,7 +45,8 @@ class ClaimAtom:
     """One claim. `id`: unique, `[a-z0-9-]+`. `through`: enclaves that a flow may not pass for it to count (`no-flow`).
 
     `left_out`: ambient channels that no flow takes. `until`: the last instant (index) at which it must hold, None: now
-    alone. `location`: where the user wrote it.
+    alone. `location`: where the user wrote it. `starts`: (separate-domains) enclaves with domains in which their own
+    implementation starts them, where some peers do not let them in.
     """
 
     id: str
@@ -57,6 +58,7 @@ class ClaimAtom:
     left_out: frozenset[int]
     until: int | None
     location: Location
+    starts: frozenset[tuple[int, int]] = frozenset()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

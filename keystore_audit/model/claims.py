@@ -328,7 +328,17 @@ class _Resolution:
             left_out=left_out | self._elsewhere if able else left_out,
             until=None if claim.until is None else self._until(claim.until),
             location=claim.location,
+            starts=self._starts(claim) if claim.kind is ClaimKind.SEPARATE_DOMAINS else frozenset(),
         )
+
+    def _starts(self, claim: Claim) -> frozenset[tuple[int, int]]:
+        """Where enclaves of a claim of separate domains start although peers do not let them in."""
+        if self._usabilities is None:
+            return frozenset()
+        from keystore_audit.model.lone_participants import starts_alone  # most settings claim none
+
+        named = self._enclaves((*claim.source.enclaves, *claim.target.enclaves), unread=False)
+        return starts_alone(self._system, self._keystore, self._channels, self._usabilities, sorted(named), claim.until)
 
     def _sole(self, claim: Claim) -> Place:
         """One enclave that may publish, where one alone may: that nobody else does is left to the engines."""

@@ -252,6 +252,17 @@ class Flow:
         return min(found, default=None)
 
 
+def found_by(hand: ByHand, claim: ClaimAtom, realm: int, one: int, other: int) -> bool:
+    """Whether both may be in one domain: peers let both in, or one, and the other starts there."""
+    here, there = (hand.powers(each, realm).joins for each in (one, other))
+    return any(
+        (domain in there or (other, domain) in claim.starts)
+        if domain in here
+        else (domain in there and (one, domain) in claim.starts)
+        for domain in range(len(hand.system.domains))
+    )
+
+
 def violated(hand: ByHand, claim: ClaimAtom) -> bool:
     """Whether the claim is violated at the moment of `hand`."""
     s = hand.system
@@ -266,8 +277,9 @@ def violated(hand: ByHand, claim: ClaimAtom) -> bool:
                 if e not in claim.source.enclaves and powers.publishes & claim.target.channels:
                     return True
             elif claim.kind is ClaimKind.SEPARATE_DOMAINS:
-                others = (hand.powers(f, realm).joins for f in claim.target.enclaves)
-                if e in claim.source.enclaves and any(powers.joins & joins for joins in others):
+                if e in claim.source.enclaves and any(
+                    found_by(hand, claim, realm, e, f) for f in claim.target.enclaves
+                ):
                     return True
             elif claim.attacker is Attacker.INSIDER:
                 if (powers.overhears - powers.reads) & claim.target.channels:

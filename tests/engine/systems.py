@@ -585,6 +585,7 @@ def _random_claim(system: System, chance: random.Random, number: int) -> ClaimAt
             target = Place(enclaves=some(system.enclaves, 0.4))
         attacker = chance.choice([Attacker.OUTSIDER, Attacker.INSIDER])
     flows = kind in (ClaimKind.NO_FLOW, ClaimKind.ABLE)
+    starts = random.Random(f"{number} {sorted(source.enclaves)} {sorted(target.enclaves)}")
     return ClaimAtom(
         id=f"claim-{number}",
         kind=kind,
@@ -595,4 +596,10 @@ def _random_claim(system: System, chance: random.Random, number: int) -> ClaimAt
         left_out=some(system.channels, 0.15) if flows else frozenset(),
         until=None,
         location=Location(path="keystore-audit.toml", line=1 + number),
+        starts=frozenset(
+            (enclave, domain)
+            for enclave in sorted(source.enclaves | target.enclaves)
+            for domain in range(len(system.domains))
+            if kind is ClaimKind.SEPARATE_DOMAINS and starts.random() < 0.3
+        ),
     )

@@ -182,11 +182,19 @@ def violated(definitions: Definitions, claim: ClaimAtom) -> bool:
     if claim.kind is ClaimKind.ENCRYPTED:
         return any((d.able("overhears", e, r) - d.able("may_read", e, r)) & channels for r, e in pairs)
     assert claim.kind is ClaimKind.SEPARATE_DOMAINS
+
+    def there(realm: int, enclave: int) -> set[int]:
+        return {*members(d.view[realm].joined(enclave))}
+
+    def starting(enclave: int) -> set[int]:
+        return {domain for each, domain in claim.starts if each == enclave}
+
     return any(
-        d.view[r].joined(a) & d.view[r].joined(b)
+        there(r, one) & (there(r, other) | starting(other))
         for r in d.realms
         for a in claim.source.enclaves
         for b in claim.target.enclaves
+        for one, other in ((a, b), (b, a))
     )
 
 

@@ -39,6 +39,11 @@ LISTENER = Member(permissions=permissions(grant("/f", rule(criterion("subscribe"
 STORE = Store(members={"/e": TALKER, "/f": LISTENER}, governance=governance(domain_rule("<id>0</id><id>9</id>")))
 
 
+def apart(store: Store, root: Path, profile: str, *, until: datetime | None = None) -> bool:
+    """Whether /e and /f never share a domain."""
+    return holds(store, root, until=until, profiles=(profile,), kind=ClaimKind.SEPARATE_DOMAINS)
+
+
 def holds(
     store: Store,
     root: Path,
@@ -46,14 +51,15 @@ def holds(
     until: datetime | None = None,
     domain: int | None = None,
     profiles: tuple[str, ...] = ("fastdds", "cyclonedds"),
+    kind: ClaimKind = ClaimKind.ABLE,
 ) -> bool:
-    """Whether /e can reach /f, for every profile."""
+    """Whether /e can reach /f, for every profile; or another kind of claim about the two."""
     keystore = read_keystore(store.write(root))
     accesses = AccessViews(documents_of(keystore), AT, None)
     claim = Claim(
         id="able",
         statement="",
-        kind=ClaimKind.ABLE,
+        kind=kind,
         attacker=Attacker.HONEST,
         source=Globs(enclaves=("/e",)),
         target=Globs(enclaves=("/f",)),
@@ -139,3 +145,45 @@ def test_starting_is_asked_in_the_domain_of_the_path(tmp_path: Path) -> None:
     assert holds(rights("rt/a", by=governance(stock, nine)), tmp_path / "spec", profiles=("spec",))
     odd = topic_rule("rt/z", enable_read_access_control="false") + topic_rule()
     assert holds(rights("rt/a", by=governance(domain_rule(topics=odd), nine)), tmp_path / "z", profiles=("opendds",))
+
+
+# --- never_share_domain: also what an enclave's own implementation makes of its permissions
+
+
+def parted(by: str, own: str = "<id>9</id>", **dates: str) -> Store:
+    """/e has rights in domain 0, /f in `own`."""
+    talker = permissions(grant("/e", rule(criterion("publish", "rt/a"))))
+    listener = permissions(grant("/f", rule(criterion("subscribe", "rt/a"), domains=own), **dates))
+    return Store(members={"/e": Member(permissions=talker), "/f": Member(permissions=listener)}, governance=by)
+
+
+BOTH = governance(domain_rule("<id>0</id><id>9</id>"))
+OPEN = topic_rule("rt/open", enable_read_access_control="false") + topic_rule()
+
+
+@pytest.mark.parametrize(
+    ("profile", "by", "expected"),
+    [
+        ("spec", BOTH, True),
+        ("fastdds-3.6", BOTH, False),
+        ("fastdds-2.6.4", BOTH, False),
+        ("cyclonedds-11", BOTH, True),
+        ("cyclonedds-11", governance(domain_rule(topics=OPEN), domain_rule("<id>9</id>")), False),
+        ("spec", governance(domain_rule(topics=OPEN), domain_rule("<id>9</id>")), True),
+    ],
+)
+def test_one_that_starts_where_the_other_may_be(profile: str, by: str, expected: bool, tmp_path: Path) -> None:
+    """Fast DDS wants an allow rule of any domain, Cyclone DDS a topic without access control: /f is in 0 too."""
+    assert apart(parted(by), tmp_path / "k", profile) is expected
+    assert not apart(parted(by, own="<id>0</id>"), tmp_path / "same", profile)
+
+
+def test_a_domain_that_no_governance_covers_is_none_to_start_in(tmp_path: Path) -> None:
+    assert apart(parted(governance(domain_rule("<id>9</id>"))), tmp_path / "k", "cyclonedds-11")
+
+
+def test_one_that_starts_there_before_the_date(tmp_path: Path) -> None:
+    later = parted(BOTH, start="2027-03-01T00:00:00")
+    assert apart(later, tmp_path / "now", "fastdds-3.6")
+    assert apart(later, tmp_path / "before", "fastdds-3.6", until=BEFORE)
+    assert not apart(later, tmp_path / "after", "fastdds-3.6", until=AFTER)

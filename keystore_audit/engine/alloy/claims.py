@@ -57,6 +57,7 @@ class Places:
     last: str
     through: str
     left_out: str
+    starts: str
 
     @classmethod
     def of(cls, number: int) -> Places:
@@ -140,7 +141,10 @@ def condition(claim: ClaimAtom, number: int) -> str:
         return f"all realm: Realm, {who} | channel not in enclave.(publishes[realm])"
     if claim.kind is ClaimKind.SEPARATE_DOMAINS:
         who = f"enclave: Enclave & {at.source}, other: Enclave & {at.target}, domain: Domain"
-        return f"all realm: Realm, {who} |\n\t\tdomain not in enclave.(joins[realm]) & other.(joins[realm])"
+        if not claim.starts:
+            return f"all realm: Realm, {who} |\n\t\tdomain not in enclave.(joins[realm]) & other.(joins[realm])"
+        there = f"enclave.(joins[realm] + {at.starts}) & other.(joins[realm] + {at.starts})"
+        return f"all realm: Realm, {who} |\n\t\tdomain not in {there} & (enclave + other).(joins[realm])"
     if claim.attacker is Attacker.INSIDER:
         who = f"enclave: Enclave, channel: {at.last}"
         return f"all realm: Realm, {who} | channel not in enclave.(listens_in[realm])"
@@ -183,6 +187,12 @@ class _Writer:
         yield function(at.last, "set Channel", self._members(channels, claim.target.channels))
         yield function(at.through, "set Enclave", self._members(enclaves, claim.through))
         yield function(at.left_out, "set Channel", self._members(channels, claim.left_out))
+        if claim.starts:
+            rows: list[set[int]] = [set() for _ in enclaves.atoms]
+            for enclave, domain in claim.starts:
+                rows[enclave].add(domain)
+            related = self.relations.rows(enclaves, self._atoms.domains, rows)
+            yield self.relations.relation(at.starts, "Enclave -> Domain", related)
         yield ""
 
     def _participants(self, place: Place) -> str:

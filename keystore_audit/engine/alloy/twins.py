@@ -85,6 +85,11 @@ class _Twins:
                     (enclave in claim.source.enclaves, enclave in claim.target.enclaves, enclave in claim.through)
                     for claim in self._system.claims
                 ),
+                tuple(
+                    frozenset(domain for each, domain in claim.starts if each == enclave)
+                    for claim in self._system.claims
+                    if claim.starts
+                ),
             )
             classes.setdefault(signature, []).append(enclave)
         return Twins(classes=tuple(classes.values()), own_channels=own)

@@ -62,6 +62,11 @@ def claim(
     )
 
 
+def starting(asked: ClaimAtom) -> ClaimAtom:
+    """The same, where the talker's own implementation starts it in the domain, whatever peers say."""
+    return replace(asked, starts=frozenset({(TALKER, 0)}))
+
+
 def at(*enclaves: int) -> Place:
     return Place(enclaves=frozenset(enclaves))
 
@@ -192,4 +197,8 @@ def questions() -> list[Question]:
         (chain(), claim(at(LISTENER), at(TALKER), source), False),
         (stubborn(), claim(at(LISTENER), at(TALKER), source), True),
         (stubborn(), claim(at(LISTENER), at(TALKER), honest), False),
+        # participants that honest peers refuse
+        (expired(), starting(claim(at(TALKER), at(THIRD), kind=ClaimKind.SEPARATE_DOMAINS)), True),
+        (expired(), starting(claim(at(THIRD), at(TALKER), kind=ClaimKind.SEPARATE_DOMAINS)), True),
+        (expired(), starting(claim(at(TALKER), at(TALKER), kind=ClaimKind.SEPARATE_DOMAINS)), False),
     ]
