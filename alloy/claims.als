@@ -64,6 +64,32 @@ fun next_by_own[holders: set Enclave + Outsider, usable: set Channel, sending, r
 		.(usable & holders.({ e: in_realm.sending, c: e.(writes_by_own[receiving] & writes_by_own[sending]) }))
 }
 
+/** Enclaves that get a sample of one of `channels` by their own documents. */
+fun getters_by_own[channels: set Channel, realm: Realm]: set Enclave {
+	{ e: in_realm.realm, c: e.(reads_by_own[realm]) }.channels
+}
+
+/** Enclaves that write on one of `channels` by their own documents. */
+fun putters_by_own[channels: set Channel, realm: Realm]: set Enclave {
+	{ e: in_realm.realm, c: e.(writes_by_own[realm]) }.channels
+}
+
+/** As `gets`, by its own document. */
+pred gets_by_own[getter: Enclave + Outsider, channels: set Channel] {
+	some { realm: Realm | getter in getters_by_own[channels, realm] }
+}
+
+/** As `hop`, by their own documents. */
+pred hop_by_own[holder: Enclave + Outsider, over: Channel, receiver: Enclave + Outsider] {
+	holder != receiver
+	some { sending, receiving: Realm | receiver in next_by_own[holder, over, sending, receiving] }
+}
+
+/** As `puts`, by its own document. */
+pred puts_by_own[putter: Enclave + Outsider, channels: set Channel] {
+	some { realm: Realm | putter in putters_by_own[channels, realm] }
+}
+
 /**
  * As `separated`, where every enclave uses its own documents and nobody attacks: the intended flow is not possible. A
  * claim of "able" is violated where there is such a compartment.
@@ -72,8 +98,8 @@ pred cut_off[inside, source: set Enclave + Outsider, first: set Channel, target:
              last: set Channel, through: set Enclave, usable: set Channel] {
 	source in inside
 	all realm: Realm {
-		{ e: in_realm.realm, c: e.(reads_by_own[realm]) }.first in inside + through - target
-		no inside & { e: in_realm.realm, c: e.(writes_by_own[realm]) }.last
+		getters_by_own[first, realm] in inside + through - target
+		no inside & putters_by_own[last, realm]
 	}
 	all sending, receiving: Realm {
 		next_by_own[inside, usable, sending, receiving] in inside + through - (target - source)

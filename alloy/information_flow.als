@@ -17,6 +17,10 @@
  * chain of hops of any length leads out; if there is none, the participants that can be reached are no compartment
  * because the end is among them. So the answer is exact, and costs a multiple of the number of hops, where the
  * transitive closure of the hops would cost the cube of the number of participants.
+ *
+ * That data does get there has one too: a flow, hop by hop (`gets`, `hop`, `puts`). Each hop leads from a participant
+ * that every compartment must hold to another one, and the last to the end, so that there is no compartment. Where
+ * keystore-audit expects a flow and can name one, this is asked, which takes the solver no choice.
  */
 module information_flow
 open vacuity
@@ -29,25 +33,29 @@ fun acts_as: Enclave -> Enclave {
 	{ e: Enclave, same: e } + one_key + (opaque & Enclave) -> Enclave + Enclave -> (opaque & Enclave)
 }
 
-/** As whom each enclave does act: as itself; if it is one of `attackers`, also as those whose key it has. */
-fun guise[attackers: set Enclave + Outsider]: Enclave -> Enclave {
-	{ e: Enclave, other: e + (e & attackers).acts_as }
+/** What `each` has as itself; those of `attackers` also have what it is to those as whom they can act. */
+fun in_any_guise[attackers: set Enclave + Outsider, each: Enclave -> Channel]: Enclave -> Channel {
+	each + { e: attackers & Enclave, c: e.acts_as.each }
 }
 
+-- What members of a realm have is written as what everybody has without what strangers have: in most keystores these
+-- are none, and there may be a million rights (see `capabilities`).
+
+/** Everything of those who are not members of the realm. */
+fun of_strangers[realm: Realm]: Enclave -> Channel { (Enclave - in_realm.realm) -> Channel }
+
 /** Channels that each member of a realm subscribes to by right. */
-fun takes[realm: Realm]: Enclave -> Channel { { e: in_realm.realm, c: e.(may_read[realm]) } }
+fun takes[realm: Realm]: Enclave -> Channel { may_read[realm] - of_strangers[realm] }
 
 /** Channels that each member of a realm writes by right of this realm. */
-fun emits[realm: Realm]: Enclave -> Channel { { e: in_realm.realm, c: e.(may_write[realm]) } }
+fun emits[realm: Realm]: Enclave -> Channel { may_write[realm] - of_strangers[realm] }
 
 -- by right: members of two realms each ask for the rights of the other
 -- Of a reader its own realm is asked too. Of a writer it is not: what a realm forbids its own is no protection for
 -- others.
 
 /** Channels on which members of the realm `sending` write to members of `receiving`. */
-fun sends[sending, receiving: Realm]: Enclave -> Channel {
-	{ e: in_realm.sending, c: e.(may_write[receiving]) }
-}
+fun sends[sending, receiving: Realm]: Enclave -> Channel { may_write[receiving] - of_strangers[sending] }
 
 /** Channels on which members of `receiving` read what members of `sending` write: these give them their keys. */
 fun receives[sending, receiving: Realm]: Enclave -> Channel { takes[receiving] & may_read[sending] }
@@ -67,18 +75,20 @@ fun hears[realm: Realm]: Enclave -> Channel { takes[realm] + { e: in_realm.realm
 
 /** Channels that each participant reads of one who attacks, through a member of the realm as whom it acts. */
 fun is_told[eavesdroppers: set Enclave + Outsider, realm: Realm]: Enclave -> Channel {
-	guise[eavesdroppers].(hears[realm])
+	in_any_guise[eavesdroppers, hears[realm]]
 }
 
 /** Channels that each participant gets as a reader, through a member of the realm as whom it acts. */
 fun obtains[eavesdroppers: set Enclave + Outsider, realm: Realm]: Enclave -> Channel {
-	guise[eavesdroppers].(takes[realm])
+	in_any_guise[eavesdroppers, takes[realm]]
 }
 
 -- intercepted
 
 /** Channels on which each participant writes as a member of the realm. */
-fun exposes[forgers: set Enclave + Outsider, realm: Realm]: Enclave -> Channel { guise[forgers].(emits[realm]) }
+fun exposes[forgers: set Enclave + Outsider, realm: Realm]: Enclave -> Channel {
+	in_any_guise[forgers, emits[realm]]
+}
 
 /**
  * Channels of which `eavesdroppers` learn what members of the realm write, and the outsider if it is one: from packets,
@@ -103,7 +113,7 @@ fun next[holders: set Enclave + Outsider, usable: set Channel, forgers, eavesdro
 pred hop[holder: Enclave + Outsider, over: Channel, receiver: Enclave + Outsider,
          forgers, eavesdroppers: set Enclave + Outsider] {
 	holder != receiver
-	some sending, receiving: Realm | receiver in next[holder, over, forgers, eavesdroppers, sending, receiving]
+	some { sending, receiving: Realm | receiver in next[holder, over, forgers, eavesdroppers, sending, receiving] }
 }
 
 -- where flows begin and end
@@ -116,6 +126,16 @@ fun getters[channels: set Channel, eavesdroppers: set Enclave + Outsider, realm:
 /** Participants whose samples members of the realm take on one of `channels`, if they read there. */
 fun putters[channels: set Channel, forgers: set Enclave + Outsider, realm: Realm]: set Enclave + Outsider {
 	(may_write[realm] + imposes[forgers, realm]).channels
+}
+
+/** `getter` gets a sample of one of `channels`. */
+pred gets[getter: Enclave + Outsider, channels: set Channel, eavesdroppers: set Enclave + Outsider] {
+	some { realm: Realm | getter in getters[channels, eavesdroppers, realm] }
+}
+
+/** Some member takes a sample of `putter` on one of `channels`, if it reads there. */
+pred puts[putter: Enclave + Outsider, channels: set Channel, forgers: set Enclave + Outsider] {
+	some { realm: Realm | putter in putters[channels, forgers, realm] }
 }
 
 /**

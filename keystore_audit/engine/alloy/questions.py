@@ -1,10 +1,12 @@
 """What the Analyzer is asked about one system: commands, and which of them a joint command can stand for.
 
-Each command costs a translation of the whole model, and each instance is written out in full. So what is expected to
-have an instance is asked together, and so is what is expected to have none: two commands for everything. Where there
-is an instance of all at once, each has one; where there is none of any, none has one. Expectations are the native
-engine's answers. They decide what is asked together and nothing else: where a joint command is not answered as
-expected, its members are asked one by one.
+Each command costs a translation of the whole model, and each instance is written out in full. So everything is asked by
+one command: for an instance of each question that is expected to have one, beside which each condition is true that is
+expected to have no counterexample. All facts are constant, so that there is one structure: where the command has an
+instance, that is it, and what it says of each question is the answer to each. Of a flow that is expected each hop is
+asked (`known_flows`), since there is no instance where there is no compartment. Expectations are the native engine's
+answers. They decide what is asked together and nothing else: where the joint command has no instance, its members are
+asked one by one.
 """
 
 from __future__ import annotations
@@ -23,11 +25,11 @@ from keystore_audit.model.claim import ClaimKind
 from keystore_audit.model.system import System
 from keystore_audit.properties.property import Property, Role, Status
 
-ALL_OCCUR: Final = Command(kind="run", name="AllOccur")
-"""Stands for commands with an instance: its own holds one of each, with the witnesses of what is violated."""
+AS_EXPECTED: Final = Command(kind="run", name="AsExpected")
+"""Stands for commands of which it is expected whether they have an instance: where it has one, so it is.
 
-ANY_OCCURS: Final = Command(kind="run", name="AnyOccurs")
-"""Stands for commands without an instance: without one of its own none of them has one."""
+Its instance holds the witnesses of what is violated.
+"""
 
 _ASSERTION: Final = re.compile(r"^assert (\w+) \{\n(.*?)^\}", re.MULTILINE | re.DOTALL)
 _UNIVERSAL: Final = re.compile(r"all (.+?) \|\s+(.+)", re.DOTALL)
@@ -38,15 +40,14 @@ _WORD: Final = re.compile(r"\w+", re.ASCII)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Joint:
-    """A command that stands for `members`: where it has an instance (or none: `outcome`), so have they.
+    """A command that stands for `members`: where it has an instance, each of them has one or has none, as said there.
 
     `witnessed`: of those members whose witness its instance holds, the roles, which there are called `member_role`.
     """
 
     command: Command
     text: str
-    members: tuple[Command, ...]
-    outcome: bool
+    members: Mapping[Command, bool]
     witnessed: Mapping[str, Sequence[Role]] = field(default_factory=dict)
 
 
@@ -63,8 +64,8 @@ class Questions:
         outcomes = dict(found)
         open_: list[Command] = []
         for joint in self.joints:
-            if outcomes.pop(joint.command.name) is joint.outcome:
-                outcomes |= {member.name: joint.outcome for member in joint.members}
+            if outcomes.pop(joint.command.name):
+                outcomes |= {member.name: outcome for member, outcome in joint.members.items()}
             else:
                 open_ += joint.members
         return outcomes, tuple(open_)
@@ -74,7 +75,8 @@ class Questions:
 class _Single:
     """A question by a command of its own: `text` of the command, `condition` that it runs or checks.
 
-    `roles`: the variables of a check, whose values are its witness. `occurs`: whether an instance is expected.
+    `roles`: the variables of a check, whose values are its witness. `occurs`: whether an instance is expected; where
+    none is, `otherwise` is what must be true then, empty if that is not known.
     """
 
     command: Command
@@ -82,7 +84,7 @@ class _Single:
     condition: str
     roles: Sequence[Role] = ()
     occurs: bool | None = None
-    flow: bool = False
+    otherwise: str = ""
 
 
 class Sheet:
@@ -104,14 +106,12 @@ class Sheet:
         return self._file(singles, ())
 
     def together(self, expected: Mapping[str, Status]) -> Questions:
-        """The file that asks together what is expected to have an instance, and together what is expected to have none.
+        """The file that asks together everything of which something is expected.
 
         `expected`: by id of properties and claims.
         """
         singles = tuple(self._singles(expected))
-        occur = [each for each in singles if each.occurs]
-        none = [each for each in singles if each.occurs is False]
-        return self._file(singles, (self._all_occur(occur), self._any_occurs(none)))
+        return self._file(singles, (self._as_expected(singles),))
 
     def again(self, expected: Mapping[str, Status], only: Collection[Command]) -> Questions:
         """The file that asks about `only`, which were not answered as expected when they were asked together.
@@ -122,8 +122,8 @@ class Sheet:
         if not any(command.name in _VACUITY for command in only):
             return self.one_by_one(only)
         singles = [each for each in self._singles(expected) if each.command in only]
-        occur = [each for each in singles if each.occurs and each.command.name not in _VACUITY]
-        return self._file(singles, (self._all_occur(occur),))
+        rest = [each for each in singles if each.command.name not in _VACUITY]
+        return self._file(singles, (self._as_expected(rest),))
 
     def condition(self, prop: Property) -> str:
         """Return what a property asserts. Raises EngineFailed if its assertion is not there."""
@@ -149,52 +149,60 @@ class Sheet:
         for name in (CONSISTENCY, *EXERCISED.values()):
             yield _run(name)
         for prop in self._properties:
+            condition = self.condition(prop) if expected else ""
             yield _Single(
                 command=Command(kind="check", name=prop.assertion),
                 text=f"check {prop.assertion} for 0",
-                condition=self.condition(prop) if expected else "",
+                condition=condition,
                 roles=prop.roles,
                 occurs=_OCCURS.get(expected.get(prop.id)),
+                otherwise=without_last(condition),
             )
         if self._system.claims:
             yield _run(claims.FLOW_EXERCISED)
             places = " and ".join(f"({place})" for place in claims.inhabited_places(self._system.claims))
             yield replace(_run(claims.INHABITED), text=claims.inhabited(self._system.claims), condition=places)
+        violated = [_OCCURS.get(expected.get(claim.id)) for claim in self._system.claims]
+        flowing = [
+            number
+            for number, claim in enumerate(self._system.claims)
+            if claim.kind in claims.FLOWS and violated[number] is (claim.kind is ClaimKind.NO_FLOW)
+        ]
+        flows = self._known_flows(flowing)
         for number, claim in enumerate(self._system.claims):
-            violation = _OCCURS.get(expected.get(claim.id))
+            condition = claims.condition(claim, number)
             # The instance of a claim that nothing flows shows that it holds.
-            turned = claim.kind is ClaimKind.NO_FLOW and violation is not None
+            turned = claim.kind is ClaimKind.NO_FLOW and violated[number] is not None
             yield _Single(
                 command=claims.command_of(claim, number),
                 text=claims.text_of(claim, number),
-                condition=claims.condition(claim, number),
+                condition=condition,
                 roles=claims.roles_of(claim),
-                occurs=not violation if turned else violation,
-                flow=claim.kind in claims.FLOWS,
+                occurs=not violated[number] if turned else violated[number],
+                otherwise=flows.get(number, "") if claim.kind in claims.FLOWS else without_last(condition),
             )
 
-    def _all_occur(self, singles: Sequence[_Single]) -> Joint:
-        conditions = [self._violation(each) if each.command.kind == "check" else each.condition for each in singles]
+    def _known_flows(self, numbers: Sequence[int]) -> Mapping[int, str]:
+        if not numbers:
+            return {}
+        from keystore_audit.engine.alloy.known_flows import known_flows  # most audits have none
+
+        return known_flows(self._system, numbers)
+
+    def _as_expected(self, singles: Iterable[_Single]) -> Joint:
+        """The command for those of whom it is known how to ask for what is expected."""
+        asked = [each for each in singles if each.occurs or (each.occurs is False and each.otherwise)]
         return Joint(
-            command=ALL_OCCUR,
-            text=_joint(ALL_OCCUR, conditions),
-            members=tuple(each.command for each in singles),
-            outcome=True,
-            witnessed={each.command.name: each.roles for each in singles if each.roles},
+            command=AS_EXPECTED,
+            text=_joint(AS_EXPECTED, map(self._expected, asked)),
+            members={each.command: bool(each.occurs) for each in asked},
+            witnessed={each.command.name: each.roles for each in asked if each.occurs and each.roles},
         )
 
-    def _any_occurs(self, singles: Sequence[_Single]) -> Joint:
-        """One set of participants for all flows: the Analyzer looks for one only where no disjunction is around it."""
-        held = [without_last(each.condition) for each in singles if not each.flow]
-        flows = [each.condition.removeprefix(claims.SOME_INSIDE) for each in singles if each.flow]
-        alternatives = [*(["not {\n\t" + "\n\t".join(f"({each})" for each in held) + "\n\t}"] if held else []), *flows]
-        condition = "\n\tor ".join(alternatives)
-        return Joint(
-            command=ANY_OCCURS,
-            text=_joint(ANY_OCCURS, [f"{claims.SOME_INSIDE}\n\t{condition}" if flows else condition]),
-            members=tuple(each.command for each in singles),
-            outcome=False,
-        )
+    def _expected(self, single: _Single) -> str:
+        if not single.occurs:
+            return single.otherwise
+        return self._violation(single) if single.command.kind == "check" else single.condition
 
     def _violation(self, single: _Single) -> str:
         """The negation of a check's condition, with variables called by its name too.
