@@ -11,7 +11,7 @@ from keystore_audit.keystore.cms import CmsError, read_signed_data
 _BLANK_LINES: Final = (b"\n\n", b"\n\r", b"\n\0")
 """What ends a header: OpenSSL ends lines at LF, and one that begins with CR, LF or NUL is blank (asn_mime.c)."""
 
-_TYPES: Final = (b"multipart/signed", b"pkcs7-mime")
+TYPES: Final = (b"multipart/signed", b"pkcs7-mime")
 """What the header of a signed message has to say somewhere, in any case of letters."""
 
 _TYPE_FIELD: Final = b"content-type"
@@ -22,11 +22,16 @@ _MAX_FIELD: Final = 1024
 MAX_MENTIONS: Final = 1000
 """Mentions of a type below the first header that are looked at."""
 
-_SIGNED_DATA: Final = bytes.fromhex("06092a864886f70d010702")
+SIGNED_DATA: Final = bytes.fromhex("06092a864886f70d010702")
 """The identifier of signed data (RFC 5652, 5.1), near the beginning of a signature in DER or BER."""
 
 _ARMOUR: Final = re.compile(rb"-----BEGIN (PKCS7|CMS|PKCS #7 SIGNED DATA)-----([^-]*)-----END \1-----")
 """A signature in the textual encoding of RFC 7468, or as OpenSSL calls it."""
+
+
+def ends_header(data: bytes) -> bool:
+    """Whether a blank line is in it."""
+    return any(line in data for line in _BLANK_LINES)
 
 
 def may_be_message(data: bytes) -> bool:
@@ -36,7 +41,7 @@ def may_be_message(data: bytes) -> bool:
     the header, before the type too.
     """
     lowered = data.lower()
-    for kind in _TYPES:
+    for kind in TYPES:
         found = lowered.find(kind)
         if found >= 0 and not any(data.find(line, 0, found) >= 0 for line in _BLANK_LINES):
             return True
@@ -51,7 +56,7 @@ def concealed(data: bytes) -> str:
     """
     if _further(data):
         return "a signed message stands in it below other text"
-    if data[:1] == b"0" and _SIGNED_DATA in data[:32] and _is_signed(data):
+    if data[:1] == b"0" and SIGNED_DATA in data[:32] and _is_signed(data):
         return "it is a signature in DER, without the S/MIME around it"
     if any(_is_signed(_decoded(armour[2])) for armour in _ARMOUR.finditer(data)):
         return "a signature in PEM stands in it, without the S/MIME around it"
@@ -61,11 +66,11 @@ def concealed(data: bytes) -> str:
 def _further(data: bytes) -> bool:
     """Whether a line below the first header gives the type of a signed message."""
     lowered = data.lower()
-    if not any(kind in lowered for kind in _TYPES):
+    if not any(kind in lowered for kind in TYPES):
         return False
     ends = [end for line in _BLANK_LINES if (end := data.find(line)) >= 0]
     begin = 0 if data[:1] in (b"\n", b"\r") else min(ends, default=len(data))
-    for kind in _TYPES:
+    for kind in TYPES:
         found = begin - 1
         for _mention in range(MAX_MENTIONS):
             found = lowered.find(kind, found + 1)

@@ -24,6 +24,7 @@ from keystore_audit.keystore.descent import (
 )
 from keystore_audit.keystore.files import Entry, EntryKind, File, Listing, Status
 from keystore_audit.keystore.message import concealed, may_be_message
+from keystore_audit.keystore.traces import MAX_SEARCHED, holds_private_key, search
 
 MAX_FILE_BYTES: Final = 4 * 1024 * 1024
 """Largest file that is read: a permissions document of 20,000 topics has about 2 MB; no parser gets more."""
@@ -33,9 +34,6 @@ MAX_TOTAL_BYTES: Final = 256 * 1024 * 1024
 
 MAX_ENTRIES: Final = 200_000
 """Most directory entries listed: 20,000 enclaves, each a directory and nine files, in about a second."""
-
-_BEGINNING: Final = 4096
-"""Bytes that are looked at of a file too large to be read: the header of a real message has 250."""
 
 _CERTIFICATE: Final = b"CERTIFICATE-----"
 """How the first line of a certificate in PEM ends (RFC 7468, 5.1)."""
@@ -83,6 +81,7 @@ class Root:
         self._listings: dict[bytes, Listing] = {}
         self._entries_left = MAX_ENTRIES
         self._bytes_left = MAX_TOTAL_BYTES
+        self._searched_left = MAX_SEARCHED
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> Root:
@@ -287,8 +286,15 @@ class Root:
             if len(content) > MAX_FILE_BYTES:
                 too_large = f"holds more than the limit of {MAX_FILE_BYTES} bytes"
         if too_large:
-            message = may_be_message(os.pread(descriptor, _BEGINNING, 0))
-            return _Reading(status=Status.TOO_LARGE, detail=too_large, mode=mode, may_be_message=message)
+            traces, searched = search(descriptor, self._searched_left)
+            self._searched_left = max(0, self._searched_left - searched)
+            return _Reading(
+                status=Status.TOO_LARGE,
+                detail=too_large,
+                mode=mode,
+                holds_private_key=traces.private_key,
+                may_be_message=traces.message,
+            )
         digest = hashlib.sha256(content).hexdigest()
         message = may_be_message(content) or concealed(content) != ""
         if message:
@@ -300,7 +306,7 @@ class Root:
             content=content,
             sha256=digest,
             mode=mode,
-            holds_private_key=b"PRIVATE KEY-----" in content,
+            holds_private_key=holds_private_key(content),
             may_be_message=message,
         )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.traces import MAX_SEARCHED
 from keystore_audit.model.profiles import Evidence, Profile
 
 
@@ -12,8 +13,8 @@ def unread(keystore: Keystore) -> Iterator[str]:
     """Files that were not read and are taken for no documents."""
     if keystore.unread:
         yield (
-            f"{keystore.unread} of the other files, which could not be read: neither their names nor the beginnings of "
-            "those that are too large are those of signed documents."
+            f"{keystore.unread} of the other files, which could not be read: their names, and what was searched of "
+            f"those that are too large (at most {MAX_SEARCHED // 1024**2} MB in all), are not of signed documents."
         )
 
 

@@ -1,0 +1,107 @@
+"""Private keys and messages in files that nobody parses, in every form that openssl writes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from keystore_audit.keystore.traces import LEAST, MAX_SEARCHED, holds_private_key, search
+
+FORMS = {
+    "ec": ("genpkey", "-algorithm", "EC", "-pkeyopt", "ec_paramgen_curve:P-256"),
+    "ec-explicit": (
+        *("genpkey", "-algorithm", "EC", "-pkeyopt", "ec_paramgen_curve:P-256"),
+        *("-pkeyopt", "ec_param_enc:explicit"),
+    ),
+    "rsa": ("genpkey", "-algorithm", "RSA", "-pkeyopt", "rsa_keygen_bits:2048"),
+    "rsa-pss": ("genpkey", "-algorithm", "RSA-PSS", "-pkeyopt", "rsa_keygen_bits:2048"),
+    "ed25519": ("genpkey", "-algorithm", "ED25519"),
+}
+OLDER = ("ec", "ec-explicit", "rsa")
+"""Those that there are forms older than PKCS #8 for."""
+LOCKED = ("-aes-256-cbc", "-passout", "pass:secret")
+
+
+def openssl(*arguments: str | Path) -> bytes:
+    return subprocess.run(["openssl", *arguments], check=True, capture_output=True).stdout
+
+
+@pytest.fixture(scope="module", params=sorted(FORMS))
+def key(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp(request.param) / "key.pem"
+    openssl(*FORMS[request.param], "-out", path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def certificate(key: Path) -> Path:
+    path = key.with_name("cert.pem")
+    openssl("req", "-x509", "-new", "-key", key, "-subj", "/CN=e", "-days", "30", "-out", path)
+    return path
+
+
+def test_every_form_of_a_key_is_seen(key: Path, certificate: Path) -> None:
+    forms = [openssl("pkey", "-in", key, "-outform", form) for form in ("DER", "PEM")]
+    if key.parent.name.rstrip("0123456789") in OLDER:
+        forms += [openssl("pkey", "-in", key, "-traditional", "-outform", form) for form in ("DER", "PEM")]
+    forms += [openssl("pkcs8", "-topk8", "-in", key, "-outform", form, "-passout", "pass:a") for form in ("DER", "PEM")]
+    forms.append(
+        openssl("pkcs8", "-topk8", "-in", key, "-outform", "DER", "-passout", "pass:a", "-v1", "PBE-SHA1-3DES")
+    )
+    forms.append(openssl("pkey", "-in", key, *LOCKED))
+    forms.append(openssl("pkcs12", "-export", "-inkey", key, "-in", certificate, "-passout", "pass:a"))
+    assert [number for number, form in enumerate(forms) if not holds_private_key(form)] == []
+
+
+def test_what_is_no_key_is_none(key: Path, certificate: Path, tmp_path: Path) -> None:
+    document = tmp_path / "d.xml"
+    document.write_text("<dds/>")
+    request = openssl("req", "-new", "-key", key, "-subj", "/CN=e", "-outform", "DER")
+    forms = [
+        openssl("x509", "-in", certificate, "-outform", "DER"),
+        openssl("pkey", "-in", key, "-pubout", "-outform", "DER"),
+        openssl("crl2pkcs7", "-nocrl", "-certfile", certificate, "-outform", "DER"),
+        request,
+        certificate.read_bytes(),
+        b"",
+        b"0",
+        b"0\x80",
+        b"0\xff" + bytes(70),
+        bytes(100),
+        b"\x30\x03\x02\x01\x03",
+    ]
+    assert [number for number, form in enumerate(forms) if holds_private_key(form)] == []
+
+
+def searched(path: Path, content: bytes, most: int = MAX_SEARCHED) -> tuple[tuple[bool, bool], int]:
+    path.write_bytes(content)
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        traces, length = search(descriptor, most)
+    finally:
+        os.close(descriptor)
+    return (traces.private_key, traces.message), length
+
+
+MIB = 1024 * 1024
+KEY = b"-----BEGIN PRIVATE KEY-----\n"
+TYPE = b"Content-Type: Application/X-PKCS7-mime\n"
+
+
+@pytest.mark.parametrize("before", [0, 1, 5000, MIB - 20, MIB - 1, MIB, 3 * MIB + 17])
+def test_a_large_file_is_searched_across_its_pieces(before: int, tmp_path: Path) -> None:
+    text = (b"log\n\n" * (before // 5 + 1))[:before]
+    for what, found in ((KEY, (True, False)), (TYPE, (False, True)), (b"-----BEGIN PKCS7-----\n", (False, True))):
+        content = text + what + b"\n\n" + bytes(2 * MIB)
+        assert searched(tmp_path / "large", content) == (found, len(content))
+    assert searched(tmp_path / "large", text + b"\n\n" + bytes(2 * MIB))[0] == (False, False)
+
+
+def test_behind_what_is_searched_a_header_that_has_not_ended_may_be_one(tmp_path: Path) -> None:
+    long_header = b"X: " + b"a" * 2 * LEAST
+    assert searched(tmp_path / "f", long_header + b"\n" + TYPE, most=0) == ((False, True), LEAST)
+    assert searched(tmp_path / "f", b"X: a\n\n" + long_header + TYPE, most=0) == ((False, False), LEAST)
+    assert searched(tmp_path / "f", long_header, most=4 * LEAST) == ((False, False), len(long_header))
