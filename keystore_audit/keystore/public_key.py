@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Mapping
 from typing import Final
 
@@ -49,6 +50,24 @@ SignatureParameters = padding.PSS | padding.PKCS1v15 | ec.ECDSA | None
 def signature_algorithm(identifier: str) -> str:
     """Return OpenSSL's name of a signature algorithm, the dotted identifier where we know none."""
     return SIGNATURE_ALGORITHMS.get(identifier, identifier)
+
+
+MINIMUM_BITS: Final[Mapping[str, int]] = {"RSA": 2048, "DSA": 2048, "EC": 256}
+"""NIST SP 800-57 Part 1: 2,048 bits of RSA are the least, and DDS-Security has no curve below 256 bits."""
+
+_WEAK_DIGEST: Final = re.compile(r"(md2|md4|md5|sha1)(?!\d)", re.IGNORECASE)
+
+
+def is_weak_kind(key_kind: str) -> bool:
+    """Whether keys of this kind, as `kind` names it, are shorter than the least."""
+    name, _, rest = key_kind.partition(" ")
+    digits = re.search(r"\d+", rest)
+    return digits is not None and int(digits.group()) < MINIMUM_BITS.get(name, 0)
+
+
+def is_weak_algorithm(algorithm: str) -> bool:
+    """Whether signatures of this algorithm are over SHA-1 or MD5."""
+    return _WEAK_DIGEST.search(algorithm) is not None
 
 
 def identity(key: PublicKeyTypes) -> str:

@@ -13,6 +13,7 @@ from keystore_audit.model.claims import Globs
 from keystore_audit.model.comparison import ORDER, Comparison, Direction, Layer
 from keystore_audit.model.comparison_causes import Causes
 from keystore_audit.model.comparison_drafts import Draft
+from keystore_audit.model.comparison_form import DOCUMENT
 from keystore_audit.model.comparison_governance import governance_changes
 from keystore_audit.model.comparison_grants import grant_changes, validity_changes
 from keystore_audit.model.comparison_influence import influence_changes
@@ -84,7 +85,7 @@ def _signed_again(sides: Sides, found: Iterable[Draft], carrying: Set[str]) -> I
         path
         for draft in found
         for path in draft.enclaves
-        if draft.kind in ("protection", "right", "grant-validity", LATER, "signature", "signer", "authority")
+        if draft.kind in ("protection", "right", "grant-validity", LATER, "signature", "signer", "authority", DOCUMENT)
     }
     others = any(draft.layer in (Layer.ACCESS, Layer.ATTACKERS, Layer.INFLUENCE) for draft in found)
     again: list[str] = []

@@ -172,6 +172,10 @@ class Sides:
         """Those of which everything could be read on both sides."""
         return [path for path in self.common if path not in self._doubtful]
 
+    def is_read(self, path: str) -> bool:
+        """Whether everything of the enclave could be read on both sides."""
+        return path not in self._doubtful
+
     def alone(self, side: int) -> list[str]:
         """The paths of enclaves that one side (0: old, 1: new) has alone, and of which everything could be read."""
         other = self.enclaves[1 - side]

@@ -16,6 +16,7 @@ from keystore_audit.model.comparison import Aspect, Direction, Layer, direction_
 from keystore_audit.model.comparison_dates import Dates, spanned
 from keystore_audit.model.comparison_drafts import Draft
 from keystore_audit.model.comparison_facts import Fact, Placed, dated
+from keystore_audit.model.comparison_form import certificate_form, document_form
 from keystore_audit.model.comparison_keys import foreign_keys
 from keystore_audit.model.comparison_revocation import revocation_facts
 from keystore_audit.model.comparison_sides import Sides
@@ -149,6 +150,8 @@ def _facts(old: Enclave, new: Enclave, sides: Sides) -> Iterator[Placed]:
     changed = {each.what for fact, _one, _other in authorities for each in fact.aspects}
     yield from _identity(old, new, reissued=_IDENTITY_CA in changed)
     yield from _signatures(old, new, moved=PERMISSIONS_CA in changed)
+    if sides.is_read(new.path):
+        yield from _forms(old, new)
     yield from revocation_facts(old, new, sides)
 
 
@@ -196,6 +199,7 @@ def _identity_facts(one: Certificate, other: Certificate) -> Iterator[Fact]:
         word = "is an authority" if other.is_ca else "is no longer an authority"
         yield Fact("identity-authority", direction, f"its identity {word}", ())
     yield from dated("identity-validity", "its identity certificate", _validity(one), _validity(other))
+    yield from certificate_form("its identity certificate:", one, other)
 
 
 def _issuer_facts(old: Enclave, new: Enclave) -> Iterator[Fact]:
@@ -262,6 +266,7 @@ def _validity_facts(words: str, old: dict[str, Certificate], new: dict[str, Cert
     for key, one in old.items():
         if one.sha256 != new[key].sha256:
             yield from dated("authority-validity", f"the {words}", _validity(one), _validity(new[key]))
+            yield from certificate_form(f"the {words}:", one, new[key])
 
 
 def _told(certificates: Iterable[Certificate]) -> str | None:
@@ -292,6 +297,20 @@ def _signatures(old: Enclave, new: Enclave, *, moved: bool) -> Iterator[Placed]:
         verb = "were" if word == "permissions" else "was"
         aspect = Aspect(what="signer", old=told[0], new=told[1], direction=Direction.MIXED)
         yield Fact("signer", Direction.MIXED, f"its {word} {verb} signed by somebody else", (aspect,)), *places
+
+
+def _forms(old: Enclave, new: Enclave) -> Iterator[Placed]:
+    """Documents in another form, where that is not what makes their signatures hold or not."""
+    for word, one, other in (
+        ("governance", old.governance, new.governance),
+        ("permissions", old.permissions, new.permissions),
+    ):
+        if one is None or other is None or one.signed.file.sha256 == other.signed.file.sha256:
+            continue
+        if envelope(one.signed).verdict is envelope(other.signed).verdict:
+            places = Location(path=one.signed.file.place), Location(path=other.signed.file.place)
+            for fact in document_form(word, one, other):
+                yield fact, *places
 
 
 def _by_authority(document: GovernanceFile | PermissionsFile, enclave: Enclave) -> bool:

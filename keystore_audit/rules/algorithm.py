@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Any
 
 from keystore_audit.findings import Severity
+from keystore_audit.keystore.public_key import is_weak_algorithm, is_weak_kind
 from keystore_audit.rules.certificate import ISSUE_AGAIN, at, remedy, what
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.identity import is_identity
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import CertificateUse
-
-MINIMUM_BITS: Final = {"RSA": 2048, "DSA": 2048, "EC": 256}
-"""NIST SP 800-57 Part 1: 2,048 bits of RSA are the least, and DDS-Security has no curve below 256 bits."""
-
-
-def _is_weak(key_kind: str) -> bool:
-    kind, _, rest = key_kind.partition(" ")
-    digits = re.search(r"\d+", rest)
-    return digits is not None and int(digits.group()) < MINIMUM_BITS.get(kind, 0)
 
 
 @rule(
@@ -38,7 +29,7 @@ def weak_key(use: CertificateUse, _context: Context) -> Iterator[Violation]:
     How the key was made, and whether it is one of the known bad ones, is not looked at.
     """
     for certificate in use.in_use:
-        if _is_weak(certificate.key_kind):
+        if is_weak_kind(certificate.key_kind):
             message = (
                 f"{what(use, certificate)} has a weak key: got {certificate.key_kind}, expected RSA 2048 or EC 256."
             )
@@ -61,7 +52,7 @@ def key_outside_dds_security(use: CertificateUse, _context: Context) -> Iterator
     Cyclone DDS takes RSA with 2,048 bits and any curve of 256 bits and refuses the rest; Fast DDS starts (measured).
     """
     for certificate in use.in_use[:1]:
-        if certificate.key_kind not in ("RSA 2048", "EC secp256r1") and not _is_weak(certificate.key_kind):
+        if certificate.key_kind not in ("RSA 2048", "EC secp256r1") and not is_weak_kind(certificate.key_kind):
             other_curve = certificate.key_kind.startswith("EC ") and "256" in certificate.key_kind
             refused = "the specification does not know it" if other_curve else "Cyclone DDS refuses it"
             yield at(
@@ -71,9 +62,6 @@ def key_outside_dds_security(use: CertificateUse, _context: Context) -> Iterator
                 "or RSA 2048.",
                 profiles=("spec",) if other_curve else ("spec", "cyclonedds-0.10", "cyclonedds-11"),
             )
-
-
-_WEAK_DIGEST: Final = re.compile(r"(md2|md4|md5|sha1)(?!\d)", re.IGNORECASE)
 
 
 @rule(
@@ -92,7 +80,7 @@ def weak_signature_algorithm(use: CertificateUse, _context: Context) -> Iterator
     sha1WithRSAEncryption, Cyclone DDS any digest (measured).
     """
     for certificate in use.in_use:
-        if _WEAK_DIGEST.search(certificate.signature_algorithm):
+        if is_weak_algorithm(certificate.signature_algorithm):
             message = (
                 f"{what(use, certificate)} is signed with {certificate.signature_algorithm}, expected SHA-256 as in "
                 "ecdsa-with-SHA256."

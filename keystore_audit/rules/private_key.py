@@ -125,8 +125,8 @@ def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> It
     `openssl req -x509 -keyout ca.pem -out ca.pem` writes key and certificate into one file; as a CA file it goes on
     every robot. Whose key it is is not asked: nobody needs one there. A second key in key.pem counts as well. In a
     tree that goes on a robot (--deployed), so does a key in any other file, as in a backup; KA109 speaks of those that
-    authorities' names are on. Keys are seen in PEM anywhere in a file, in DER, and as a PKCS #12 file, which is made for
-    one.
+    authorities' names are on. Keys are seen in PEM anywhere in a file, in DER, and as a PKCS #12 file, which is made
+    for one.
     """
     own = {enclave.key.file.place for enclave in keystore.enclaves if enclave.key is not None}
     carried = {file.place for enclave in keystore.enclaves for file in enclave.files.files.values()}
