@@ -15,6 +15,7 @@ from typing import Final
 from lxml import etree
 
 from keystore_audit.keystore.defect import Defect, Kind
+from keystore_audit.keystore.skeleton import Skeleton
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.text import shorten, terminal
 
@@ -48,12 +49,9 @@ _BLANKS: Final = " \t\r\n"
 _BLANK_IN_END_TAG: Final = re.compile(rb"</[^\s<>]+\s")
 _REFERENCE_TO_BLANK: Final = re.compile(rb"&#(?:0*(?:9|10|13|32)|[xX]0*(?:9|[aA]|[dD]|20));")
 _BROKEN_ATTRIBUTE: Final = re.compile(rb"""\s[\w:.-]+\s*=\s*(?:"[^"<]*[\t\r\n]|'[^'<]*[\t\r\n])""")
-_BROKEN_VALUE: Final = re.compile(rb"""=\s*(?:"[^"<]*[\t\r\n]|'[^'<]*[\t\r\n])""")
-"""The end of every broken attribute, which is found faster, since few bytes are its first."""
 _COMMENT: Final = re.compile(rb"<!--.*?-->", re.DOTALL)
 _QUOTES: Final = ('"', "'", "\u2018", "\u201c")
 """Signs that begin a string for Cyclone DDS, whatever follows."""
-
 _ODD_STARTS: Final = (" ", *_QUOTES)
 
 _SECOND_ROOT: Final = "Extra content at the end of the document"  # libxml2, XML_ERR_DOCUMENT_END
@@ -165,6 +163,7 @@ class _Reading:
     def __init__(self, signed: SignedDocument) -> None:
         self._signed = signed
         self._defects: list[Defect] = []
+        self._skeleton = Skeleton()
 
     def found(self) -> tuple[Defect, ...]:
         return tuple(self._defects)
@@ -211,12 +210,15 @@ class _Reading:
     def _spelling(self, content: bytes) -> None:
         """Find what a tree does not show and parsers do not spell alike (measured: tinyxml2 9, Cyclone DDS 0.10.2)."""
         text = _COMMENT.sub(_emptied, content) if b"<!--" in content else content
+        self._skeleton = Skeleton(text)
+        if not self._skeleton.odd:
+            return
         for pattern, detail in (
             (_BLANK_IN_END_TAG, "a blank in an end tag, which Cyclone DDS refuses"),
             (_REFERENCE_TO_BLANK, "a character reference to a blank, which Cyclone DDS does not take for one"),
             (_BROKEN_ATTRIBUTE, "a tab or line end in an attribute, which some parsers turn into a blank"),
         ):
-            if pattern is _BROKEN_ATTRIBUTE and _BROKEN_VALUE.search(text) is None:
+            if pattern is _BROKEN_ATTRIBUTE and not self._skeleton.broken:
                 continue
             match = pattern.search(text)
             if match is not None:
@@ -262,12 +264,10 @@ class _Reading:
     # --- after parsing
 
     def values(self, root: etree._Element) -> None:
-        """Look at the values of a text in which there is nothing but elements."""
-        for element in root.iter():
-            text = element.text
-            if not text or len(element):
-                continue
-            if not text.isprintable() or text[0] in _ODD_STARTS or text[-1] == " ":  # other blanks are not printable
+        """Look at the values of a text in which there is nothing but elements. Blanks but " " are not printable."""
+        for element in root.iter() if self._skeleton.remarkable else ():
+            text = element.text if len(element) == 0 else None
+            if text and (not text.isprintable() or text[0] in _ODD_STARTS or text[-1] == " "):
                 self._value(element, text)
 
     def nodes(self, root: etree._Element) -> None:
