@@ -20,6 +20,7 @@ from keystore_audit.model.comparison_form import certificate_form, document_form
 from keystore_audit.model.comparison_keys import foreign_keys
 from keystore_audit.model.comparison_revocation import revocation_facts
 from keystore_audit.model.comparison_sides import Sides
+from keystore_audit.model.inventory import may_be_taken, permissions_cas
 from keystore_audit.model.trust import Verdict, envelope, may_have_issued
 
 ADDED: Final = "enclave-added"
@@ -86,13 +87,25 @@ def _of_keystores(old: Keystore, new: Keystore) -> Iterator[Draft]:
         aspect = Aspect(what="layout", old=kinds[0], new=kinds[1], direction=Direction.CHANGED)
         yield _draft(Fact("layout", Direction.CHANGED, "the layout", (aspect,)), (), None, None)
     ofs = [{each.key or each.file.place: each.file.place for each in k.authority_keys} for k in (old, new)]
-    yield from _left_keys("authority-key", "the private key of an authority", ofs[0], ofs[1])
+    yield from _left("authority-key", "the private key of an authority", ofs[0], ofs[1])
     others = [{file.sha256 or file.place: file.place for file in _other_private_keys(k)} for k in (old, new)]
-    yield from _left_keys("private-key", "a private key that is no enclave's", others[0], others[1])
+    yield from _left("private-key", "a private key that is no enclave's", others[0], others[1])
+    large = [{file.sha256 or file.place: file.place for file in _governance_at_large(k)} for k in (old, new)]
+    for draft in _left("governance-at-large", "a signed governance that no enclave carries", large[0], large[1]):
+        draft.direction = Direction.CHANGED  # it has no effect, until somebody puts it in the place of another
+        yield draft
 
 
-def _left_keys(kind: str, what: str, old: Mapping[str, str], new: Mapping[str, str]) -> Iterator[Draft]:
-    """Private keys that lie in one keystore alone: their places, by what tells them apart."""
+def _governance_at_large(keystore: Keystore) -> Iterator[File]:
+    """Governance that no enclave carries and that peers would take in the place of theirs."""
+    files = permissions_cas(keystore)
+    for stray in keystore.strays:
+        if isinstance(stray.document, GovernanceFile) and may_be_taken(stray.document.signed, files):
+            yield stray.document.signed.file
+
+
+def _left(kind: str, what: str, old: Mapping[str, str], new: Mapping[str, str]) -> Iterator[Draft]:
+    """What lies in one keystore alone: their places, by what tells them apart."""
     come, gone = ([place for key, place in one.items() if key not in other] for one, other in ((new, old), (old, new)))
     if come or gone:
         verb = "is there" if not gone else ("is no longer there" if not come else "is another")

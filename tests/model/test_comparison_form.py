@@ -16,8 +16,8 @@ from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.comparison import Comparison, FailOn
 from keystore_audit.model.comparison_run import compare
 from keystore_audit.model.profiles import resolve
-from tests.keystore.builder import certificate
-from tests.model.comparing import AT, authority, key, mirrored, shapes
+from tests.keystore.builder import certificate, signed_document
+from tests.model.comparing import AT, authority, domain_rule, governance, key, mirrored, shapes
 from tests.model.single_changes import BASE, TALKER, talker
 
 SIGNER = authority("permissionsCA")
@@ -142,3 +142,17 @@ def test_a_key_of_another_kind_is_told_with_it(tmp_path: Path) -> None:
     (form,) = (change for change in found.changes if change.kind == "certificate-form")
     assert form.direction.value == "gained"
     assert [(each.what, each.old, each.new) for each in form.aspects] == [("key", "EC secp256r1", "RSA 1024")]
+
+
+def test_governance_that_no_enclave_carries(tmp_path: Path) -> None:
+    """Signed by the authority of the enclaves, it may take the place of theirs (KA661); by another, it may not."""
+    open_domain = governance(domain_rule(rtps_protection_kind="NONE")).encode()
+    keystores = []
+    for name, signer in (("old", authority("nobody")), ("new", SIGNER)):
+        root = BASE.write(tmp_path / name)
+        (root / "old.p7s").write_bytes(signed_document(open_domain, signer))
+        keystores.append(read_keystore(root))
+    found, back = (compare(one, other, resolve(()), AT) for one, other in (keystores, keystores[::-1]))
+    assert shapes(back) == mirrored(found)
+    assert [(each.kind, each.direction.value) for each in found.changes] == [("governance-at-large", "changed")]
+    assert not compare(keystores[1], keystores[1], resolve(()), AT).changes
