@@ -120,7 +120,7 @@ def certificate_file_holds_more(use: CertificateUse, _context: Context) -> Itera
             message=f"The file holds {what}{crls} (expected one certificate): {differ}.",
             locations=tuple(more),
             enclave=sole(use.enclaves),
-            key="several",
+            key=" ".join(["several", *(certificate.sha256 for certificate in certificates)]),
         )
     extra = [*of_kinds(use.certificates.defects, Kind.CERTIFICATE_FILE_EXTRA)]
     if certificates and not use.authority:

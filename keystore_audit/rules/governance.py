@@ -6,6 +6,7 @@ may take it: what a document says that every implementation refuses is of no con
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any, Final
@@ -59,6 +60,24 @@ def topic_rules(use: GovernanceUse) -> Iterator[tuple[DomainRule, TopicRule]]:
                 break
 
 
+@lru_cache(maxsize=256)
+def _earlier(file: GovernanceFile) -> dict[int, str]:
+    """By the id of a domain or topic rule, what the rules before it decide, in short: it decides about the rest.
+
+    The rules live as long as their file, which is kept here.
+    """
+    found: dict[int, str] = {}
+    domains = hashlib.sha256()
+    for domain_rule in file.governance.domain_rules if file.governance else ():
+        found[id(domain_rule)] = domains.hexdigest()
+        topics = domains.copy()
+        for topic_rule in domain_rule.topic_rules:
+            found[id(topic_rule)] = topics.hexdigest()
+            topics.update(f"{topic_rule.expression.text}\0".encode(errors="surrogatepass"))
+        domains.update(f"{covered(domain_rule.domains)}\0".encode())
+    return found
+
+
 def violates(
     use: GovernanceUse, domain_rule: DomainRule, topic_rule: TopicRule | None, element: str, message: str
 ) -> Violation:
@@ -72,7 +91,8 @@ def violates(
         message=f"{where}: {message}",
         locations=(Location(path=use.signed.file.place, line=lines.get(element, line)),),
         enclave=sole(use.enclaves),
-        key=f"{element} {where}",
+        # Without the rules before it, the same rule decides about more: that is another violation.
+        key=f"{element} {where} {_earlier(use.document)[id(domain_rule if topic_rule is None else topic_rule)]}",
     )
 
 

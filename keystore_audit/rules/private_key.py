@@ -138,7 +138,7 @@ def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> It
             yield Violation(
                 message=f"A private key is in {file.place}, which goes on robots.",
                 locations=(Location(path=file.place),),
-                key=file.place,
+                key=f"{file.place} {file.sha256}",
             )
     holders = _holders(keystore)
     for enclave in keystore.enclaves:
@@ -151,7 +151,7 @@ def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> It
                     message=f"{enclave.path} has a second private key{told}: {defect.detail}.",
                     locations=(Location(path=defect.path, line=defect.line),),
                     enclave=enclave.path,
-                    key=f"second {defect.path}",
+                    key=f"second {defect.path} {keys.get(defect.line or 0)}",
                 )
 
 

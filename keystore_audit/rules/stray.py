@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
@@ -48,6 +48,11 @@ def _documents(number: int) -> str:
     return "A signed document" if number == 1 else f"{number} signed documents"
 
 
+def _contents(keystore: Keystore, documents: Collection[str]) -> str:
+    """What stands in the documents at these places: who accepts them accepts no others."""
+    return " ".join(sorted({stray.file.sha256 or "" for stray in keystore.strays if stray.place in documents}))
+
+
 def _at(strays: Sequence[Stray]) -> tuple[Location, ...]:
     return places(Location(path=stray.place) for stray in strays)
 
@@ -82,7 +87,7 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
             locations=places(grant.location for grant in wider),
             enclave=first.enclave if len({grant.enclave for grant in wider}) == 1 else None,
             profiles=() if every else tuple(p.name for p in context.profiles if p.name in profiles),
-            key="wider",
+            key=f"wider {_contents(keystore, {grant.document for grant in wider})}",
         )
     known = {grant.document for grant in wider}
     equal = [grant for grant in granting if grant.document not in known]
@@ -94,7 +99,7 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
             "away later stays usable.",
             locations=places(grant.location for grant in equal),
             severity=Severity.LOW,
-            key="equal",
+            key=f"equal {_contents(keystore, {grant.document for grant in equal})}",
         )
 
 
@@ -148,7 +153,7 @@ def signed_document_without_effect(keystore: Keystore, context: Context) -> Iter
             message=f"{_documents(len(refused))} outside the enclaves that no peer here takes: "
             f"{listed(stray.place for stray in refused)}.",
             locations=_at(refused),
-            key="refused",
+            key=f"refused {_contents(keystore, {stray.place for stray in refused})}",
         )
     systems = context.meaning.systems
     places_at_large = {stray.place for stray in permissions_at_large(keystore)}
@@ -160,7 +165,7 @@ def signed_document_without_effect(keystore: Keystore, context: Context) -> Iter
             message=f"{_documents(len(idle))} outside the enclaves that peers would take, without a grant in force for "
             f"an enclave here: {listed(stray.place for stray in idle)}.",
             locations=_at(idle),
-            key="idle",
+            key=f"idle {_contents(keystore, {stray.place for stray in idle})}",
         )
 
 
