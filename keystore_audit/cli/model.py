@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from keystore_audit.cli import options as opt
+from keystore_audit.cli import output
 from keystore_audit.errors import UsageError
 from keystore_audit.text import terminal
 
@@ -67,6 +68,7 @@ def command(
     from keystore_audit.engine.alloy.user_file import read_user_files
     from keystore_audit.export import export_model
 
+    output.check_outside(directory, (keystore,))
     files = read_user_files(alloy_properties, keystores=(keystore,))
     try:
         export_model(

@@ -85,7 +85,7 @@ def check_outside(path: Path, keystores: Iterable[str]) -> None:
     real = _resolved(path)
     roots = [Path(keystore).resolve() for keystore in keystores]
     if any(root == real or root in real.parents for root in roots):
-        raise Unwritable(f"{path} lies in the keystore that is audited; write the report elsewhere.")
+        raise Unwritable(f"{path} lies in the keystore that is audited; write it elsewhere.")
 
 
 def write(wanted: Target, text: str) -> None:

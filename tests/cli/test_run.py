@@ -280,6 +280,12 @@ def test_the_model_is_written_and_an_unwritable_place_is_said(
     assert any(path.suffix == ".als" for path in (tmp_path / "alloy").rglob("*"))
     (tmp_path / "file").touch()
     assert keystore_audit("model", healthy, "-o", tmp_path / "file" / "x").returncode == 2
+    (tmp_path / "link").symlink_to(healthy)
+    for place in (healthy, healthy / "model", tmp_path / "link" / "model"):
+        done = keystore_audit("model", healthy, "-o", place)
+        assert done.returncode == 2
+        assert b"lies in the keystore that is audited" in done.stderr
+    assert not (healthy / "model").exists()
 
 
 def test_engine_says_what_there_is(keystore_audit: Any, tmp_path: Path) -> None:
