@@ -193,7 +193,7 @@ def _asserted(
     from keystore_audit.engine.breaches import with_breaches  # most audits have none
 
     results = combine_claims(claims, meaning.systems, answers, names)
-    return with_label_answers(claims, with_breaches(claims, results, meaning.systems))
+    return with_label_answers(claims, with_breaches(results, meaning.systems))
 
 
 def _in_alloy(

@@ -13,7 +13,6 @@ from typing import Final
 from keystore_audit.dataclass import replace
 from keystore_audit.engine.native_claims import Claims, claims_at
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
-from keystore_audit.model.claims import Claim
 from keystore_audit.model.permission import Decisions
 from keystore_audit.model.system import Reading, System
 from keystore_audit.properties.property import Role, Status, Witness
@@ -33,12 +32,9 @@ class _TooManyPairs(Exception):
     """Looking for a flow between all of them would take too long."""
 
 
-def with_breaches(
-    claims: Sequence[Claim], results: Sequence[AssertedResult], systems: Sequence[System]
-) -> tuple[AssertedResult, ...]:
-    """The results, parallel to `claims`, each with all that violates it, unless that is too much."""
-    numbered = enumerate(zip(claims, results, strict=True))
-    return tuple(_with_its_own(number, result, systems) for number, (_claim, result) in numbered)
+def with_breaches(results: Sequence[AssertedResult], systems: Sequence[System]) -> tuple[AssertedResult, ...]:
+    """The results, parallel to the claims of each system, each with all that violates it, unless that is too much."""
+    return tuple(_with_its_own(number, result, systems) for number, result in enumerate(results))
 
 
 def _with_its_own(number: int, result: AssertedResult, systems: Sequence[System]) -> AssertedResult:
