@@ -6,7 +6,6 @@ import os
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Final
 from zoneinfo import ZoneInfo
 
 from keystore_audit.aside import FEW
@@ -17,7 +16,7 @@ from keystore_audit.engine.native import NativeEngine
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.claim import Attacker, ClaimKind
+from keystore_audit.model.claim import ATTACKERS, Attacker, ClaimKind
 from keystore_audit.model.claims import Claim, with_claims
 from keystore_audit.model.doubt import keystore_doubts
 from keystore_audit.model.inventory import documents_of
@@ -26,9 +25,6 @@ from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus
 from keystore_audit.settings import place
-
-ATTACKERS: Final = (Attacker.HONEST, Attacker.SOURCE, Attacker.RELAYS)
-"""From the least to the most that is assumed of them: each can do all that the one before can."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

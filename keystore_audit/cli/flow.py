@@ -98,8 +98,8 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
     if source is None or target is None:
         raise click.UsageError("Expected FROM and TO, or --from-compromised.")
     from keystore_audit.aside import processors
-    from keystore_audit.flow import ATTACKERS, Engines, FlowQuestion, find_flow
-    from keystore_audit.model.claim import Attacker
+    from keystore_audit.flow import Engines, FlowQuestion, find_flow
+    from keystore_audit.model.claim import ATTACKERS, Attacker
     from keystore_audit.model.profiles import resolve
     from keystore_audit.properties.property import Status
 

@@ -12,7 +12,7 @@ from typing import Final
 
 from keystore_audit.dataclass import replace
 from keystore_audit.engine.native_claims import Claims, claims_at
-from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.claim import ATTACKERS, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.permission import Decisions
 from keystore_audit.model.system import Reading, System
 from keystore_audit.properties.property import Role, Status, Witness
@@ -23,9 +23,6 @@ MAX_STEPS: Final = 200_000
 
 MAX_BREACHES: Final = 10_000
 """What is told apart; beyond it the keystore stands for it as a whole."""
-
-_ATTACKERS: Final = (Attacker.HONEST, Attacker.SOURCE, Attacker.RELAYS)
-"""From the least to the most that is assumed of them: each can do all that the one before can."""
 
 
 class _TooManyPairs(Exception):
@@ -81,7 +78,7 @@ def _each(place: Place) -> list[Place]:
 
 def _flows(system: System, asked: Claims, claim: ClaimAtom, pairs: Iterable[tuple[Place, Place]]) -> Iterator[str]:
     """Between which of them there is a flow, and the least attacker who makes one."""
-    attackers = _ATTACKERS[: _ATTACKERS.index(claim.attacker) + 1]
+    attackers = ATTACKERS[: ATTACKERS.index(claim.attacker) + 1]
     for source, target in pairs:
         for attacker in attackers:
             one = replace(claim, source=source, target=target, attacker=attacker)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind
-from keystore_audit.model.flow import Flows, Leg, Search
+from keystore_audit.model.flow import Flows, Leg, search_of
 from keystore_audit.model.permission import Decisions, Permissions, bits, members
 from keystore_audit.model.system import System
 from keystore_audit.properties.property import Answer, Hop, Role, Status, Witness
@@ -33,15 +33,7 @@ class Claims:
 
     def flows(self, claim: ClaimAtom) -> Iterator[Found]:
         """A shortest flow from source to target."""
-        found = self._flows.shortest(
-            Search(
-                attacker=claim.attacker,
-                source=claim.source,
-                target=claim.target,
-                through=claim.through,
-                left_out=claim.left_out,
-            )
-        )
+        found = self._flows.shortest(search_of(claim))
         if found is not None:
             yield _ends(found), found
 
@@ -86,15 +78,7 @@ class Claims:
 
     def inabilities(self, claim: ClaimAtom) -> Iterator[Found]:
         """That nothing gets from source to target while nobody attacks."""
-        search = Search(
-            attacker=Attacker.HONEST,
-            source=claim.source,
-            target=claim.target,
-            through=claim.through,
-            left_out=claim.left_out,
-            own=True,
-        )
-        if self._flows.shortest(search) is None:
+        if self._flows.shortest(search_of(claim)) is None:
             yield {}, ()
 
 

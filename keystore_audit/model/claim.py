@@ -6,6 +6,7 @@ Places are sets of atoms; what a user wrote as globs has become indices here. Ne
 from __future__ import annotations
 
 from enum import Enum
+from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
@@ -29,6 +30,10 @@ class Attacker(str, Enum):
     RELAYS = "relays"
     OUTSIDER = "outsider"
     INSIDER = "insider"
+
+
+ATTACKERS: Final = (Attacker.HONEST, Attacker.SOURCE, Attacker.RELAYS)
+"""Of flows, from the least to the most that is assumed of them: each can do all that the one before can."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

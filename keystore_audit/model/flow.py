@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.model.attacker import RealmView
-from keystore_audit.model.claim import Attacker, Place
+from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.own_rights import OwnRights
 from keystore_audit.model.permission import bits, members
 from keystore_audit.model.system import System
@@ -71,6 +71,19 @@ class Search:
     through: frozenset[int] = frozenset()
     left_out: frozenset[int] = frozenset()
     own: bool = False
+
+
+def search_of(claim: ClaimAtom) -> Search:
+    """The flow that a claim is about: one that must not be, or one that must be though nobody attacks."""
+    own = claim.kind is ClaimKind.ABLE
+    return Search(
+        attacker=Attacker.HONEST if own else claim.attacker,
+        source=claim.source,
+        target=claim.target,
+        through=claim.through,
+        left_out=claim.left_out,
+        own=own,
+    )
 
 
 class Flows:

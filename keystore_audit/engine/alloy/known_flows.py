@@ -13,8 +13,8 @@ from collections.abc import Iterator, Sequence
 from keystore_audit.engine.alloy.atoms import Atoms, name_atoms
 from keystore_audit.engine.alloy.claims import Places, attackers
 from keystore_audit.model.attacker import RealmView
-from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind
-from keystore_audit.model.flow import Flows, Leg, Search
+from keystore_audit.model.claim import ClaimAtom, ClaimKind
+from keystore_audit.model.flow import Flows, Leg, search_of
 from keystore_audit.model.permission import Decisions, Permissions
 from keystore_audit.model.system import System
 
@@ -29,25 +29,13 @@ def known_flows(system: System, numbers: Sequence[int]) -> dict[int, str]:
     permissions = Permissions(system, None, Decisions(system))
     flows = Flows(system, [RealmView(system, realm, permissions) for realm in range(len(system.realms))])
     atoms = name_atoms(system)
-    found = {number: flows.shortest(_search(system.claims[number])) for number in numbers}
+    found = {number: flows.shortest(search_of(system.claims[number])) for number in numbers}
     return {number: shown(system.claims[number], number, atoms, legs) for number, legs in found.items() if legs}
 
 
 def shown(claim: ClaimAtom, number: int, atoms: Atoms, legs: Sequence[Leg]) -> str:
     """Return the condition that `legs` are a flow between the places of the claim of this index."""
     return "\n\tand ".join(_Shown(claim, number, atoms).conditions(legs))
-
-
-def _search(claim: ClaimAtom) -> Search:
-    own = claim.kind is ClaimKind.ABLE
-    return Search(
-        attacker=Attacker.HONEST if own else claim.attacker,
-        source=claim.source,
-        target=claim.target,
-        through=claim.through,
-        left_out=claim.left_out,
-        own=own,
-    )
 
 
 class _Shown:
