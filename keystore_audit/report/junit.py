@@ -104,7 +104,7 @@ def _case(suite: etree._Element, report: Report, outcome: Outcome, findings: Seq
     if outcome.outcome is Result.NOT_APPLICABLE:
         etree.SubElement(case, "skipped", message="there is nothing here that the rule is about")
         return
-    deciding = [finding for finding in findings if _decides(finding, report)]
+    deciding = [finding for finding in findings if report.fails(finding)]
     if outcome.outcome is Result.OPEN:
         _tell(case, "error", findings, "undecided")
     elif deciding:
@@ -113,13 +113,9 @@ def _case(suite: etree._Element, report: Report, outcome: Outcome, findings: Seq
         accepted = findings[0].suppressed
         message = f"accepted until {accepted.until}: {accepted.reason}" if accepted else "accepted"
         etree.SubElement(case, "skipped", message=terminal(message))
-    rest = [finding for finding in findings if not _decides(finding, report)]
+    rest = [finding for finding in findings if not report.fails(finding)]
     if rest and outcome.outcome is not Result.OPEN:
         etree.SubElement(case, "system-out").text = "\n\n".join(map(_said, rest))
-
-
-def _decides(finding: Finding, report: Report) -> bool:
-    return finding.suppressed is None and report.fail_on is not None and finding.severity.at_least(report.fail_on)
 
 
 def _tell(case: etree._Element, tag: str, findings: Sequence[Finding], kind: str) -> None:

@@ -34,8 +34,8 @@ def _in_the_way(report: Report) -> Sequence[Finding]:
     counted = [finding for finding in report.findings if finding.suppressed is None]
     if report.verdict is Verdict.INCOMPLETE:
         return [finding for finding in counted if finding.undecided]
-    if report.verdict is Verdict.FAIL and report.fail_on is not None:
-        failing = [finding for finding in counted if finding.severity.at_least(report.fail_on)]
+    if report.verdict is Verdict.FAIL:
+        failing = [finding for finding in counted if report.fails(finding)]
         marks = {finding.fingerprint for finding in counted}
         causes = [finding for finding in failing if not marks.intersection(finding.explained_by)]
         return [*causes, *(finding for finding in failing if marks.intersection(finding.explained_by))]

@@ -67,11 +67,7 @@ def _result(report: Report, *, warned: bool) -> str:
 
 def _deciding(report: Report) -> set[str]:
     """Rules with a finding that makes the verdict fail."""
-    return {
-        finding.code
-        for finding in report.findings
-        if finding.suppressed is None and report.fail_on is not None and finding.severity.at_least(report.fail_on)
-    }
+    return {finding.code for finding in report.findings if report.fails(finding)}
 
 
 def _svr(report: Report) -> dict[str, Any]:

@@ -72,11 +72,7 @@ class Summary:
 
 def row(path: str, report: Report) -> Row:
     """What is kept of a report."""
-    failing = [
-        finding
-        for finding in report.findings
-        if finding.suppressed is None and report.fail_on is not None and finding.severity.at_least(report.fail_on)
-    ]
+    failing = [finding for finding in report.findings if report.fails(finding)]
     causes = [finding for finding in failing if not finding.explained_by] or failing
     reasons = {(finding.code, finding.name, finding.severity) for finding in causes}
     return Row(

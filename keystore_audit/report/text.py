@@ -16,20 +16,14 @@ from keystore_audit.model.meaning import Usability
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
 from keystore_audit.report import ranking
-from keystore_audit.report.consequences import Consequences
 from keystore_audit.report.content import EnclaveEntry, NoReport, Report, Verdict
 from keystore_audit.report.encoded import instant
+from keystore_audit.report.findings_text import put_findings
 from keystore_audit.report.json import TOOL
-from keystore_audit.report.next_step import OF_THE_AUDIT, next_step
-from keystore_audit.report.page import Page, Piece
+from keystore_audit.report.next_step import next_step
+from keystore_audit.report.page import Page
 from keystore_audit.report.total import render_total
 from keystore_audit.text import shorten
-
-MAX_PLACES: Final = 6
-"""Places shown of one finding: a defect of 1,000 files is understood from a few; JSON has them all."""
-
-MAX_ALIKE: Final = 200
-"""Findings of one code below one heading, the worst first: a hostile document has thousands; JSON has them all."""
 
 MAX_ENCLAVES: Final = 20
 """Enclaves listed by name where all is well; those that cannot start are always named."""
@@ -37,13 +31,6 @@ MAX_ENCLAVES: Final = 20
 MAX_TITLE: Final = 60
 """Characters of the keystore's path in the title, which is cut in the middle: its ends tell it apart."""
 
-_SEVERITY_STYLE: Final = {
-    Severity.CRITICAL: "bold white on red",
-    Severity.HIGH: "bold red",
-    Severity.MEDIUM: "bold yellow",
-    Severity.LOW: "cyan",
-    Severity.INFO: "dim",
-}
 _STATUS_STYLE: Final = {Status.HOLDS: "green", Status.VIOLATED: "bold red", Status.UNKNOWN: "bold yellow"}
 _VERDICT_STYLE: Final = {
     Verdict.PASS: "bold green",
@@ -81,10 +68,10 @@ def render(report: Report, view: View | None = None) -> str:
     view = view or View()
     page = Page(width=view.width, color=view.color)
     if view.quiet:
-        _findings(page, report, _decisive(report))
+        put_findings(page, report, _decisive(report))
     else:
         _opening(page, report)
-        _findings(page, report, _shown(report, view.min_severity))
+        put_findings(page, report, _shown(report, view.min_severity))
         if not report.findings:
             page.blank()
             page.put("No findings.")
@@ -159,98 +146,6 @@ def _decisive(report: Report) -> tuple[Finding, ...]:
         for finding in report.findings
         if (gate is not None and finding.severity.at_least(gate)) or finding.code in undecided
     )
-
-
-def _findings(page: Page, report: Report, shown: tuple[Finding, ...]) -> None:
-    """Each enclave's findings, the enclave with the worst one first; the whole keystore is a group too."""
-    consequences = Consequences(shown, report.properties)
-    groups: dict[str | None, list[tuple[tuple[int, bool], Finding]]] = {}
-    for finding in shown:
-        if finding.suppressed is None and not consequences.told_elsewhere(finding):
-            # Causes come before what they leave open.
-            rank = consequences.rank(finding), finding.code.startswith(OF_THE_AUDIT)
-            groups.setdefault(finding.enclave, []).append((rank, finding))
-    profiles = frozenset(_chosen_profiles(report))
-    explained: set[tuple[str, str, str]] = set()
-    ordered = sorted(groups.items(), key=lambda group: (min(rank for rank, _ in group[1]), group[0] or ""))
-    for enclave, ranked in ordered:
-        page.blank()
-        page.put((enclave or "The keystore as a whole", "bold underline"))
-        told: Counter[str] = Counter()
-        for _, finding in sorted(ranked, key=lambda entry: entry[0]):  # stable: else the report's order
-            told[finding.code] += 1
-            if told[finding.code] > MAX_ALIKE:
-                continue
-            page.blank()
-            _finding(page, finding, profiles)
-            _what_to_do(page, finding, explained)
-            _consequences(page, consequences.of(finding))
-        for code, more in (told - Counter(dict.fromkeys(told, MAX_ALIKE))).items():
-            page.blank()
-            page.put(f"and {more} more of {code} (all are in the JSON report)", indent=2)
-    _suppressed(page, [finding for finding in shown if finding.suppressed is not None])
-
-
-def _finding(page: Page, finding: Finding, profiles: frozenset[str]) -> None:
-    """What was found, where, and for which implementations."""
-    severity = finding.severity
-    page.put((severity.value.upper(), _SEVERITY_STYLE[severity]), f"  {finding.code} {finding.name}", indent=2)
-    page.put(finding.message, indent=4)
-    for number, place in enumerate(finding.locations[:MAX_PLACES]):
-        line = "" if place.line is None else f":{place.line}"
-        note = f"  ({place.message})" if place.message else ""
-        where: tuple[Piece, ...] = ((f"{place.path}{line}", "bold"), (note, ""))
-        page.labelled("where" if number == 0 else "", *where, indent=4, column=12)
-    if len(finding.locations) > MAX_PLACES:
-        more = len(finding.locations) - MAX_PLACES
-        page.put(f"and {more} more places (all are in the JSON report)", indent=12)
-    if finding.profiles and not profiles <= frozenset(finding.profiles):
-        page.labelled("under", ", ".join(finding.profiles), indent=4, column=12)
-
-
-def _what_to_do(page: Page, finding: Finding, explained: set[tuple[str, str, str]]) -> None:
-    """Clause and remedy, in full where they come first: a keystore repeats a defect in many enclaves."""
-    key = (finding.code, finding.clause, finding.remedy)
-    if key in explained:
-        page.labelled("remedy", f"as for {finding.code} above", indent=4, column=12)
-        return
-    explained.add(key)
-    for label, text in (("clause", finding.clause), ("remedy", finding.remedy)):
-        if text:
-            page.labelled(label, text, indent=4, column=12)
-
-
-def _consequences(page: Page, consequences: Iterable[tuple[Finding, str]]) -> None:
-    for consequence, example in consequences:
-        page.labelled(
-            "so",
-            (consequence.severity.value.upper(), _SEVERITY_STYLE[consequence.severity]),
-            f" {consequence.code}: property {consequence.name} is violated, e.g. {example}",
-            indent=4,
-            column=12,
-        )
-
-
-def _suppressed(page: Page, findings: Sequence[Finding]) -> None:
-    """What somebody accepts, with who, why and until when."""
-    if not findings:
-        return
-    page.blank()
-    page.put((f"Accepted findings, not counted: {len(findings)}", "bold underline"))
-    for finding in findings:
-        if (accepted := finding.suppressed) is not None:
-            severity = finding.severity
-            page.put((severity.value.upper(), _SEVERITY_STYLE[severity]), f"  {finding.code} {finding.name}", indent=2)
-            page.put(finding.message, indent=4)
-            until = f"until {accepted.until} by {accepted.owner} ({accepted.source})"
-            page.labelled("accepted", until, indent=4, column=14)
-            page.labelled("reason", accepted.reason, indent=4, column=14)
-
-
-def _chosen_profiles(report: Report) -> tuple[str, ...]:
-    """The profiles that this audit judged under, in the report's order."""
-    judged = [entry.profiles for entry in report.enclaves] + [result.profiles for result in report.properties]
-    return tuple(dict.fromkeys(name for profiles in judged for name in profiles))
 
 
 def _enclaves(page: Page, enclaves: Sequence[EnclaveEntry]) -> None:
@@ -353,7 +248,7 @@ def _checked(page: Page, report: Report, *, verbose: bool) -> None:
     page.labelled(
         "Checked",
         f"{scope.certificates} certificates, {scope.documents} signed documents, {scope.channels} topic "
-        f"channels, with {scope.rules} rules, under {', '.join(_chosen_profiles(report)) or 'no profile'}.",
+        f"channels, with {scope.rules} rules, under {', '.join(report.judged_profiles) or 'no profile'}.",
         indent=0,
         column=13,
         style="bold",

@@ -14,10 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.cli.formats import rule_entries
-from keystore_audit.findings import Severity, Suppression
+from keystore_audit.findings import Finding, Severity, Suppression
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.report import junit, markdown, sarif, text
 from keystore_audit.report.content import Report, Verdict
+from keystore_audit.report.findings_text import MAX_ALIKE, MAX_EXAMPLES, MAX_NAMES
 from tests.report.sarif_schema import schema
 
 MakeReport = Callable[..., Report]
@@ -79,15 +80,71 @@ def test_what_compresses_is_not_cut_before_it_has_to(make_report: MakeReport) ->
 def test_text_shows_the_worst_findings_of_a_code_and_counts_the_others(make_report: MakeReport) -> None:
     report = make_report()
     (first, *_rest) = report.findings
-    kept = [replace(first, message=f"seen {number}", fingerprint=f"{number}") for number in range(text.MAX_ALIKE)]
+    kept = [replace(first, message=f"seen {number}", fingerprint=f"{number}") for number in range(MAX_ALIKE)]
     worse = replace(first, message="the worst", fingerprint="worse", severity=Severity.CRITICAL)
     every = (*(replace(each, severity=Severity.LOW) for each in kept), worse)
     shown = text.render(replace(report, findings=every, properties=()))
     assert "the worst" in shown
-    assert f"seen {text.MAX_ALIKE - 2}" in shown
-    assert f"seen {text.MAX_ALIKE - 1}" not in shown
+    assert f"seen {MAX_ALIKE - 2}" in shown
+    assert f"seen {MAX_ALIKE - 1}" not in shown
     assert f"and 1 more of {first.code} (all are in the JSON report)" in shown
     assert "more of" not in text.render(replace(report, findings=every[1:], properties=()))
+
+
+def in_enclaves(finding: Finding, count: int, **changes: Any) -> tuple[Finding, ...]:
+    """The same finding about so many enclaves."""
+    return tuple(
+        replace(finding, enclave=f"/e{number:02}", message=f"about {number:02}", fingerprint=f"f{number:02}", **changes)
+        for number in range(count)
+    )
+
+
+def test_what_does_not_fail_and_stands_in_many_enclaves_is_shown_of_some(make_report: MakeReport) -> None:
+    report = replace(make_report(), properties=(), fail_on=Severity.HIGH)
+    (first, *_rest) = report.findings
+    count = MAX_EXAMPLES + MAX_NAMES + 1
+    every = in_enclaves(first, count, severity=Severity.LOW, suppressed=None, explained_by=())
+    shown = text.render(replace(report, findings=every))
+    assert f"about {MAX_EXAMPLES - 1}" in shown
+    assert f"about {MAX_EXAMPLES}" not in shown
+    last = " ".join(shown.split())
+    assert f"LOW {first.code} {first.name} {MAX_NAMES + 1} more of it, about /e{MAX_EXAMPLES}, " in last
+    assert f"/e{count - 2} and 1 more. " in last
+    few = text.render(replace(report, findings=every[:MAX_EXAMPLES]))
+    assert "more of it" not in few
+
+
+@pytest.mark.parametrize(
+    ("gate", "changes"),
+    [
+        (Severity.LOW, {"severity": Severity.LOW}),
+        (None, {"severity": Severity.HIGH}),
+        (Severity.HIGH, {"severity": Severity.LOW, "undecided": True}),
+        (Severity.HIGH, {"severity": Severity.LOW, "enclave": None}),
+    ],
+)
+def test_what_fails_or_is_open_or_high_is_shown_of_every_enclave(
+    make_report: MakeReport, gate: Severity | None, changes: dict[str, Any]
+) -> None:
+    report = replace(make_report(), properties=(), fail_on=gate)
+    (first, *_rest) = report.findings
+    every = in_enclaves(replace(first, suppressed=None, explained_by=()), MAX_EXAMPLES + 2, severity=Severity.LOW)
+    every = tuple(replace(finding, **changes) for finding in every)
+    shown = text.render(replace(report, findings=every))
+    assert all(finding.message in shown for finding in every)
+    assert "more of it" not in shown
+
+
+def test_a_cause_is_shown_with_what_follows_wherever_it_is(make_report: MakeReport) -> None:
+    report = replace(make_report(), properties=(), fail_on=Severity.HIGH)
+    (first, *_rest) = report.findings
+    every = in_enclaves(first, MAX_EXAMPLES + 2, severity=Severity.LOW, suppressed=None, explained_by=())
+    follows = replace(
+        every[0], code="KA799", fingerprint="so", message="so it is", explained_by=(every[-1].fingerprint,)
+    )
+    shown = text.render(replace(report, findings=(*every, follows)))
+    assert every[-1].message in shown
+    assert "so it is" in shown
 
 
 def test_more_runs_than_a_service_takes_are_said_in_each(make_report: MakeReport) -> None:

@@ -1,0 +1,162 @@
+"""The findings of the report for people: by enclave, worst first, each defect's remedy in full where it comes first.
+
+What does not fail the gate and stands in many enclaves alike is shown of a few of them and counted of the rest.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final
+
+from keystore_audit.findings import Finding, Severity
+from keystore_audit.report.consequences import Consequences
+from keystore_audit.report.content import Report
+from keystore_audit.report.next_step import OF_THE_AUDIT
+from keystore_audit.report.page import Page, Piece
+
+MAX_PLACES: Final = 6
+"""Places shown of one finding: a defect of 1,000 files is understood from a few; JSON has them all."""
+
+MAX_ALIKE: Final = 200
+"""Findings of one code below one heading, the worst first: a hostile document has thousands; JSON has them all."""
+
+MAX_EXAMPLES: Final = 20
+"""Enclaves in which a code is shown that neither fails the gate nor is high: a fleet has it in 1,000; JSON has all."""
+
+MAX_NAMES: Final = 10
+"""Enclaves named of those in which a code is not shown."""
+
+_SEVERITY_STYLE: Final = {
+    Severity.CRITICAL: "bold white on red",
+    Severity.HIGH: "bold red",
+    Severity.MEDIUM: "bold yellow",
+    Severity.LOW: "cyan",
+    Severity.INFO: "dim",
+}
+_Ranked = tuple[tuple[int, bool], Finding]
+
+
+def put_findings(page: Page, report: Report, shown: Sequence[Finding]) -> None:
+    """Put each enclave's findings, the enclave with the worst one first; the whole keystore is a group too."""
+    consequences = Consequences(shown, report.properties)
+    groups: dict[str | None, list[_Ranked]] = {}
+    for finding in shown:
+        if finding.suppressed is None and not consequences.told_elsewhere(finding):
+            # Causes come before what they leave open.
+            rank = consequences.rank(finding), finding.code.startswith(OF_THE_AUDIT)
+            groups.setdefault(finding.enclave, []).append((rank, finding))
+    ordered = sorted(groups.items(), key=lambda group: (min(rank for rank, _ in group[1]), group[0] or ""))
+    enough: Counter[str] = Counter()
+    elsewhere: dict[tuple[str, str, Severity], list[str]] = {}
+    explained: set[tuple[str, str, str]] = set()
+    for enclave, ranked in ordered:
+        findings = []
+        for _, finding in sorted(ranked, key=lambda entry: entry[0]):  # stable: else the report's order
+            minor = not (report.fails(finding) or finding.severity.at_least(Severity.HIGH) or finding.undecided)
+            if enclave and minor and enough[finding.code] >= MAX_EXAMPLES and not consequences.of(finding):
+                elsewhere.setdefault((finding.code, finding.name, finding.severity), []).append(enclave)
+            else:
+                findings.append(finding)
+        enough.update({finding.code for finding in findings})
+        if findings:
+            _group(page, report, enclave, findings, consequences, explained)
+    _elsewhere(page, elsewhere)
+    _suppressed(page, [finding for finding in shown if finding.suppressed is not None])
+
+
+def _group(
+    page: Page,
+    report: Report,
+    enclave: str | None,
+    findings: Sequence[Finding],
+    consequences: Consequences,
+    explained: set[tuple[str, str, str]],
+) -> None:
+    """The findings about one enclave, or about the whole keystore."""
+    page.blank()
+    page.put((enclave or "The keystore as a whole", "bold underline"))
+    profiles = frozenset(report.judged_profiles)
+    told: Counter[str] = Counter()
+    for finding in findings:
+        told[finding.code] += 1
+        if told[finding.code] > MAX_ALIKE:
+            continue
+        page.blank()
+        _finding(page, finding, profiles)
+        _what_to_do(page, finding, explained)
+        _consequences(page, consequences.of(finding))
+    for code, more in (told - Counter(dict.fromkeys(told, MAX_ALIKE))).items():
+        page.blank()
+        page.put(f"and {more} more of {code} (all are in the JSON report)", indent=2)
+
+
+def _finding(page: Page, finding: Finding, profiles: frozenset[str]) -> None:
+    """What was found, where, and for which implementations."""
+    severity = finding.severity
+    page.put((severity.value.upper(), _SEVERITY_STYLE[severity]), f"  {finding.code} {finding.name}", indent=2)
+    page.put(finding.message, indent=4)
+    for number, place in enumerate(finding.locations[:MAX_PLACES]):
+        line = "" if place.line is None else f":{place.line}"
+        note = f"  ({place.message})" if place.message else ""
+        where: tuple[Piece, ...] = ((f"{place.path}{line}", "bold"), (note, ""))
+        page.labelled("where" if number == 0 else "", *where, indent=4, column=12)
+    if len(finding.locations) > MAX_PLACES:
+        more = len(finding.locations) - MAX_PLACES
+        page.put(f"and {more} more places (all are in the JSON report)", indent=12)
+    if finding.profiles and not profiles <= frozenset(finding.profiles):
+        page.labelled("under", ", ".join(finding.profiles), indent=4, column=12)
+
+
+def _what_to_do(page: Page, finding: Finding, explained: set[tuple[str, str, str]]) -> None:
+    """Clause and remedy, in full where they come first: a keystore repeats a defect in many enclaves."""
+    key = (finding.code, finding.clause, finding.remedy)
+    if key in explained:
+        page.labelled("remedy", f"as for {finding.code} above", indent=4, column=12)
+        return
+    explained.add(key)
+    for label, text in (("clause", finding.clause), ("remedy", finding.remedy)):
+        if text:
+            page.labelled(label, text, indent=4, column=12)
+
+
+def _consequences(page: Page, consequences: Iterable[tuple[Finding, str]]) -> None:
+    for consequence, example in consequences:
+        page.labelled(
+            "so",
+            (consequence.severity.value.upper(), _SEVERITY_STYLE[consequence.severity]),
+            f" {consequence.code}: property {consequence.name} is violated, e.g. {example}",
+            indent=4,
+            column=12,
+        )
+
+
+def _elsewhere(page: Page, elsewhere: Mapping[tuple[str, str, Severity], Sequence[str]]) -> None:
+    """Of what many enclaves have, in how many more it is than were shown."""
+    if not elsewhere:
+        return
+    page.blank()
+    page.put(("The same in more enclaves (each is in the JSON report)", "bold underline"))
+    for (code, name, severity), enclaves in elsewhere.items():
+        page.blank()
+        page.put((severity.value.upper(), _SEVERITY_STYLE[severity]), f"  {code} {name}", indent=2)
+        distinct = list(dict.fromkeys(enclaves))
+        rest = f" and {len(distinct) - MAX_NAMES} more" if len(distinct) > MAX_NAMES else ""
+        findings = f"{len(enclaves)} more of it" if len(enclaves) > 1 else "One more of it"
+        page.put(f"{findings}, about {', '.join(distinct[:MAX_NAMES])}{rest}.", indent=4)
+
+
+def _suppressed(page: Page, findings: Sequence[Finding]) -> None:
+    """What somebody accepts, with who, why and until when."""
+    if not findings:
+        return
+    page.blank()
+    page.put((f"Accepted findings, not counted: {len(findings)}", "bold underline"))
+    for finding in findings:
+        if (accepted := finding.suppressed) is not None:
+            severity = finding.severity
+            page.put((severity.value.upper(), _SEVERITY_STYLE[severity]), f"  {finding.code} {finding.name}", indent=2)
+            page.put(finding.message, indent=4)
+            until = f"until {accepted.until} by {accepted.owner} ({accepted.source})"
+            page.labelled("accepted", until, indent=4, column=14)
+            page.labelled("reason", accepted.reason, indent=4, column=14)
