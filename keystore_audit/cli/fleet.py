@@ -130,6 +130,8 @@ class _Run:
     def carried_out(self) -> int:
         """Audit all of them, and deliver what there is, also after an interrupt."""
         interrupted = False
+        for wanted in self._each:  # however this run ends, an earlier one's summary does not speak of it
+            places.summary_file(wanted).path.unlink(missing_ok=True)
         began = time.perf_counter()
         quiet = self.given["quiet"] or (self._texts_wanted and delivery.is_terminal())
         with ExitStack() as stack:
@@ -141,6 +143,9 @@ class _Run:
                 self._audit(executor, watch)
             except KeyboardInterrupt:
                 interrupted = True
+            except output.Unwritable:
+                delivery.say_not_written(self._together)
+                raise
         if self.given["verbose"] or sys.stderr.isatty():
             self._say_rate(time.perf_counter() - began)
         return self._finish(interrupted=interrupted)
@@ -173,6 +178,10 @@ class _Run:
         return [wanted for wanted in self.given["targets"] if wanted.each]
 
     @property
+    def _together(self) -> list[output.Target]:
+        return [wanted for wanted in self.given["targets"] if not (wanted.each or wanted.tables)]
+
+    @property
     def _summarised(self) -> bool:
         """Whether standard output has a summary instead of every report, which would say it twice."""
         return self.several and any(wanted.each or wanted.tables for wanted in self.given["targets"])
@@ -180,8 +189,7 @@ class _Run:
     @property
     def _collected(self) -> bool:
         """Whether all reports are needed together, in one document."""
-        in_files = any(not (wanted.each or wanted.tables) for wanted in self.given["targets"])
-        return in_files or self.given["kind"] != "text"
+        return bool(self._together) or self.given["kind"] != "text"
 
     @property
     def _texts_wanted(self) -> bool:
@@ -285,7 +293,7 @@ class _Run:
             self._show_summary(summary)
         reports = [self.whole[number] for number in sorted(self.whole)]
         if interrupted:
-            delivery.say_not_written([wanted for wanted in self.given["targets"] if not (wanted.each or wanted.tables)])
+            delivery.say_not_written(self._together)
             click.echo("keystore-audit: Interrupted.", err=True)
         else:
             stdout = self.given["kind"] != "text"

@@ -72,6 +72,32 @@ def test_no_older_report_stays_where_there_is_none_now(tmp_path: Path) -> None:
     assert (tmp_path / "out/r000/keys/report.statement.json").exists()
 
 
+def test_no_older_summary_speaks_of_a_run_that_ended_half_way(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robots(tmp_path / "all", 3)
+    asked = (
+        "-r",
+        tmp_path / "all",
+        *NATIVE,
+        "--fail-on",
+        "never",
+        "-o",
+        f"json={tmp_path}/out/",
+        "-o",
+        f"sarif={tmp_path}/all.sarif",
+    )
+    code, _ = answer(*asked)
+    assert (code, summary(tmp_path / "out")["exit_code"]) == (0, 0)
+    (own,) = (tmp_path / "out").glob("r001/**/*.json")
+    own.unlink()
+    own.mkdir()
+    code, _ = answer(*asked)
+    assert code == 2
+    assert not (tmp_path / "out/summary.json").exists()
+    assert f"No report was written to {tmp_path}/all.sarif." in capsys.readouterr().err
+
+
 def test_reports_of_robots_that_left_are_named_and_stay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     root = robots(tmp_path / "fleet", 3)
     run = ("-r", root, *NATIVE, "-o", f"json={tmp_path}/out/")
