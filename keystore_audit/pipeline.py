@@ -16,8 +16,9 @@ from keystore_audit.engine.horizon import Horizon, horizon
 from keystore_audit.engine.label_answers import with_label_answers
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.gate import acceptances, complete, verdict, weakened, while_accepted
+from keystore_audit.given import GivenFile
 from keystore_audit.intent.environment import Environment, read_environment
-from keystore_audit.intent.intent import Intent
+from keystore_audit.intent.intent import Intent, Origin
 from keystore_audit.intent.observed import read_observed
 from keystore_audit.keystore.identity import Identity
 from keystore_audit.keystore.keystore import Keystore, read_keystore
@@ -36,7 +37,6 @@ from keystore_audit.report.content import (
     EnclaveEntry,
     Report,
     Scope,
-    SettingsFile,
 )
 from keystore_audit.report.not_checked import unread, untested
 from keystore_audit.rules import RULES
@@ -129,7 +129,8 @@ def audit(
     with Aside(until, wanted=aside) as later:
         judgement = judge(context, RULES, select=options.select, ignore=options.ignore, aside=aside)
         safe = later.result()
-    report = _report(context, judgement, while_accepted(safe, judgement, options.fail_on), options)
+    inputs = tuple(_inputs(environment, policy, intents, options))
+    report = _report(context, judgement, while_accepted(safe, judgement, options.fail_on), options, inputs)
     return _drawn(report, context, accesses, options)
 
 
@@ -216,7 +217,24 @@ def _in_alloy(
     )
 
 
-def _report(context: Context, judgement: Judgement, safe: Horizon, options: Options) -> Report:
+def _inputs(
+    environment: Environment | None, policy: Policy | None, intents: Sequence[Intent], options: Options
+) -> Iterator[tuple[str, GivenFile]]:
+    """The files beside the keystore that were read, but for settings and baseline."""
+    if environment is not None:
+        yield "--env", environment.file
+    for file in policy.files if policy is not None else ():
+        yield "--policy", file
+    for intent in intents:
+        option = "--graph" if intent.origin is Origin.GRAPH else "--launch"
+        yield from ((option, file) for file in intent.files)
+    for asked in options.alloy_properties:
+        yield "--alloy-property", asked.file
+
+
+def _report(
+    context: Context, judgement: Judgement, safe: Horizon, options: Options, inputs: tuple[tuple[str, GivenFile], ...]
+) -> Report:
     outcome, exit_code = verdict(judgement.findings, options.fail_on, complete=complete(context, judgement))
     answered = [run for run in context.engines if run.status is EngineStatus.OK]
     agree = all(result.engines_agree for result in context.results)
@@ -245,6 +263,7 @@ def _report(context: Context, judgement: Judgement, safe: Horizon, options: Opti
         files=context.keystore.contents,
         settings=_settings(options.settings),
         baseline=_settings(options.baseline),
+        inputs=inputs,
     )
 
 
@@ -274,8 +293,8 @@ def _drift(
     return drift(keystore, policy, profiles, options.at, accesses, options.domain)
 
 
-def _settings(given: Settings | Baseline | None) -> SettingsFile | None:
-    return None if given is None else SettingsFile(path=given.path, sha256=given.sha256)
+def _settings(given: Settings | Baseline | None) -> GivenFile | None:
+    return None if given is None else GivenFile(path=given.path, sha256=given.sha256)
 
 
 def _enclaves(context: Context) -> tuple[EnclaveEntry, ...]:

@@ -17,6 +17,7 @@ from typing import Final
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
+from keystore_audit.given import GivenFile
 
 MAX_BYTES: Final = 1024 * 1024
 
@@ -53,9 +54,9 @@ class Setting:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Environment:
-    """The variables of `VARIABLES` that the file sets; `path` as the user gave it."""
+    """The variables of `VARIABLES` that the `file` sets."""
 
-    path: str
+    file: GivenFile
     settings: Mapping[str, Setting]
 
     def value(self, name: str) -> str:
@@ -66,7 +67,7 @@ class Environment:
     def place(self, name: str) -> Location:
         """The line that sets the variable, else the file."""
         setting = self.settings.get(name)
-        return Location(path=self.path, beside=True) if setting is None else setting.location
+        return Location(path=self.file.path, beside=True) if setting is None else setting.location
 
     @property
     def domain(self) -> int | None:
@@ -111,7 +112,7 @@ def read_environment(path: Path) -> Environment:
             )
         else:
             _pass_over(value, place)
-    return Environment(path=str(path), settings=found)
+    return Environment(file=GivenFile.of(str(path), data), settings=found)
 
 
 def _line(content: str, place: str) -> str:

@@ -61,6 +61,7 @@ class _Graph:
         return Intent(
             origin=Origin.GRAPH,
             path=self._source.path,
+            files=(self._source.file,),
             enclaves=tuple(self._enclaves.items()),
             nodes=tuple(self._nodes.values()),
             rights=tuple(self._rights.values()),

@@ -6,6 +6,7 @@ from enum import Enum
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
+from keystore_audit.given import GivenFile
 
 
 class Action(str, Enum):
@@ -89,10 +90,15 @@ class SetVariable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Intent:
-    """What one file, with all that it includes, says. `enclaves`: every path it names, with the place."""
+    """What one file, with all that it includes, says.
+
+    `files`: it and those it includes, in the order in which they were read. `enclaves`: every path it names, with the
+    place.
+    """
 
     origin: Origin
     path: str
+    files: tuple[GivenFile, ...]
     enclaves: tuple[tuple[str, Location], ...]
     nodes: tuple[IntendedNode, ...]
     rights: tuple[IntendedRight, ...]

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Final
 
+from keystore_audit.given import GivenFile
 from keystore_audit.intent.intent import Intent
 from keystore_audit.intent.launch_actions import (
     Action,
@@ -66,7 +67,7 @@ def read_launch(path: Path, arguments: Mapping[str, str], include: Path | None =
     with Directory.open(include, source, path) as directory:
         launch = _Launch(directory)
         launch.file(source, form, Scope(arguments=dict(arguments)), 1)
-        return launch.nodes.intent(source.path)
+        return launch.nodes.intent(launch.files)
 
 
 def _form(source: Source) -> str | None:
@@ -94,6 +95,7 @@ class _Launch:
 
     def __init__(self, directory: Directory) -> None:
         self.nodes = Nodes()
+        self.files: list[GivenFile] = []
         self._directory = directory
         self._read: dict[str, tuple[Action, ...]] = {}
         self._followed = 0
@@ -106,6 +108,7 @@ class _Launch:
             self._characters += len(source.text)
             if self._characters > MAX_CHARACTERS:
                 raise source.malformed(None, f"with it, the launch has more than {MAX_CHARACTERS} characters")
+            self.files.append(source.file)
             self._read[source.real] = _actions(source, form)
         self._follow(self._read[source.real], scope, source, nesting)
 

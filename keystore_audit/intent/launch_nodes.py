@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
+from keystore_audit.given import GivenFile
 from keystore_audit.intent.environment import OVERRIDE
 from keystore_audit.intent.intent import (
     Action,
@@ -151,8 +152,8 @@ class Nodes:
         )
         self._loads.append(load)
 
-    def intent(self, path: str) -> Intent:
-        """All that was collected, from the launch file `path`."""
+    def intent(self, files: Sequence[GivenFile]) -> Intent:
+        """All that was collected, from the launch file that is the first of `files` and those that it includes."""
         for load in self._loads:
             enclave = self._container(load)
             for node in load.nodes:
@@ -161,7 +162,8 @@ class Nodes:
             self._global(remap)
         return Intent(
             origin=Origin.LAUNCH,
-            path=path,
+            path=files[0].path,
+            files=tuple(files),
             enclaves=tuple(self._enclaves.items()),
             nodes=tuple(self._nodes.values()),
             rights=tuple(self._rights.values()),

@@ -17,6 +17,7 @@ from lxml import etree
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
+from keystore_audit.given import GivenFile
 from keystore_audit.intent.intent import Action, IntendedNode, IntendedRight, Intent, Origin
 from keystore_audit.intent.xinclude import Expanded, expand, malformed
 from keystore_audit.keystore.document import elements, joined
@@ -58,6 +59,7 @@ class Policy:
 
     path: str
     version: str
+    files: tuple[GivenFile, ...]
     profiles: tuple[Profiles, ...]
 
     @property
@@ -69,6 +71,7 @@ class Policy:
         return Intent(
             origin=Origin.POLICY,
             path=self.path,
+            files=self.files,
             enclaves=tuple(enclaves.items()),
             nodes=tuple(node for profiles in self.profiles for node in profiles.nodes),
             rights=tuple(right for profiles in self.profiles for right in profiles.rights),
@@ -92,7 +95,7 @@ def read_policy(path: str | os.PathLike[str], include: str | os.PathLike[str] | 
         expected = f"expected <{_FORMS[version]}> in a policy of version {version}, found <{form.tag!s}>"
         raise malformed(expanded.location(form), expected)
     found = _Reader(expanded, version).profiles(form)
-    return Policy(path=os.fspath(path), version=version, profiles=tuple(found))
+    return Policy(path=os.fspath(path), version=version, files=expanded.read, profiles=tuple(found))
 
 
 class _Reader:

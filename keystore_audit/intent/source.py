@@ -11,6 +11,7 @@ from typing import Final
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import NothingToAudit, UsageError
 from keystore_audit.findings import Location
+from keystore_audit.given import GivenFile
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.root import Root
 from keystore_audit.text import percent_path, shorten
@@ -23,13 +24,18 @@ MAX_QUOTED: Final = 80
 class Source:
     """The text of one file.
 
-    `path`: as the user gave it, or below what the user gave, percent-encoded. `real`: where it is, absolute, links
-    resolved.
+    `file`: its path as the user gave it, or below what the user gave, percent-encoded. `real`: where it is, absolute,
+    links resolved.
     """
 
-    path: str
+    file: GivenFile
     real: str
     text: str
+
+    @property
+    def path(self) -> str:
+        """As the user gave it."""
+        return self.file.path
 
     @property
     def directory(self) -> str:
@@ -70,7 +76,7 @@ def read_source(path: Path) -> Source:
         raise UsageError(f"{named}: there is no such file.") from None
     if file.status is not Status.PRESENT or file.content is None:
         raise UsageError(f"{named}: {_reason(file)}.")
-    return Source(path=named, real=real, text=_decoded(named, file.content))
+    return _source(named, real, file.content)
 
 
 class Directory:
@@ -119,13 +125,17 @@ class Directory:
         if file.status is not Status.PRESENT or file.content is None:
             raise Unreadable(_reason(file))
         named = percent_path(posixpath.join(self._given, below))
-        return Source(path=named, real=os.path.join(self._real, below), text=_decoded(named, file.content))
+        return _source(named, os.path.join(self._real, below), file.content)
 
 
 def _reason(file: File) -> str:
     if file.status is Status.PRESENT:
         return "it was not read"
     return file.detail or f"expected a file that can be read, found {file.status.value}"
+
+
+def _source(named: str, real: str, content: bytes) -> Source:
+    return Source(real=real, text=_decoded(named, content), file=GivenFile.of(named, content))
 
 
 def _decoded(named: str, content: bytes) -> str:

@@ -11,7 +11,7 @@ import copy
 import os
 import posixpath
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final
 from urllib.parse import unquote
 
@@ -19,6 +19,7 @@ from lxml import etree
 
 from keystore_audit.errors import NothingToAudit, UsageError
 from keystore_audit.findings import Location
+from keystore_audit.given import GivenFile
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.root import MAX_FILE_BYTES, Root
 from keystore_audit.keystore.xml import Malformed, parse_unsigned, source_line
@@ -55,10 +56,14 @@ def malformed(location: Location, detail: str) -> UsageError:
 
 
 class Expanded:
-    """A document with everything put in that it includes; `root` is its root element."""
+    """A document with everything put in that it includes; `root` is its root element.
 
-    def __init__(self, root: etree._Element, files: list[str]) -> None:
+    `read`: the files that were read, the document first.
+    """
+
+    def __init__(self, root: etree._Element, files: list[str], read: Sequence[GivenFile]) -> None:
         self.root = root
+        self.read = tuple(read)
         self._files = files
 
     def location(self, element: etree._Element) -> Location:
@@ -104,6 +109,7 @@ class _Expansion:
         self._inside = inside
         self._root = root
         self._files: list[str] = []
+        self._read: list[GivenFile] = []
         self._numbers: dict[str, int] = {}
         self._documents: dict[str, tuple[etree._Element, int]] = {}
         self._includes = 0
@@ -118,7 +124,7 @@ class _Expansion:
         if root.tag in _INCLUDES:
             raise malformed(Location(path=self._files[0], line=source_line(root)), "an include is no document")
         self._expand(root, ("",), 0)
-        return Expanded(root, self._files)
+        return Expanded(root, self._files, self._read)
 
     def _number(self, relative: str) -> int:
         """The number of a file, named relative to the document's own directory."""
@@ -130,6 +136,7 @@ class _Expansion:
     def _parsed(self, file: File, asked: Location) -> etree._Element:
         if file.status is not Status.PRESENT or file.content is None:
             raise malformed(asked, f"{_reason(file)}")
+        self._read.append(GivenFile.of(asked.path, file.content))
         try:
             root = parse_unsigned(file.content)
         except Malformed as error:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Finding, Outcome, Severity
+from keystore_audit.given import GivenFile
 from keystore_audit.model.meaning import Usability
 from keystore_audit.properties.result import EngineRun, PropertyResult
 
@@ -81,17 +82,6 @@ class Scope:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SettingsFile:
-    """The settings, or the baseline, that the audit was made with.
-
-    `path` as it was given or found, `sha256` of its bytes in hex.
-    """
-
-    path: str
-    sha256: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class NoReport:
     """A keystore, or a directory that may hold some, of which there is no report, beside others that have one.
 
@@ -143,8 +133,10 @@ class Report:
     findings: tuple[Finding, ...]
     outcomes: tuple[Outcome, ...]
     scope: Scope
-    settings: SettingsFile | None = None
-    baseline: SettingsFile | None = None
+    settings: GivenFile | None = None
+    baseline: GivenFile | None = None
+    inputs: tuple[tuple[str, GivenFile], ...] = ()
+    """Other files that the audit was made with, each behind the option that led to it."""
     deployed: bool = False
     """Whether it was judged as a tree that goes on a robot."""
     domain: int | None = None

@@ -9,9 +9,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from keystore_audit.findings import Finding, Location, Outcome, Result, Severity, Suppression
+from keystore_audit.given import GivenFile
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.result import EngineRun, ProfileResult, PropertyResult
-from keystore_audit.report.content import MAX_RANKED, EnclaveEntry, NoReport, Report, SettingsFile
+from keystore_audit.report.content import MAX_RANKED, EnclaveEntry, NoReport, Report
 from keystore_audit.report.encoded import encoded, instant
 
 if TYPE_CHECKING:
@@ -73,6 +74,7 @@ def _report(report: Report) -> dict[str, Any]:
         "keystore": {"path": report.keystore, "layout": report.layout, "digest": report.digest},
         "settings": _file(report.settings),
         "baseline": _file(report.baseline),
+        "inputs": [_input(option, file) for option, file in report.inputs],
         "at": instant(report.at),
         "safe_until": None if report.safe_until is None else instant(report.safe_until),
         "verdict": report.verdict.value,
@@ -207,8 +209,12 @@ def _location(location: Location) -> dict[str, Any]:
     return {"path": location.path, "line": location.line, "message": location.message}
 
 
-def _file(file: SettingsFile | None) -> dict[str, Any] | None:
+def _file(file: GivenFile | None) -> dict[str, Any] | None:
     return None if file is None else {"path": file.path, "sha256": file.sha256}
+
+
+def _input(option: str, file: GivenFile) -> dict[str, Any]:
+    return {"option": option, "path": file.path, "sha256": file.sha256}
 
 
 def _suppression(suppression: Suppression) -> dict[str, Any]:

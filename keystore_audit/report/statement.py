@@ -93,8 +93,8 @@ def _properties(report: Report) -> Iterable[str]:
 
 def _configuration(report: Report) -> list[dict[str, Any]]:
     """What the gate was set by, as resource descriptors."""
-    files = (report.settings, report.baseline)
-    return [{"name": file.path, "digest": {"sha256": file.sha256}} for file in files if file is not None]
+    set_by = (report.settings, report.baseline, *(file for _option, file in report.inputs))
+    return [{"name": file.path, "digest": {"sha256": file.sha256}} for file in set_by if file is not None]
 
 
 def _details(report: Report) -> dict[str, Any]:

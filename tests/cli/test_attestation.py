@@ -195,3 +195,50 @@ def test_what_changes_during_the_audit_breaks_verification_or_was_audited(
         assert (now.verdict, now.findings, now.properties) == (report.verdict, report.findings, report.properties)
     if moment in ("read", "after"):
         assert not verified(keystore, said, now)
+
+
+POLICY = """<policy version="0.2.0" xmlns:xi="http://www.w3.org/2001/XInclude"><enclaves><enclave path="/random">
+<profiles><profile ns="/" node="random"><xi:include href="common.xml" xpointer="xpointer(/profile/*)"/></profile>
+</profiles></enclave></enclaves></policy>
+"""
+COMMON = '<profile><topics publish="ALLOW"><topic>chatter</topic></topics></profile>\n'
+LAUNCH = '<launch><include file="$(dirname)/more.launch.xml"/></launch>\n'
+ASKED = "module asked\nopen keystore_audit\n\nassert Something { some Enclave }\ncheck Something for 0\n"
+MORE = '<launch><node pkg="demo" exec="random" name="random"/></launch>\n'
+
+
+def test_every_file_that_it_was_judged_with_is_named_with_its_digest(keystore: Path) -> None:
+    """Somebody who checks a statement has to see which policy it was, and included files decide as well."""
+    beside = keystore.parent
+    samples = SAMPLE.parents[1]
+    files = {"p.xml": POLICY, "common.xml": COMMON, "a.launch.xml": LAUNCH, "more.launch.xml": MORE}
+    for name, text in files.items():
+        (beside / name).write_text(text)
+    shutil.copy(samples / "graphs" / "turtlesim.graph.json", beside / "g.json")
+    (beside / "asked.als").write_text(ASKED)
+    (beside / "robot.env").write_text("ROS_SECURITY_ENABLE=true\n")
+    (beside / "s.toml").write_text("max_suppression_days = 30\n")
+    shown = {
+        "--env": ["robot.env"],
+        "--policy": ["p.xml", "common.xml"],
+        "--graph": ["g.json"],
+        "--launch": ["a.launch.xml", "more.launch.xml"],
+        "--alloy-property": ["asked.als"],
+        "--settings": ["s.toml"],
+    }
+    options = [str(part) for option, names in shown.items() for part in (option, beside / names[0])]
+    digests = {
+        str(beside / name): hashlib.sha256((beside / name).read_bytes()).hexdigest()
+        for names in shown.values()
+        for name in names
+    }
+    for kind, told in (("svr", ("verifier", "policies")), ("statement", ("configuration",))):
+        entries: Any = statement(keystore, *options, kind=kind)["predicate"]
+        for key in told:
+            entries = entries[key]
+        assert {entry["name"]: entry["digest"]["sha256"] for entry in entries} == digests
+        assert len(entries) == len(digests)
+    before = statement(keystore, *options, kind="statement")["predicate"]["configuration"]
+    (beside / "common.xml").write_text(COMMON.replace("chatter", "other"))
+    after = statement(keystore, *options, kind="statement")["predicate"]["configuration"]
+    assert [entry["name"] for entry in after if entry not in before] == [str(beside / "common.xml")]

@@ -179,7 +179,7 @@ def as_policy(rights: Sequence[tuple[str, str, bool]]) -> Policy:
         for action, name, allows in rights
     )
     profiles = Profiles(enclave="/talker", location=where, nodes=(), rights=meant, lost="")
-    return Policy(path="a.policy.xml", version="0.2.0", profiles=(profiles,))
+    return Policy(path="a.policy.xml", version="0.2.0", files=(), profiles=(profiles,))
 
 
 @settings(max_examples=150, deadline=None, derandomize=True)

@@ -121,6 +121,7 @@ def test_the_least_policy_means_what_the_policy_means(entries: list[tuple[Action
     intent = Intent(
         origin=Origin.POLICY,
         path="p.xml",
+        files=(),
         enclaves=(("/talker", place),),
         nodes=(IntendedNode(enclave="/talker", name="/talker", location=place),),
         rights=tuple(

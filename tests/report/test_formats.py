@@ -20,9 +20,10 @@ from junitparser import Error, Failure, JUnitXml, Skipped
 
 from keystore_audit.cli.formats import rule_entries
 from keystore_audit.findings import Outcome, Result, Severity
+from keystore_audit.given import GivenFile
 from keystore_audit.properties import Status
 from keystore_audit.report import junit, markdown, sarif, statement
-from keystore_audit.report.content import Report, SettingsFile, Verdict
+from keystore_audit.report.content import Report, Verdict
 from tests.report.sarif_schema import schema
 
 MakeReport = Callable[..., Report]
@@ -219,6 +220,6 @@ class TestStatements:
         ]
 
     def test_settings_are_the_policy(self, make_report: MakeReport) -> None:
-        report = sound(make_report, settings=SettingsFile(path="keystore-audit.toml", sha256="b" * 64))
+        report = sound(make_report, settings=GivenFile(path="keystore-audit.toml", sha256="b" * 64))
         expected = [{"name": "keystore-audit.toml", "digest": {"sha256": "b" * 64}}]
         assert parsed(statement.render_svr([report]))["verifier"]["policies"] == expected

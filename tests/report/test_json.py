@@ -25,7 +25,7 @@ HOSTILE = st.text(st.characters(), max_size=20) | st.sampled_from(
 )
 
 REPORT_KEYS = [
-    "schema_version", "tool", "keystore", "settings", "baseline", "at", "safe_until", "verdict", "exit_code",
+    "schema_version", "tool", "keystore", "settings", "baseline", "inputs", "at", "safe_until", "verdict", "exit_code",
     "weakened", "assumptions", "engines", "engines_agree", "enclaves", "properties", "findings", "blast_radius",
     "summary", "outcomes",
 ]  # fmt: skip

@@ -56,7 +56,7 @@ def log(enclave: str) -> IntendedRight:
 def graph(*rights: IntendedRight, nodes: tuple[IntendedNode, ...] | None = None, **more: Any) -> Intent:
     """A graph of these rights, by nodes that have the name of their enclave."""
     shown = {right.enclave: node(right.enclave) for right in rights}
-    more = {"origin": Origin.GRAPH, "path": FILE, "enclaves": (), **more}
+    more = {"origin": Origin.GRAPH, "path": FILE, "files": (), "enclaves": (), **more}
     return Intent(nodes=tuple(shown.values()) if nodes is None else nodes, rights=rights, **more)
 
 
@@ -75,6 +75,7 @@ def launch(
     return Intent(
         origin=Origin.LAUNCH,
         path=FILE,
+        files=(),
         enclaves=(),
         nodes=nodes,
         rights=(),

@@ -20,6 +20,7 @@ from keystore_audit.engine.alloy.user_tokens import NO_NUMBERS, Token, Wrong, to
 from keystore_audit.engine.alloy.user_vocabulary import VOCABULARY
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
+from keystore_audit.given import GivenFile
 from keystore_audit.intent.source import Source, read_source
 from keystore_audit.model.claims import Claim, Globs
 from keystore_audit.model.forwards import Determinism
@@ -81,14 +82,19 @@ class Asked:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UserFile:
-    """A file of properties in Alloy. `path` as the user gave it; `text`: what the Analyzer is given, ASCII, the
+    """A `file` of properties in Alloy. `text`: what the Analyzer is given, ASCII, the
     run `CONSISTENT` at its end; `places`: its names for enclaves and topics.
     """
 
-    path: str
+    file: GivenFile
     text: str
     commands: tuple[Asked, ...]
     places: tuple[NamedPlace, ...]
+
+    @property
+    def path(self) -> str:
+        """As the user gave it."""
+        return self.file.path
 
 
 def read_user_file(source: Source) -> UserFile:
@@ -130,7 +136,7 @@ class _Reader:
         severities, statements, places = self._directives()
         self._check_variables(self._taken | {place.name for place in places})
         return UserFile(
-            path=self._source.path,
+            file=self._source.file,
             text=self._text(),
             commands=tuple(self._asked(name, severities, statements) for name in self._commands),
             places=places,

@@ -8,7 +8,7 @@ from typing import Final
 from keystore_audit.findings import Severity
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineRun, EngineStatus
-from keystore_audit.report.content import Report, SettingsFile, Verdict
+from keystore_audit.report.content import Report, Verdict
 from keystore_audit.report.encoded import instant
 from keystore_audit.report.html.element import NOTHING, Html, counted, digest, element, items, joined, lines, name
 from keystore_audit.report.html.sheet import Sheet, severity
@@ -160,10 +160,9 @@ def _facts(sheet: Sheet) -> Html:
 
 
 def _files(report: Report) -> Iterator[tuple[str, Html | str]]:
-    given: tuple[tuple[str, SettingsFile | None], ...] = (("settings", report.settings), ("baseline", report.baseline))
-    for label, file in given:
-        if file is not None:
-            yield label, joined([element("div", name(file.path)), digest(file.sha256)])
+    set_by = (("settings", report.settings), ("baseline", report.baseline))
+    for label, file in (*((label, file) for label, file in set_by if file is not None), *report.inputs):
+        yield label, joined([element("div", name(file.path)), digest(file.sha256)])
 
 
 def _rests(report: Report) -> Html:

@@ -23,6 +23,7 @@ from keystore_audit.engine.alloy.user_file import CONSISTENT, read_user_file
 from keystore_audit.engine.alloy.user_properties import job
 from keystore_audit.export import export_model
 from keystore_audit.findings import Location
+from keystore_audit.given import GivenFile
 from keystore_audit.intent.graph import read_graph
 from keystore_audit.intent.intent import Intent
 from keystore_audit.intent.policy import read_policy
@@ -143,7 +144,7 @@ check NodesHaveEnclaves for 0
 
 
 def test_users_files_speak_of_nodes_where_there_are_some(tmp_path: Path) -> None:
-    file = read_user_file(Source(path="asked.als", real="/asked.als", text=QUESTIONS))
+    file = read_user_file(Source(file=GivenFile.of("asked.als", b""), real="/asked.als", text=QUESTIONS))
     run = job(file, wired())
     found = outcomes(tmp_path, dict(run.files), run.main)
     assert found == {

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from keystore_audit.engine.alloy.user_file import CONSISTENT, UserFile, read_user_file, read_user_files, vocabulary
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Severity
+from keystore_audit.given import GivenFile
 from keystore_audit.intent.source import Source
 from tests.engine.alloy_batch import start_jvm
 
@@ -20,7 +21,7 @@ HEAD = "module asked\nopen keystore_audit\n"
 
 
 def read(text: str, path: str = "dir/my_file.als") -> UserFile:
-    return read_user_file(Source(path=path, real="/dir/my_file.als", text=text))
+    return read_user_file(Source(file=GivenFile.of(path, b""), real="/dir/my_file.als", text=text))
 
 
 def refused(text: str) -> str:

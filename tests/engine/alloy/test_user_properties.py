@@ -14,6 +14,7 @@ from keystore_audit.engine.alloy.user_file import CONSISTENT, UserFile, read_use
 from keystore_audit.engine.alloy.user_properties import MAIN, _checked, ask, decide_files, job
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import EngineOutOfScale, EngineTimeout, UsageError
+from keystore_audit.given import GivenFile
 from keystore_audit.intent.source import Source
 from keystore_audit.model.claim import PlaceAtom
 from keystore_audit.model.system import Reading, System
@@ -48,7 +49,7 @@ check NobodyCanForge { all realm: Realm | no Enclave.(forges[realm]) } for 0 exp
 
 
 def read(text: str) -> UserFile:
-    return read_user_file(Source(path="asked.als", real="/asked.als", text=text))
+    return read_user_file(Source(file=GivenFile.of("asked.als", b""), real="/asked.als", text=text))
 
 
 def placed(system: System, *, unread: bool = False) -> System:
