@@ -15,7 +15,7 @@ class Identities:
         self._places: dict[int, str] = {}
         self._own: dict[int, tuple[Identity, ...]] = {}
         self._by_key: defaultdict[str, set[int]] = defaultdict(set)
-        self._by_subject: defaultdict[tuple[bytes, str], set[int]] = defaultdict(set)
+        self._by_subject: defaultdict[tuple[tuple[str, ...], str], set[int]] = defaultdict(set)
 
     def add(self, number: int, place: str, identities: Sequence[Identity]) -> None:
         """Take in those of a keystore; `place`: its directory, links resolved."""
@@ -24,7 +24,7 @@ class Identities:
         for identity in identities:
             self._by_key[identity.key].add(number)
             for authority in identity.authorities:
-                self._by_subject[identity.subject_der, authority].add(number)
+                self._by_subject[identity.subject_alike, authority].add(number)
 
     def of(self, number: int) -> tuple[Identity, ...]:
         """Those of one keystore."""
@@ -37,7 +37,7 @@ class Identities:
         """
         own = self.of(number)
         keys = {identity.key for identity in own}
-        subjects = {(identity.subject_der, authority) for identity in own for authority in identity.authorities}
+        subjects = {(identity.subject_alike, authority) for identity in own for authority in identity.authorities}
         others: set[int] = set()
         for key in keys:
             others |= self._by_key[key]
@@ -50,5 +50,5 @@ class Identities:
             if self._places[other] != here
             for identity in self._own[other]
             if identity.key in keys
-            or any((identity.subject_der, authority) in subjects for authority in identity.authorities)
+            or any((identity.subject_alike, authority) in subjects for authority in identity.authorities)
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable
 from datetime import datetime
 
@@ -18,7 +19,8 @@ class Identity:
     """An enclave's identity in the keystore `root` (the path as the user gave it), small enough to keep thousands.
 
     `enclave`: its ROS name, untrusted text; `path` and `line`: where its certificate is. `key`: its public key, as
-    `Certificate.key`. `authorities`: the keys of the certificates in its identity CA file.
+    `Certificate.key`. `subject_alike`: of its subject as `alike`. `authorities`: the keys of the certificates in its
+    identity CA file.
     """
 
     root: str
@@ -27,7 +29,7 @@ class Identity:
     line: int
     key: str
     subject: str
-    subject_der: bytes
+    subject_alike: tuple[str, ...]
     issuer: str
     not_before: datetime
     not_after: datetime
@@ -58,12 +60,21 @@ def _identity(root: str, enclave: str, certificate: Certificate, authorities: fr
         line=certificate.line,
         key=certificate.key,
         subject=certificate.subject,
-        subject_der=certificate.subject_der,
+        subject_alike=alike(certificate.subject),
         issuer=certificate.issuer,
         not_before=certificate.not_before,
         not_after=certificate.not_after,
         authorities=authorities,
     )
+
+
+def alike(subject: str) -> tuple[str, ...]:
+    """What is the same of any two subjects (RFC 4514) that some implementation takes for one.
+
+    Implementations compare text: whatever the string types in DER, some in any order, some blanks and cases apart.
+    """
+    attributes = re.split(r"(?<!\\)[,+]", subject)
+    return tuple(sorted(" ".join(attribute.casefold().split()) for attribute in attributes))
 
 
 def _reader() -> Callable[[File], CertificateFile | None]:

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.certificate import Certificate
-from keystore_audit.keystore.identity import Identity
+from keystore_audit.keystore.identity import Identity, alike
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.rules.certificate import ISSUE_AGAIN
 from keystore_audit.rules.context import Context
@@ -123,7 +123,7 @@ def identity_shared_by_robots(keystore: Keystore, context: Context) -> Iterator[
     by_key, by_subject = defaultdict(list), defaultdict(list)
     for other in context.elsewhere or ():
         by_key[other.key].append(other)
-        by_subject[other.subject_der].append(other)
+        by_subject[other.subject_alike].append(other)
     same_key: list[_Shared] = []
     same_subject: list[_Shared] = []
     for enclave, certificate in _identities(keystore):
@@ -131,7 +131,7 @@ def identity_shared_by_robots(keystore: Keystore, context: Context) -> Iterator[
         same_key += [(enclave, certificate, other) for other in by_key[certificate.key]]
         same_subject += [
             (enclave, certificate, other)
-            for other in by_subject[certificate.subject_der]
+            for other in by_subject[alike(certificate.subject)]
             if other.key != certificate.key and keys & other.authorities
         ]
     says = "have one identity key: each passes for the other, and revoking one stops both"

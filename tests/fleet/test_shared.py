@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from keystore_audit.fleet.shared import Identities
-from keystore_audit.keystore.identity import Identity
+from keystore_audit.keystore.identity import Identity, alike
 
 AT = datetime(2026, 11, 21, tzinfo=timezone.utc)
 
@@ -20,7 +20,7 @@ identities = st.builds(
         line=1,
         key=key,
         subject=subject,
-        subject_der=subject.encode(),
+        subject_alike=alike(subject),
         issuer="CN=ca",
         not_before=AT,
         not_after=AT,
@@ -34,8 +34,8 @@ identities = st.builds(
 fleets = st.lists(st.tuples(st.sampled_from(["/1", "/2", "/3", "/4"]), st.lists(identities, max_size=3)), max_size=6)
 
 
-def alike(one: Identity, other: Identity) -> bool:
-    return one.key == other.key or (one.subject_der == other.subject_der and bool(one.authorities & other.authorities))
+def have_in_common(one: Identity, other: Identity) -> bool:
+    return one.key == other.key or (one.subject == other.subject and bool(one.authorities & other.authorities))
 
 
 @given(fleets)
@@ -49,6 +49,6 @@ def test_those_and_only_those_that_are_alike_are_given(fleet: list[tuple[str, li
             for elsewhere, others in fleet
             if elsewhere != place
             for other in others
-            if any(alike(identity, other) for identity in own)
+            if any(have_in_common(identity, other) for identity in own)
         ]
         assert list(known.shared_with(number)) == wanted

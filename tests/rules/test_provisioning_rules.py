@@ -9,7 +9,9 @@ from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 import pytest
+from cryptography import x509
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
+from cryptography.x509.name import _ASN1Type
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -362,6 +364,30 @@ def test_one_subject_counts_under_one_authority_alone(fleet: Fleet, tmp_path: Pa
     one, two = fleet.robot(tmp_path / "one"), fleet.robot(tmp_path / "two")
     stranger = Fleet().robot(tmp_path / "stranger")
     assert [list(each) for each in shared(one, two, stranger)] == [["medium"], ["medium"], []]
+
+
+@pytest.mark.parametrize(
+    ("subject", "severities"),
+    [
+        ("CN=/talker", ["medium"]),
+        ("CN=/Talker", ["medium"]),
+        ("CN=/ talker", []),
+        ("CN=/talker,O=x", []),
+    ],
+)
+def test_one_subject_in_other_letters_or_another_string_type_is_one(
+    fleet: Fleet, tmp_path: Path, subject: str, severities: list[str]
+) -> None:
+    """Implementations compare the text; no two of these have the same DER."""
+    one, two = fleet.robot(tmp_path / "one", "/talker"), fleet.robot(tmp_path / "two", "/talker")
+    attributes = x509.Name.from_rfc4514_string(subject).rdns
+    printable = [
+        x509.RelativeDistinguishedName([x509.NameAttribute(each.oid, each.value, _ASN1Type.PrintableString)])
+        for rdn in attributes
+        for each in rdn
+    ]
+    (two / "enclaves/talker/cert.pem").write_bytes(certificate(x509.Name(printable), fleet.identity).pem)
+    assert [list(each) for each in shared(one, two)] == [severities, severities]
 
 
 def test_a_keystore_named_twice_shares_nothing_with_itself(fleet: Fleet, tmp_path: Path) -> None:
