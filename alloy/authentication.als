@@ -20,21 +20,19 @@ fun vouched[pool: Realm -> Certificate, valid: set Certificate]: Realm -> Certif
 	(pool & Realm -> (authority & valid)).~issuer & Realm -> valid
 }
 
-/** Enclaves that each realm takes for members of the keystore, if exactly the certificates `valid` are in force. */
-fun authentic_among[valid: set Certificate]: Realm -> Enclave {
-	(vouched[identity_ca, valid] - revoked).~identity
-	+ Realm -> (opaque & Enclave)
-	+ open_realm -> Enclave
-}
-
-/**
- * The same without regard to dates. Capabilities rest on this one: clocks on robots are wrong, and an expired CA
- * would otherwise make each property of access hold for want of participants.
- */
-fun authentic: Realm -> Enclave { authentic_among[Certificate] }
+/** Enclaves whose identity the CA of each realm vouches for, if exactly the certificates `valid` are in force. */
+fun introduced[valid: set Certificate]: Realm -> Enclave { (vouched[identity_ca, valid] - revoked).~identity }
 
 /** The same at the audit instant. */
-fun authentic_in_force: Realm -> Enclave { authentic_among[in_force & Certificate] }
+fun introduced_in_force: Realm -> Enclave { introduced[in_force & Certificate] }
+
+/**
+ * Enclaves that each realm takes for members of the keystore, without regard to dates: clocks on robots are wrong, and
+ * an expired CA would otherwise make each property of access hold for want of participants.
+ */
+fun authentic: Realm -> Enclave {
+	introduced[Certificate] + Realm -> (opaque & Enclave) + open_realm -> Enclave
+}
 
 /** Pairs of enclaves whose identities have one key, so that each can pass for the other. */
 fun one_key: Enclave -> Enclave { identity.public_key.~(identity.public_key) - iden }
@@ -45,7 +43,11 @@ fun one_subject: Enclave -> Enclave { identity.~subject_name.subject_name.~ident
 /** Enclaves that each can pass for; one that we could not read, for anybody. */
 fun shares_identity: Enclave -> Enclave { one_key + (opaque & Enclave) -> Enclave }
 
-/** Enclaves that each shares its rights with; one that we could not read, with anybody. */
+/**
+ * Enclaves that each shares its rights with; one that we could not read, with anybody. Permissions that we could not
+ * read may have a grant that names two.
+ */
 fun shares_subject: Enclave -> Enclave {
 	one_subject - Enclave -> (opaque & Enclave) + (opaque & Enclave) -> Enclave
+	+ (some (opaque & Document) - Realm.governance implies Enclave -> Enclave - iden else none -> none)
 }

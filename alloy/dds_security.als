@@ -49,7 +49,8 @@
  *   not_after            the last one
  *   intact               documents that nobody has altered since they were signed
  *   signer               who signed a document, as verified
- *   opaque               documents and enclaves that could not be read: they may be anything, and count at their worst
+ *   opaque               documents and enclaves that could not be read: they may be anything, and count at their worst;
+ *                        and a certificate that stands for whatever is in CA files that could not be read
  *   pins_signer          realms that want the permissions CA itself as signer: all or none, by implementation
  *   requires_grant       realms that want some grant even where they do not control who joins: all or none, the same
  *   skipped_out_of_date  grants that are passed over where they are not in force: all or none, the same

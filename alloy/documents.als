@@ -41,11 +41,13 @@ fun accepted: Realm -> Document {
 
 /**
  * Enclaves whose own key signs documents that the realm obeys: they can give themselves any right. It is the key of a
- * permissions CA, or one that such a CA vouches for; an authority among these issues itself a signer.
+ * permissions CA, or one that such a CA vouches for; an authority among these issues itself a signer. Where we could not
+ * read whom the realm believes, it may be any enclave.
  */
 fun self_granting: Realm -> Enclave {
 	authentic & (
 		Realm -> (opaque & Enclave)
+		+ permissions_ca.(opaque & Certificate) -> Enclave
 		+ (vouched_signer + (chained & (Realm - pins_signer) -> authority)).~identity
 		+ permissions_ca.public_key.~public_key.~identity)
 }

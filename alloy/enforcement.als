@@ -4,11 +4,11 @@
 module enforcement
 open outsiders
 
-/** Channels on which some enclave has a grant that the governance makes nobody ask for. */
+/** Channels on which some enclave has a grant, or may have one, that the governance makes nobody ask for. */
 fun unenforced: Realm -> Channel {
 	{ realm: Realm, channel: realm.governed |
-		let publishers = granted[realm, publish_allowed].channel,
-		    subscribers = granted[realm, subscribe_allowed].channel {
+		let publishers = may_be_granted[realm, publish_allowed].channel,
+		    subscribers = may_be_granted[realm, subscribe_allowed].channel {
 			some publishers and channel in realm.write_uncontrolled
 			or some subscribers and channel in realm.read_uncontrolled
 			or some publishers + subscribers and channel.in_domain in realm.join_uncontrolled
@@ -28,7 +28,7 @@ fun reads_without_a_grant[realm: Realm]: Enclave -> Channel { knows[realm] - gra
 
 /** Channels that are written, and on which an enclave, granted to subscribe only, can pass for a writer. */
 fun forged_by_readers[realm: Realm]: Enclave -> Channel {
-	{ e: Enclave, c: e.(forges[realm] & granted[realm, subscribe_allowed]) & realm.written }
+	{ e: Enclave, c: e.(forges[realm] & may_be_granted[realm, subscribe_allowed]) & realm.written }
 	- granted[realm, publish_allowed]
 }
 

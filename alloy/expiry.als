@@ -35,14 +35,14 @@ one sig Compartment { var inside: set Enclave + Outsider }
 
 /** No enclave is cut off by its authorities while its own certificate is in force. */
 assert AuthoritiesOutliveIdentities {
-	always all enclave: Enclave | enclave.identity in in_force and enclave in enclave.in_realm.authentic
-		implies enclave in enclave.in_realm.authentic_in_force
+	always all enclave: Enclave | enclave.identity in in_force and enclave in enclave.in_realm.(introduced[Certificate])
+		implies enclave in enclave.in_realm.introduced_in_force
 }
 
 /** Every identity that is vouched for now stays so. */
 assert IdentitiesStayVouchedFor {
-	all enclave: Enclave | enclave in enclave.in_realm.authentic_in_force
-		implies always enclave in enclave.in_realm.authentic_in_force
+	all enclave: Enclave | enclave in enclave.in_realm.introduced_in_force
+		implies always enclave in enclave.in_realm.introduced_in_force
 }
 
 /** Every document whose signers are in force now keeps them so. */

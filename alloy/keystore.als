@@ -103,7 +103,7 @@ fun not_after: (Certificate + Grant) -> Instant {
 -- documents
 fun intact: set Document { Document }
 fun signer: Document -> Certificate { Document -> C0_CN_sros2CA }
-fun opaque: set Document + Enclave { none }
+fun opaque: set Document + Enclave + Certificate { none }
 fun pins_signer: set Realm { Realm }
 fun requires_grant: set Realm { none }
 

@@ -61,6 +61,11 @@ fun with_met[rights: Enclave -> Channel]: Enclave -> Channel { rights + rights.m
 /** What the permissions CA gave each enclave: rights of the kind `allowed`, by genuine documents alone. */
 fun granted[realm: Realm, allowed: Grant -> Channel]: Enclave -> Channel { with_met[held[realm.genuine].allowed] }
 
+/** The same, and whatever a document that we could not read may grant, or any to an enclave that we could not read. */
+fun may_be_granted[realm: Realm, allowed: Grant -> Channel]: Enclave -> Channel {
+	some opaque & Document implies Enclave -> Channel else granted[realm, allowed] + (opaque & Enclave) -> Channel
+}
+
 /**
  * Enclaves that may have any right: by a document that they sign themselves, or by one that we could not read. That may
  * name anybody, so it makes all of them unbounded.

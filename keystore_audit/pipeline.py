@@ -317,7 +317,7 @@ def _scope(context: Context) -> Scope:
     meaning = context.meaning
     system = meaning.systems[0] if meaning.systems else None
     return Scope(
-        certificates=len(system.certificates) if system else 0,
+        certificates=sum(not certificate.opaque for certificate in system.certificates) if system else 0,
         documents=len(system.documents) if system else 0,
         channels=len(system.channels) if system else 0,
         rules=len(RULES),

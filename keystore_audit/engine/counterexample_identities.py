@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 from keystore_audit.engine import causes
 from keystore_audit.engine.counterexample_case import Case, step_at
-from keystore_audit.model.system import EnclaveAtom, System
+from keystore_audit.model.system import CertificateAtom, EnclaveAtom, System
 from keystore_audit.properties import authentication
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Role
@@ -64,13 +64,21 @@ def _document(case: Case) -> Counterexample:
     if document.opaque:
         why = "could not be read, so nobody knows who signed it"
     elif not document.intact or not signers:
-        why = "bears no signature that verifies"
+        why = "bears no signature that these implementations can verify"
+    elif not causes.signed_by_ca(case.system, enclave.realm, document) and _by_key_of_ca(case, signers):
+        why = f"names {signers[0].label} as its signer, which has the permissions CA's key and is another certificate"
     elif not causes.signed_by_ca(case.system, enclave.realm, document):
         why = f"is signed by {signers[0].label}, not by the permissions CA alone"
     else:
         why = f"is signed by {signers[0].label}, which is not in force"
     step = step_at(document.location, channel=None, witness=document.label, enclave=enclave.label)
     return Counterexample(text=f"{document.label}, which {enclave.label} uses, {why}.", steps=(step,))
+
+
+def _by_key_of_ca(case: Case, signers: Sequence[CertificateAtom]) -> bool:
+    authorities = case.system.realms[case.enclave.realm].permissions_ca
+    keys = {case.system.certificates[number].key for number in authorities}
+    return all(signer.key in keys for signer in signers)
 
 
 def _shared_key(case: Case) -> Counterexample:

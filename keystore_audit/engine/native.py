@@ -145,8 +145,8 @@ class _Questions:
     def unvouched_identities(self) -> Iterator[Witness]:
         """Enclaves whose identity nobody vouches for now."""
         for enclave, atom in enumerate(self._system.enclaves):
-            known = atom.identity is not None and self._realms[atom.realm].authenticated(enclave, in_force=True)
-            if atom.opaque or (atom.identity is not None and not known):
+            known = atom.identity is None or self._realms[atom.realm].introduced(enclave, in_force=True)
+            if atom.opaque or not known:
                 yield {Role.ENCLAVE: enclave}
 
     def unsigned_documents(self) -> Iterator[Witness]:
@@ -194,7 +194,11 @@ class _Questions:
                         yield {Role.REALM: realm, Role.CERTIFICATE: one, Role.OTHER_CERTIFICATE: other}
 
     def shared_subjects(self) -> Iterator[Witness]:
-        """Pairs of enclaves that one grant names; an opaque enclave may have any subject."""
+        """Pairs of enclaves that one grant names; an opaque enclave may have any subject, a document any grant."""
+        governances = {realm.governance for realm in self._system.realms}
+        if any(d.opaque and number not in governances for number, d in enumerate(self._system.documents)):
+            for one, other in permutations(range(len(self._system.enclaves)), 2):
+                yield {Role.ENCLAVE: one, Role.OTHER: other}
         holders: dict[int, list[int]] = {}
         for enclave, atom in enumerate(self._system.enclaves):
             if atom.opaque:
@@ -257,8 +261,8 @@ class _Questions:
             p = view.protection
             published, subscribed = 0, 0
             for enclave in range(len(self._system.enclaves)):
-                published |= view.granted(enclave, Operation.PUBLISH)
-                subscribed |= view.granted(enclave, Operation.SUBSCRIBE)
+                published |= view.may_be_granted(enclave, Operation.PUBLISH)
+                subscribed |= view.may_be_granted(enclave, Operation.SUBSCRIBE)
             joinable = 0
             for domain, within in enumerate(self._permissions.channels_in):
                 if not p.join_controlled >> domain & 1:
@@ -292,7 +296,7 @@ class _Questions:
         for realm, view in enumerate(self._realms):
             written = self._written(view)
             for enclave in range(len(self._system.enclaves)):
-                reader = view.granted(enclave, Operation.SUBSCRIBE)
+                reader = view.may_be_granted(enclave, Operation.SUBSCRIBE)
                 forged = view.abilities(enclave).forges & reader & written
                 yield from _channels(realm, forged & ~view.granted(enclave, Operation.PUBLISH), enclave)
 

@@ -63,11 +63,13 @@ class RealmView:
                 return True
         return False
 
-    def authenticated(self, enclave: int, *, in_force: bool = False) -> bool:
+    def authenticated(self, enclave: int) -> bool:
         """Whether peers take the enclave for one of theirs."""
+        return self.open or self._system.enclaves[enclave].opaque or self.introduced(enclave)
+
+    def introduced(self, enclave: int, *, in_force: bool = False) -> bool:
+        """Whether the identity CA vouches for the enclave's identity."""
         atom = self._system.enclaves[enclave]
-        if self.open or atom.opaque:
-            return True
         return (
             atom.identity is not None
             and atom.identity not in self._realm.revoked
@@ -126,7 +128,7 @@ class RealmView:
         atom = self._system.enclaves[enclave]
         if not self.authenticated(enclave):
             return False
-        if atom.opaque:
+        if atom.opaque or any(self._system.certificates[number].opaque for number in self._realm.permissions_ca):
             return True
         if atom.identity is None:
             return False
@@ -176,6 +178,15 @@ class RealmView:
     def granted(self, enclave: int, operation: Operation) -> int:
         """Channels for which the permissions CA gave the enclave the right, or where it is met by one that it gave."""
         return self._right(enclave, operation, genuine=True)
+
+    def may_be_granted(self, enclave: int, operation: Operation) -> int:
+        """Channels for which the permissions CA may have given the enclave the right.
+
+        An opaque document may say so, and any grant may name an opaque enclave.
+        """
+        if self._any_opaque or self._system.enclaves[enclave].opaque:
+            return self._permissions.all_channels
+        return self.granted(enclave, operation)
 
     def presentable(self, enclave: int, operation: Operation) -> int:
         """Channels for which the enclave can present a document that peers take."""

@@ -189,11 +189,13 @@ def document_channels(
     claimed: Iterable[Named] = (),
     *,
     ungoverned: bool = False,
+    opened: bool = False,
 ) -> Channels:
     """The channels that documents tell apart, as implementations of each access row read them.
 
     `points`: as in `build_channels`, which says what is raised. `claimed`: names that have to be told apart as well.
-    `ungoverned`: names of domains that only permissions speak of are told apart too.
+    `ungoverned`: names of domains that only permissions speak of are told apart too. `opened`: those of all domains,
+    since a governance that could not be read may govern any.
     """
     governed: dict[tuple[Interval, ...], None] = {}
     ruled: dict[tuple[Interval, ...], None] = {}
@@ -220,7 +222,7 @@ def document_channels(
     wanted = 0
     for cover in [*governed, *ruled] if ungoverned else governed:
         wanted |= domain_bits(cover)
-    covers = [bool(wanted >> domain.intervals[0][0] & 1) for domain in domains]
+    covers = [opened or bool(wanted >> domain.intervals[0][0] & 1) for domain in domains]
     return build_channels(domains, covers, regions, points, None if by_default else frozenset(opening))
 
 

@@ -35,7 +35,8 @@ class CertificateAtom:
     """A certificate. `issuers`: certificates whose subject it names and whose key verifies its signature.
 
     `authority`: CA:TRUE and, where keyUsage is present, keyCertSign. `fit_to_sign`: fit for S/MIME signing.
-    `not_before`, `not_after`: instants. `key`: equal keys have equal numbers.
+    `not_before`, `not_after`: instants. `key`: equal keys have equal numbers. `opaque`: (MAY only) it stands
+    for all that CA files that could not be read may hold.
     """
 
     label: str
@@ -46,6 +47,7 @@ class CertificateAtom:
     key: int
     not_before: int
     not_after: int
+    opaque: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,7 +5,7 @@ Evidence in, normalised facts out, one for each kind of implementation and readi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from datetime import datetime
 from functools import cached_property
 
@@ -27,7 +27,6 @@ from keystore_audit.model.inventory import (
     instants_of,
 )
 from keystore_audit.model.lone_readers import NOTHING, LoneReaders
-from keystore_audit.model.meaning import Doubt
 from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.rule_atoms import Atoms, RuleAtoms
 from keystore_audit.model.system import (
@@ -78,31 +77,41 @@ class SystemBuilder:
         self._accesses = accesses
         self._certificates = certificates_of(keystore, self._documents)
         self._number = {certificate.sha256: n for n, certificate in enumerate(self._certificates)}
+        self._views = Views(keystore, self._documents, self._certificates, accesses, at)
+        self._realm_doubts = [realm_doubt(enclave) for enclave in keystore.enclaves]
         with Aside(self._identified, wanted=aside and len(keystore.enclaves) >= FEW) as identified:
             self._read = {row: self._read_all(row) for row in {accesses.row(profile.access) for profile in profiles}}
             grants = (g for read in self._read.values() for document in read for g in document.grants or ())
             ends = {claim.until for claim in claims if claim.until is not None and claim.until > at}
             self._instants = tuple(sorted({*instants_of(self._certificates, grants, at), *ends}))
             if channels is None:
-                channels = document_channels(self._read, points, (*claim_regions(claims), *named))
+                regions = (*claim_regions(claims), *named)
+                channels = document_channels(self._read, points, regions, opened=self._may_be_open())
             self.channels = channels
-            self._issuers, self._doubts = identified.result()
+            self._issuers, self._unknown = identified.result()
         plain = points is not None if literal is None else literal
         self._meets = () if plain else channels.meets
         self._rule_atoms = RuleAtoms(self.channels, self._instants)
         self._typed: dict[object, Atoms] = {}
         self._keys = {key: n for n, key in enumerate(dict.fromkeys(c.key for c in self._certificates))}
-        self._views = Views(keystore, self._documents, self._certificates, accesses, at)
+
+    def _may_be_open(self) -> bool:
+        """Whether an enclave's governance, or what is in place of it, may say anything."""
+        if any(self._realm_doubts) or unread_places(self._keystore):
+            return True
+        governances = {d.place for d in self._documents if isinstance(d.file, GovernanceFile)}
+        kinds = {Kind(profile.trust, self._accesses.row(profile.access)) for profile in self._profiles}
+        return any(governances & self._views.opaque(kind) for kind in kinds)
 
     def _read_all(self, access: Access) -> list[ReadDocument]:
         """The documents as they are read, in order."""
         nothing = ReadDocument()
         return [nothing if d.file is None else self._accesses.read(d.file, access) for d in self._documents]
 
-    def _identified(self) -> tuple[tuple[frozenset[int], ...], list[tuple[bool, Doubt | None]]]:
-        """Who issued each certificate, and what is in doubt about each enclave's identity and realm."""
+    def _identified(self) -> tuple[tuple[frozenset[int], ...], list[bool]]:
+        """Who issued each certificate, and of which enclaves the identity is unknown."""
         issuers = self._issue()
-        return issuers, [(identity_doubt(each) is not None, realm_doubt(each)) for each in self._keystore.enclaves]
+        return issuers, [identity_doubt(each) is not None for each in self._keystore.enclaves]
 
     def _issue(self) -> tuple[frozenset[int], ...]:
         """For each certificate, those of CA files and messages that issued it: names and signature, not dates."""
@@ -151,11 +160,12 @@ class SystemBuilder:
         trusts: dict[TrustFiles, RealmAtom] = {}
         enclaves: list[EnclaveAtom] = []
         readers = kind.readers or (NOTHING,) * len(self._keystore.enclaves)
-        for enclave, (unknown, doubt), read in zip(self._keystore.enclaves, self._doubts, readers, strict=True):
-            if unknown and not may:
+        rows = zip(self._keystore.enclaves, self._unknown, self._realm_doubts, readers, strict=True)
+        for enclave, unknown, doubt, read in rows:
+            if not may and (unknown or doubt is not None):  # of what it accepts, nothing is certain
                 continue
             if doubt is not None:
-                realm = _open_realm(atoms, doubt.location.path) if may else _CLOSED
+                realm = self._open_realm(atoms, doubt.location.path)
             else:
                 files = trust_files(enclave)
                 realm = trusts.get(files) or trusts.setdefault(files, self._realm(enclave, number, kind))
@@ -172,7 +182,7 @@ class SystemBuilder:
             )
         if may:
             for place in unread_places(self._keystore):
-                realm = _open_realm(atoms, place)
+                realm = self._open_realm(atoms, place)
                 enclaves.append(
                     EnclaveAtom(
                         label=f"whatever is behind {place}",
@@ -192,7 +202,7 @@ class SystemBuilder:
             reading=reading,
             instants=self._instants,
             now=self._instants.index(self._at),
-            certificates=self._certificate_atoms,
+            certificates=(*self._certificate_atoms, *((self._unread,) if self._has_unread(realms) else ())),
             documents=tuple(atoms),
             realms=tuple(realms),
             enclaves=tuple(enclaves),
@@ -203,6 +213,35 @@ class SystemBuilder:
             grants=grants,
             rules=rules,
             meets=self._meets,
+        )
+
+    def _open_realm(self, atoms: list[DocumentAtom], place: str) -> RealmAtom:
+        """(MAY) The realm of an enclave whose trust could not be read.
+
+        An opaque governance, so it accepts everything, and authorities of which nothing is known.
+        """
+        atoms.append(
+            DocumentAtom(label=place, location=Location(path=place), intact=False, signers=frozenset(), opaque=True)
+        )
+        unread = frozenset({len(self._certificate_atoms)})
+        return RealmAtom(identity_ca=unread, permissions_ca=unread, governance=len(atoms) - 1, revoked=frozenset())
+
+    def _has_unread(self, realms: Iterable[RealmAtom]) -> bool:
+        return any(len(self._certificate_atoms) in realm.permissions_ca for realm in realms)
+
+    @cached_property
+    def _unread(self) -> CertificateAtom:
+        """What stands for all certificates of CA files that could not be read."""
+        return CertificateAtom(
+            label="whatever is in a CA file that could not be read",
+            location=Location(path=self._keystore.root),
+            issuers=frozenset(),
+            authority=False,
+            fit_to_sign=False,
+            key=len(self._keys),
+            not_before=0,
+            not_after=len(self._instants) - 1,
+            opaque=True,
         )
 
     def _document_atom(self, document: Document, kind: Kind, *, opaque: bool) -> DocumentAtom:
@@ -271,27 +310,10 @@ class SystemBuilder:
         return self._typed[key]
 
 
-_CLOSED = RealmAtom(identity_ca=frozenset(), permissions_ca=frozenset(), governance=None, revoked=frozenset())
-"""(MUST) The realm of an enclave whose trust could not be read: it accepts nobody."""
-
-
 def unread_places(keystore: Keystore) -> tuple[str, ...]:
     """Places behind which whole enclaves may lie that were not read."""
     layout = keystore.layout
     return tuple(file.path for file in (*layout.directory_links, *layout.unreadable_directories))
-
-
-def _open_realm(atoms: list[DocumentAtom], place: str) -> RealmAtom:
-    """(MAY) The realm of an enclave whose trust could not be read.
-
-    An opaque governance, so it accepts everything.
-    """
-    atoms.append(
-        DocumentAtom(label=place, location=Location(path=place), intact=False, signers=frozenset(), opaque=True)
-    )
-    return RealmAtom(
-        identity_ca=frozenset(), permissions_ca=frozenset(), governance=len(atoms) - 1, revoked=frozenset()
-    )
 
 
 def _place(enclave: Enclave) -> Location:

@@ -383,6 +383,7 @@ class _Chance:
         for document in range(len(self.b.documents)):
             self.permissions(document)
         self.liveliness()
+        self.unread()
         return self.b.system()
 
     def liveliness(self) -> None:
@@ -396,6 +397,23 @@ class _Chance:
         b.topic_rules = [
             replace(rule, enable_liveliness_protection=self.random.random() < 0.5) for rule in b.topic_rules
         ]
+
+    def unread(self) -> None:
+        """A realm whose CA files could not be read: drawn last as well."""
+        b = self.b
+        if not self.opaque or self.random.random() < 0.5:
+            return
+        unread = b.certificate((), fit_to_sign=False)
+        b.certificates[unread] = replace(b.certificates[unread], opaque=True)
+        number = self.random.randrange(len(b.realms))
+        governance = b.document((), intact=False, opaque=True)
+        b.realms[number] = replace(
+            b.realms[number],
+            identity_ca=frozenset({unread}),
+            permissions_ca=frozenset({unread}),
+            governance=governance,
+            revoked=frozenset(),
+        )
 
     def dates(self) -> tuple[int, int]:
         if not self.odd(0.3):

@@ -280,9 +280,10 @@ class _Facts:
         opaque = (
             self._relations.atoms(a.documents, [d.opaque for d in documents]),
             self._relations.atoms(a.enclaves, [e.opaque for e in enclaves]),
+            self._relations.atoms(a.certificates, [c.opaque for c in self._system.certificates]),
         )
         found = [members for members in opaque if members != "none"]
-        yield function("opaque", "set Document + Enclave", " + ".join(found) or "none")
+        yield function("opaque", "set Document + Enclave + Certificate", " + ".join(found) or "none")
         yield function("pins_signer", "set Realm", "Realm" if self._system.pins_signer else "none")
         yield function("requires_grant", "set Realm", "Realm" if self._system.requires_grant else "none")
 

@@ -54,6 +54,15 @@ def may(b: Builder) -> None:
     b.reading = Reading.MAY
 
 
+def unread_authorities(b: Builder) -> None:
+    """The CA files could not be read, and so neither what they say of documents."""
+    unread = b.certificate((), fit_to_sign=False)
+    b.certificates[unread] = replace(b.certificates[unread], opaque=True)
+    governance = b.document((), intact=False, opaque=True)
+    of_it = frozenset({unread})
+    b.realms[0] = replace(b.realms[0], identity_ca=of_it, permissions_ca=of_it, governance=governance)
+
+
 def stray_reader(b: Builder) -> None:
     """An enclave with an identity and no grant at all."""
     identity = b.certificate([IDENTITY_CA])
@@ -119,6 +128,7 @@ ALL_NONE = both(
 AUTHENTICATION = {"identities-chain-to-the-identity-ca"}
 ENCRYPTION = {"outsiders-cannot-read", "outsiders-cannot-inject"}
 REPLAY, LIVELINESS = "outsiders-cannot-replay", "outsiders-cannot-forge-liveliness"
+BRIDGES = "no-enclave-bridges-domains"
 INSIDERS = {"nobody-writes-without-a-grant", "nobody-reads-without-a-grant"}
 
 MUTATIONS: dict[str, tuple[Change, set[str]]] = {
@@ -228,7 +238,7 @@ MUTATIONS: dict[str, tuple[Change, set[str]]] = {
         set(),
     ),
     "a second domain": (second_domain, set()),
-    "a bridge": (both(second_domain, listener_publishes(ELSEWHERE, 1)), {"no-enclave-bridges-domains"}),
+    "a bridge": (both(second_domain, listener_publishes(ELSEWHERE, 1)), {BRIDGES}),
     "a reader that writes elsewhere in its domain": (
         both(second_domain, listener_publishes(OTHER_TOPIC, 0)),
         set(),
@@ -303,11 +313,21 @@ MUTATIONS: dict[str, tuple[Change, set[str]]] = {
         both(may, on("documents", GOVERNANCE, intact=False, opaque=True)),
         {prop.id for prop in PROPERTIES}
         - {"identities-chain-to-the-identity-ca", "no-identity-serves-two-enclaves", "no-enclave-grants-itself-rights"}
-        - {"one-ca-for-one-role", "no-subject-serves-two-enclaves", "no-enclave-bridges-domains"},
+        - {"one-ca-for-one-role", "no-subject-serves-two-enclaves", BRIDGES},
     ),
     "opaque permissions": (
         both(may, on("documents", TALKER_PERMISSIONS, intact=False, opaque=True)),
-        {"documents-signed-by-the-permissions-ca", "no-enclave-grants-itself-rights"} | INSIDERS,
+        {
+            "documents-signed-by-the-permissions-ca",
+            "no-enclave-grants-itself-rights",
+            "no-subject-serves-two-enclaves",
+        }
+        | INSIDERS,
+    ),
+    "opaque authorities": (
+        both(may, unread_authorities),
+        {prop.id for prop in PROPERTIES}
+        - {"no-identity-serves-two-enclaves", "no-subject-serves-two-enclaves", BRIDGES},
     ),
     "opaque enclave": (
         both(may, on("enclaves", TALKER, identity=None, opaque=True)),

@@ -85,6 +85,6 @@ def objections(
 
 def _vouched(system: System) -> bool:
     return any(
-        RealmView(system, enclave.realm, Permissions(system)).authenticated(number, in_force=True)
+        RealmView(system, enclave.realm, Permissions(system)).introduced(number, in_force=True)
         for number, enclave in enumerate(system.enclaves)
     )

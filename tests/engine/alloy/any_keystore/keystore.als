@@ -17,7 +17,7 @@ sig AnyCertificate extends Certificate {
 	public_key: one Key,
 	begins, ends: one Instant
 }
-sig authority, fit_to_sign in Certificate {}
+sig authority, fit_to_sign, unread in Certificate {}
 
 sig AnyDocument extends Document { signer: set Certificate }
 sig intact, unreadable in Document {}
@@ -75,7 +75,7 @@ sig allow_rule in Rule {}
 fun audit_instant: Instant { Now }
 fun not_before: (Certificate + Grant) -> Instant { begins + from }
 fun not_after: (Certificate + Grant) -> Instant { ends + to }
-fun opaque: set Document + Enclave { unreadable + anonymous }
+fun opaque: set Document + Enclave + Certificate { unreadable + anonymous + unread }
 fun domain_rule: Document -> DomainRule { ~governs }
 fun topic_rule: DomainRule -> TopicRule { ~within }
 fun grant: Document -> Grant { ~belongs }

@@ -58,7 +58,7 @@ check NoAuthorityNobodyAuthentic {
 } for 3 but 6 Entry, 2 Instant expect 0
 
 /** Dates only take away: who is authentic in force is authentic. */
-check DatesOnlyTakeAway { authentic_in_force in authentic } for 3 but 6 Entry, 2 Instant expect 0
+check DatesOnlyTakeAway { introduced_in_force in authentic } for 3 but 6 Entry, 2 Instant expect 0
 
 /** Whom a realm has revoked, it shuns. */
 check TheRevokedAreShunned {
@@ -202,7 +202,7 @@ run Exemplary {
 	}
 	no opaque and no unauthenticated_allowed and no one_key and no self_granting and no unenforced
 	all enclave: Enclave {
-		one enclave.identity and enclave in enclave.in_realm.authentic_in_force
+		one enclave.identity and enclave in enclave.in_realm.introduced_in_force
 		one enclave.permissions and one enclave.in_realm.governance
 		enclave.permissions + enclave.in_realm.governance in enclave.in_realm.genuine
 	}
