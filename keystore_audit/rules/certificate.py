@@ -12,18 +12,20 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.layout import Role
+from keystore_audit.rules.commands import CREATE_ENCLAVE, ISSUE_IDENTITY, RENEW_CA
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import CertificateUse
 from keystore_audit.rules.wording import defective, either, instant, listed, of_kinds, paths, quoted, sole
 
 ISSUE_AGAIN: Final = (
-    "Move the enclave's cert.pem and key.pem away and run `ros2 security create_enclave KEYSTORE ENCLAVE`, then "
-    "`ros2 security create_permission KEYSTORE ENCLAVE policy.xml`."
+    f"Move the enclave's cert.pem and key.pem away and run {CREATE_ENCLAVE}. Without ros2, in the keystore's root: "
+    f"{ISSUE_IDENTITY}; permissions stay as they are where the subject stays."
 )
 RENEW_AUTHORITY: Final = (
-    "Renew the authority with its own key and name, `openssl req -x509 -new -sha256 -days 3650 -key CA.key.pem -subj "
-    "/CN=NAME -out CA.cert.pem`, then sign governance and permissions again: signatures name the old certificate."
+    f"Renew the authority with its own key and name, in the keystore's root: {RENEW_CA}. If it is the permissions CA, "
+    "also where one authority has both roles, sign governance and permissions again: signatures name the old "
+    "certificate."
 )
 
 _ROLES: Final = {

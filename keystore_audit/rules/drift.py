@@ -16,6 +16,7 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.names import ros_name
+from keystore_audit.rules.commands import CREATE_ENCLAVE, CREATE_PERMISSION
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.wording import listed, places, quoted
@@ -26,7 +27,7 @@ if TYPE_CHECKING:  # an audit without a policy needs none of it
     from keystore_audit.model.drift_rights import DriftedRight
 
 DESIGN: Final = "ROS 2 design, SROS2 access control policies; ros2/sros2, policy/templates/dds/permissions.xsl"
-SIGN_POLICY: Final = "`ros2 security create_permission KEYSTORE ENCLAVE policy.xml`"
+SIGN_POLICY: Final = CREATE_PERMISSION
 
 _VERBS: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "subscribe to", Operation.RELAY: "relay"}
 
@@ -187,7 +188,7 @@ def policy_profiles_lost(_keystore: Keystore, context: Context) -> Iterator[Viol
     Severity.HIGH,
     on=Keystore,
     clause=DESIGN,
-    remedy="Create the enclave, `ros2 security create_enclave KEYSTORE ENCLAVE`, or take it out of the policy.",
+    remedy=f"Take the enclave out of the policy, or create it: {CREATE_ENCLAVE}.",
     applies=_is_given,
 )
 def policy_enclave_missing(_keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -274,8 +275,8 @@ def drift_undecided(_keystore: Keystore, context: Context) -> Iterator[Violation
     Severity.INFO,
     on=Keystore,
     clause="ROS 2 design, SROS2 access control policies; rmw_zenoh reads its access control from its own configuration",
-    remedy="With a DDS implementation, create permissions, `ros2 security create_permission KEYSTORE ENCLAVE "
-    "policy.xml`. With rmw_zenoh, audit the configuration of its routers and sessions.",
+    remedy=f"With a DDS implementation, create permissions, {CREATE_PERMISSION}. "
+    "With rmw_zenoh, audit the configuration of its routers and sessions.",
     applies=_is_given,
 )
 def policy_not_enforced_by_permissions(_keystore: Keystore, context: Context) -> Iterator[Violation]:

@@ -10,6 +10,8 @@ from keystore_audit.properties import access_control, authentication, encryption
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import PropertyResult
+from keystore_audit.rules.certificate import ISSUE_AGAIN
+from keystore_audit.rules.commands import SIGN_DOCUMENT
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.wording import MAX_QUOTED, places
@@ -78,8 +80,7 @@ def only_authenticated_participants_join(result: PropertyResult, _context: Conte
     Severity.HIGH,
     on=PropertyResult,
     clause=authentication.IDENTITIES_CHAIN.clause,
-    remedy="Issue the identity again under the identity CA that the enclaves carry: `ros2 security create_enclave "
-    "KEYSTORE ENCLAVE`.",
+    remedy=f"Issue the identity again under the identity CA that the enclaves carry. {ISSUE_AGAIN}",
 )
 def identities_chain_to_the_identity_ca(result: PropertyResult, _context: Context) -> Iterator[Violation]:
     """Every enclave's identity is vouched for by its identity CA, in force at the audit instant and not revoked.
@@ -96,9 +97,7 @@ def identities_chain_to_the_identity_ca(result: PropertyResult, _context: Contex
     Severity.CRITICAL,
     on=PropertyResult,
     clause=authentication.DOCUMENTS_SIGNED.clause,
-    remedy="Sign the document again with the permissions CA's own key: `openssl smime -sign -text -in DOCUMENT.xml "
-    "-out "
-    "DOCUMENT.p7s -signer permissions_ca.cert.pem -inkey permissions_ca.key.pem`.",
+    remedy=f"Sign the document again with the permissions CA's own key: {SIGN_DOCUMENT}.",
 )
 def documents_signed_by_the_permissions_ca(result: PropertyResult, _context: Context) -> Iterator[Violation]:
     """Every governance and permissions document is signed by the permissions CA itself, in force at the audit instant.
@@ -115,7 +114,7 @@ def documents_signed_by_the_permissions_ca(result: PropertyResult, _context: Con
     Severity.HIGH,
     on=PropertyResult,
     clause=authentication.NO_SHARED_IDENTITY.clause,
-    remedy="Give each enclave a key and certificate of its own: `ros2 security create_enclave KEYSTORE ENCLAVE`.",
+    remedy=f"Give each enclave a key and certificate of its own. {ISSUE_AGAIN}",
 )
 def no_identity_serves_two_enclaves(result: PropertyResult, _context: Context) -> Iterator[Violation]:
     """No identity key serves two enclaves.

@@ -17,14 +17,14 @@ from keystore_audit.keystore.governance import DomainRule, GovernanceFile, Topic
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.domains import covered, describe
+from keystore_audit.rules.commands import SIGN_GOVERNANCE
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks
 from keystore_audit.rules.wording import defective, of_kinds, paths, places, quoted, sole
 
 CORRECT: Final = (
-    "in governance.xml and sign it again with the permissions CA: `openssl smime -sign -text -in governance.xml -out "
-    "governance.p7s -signer permissions_ca.cert.pem -inkey permissions_ca.key.pem`."
+    f"in governance.xml and sign it again with the permissions CA, in the keystore's root: {SIGN_GOVERNANCE}."
 )
 
 AMBIGUOUS: Final = (Kind.XML_AMBIGUOUS, Kind.XML_MALFORMED, Kind.VALUE_INVALID)

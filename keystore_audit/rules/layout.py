@@ -12,6 +12,7 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.sight import REQUIRED
+from keystore_audit.rules.commands import CREATE_ENCLAVE, LINK_CA, LINK_GOVERNANCE
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse
@@ -20,10 +21,7 @@ from keystore_audit.rules.wording import listed, paths, quoted, sole
 RUN_TIME_FILES = "ros2/rmw_dds_common, security.cpp: the files that an enclave must have"
 _UNREAD = "keystore-audit, docs/model.md: what is not read counts as able to do anything"
 
-_MAKE_AGAIN = (
-    "Run `ros2 security create_enclave KEYSTORE ENCLAVE`, which makes what is missing, then "
-    "`ros2 security create_permission KEYSTORE ENCLAVE policy.xml` for its rights."
-)
+_MAKE_AGAIN = f"Make what is missing: {CREATE_ENCLAVE}."
 
 
 def _about(enclave: Enclave, file: File, message: str, *, undecided: bool = False) -> Violation:
@@ -80,7 +78,8 @@ def required_file_missing(enclave: Enclave, _context: Context) -> Iterator[Viola
     on=Enclave,
     clause=RUN_TIME_FILES,
     remedy="Restore the file that the link names (public/ and enclaves/governance.p7s belong to a copy), or make the "
-    "link again with `ros2 security create_enclave KEYSTORE ENCLAVE`.",
+    f"link again, in the keystore's root: {LINK_GOVERNANCE} or {LINK_CA}, with one ../ more for every further level of "
+    "the enclave's path. `ros2 security create_enclave` replaces no link.",
     stops=True,
 )
 def dangling_link(enclave: Enclave, _context: Context) -> Iterator[Violation]:

@@ -17,6 +17,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.keystore.permissions import Rule as PermissionsRule
 from keystore_audit.model.domains import contains, covered
 from keystore_audit.model.names import ros_name
+from keystore_audit.rules.commands import CREATE_ENCLAVE
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Rule, Violation, rule
@@ -175,8 +176,8 @@ def _granted(name: GrantedName) -> str:
     Severity.HIGH,
     on=Keystore,
     clause="ROS 2 design, ROS 2 security enclaves; ros2/rcl, security.c (the keystore is searched for the exact path)",
-    remedy="Make the enclave, `ros2 security create_enclave`, or start the node in one that there is, "
-    "`--ros-args --enclave`.",
+    remedy="Start the node in an enclave that there is, `--ros-args --enclave`, or make this one: "
+    f"{CREATE_ENCLAVE}.",
     applies=_observes,
 )
 def node_in_unknown_enclave(keystore: Keystore, context: Context) -> Iterator[Violation]:

@@ -21,6 +21,7 @@ from keystore_audit.model.system import EnclaveAtom
 from keystore_audit.model.trust import Verdict
 from keystore_audit.model.validity import DateReading, read_date
 from keystore_audit.rules.acceptance import ROWS, verdict
+from keystore_audit.rules.commands import CREATE_PERMISSION, SHOW_SUBJECT, SIGN_PERMISSIONS
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import AMBIGUOUS
 from keystore_audit.rules.registry import Rule, Violation, rule
@@ -28,9 +29,8 @@ from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, Permission
 from keystore_audit.rules.wording import defective, listed, of_kinds, places, quoted, sole
 
 WRITE_AGAIN: Final = (
-    "correct the policy and run `ros2 security create_permission KEYSTORE ENCLAVE policy.xml`, or correct "
-    "permissions.xml and sign it with the permissions CA: `openssl smime -sign -text -in permissions.xml -out "
-    "permissions.p7s -signer permissions_ca.cert.pem -inkey permissions_ca.key.pem`."
+    f"correct the policy and run {CREATE_PERMISSION}, or correct permissions.xml and sign it with the permissions CA, "
+    f"in the keystore's root: {SIGN_PERMISSIONS}."
 )
 SIGN_AGAIN: Final = f"To mend it, {WRITE_AGAIN}"
 
@@ -148,8 +148,7 @@ def permissions_ambiguous(use: PermissionsUse, _context: Context) -> Iterator[Vi
     Severity.HIGH,
     on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3 (subject_name); RFC 4514",
-    remedy="Let <subject_name> say what `openssl x509 -noout -subject -nameopt RFC2253 -in cert.pem` prints: "
-    f"{WRITE_AGAIN}",
+    remedy=f"Let <subject_name> say what {SHOW_SUBJECT} prints: {WRITE_AGAIN}",
     applies=speaks,
     stops=True,
 )

@@ -15,6 +15,7 @@ from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.revocation import NO_IDENTITIES, list_missing, names_revoked
 from keystore_audit.model.trust import chain_refusal
 from keystore_audit.rules.certificate import ISSUE_AGAIN
+from keystore_audit.rules.commands import REVOKE, SIGN_LIST, START_LIST
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import RevocationUse, revocation_uses
@@ -31,11 +32,8 @@ from keystore_audit.rules.wording import (
 )
 
 NEW_LIST: Final = (
-    "Keep what is revoked in an index.txt, named in a crl.cnf (`[ca] default_ca = crl`, `[crl] database = index.txt, "
-    "default_md = sha256`, a line each; `openssl ca -config crl.cnf -revoke cert.pem` adds to it), run `openssl ca "
-    "-gencrl "
-    "-config crl.cnf -crldays 30 -keyfile private/identity_ca.key.pem -cert public/identity_ca.cert.pem -out "
-    "crl.pem`, and "
+    f"In the keystore's root, have a crl.cnf, {START_LIST}, and an index.txt, `touch index.txt`, which keeps what is "
+    f"revoked from list to list. Add each identity that is to be revoked, {REVOKE}, sign the list, {SIGN_LIST}, and "
     "copy crl.pem into every enclave."
 )
 

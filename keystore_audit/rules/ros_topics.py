@@ -10,6 +10,7 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.action_topics import ActionPattern
 from keystore_audit.model.names import ros_name
+from keystore_audit.rules.commands import CREATE_PERMISSION
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Rule, Violation, rule
@@ -61,7 +62,7 @@ def _severity(found: ActionPattern) -> Severity | None:
     on=Keystore,
     clause="ros2/sros2, policy/common/node.xml; measured: without ros_discovery_info no participant of ROS 2 is made",
     remedy="Include sros2's common/node.xml in the profile, and let sros2 add ros_discovery_info: "
-    "`ros2 security create_permission KEYSTORE ENCLAVE policy.xml`.",
+    f"{CREATE_PERMISSION}.",
 )
 def missing_usual_topics(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An enclave lacks rights that every ROS 2 node uses: ros_discovery_info, /rosout, /parameter_events.

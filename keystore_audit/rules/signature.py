@@ -18,16 +18,13 @@ from keystore_audit.keystore.smime import Signature
 from keystore_audit.model.profiles import VARIANTS, Profile
 from keystore_audit.model.trust import Verdict, document_verdict, may_sign, signer_refusal, vouches
 from keystore_audit.rules.acceptance import SPEC, accepting
+from keystore_audit.rules.commands import CREATE_PERMISSION, SIGN_DOCUMENT
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, SignedUse
 from keystore_audit.rules.wording import implementations, of_kinds, paths, places, quoted, sole
 
-SIGN_AGAIN: Final = (
-    "Sign the document again: `openssl smime -sign -text -in DOCUMENT.xml -out DOCUMENT.p7s -signer "
-    "permissions_ca.cert.pem -inkey permissions_ca.key.pem`; for permissions `ros2 security create_permission KEYSTORE "
-    "ENCLAVE policy.xml` does it."
-)
+SIGN_AGAIN: Final = f"Sign the document again: {SIGN_DOCUMENT}; for permissions {CREATE_PERMISSION} does it."
 
 _SIGNED: Final = "documents-signed-by-the-permissions-ca"
 _FORGED: Final = (

@@ -1,0 +1,63 @@
+"""The commands that remedies give, to be typed in the root of a keystore that sros2 laid out (since Foxy).
+
+ENCLAVE stands for the path of an enclave, `/talker`, as in the commands of `ros2 security`.
+tests/rules/test_remedies.py runs them.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+
+def signing(document: str) -> str:
+    """The command that signs a document, which is named without its ending."""
+    return (
+        f"`openssl smime -sign -text -in {document}.xml -out {document}.p7s -signer public/permissions_ca.cert.pem "
+        "-inkey private/permissions_ca.key.pem`"
+    )
+
+
+SIGN_GOVERNANCE: Final = signing("enclaves/governance")
+SIGN_PERMISSIONS: Final = signing("enclaves/ENCLAVE/permissions")
+SIGN_DOCUMENT: Final = (
+    f"{signing('enclaves/DOCUMENT')}, in the keystore's root, DOCUMENT being governance or ENCLAVE/permissions"
+)
+
+CREATE_PERMISSION: Final = "`ros2 security create_permission KEYSTORE ENCLAVE policy.xml`"
+CREATE_ENCLAVE: Final = (
+    f"`ros2 security create_enclave KEYSTORE ENCLAVE`, then {CREATE_PERMISSION}, since the first leaves permissions "
+    "that allow everything"
+)
+
+# Written beside sros2's links and moved over them: openssl follows a link, and would overwrite the one CA behind both.
+MAKE_PERMISSIONS_CA: Final = (
+    "`openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -sha256 -days 3650 "
+    "-subj /CN=permissionsCA -keyout private/new.key.pem -out public/new.cert.pem`, "
+    "`mv private/new.key.pem private/permissions_ca.key.pem`, "
+    "`mv public/new.cert.pem public/permissions_ca.cert.pem`"
+)
+RENEW_CA: Final = (
+    "`openssl req -x509 -new -sha256 -days 3650 -key private/ROLE_ca.key.pem -subj /CN=NAME "
+    "-out public/ROLE_ca.cert.pem`, ROLE being identity or permissions"
+)
+
+ISSUE_IDENTITY: Final = (
+    "`openssl req -new -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -sha256 -subj '/CN=NAME' "
+    "-addext basicConstraints=CA:FALSE -keyout enclaves/ENCLAVE/key.pem | openssl x509 -req -sha256 -days 365 "
+    "-copy_extensions copy -CA public/identity_ca.cert.pem -CAkey private/identity_ca.key.pem "
+    '-set_serial "0x$(openssl rand -hex 16)" -out enclaves/ENCLAVE/cert.pem`, '
+    "NAME being ENCLAVE with a backslash before each slash"
+)
+SHOW_SUBJECT: Final = (
+    "`openssl x509 -noout -subject -nameopt RFC2253 -in enclaves/ENCLAVE/cert.pem | sed s/^subject=//`"
+)
+
+LINK_GOVERNANCE: Final = "`ln -sf ../governance.p7s enclaves/ENCLAVE/governance.p7s`"
+LINK_CA: Final = "`ln -sf ../../public/ROLE_ca.cert.pem enclaves/ENCLAVE/ROLE_ca.cert.pem`"
+
+START_LIST: Final = (
+    r"`printf '%s\n' '[ca]' 'default_ca = crl' '[crl]' 'database = index.txt' 'default_md = sha256' > crl.cnf`"
+)
+_LIST: Final = "openssl ca -config crl.cnf -keyfile private/identity_ca.key.pem -cert public/identity_ca.cert.pem"
+REVOKE: Final = f"`{_LIST} -revoke enclaves/ENCLAVE/cert.pem`"
+SIGN_LIST: Final = f"`{_LIST} -gencrl -crldays 30 -out crl.pem`"
