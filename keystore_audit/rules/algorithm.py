@@ -54,12 +54,12 @@ def key_outside_dds_security(use: CertificateUse, _context: Context) -> Iterator
     for certificate in use.in_use[:1]:
         if certificate.key_kind not in ("RSA 2048", "EC secp256r1") and not is_weak_kind(certificate.key_kind):
             other_curve = certificate.key_kind.startswith("EC ") and "256" in certificate.key_kind
-            refused = "the specification does not know it" if other_curve else "Cyclone DDS refuses it"
+            refused = "" if other_curve else " and Cyclone DDS refuses"
             yield at(
                 use,
                 certificate,
-                f"{what(use, certificate)} has a key that {refused}: got {certificate.key_kind}, expected EC secp256r1 "
-                "or RSA 2048.",
+                f"{what(use, certificate)} has a key that the specification does not name{refused}: got "
+                f"{certificate.key_kind}, expected EC secp256r1 or RSA 2048.",
                 profiles=("spec",) if other_curve else ("spec", "cyclonedds-0.10", "cyclonedds-11"),
             )
 

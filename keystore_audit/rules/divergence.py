@@ -26,7 +26,7 @@ from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.wording import either, listed, places, quoted
 
-MEASURED: Final = "measured on Fast DDS 2.9.1 and Cyclone DDS 0.10.2"
+MEASURED: Final = "measured on Fast DDS 2.9.1 and Cyclone DDS 0.10.2, others as docs/profiles.md tells"
 
 
 def _of(context: Context, *causes: Cause) -> Iterator[list[Divergence]]:
@@ -101,14 +101,19 @@ def _consequence(divergence: Divergence, enclaves: Sequence[str]) -> str:
         starts = f"{who}{verb} under {_names(divergence.starting)}, and not under {_names(divergence.refusing)}"
         if example is None or not divergence.escalates:
             return f"{starts}."
+        if (example.allowing, example.denying) == (divergence.starting, divergence.refusing) and example.decided:
+            return f"{starts}; there alone {example.enclave} may {_what(example)}."
         return f"{starts}; {_right(example)}"
     return _right(example) if example is not None else f"{who}."
 
 
-def _right(example: Example) -> str:
+def _what(example: Example) -> str:
     what = f"{_VERBS[example.operation]} {ros_name(example.topic)} in domain {example.domain}"
-    if example.partition:
-        what += f", partition {quoted(example.partition)}"
+    return f"{what}, partition {quoted(example.partition)}" if example.partition else what
+
+
+def _right(example: Example) -> str:
+    what = _what(example)
     allowing, denying = _names(example.allowing), _names(example.denying)
     if example.decided:
         return f"{example.enclave} may {what} under {allowing}, and not under {denying}."

@@ -19,7 +19,8 @@ from keystore_audit.model.names import ros_name
 from keystore_audit.rules.commands import CREATE_ENCLAVE, CREATE_PERMISSION
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
-from keystore_audit.rules.wording import listed, places, quoted
+from keystore_audit.rules.wording import MAX_QUOTED, listed, places, quoted
+from keystore_audit.text import shorten
 
 if TYPE_CHECKING:  # an audit without a policy needs none of it
     from keystore_audit.intent.policy import Profiles
@@ -262,7 +263,8 @@ def drift_undecided(_keystore: Keystore, context: Context) -> Iterator[Violation
     """What an enclave is granted, or what the policy means, cannot be told: it may be more or less than was meant."""
     for doubt in context.drift.undecided if context.drift is not None else ():
         yield Violation(
-            message=f"Whether {doubt.enclave} is granted what the policy says cannot be told: {quoted(doubt.reason)}.",
+            message=f"Whether {doubt.enclave} is granted what the policy says cannot be told "
+            f"({shorten(doubt.reason, MAX_QUOTED)}).",
             locations=(doubt.location,),
             enclave=doubt.enclave,
             undecided=True,

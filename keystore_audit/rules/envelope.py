@@ -81,7 +81,9 @@ def cms_not_strict(use: SignedUse, _context: Context) -> Iterator[Violation]:
     OpenSSL takes BER and bytes behind the end. What two parsers may read differently is not interpreted here, so that
     the meaning is unknown.
     """
-    yield from _leaves_open(use, "OpenSSL may take it, strict parsers do not.", Kind.CMS_NOT_DER, Kind.CMS_MALFORMED)
+    yield from _leaves_open(
+        use, "it is not interpreted here, since parsers may read it differently.", Kind.CMS_NOT_DER, Kind.CMS_MALFORMED
+    )
 
 
 @rule(
@@ -115,7 +117,7 @@ def unsigned_text(use: SignedUse, _context: Context) -> Iterator[Violation]:
 
     No run time reads it; a person who reviews the file may take it for signed.
     """
-    yield from _has(use, "it is not signed, and no run time reads it.", Kind.UNSIGNED_TEXT)
+    yield from _has(use, "who reviews the file may take it for signed.", Kind.UNSIGNED_TEXT)
 
 
 @rule(

@@ -177,7 +177,8 @@ def domain_id_invalid(_keystore: Keystore, context: Context) -> Iterator[Violati
     "middleware-not-modelled",
     Severity.HIGH,
     on=Keystore,
-    clause="docs/profiles.md",
+    clause="keystore-audit, README.md (what it does not do); rmw_zenoh reads its access control from its own "
+    "configuration",
     remedy="Use rmw_fastrtps_cpp or rmw_cyclonedds_cpp, or look by other means at what the middleware enforces.",
     applies=_given,
 )
@@ -203,7 +204,7 @@ def middleware_not_modelled(_keystore: Keystore, context: Context) -> Iterator[V
     "distribution-not-modelled",
     Severity.HIGH,
     on=Keystore,
-    clause="docs/profiles.md",
+    clause="keystore-audit, docs/profiles.md",
     remedy="Name the releases that the robot runs with --profile, or use a distribution that is still maintained.",
     applies=_given,
 )

@@ -315,9 +315,10 @@ def identity_key_certified_again(keystore: Keystore, _context: Context) -> Itera
         first = enclave.certificate.first if enclave.certificate else None
         others = [c for c in known.get(first.key, {}).values() if c.sha256 not in firsts] if first is not None else []
         if first is not None and others:
-            also = ", ".join(quoted(f"{other.subject}, issued by {other.issuer}") for other in others[:3])
+            also = ", ".join(f"{quoted(other.subject)}, issued by {quoted(other.issuer)}" for other in others[:3])
+            times = "once" if len(others) == 1 else f"{len(others)} times"
             yield Violation(
-                message=f"The identity key of {enclave.path} is certified {len(others)} times more: {also}.",
+                message=f"The identity key of {enclave.path} is certified {times} more: {also}.",
                 locations=places(Location(path=c.path, line=c.line) for c in (first, *others)),
                 enclave=enclave.path,
                 key=first.key,

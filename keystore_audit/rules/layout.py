@@ -102,7 +102,8 @@ def dangling_link(enclave: Enclave, _context: Context) -> Iterator[Violation]:
     Severity.HIGH,
     on=Enclave,
     clause=_UNREAD,
-    remedy="Copy the file into the keystore, or let the link end within it.",
+    remedy="Audit the whole keystore, if this is one enclave of it; else copy the file into the keystore, or let the "
+    "link end within it.",
 )
 def link_leaves_keystore(enclave: Enclave, _context: Context) -> Iterator[Violation]:
     """A run-time file is a link out of the keystore.
@@ -111,9 +112,7 @@ def link_leaves_keystore(enclave: Enclave, _context: Context) -> Iterator[Violat
     to do anything.
     """
     for file in _unread(enclave, Status.OUTSIDE):
-        yield _about(
-            enclave, file, f"{_name(file)} was not read: a link out of the keystore ({file.detail}).", undecided=True
-        )
+        yield _about(enclave, file, f"{_name(file)} {file.detail}.", undecided=True)
 
 
 @rule(
@@ -166,7 +165,7 @@ def not_a_regular_file(enclave: Enclave, _context: Context) -> Iterator[Violatio
 def file_too_large(enclave: Enclave, _context: Context) -> Iterator[Violation]:
     """A run-time file is over 4 MB, or all files together over their limit. A robot may read it all the same."""
     for file in _unread(enclave, Status.TOO_LARGE):
-        yield _about(enclave, file, f"{_name(file)} was not read: {file.detail}.", undecided=True)
+        yield _about(enclave, file, f"{_name(file)} {file.detail}.", undecided=True)
 
 
 @rule(

@@ -85,14 +85,16 @@ def missing_grant(_keystore: Keystore, context: Context) -> Iterator[Violation]:
             usual.setdefault(missing.need.enclave, []).append(missing)
             continue
         need = missing.need
-        who = need.node or f"A node of {need.enclave}"
+        who = f"The node {need.node}" if need.node else f"A node of {need.enclave}"
         yield _missing(
-            f"{who} {_right(need)}, and {need.enclave} may not{_in(missing)}: {missing.reason}.", [missing], context
+            f"{who} {_right(need)}, and its enclave {need.enclave} may not{_in(missing)}: {missing.reason}.",
+            [missing],
+            context,
         )
     for enclave, group in usual.items():
         what = listed(dict.fromkeys(_right(missing.need) for missing in group))
         first = group[0]
-        message = f"Every node {what}, and {enclave} may not{_in(first)}: {first.reason}."
+        message = f"Every node {what}, and the enclave {enclave} may not{_in(first)}: {first.reason}."
         yield _missing(message, group, context)
 
 
@@ -176,8 +178,7 @@ def _granted(name: GrantedName) -> str:
     Severity.HIGH,
     on=Keystore,
     clause="ROS 2 design, ROS 2 security enclaves; ros2/rcl, security.c (the keystore is searched for the exact path)",
-    remedy="Start the node in an enclave that there is, `--ros-args --enclave`, or make this one: "
-    f"{CREATE_ENCLAVE}.",
+    remedy=f"Start the node in an enclave that there is, `--ros-args --enclave`, or make this one: {CREATE_ENCLAVE}.",
     applies=_observes,
 )
 def node_in_unknown_enclave(keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -252,7 +253,7 @@ def observation_incomplete(_keystore: Keystore, context: Context) -> Iterator[Vi
     for path, found in by_file.items():
         more = f" (and {len(found) - 1} more like it)" if len(found) > 1 else ""
         yield Violation(
-            message=f"{sentence(found[0].message)}{more}: nodes may need more than {quoted(path)} shows, so that no "
+            message=f"{sentence(found[0].message)}{more}. Nodes may need more than {quoted(path)} shows, so that no "
             "grant is called an excess.",
             locations=places(found),
             key=_reasons(place.message for place in found),
@@ -308,9 +309,10 @@ def _harm(variable: SetVariable, keystore: Keystore, context: Context) -> tuple[
     if variable.name in SECURE and variable.value == SECURE[variable.name]:
         return None
     if variable.name == ENABLE:
-        return Severity.CRITICAL, "but for exactly 'true' there is no security"
+        return Severity.CRITICAL, "there is no security unless the value is exactly 'true'"
     if variable.name == STRATEGY:
-        return Severity.HIGH, "but for exactly 'Enforce' it starts without security where its enclave does not load"
+        follows = "it starts without security where its enclave does not load"
+        return Severity.HIGH, f"unless the value is exactly 'Enforce', {follows}"
     if variable.name == DOMAIN:
         return _harm_of_domain(variable.value, keystore, context)
     return Severity.MEDIUM, "whether that is this keystore is not known"

@@ -16,7 +16,7 @@ from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import instant_of, own_grants
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import permissions_uses
-from keystore_audit.rules.wording import instant, listed, places, quoted
+from keystore_audit.rules.wording import instant, listed, number, places, quoted
 
 LONGEST: Final = timedelta(days=2 * 366)
 """How long an identity or a grant may last: NIST SP 800-57 part 1 has one to two years for authentication keys."""
@@ -49,9 +49,8 @@ def provisioning_leftover(keystore: Keystore, context: Context) -> Iterator[Viol
     """
     found = keystore.layout.provisioning
     where = "no robot needs them" if context.deployed else "they need not go on robots"
-    files = "1 file" if len(found) == 1 else f"{len(found)} files"
     yield Violation(
-        message=f"{files} that no run time reads: {listed(found)}; {where}.",
+        message=f"{number(len(found), 'file', 'files')} that no run time reads: {listed(found)}; {where}.",
         locations=places(Location(path=path) for path in found),
         severity=Severity.LOW if context.deployed else None,
     )
@@ -81,7 +80,8 @@ def long_validity(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     if lasting or grants:
         end, whose, _place = max([*lasting, *grants], key=lambda found: found[0])
         yield Violation(
-            message=f"Valid for more than two years: {len(lasting)} identities and {len(grants)} grants, the longest "
+            message=f"Valid for more than two years: {number(len(lasting), 'identity', 'identities')} and "
+            f"{number(len(grants), 'grant', 'grants')}, the longest "
             f"until {instant(end)} ({whose}).",
             locations=places(place for _end, _whose, place in (*lasting, *grants)),
         )

@@ -130,7 +130,8 @@ def _reach(reach: Reach, profiles: tuple[str, ...]) -> Violation:
     more = f" and {reach.nodes - 1} more nodes of {listed(reach.owners)}" if reach.nodes > 1 else ""
     call, answer = reach.rights
     return Violation(
-        message=f"{reach.caller} may {verb} {reach.node}, a node of {reach.owner}{more} ({reach.service}).",
+        message=f"{reach.caller} may {verb} the node {reach.node} in the enclave {reach.owner}{more} "
+        f"({reach.service}).",
         locations=(
             Location(path=call.path, line=call.line),
             Location(path=answer.path, line=answer.line, message="where the node's own enclave answers"),

@@ -73,7 +73,7 @@ def missing_usual_topics(_keystore: Keystore, context: Context) -> Iterator[Viol
     """
     for found in context.meaning.ros.unusual if context.meaning.ros is not None else ():
         lacks = listed(f"{_MAY[operation]} {_name(topic)}" for operation, topic in found.lacks)
-        follows = "nodes that are not told to do without fail" if found.starts else "no node of it is made"
+        follows = "nodes fail unless they are told to do without" if found.starts else "no node of it is made"
         yield Violation(
             message=f"{found.enclave} may not {lacks}: {follows}.",
             locations=(found.location,),

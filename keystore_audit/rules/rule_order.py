@@ -107,6 +107,12 @@ def deny_rule_blocks_topic(_keystore: Keystore, context: Context) -> Iterator[Vi
     yield from said(context, "On Cyclone DDS 0.10 a deny rule takes away the whole topic", Cause.TOPIC_DENIED)
 
 
+_RELAY: Final = (
+    "What <relay> gives differs (the specification: to pass submessages on; Fast DDS: a peer's reader gets data; "
+    "Cyclone DDS and OpenDDS: nothing)"
+)
+
+
 @rule(
     "KA609",
     "relay-read-differently",
@@ -121,7 +127,7 @@ def relay_read_differently(_keystore: Keystore, context: Context) -> Iterator[Vi
 
     High where that lets somebody read. Cyclone DDS and OpenDDS pass the element over, so that nothing relays there.
     """
-    yield from said(context, "Implementations differ in what <relay> gives", Cause.RELAY)
+    yield from said(context, _RELAY, Cause.RELAY)
 
 
 @rule(

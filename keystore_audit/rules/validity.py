@@ -57,7 +57,7 @@ def grant_expired(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     Severity.HIGH,
     on=PermissionsUse,
     clause=_CLAUSE,
-    remedy=f"Wait until then, or, {WRITE_AGAIN}",
+    remedy=f"Wait until then, or let the grant begin earlier: {WRITE_AGAIN}",
     applies=speaks,
     stops=True,
 )

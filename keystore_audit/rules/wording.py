@@ -42,6 +42,11 @@ def listed(names: Iterable[str]) -> str:
     return shown if more <= 0 else f"{shown} and {more} more"
 
 
+def number(count: int, one: str, more: str) -> str:
+    """`1 file`, `2 files`."""
+    return f"{count} {one if count == 1 else more}"
+
+
 def paths(enclaves: Iterable[Enclave]) -> str:
     """The enclaves' paths, listed."""
     return listed(enclave.path for enclave in enclaves)
@@ -75,16 +80,19 @@ def defective(
 ) -> Iterator[Violation]:
     """One violation for all defects of one kind in one file, each of them a location of it; `says` what follows.
 
-    A hostile file may have thousands of them.
+    A hostile file may have thousands of them. The place of one alone does not repeat what the message says.
     """
     found = list(defects)
     if not found:
         return
     more = f" (and {len(found) - 1} more like it)" if len(found) > 1 else ""
     first = found[0]
+    joint = "; " if ": " in first.detail else ": "  # one colon in a sentence
     yield Violation(
-        message=f"{sentence(first.detail)}{more}{': ' if says else '.'}{says}",
-        locations=places(Location(path=d.path, line=d.line, message=shorten(d.detail, MAX_QUOTED)) for d in found),
+        message=f"{sentence(first.detail)}{more}{joint if says else '.'}{says}",
+        locations=places(
+            Location(path=d.path, line=d.line, message=shorten(d.detail, MAX_QUOTED) if more else "") for d in found
+        ),
         enclave=sole(enclaves),
         undecided=undecided,
         severity=severity,

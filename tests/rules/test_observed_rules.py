@@ -117,7 +117,9 @@ def test_a_missing_grant_names_the_line_that_denies_and_the_one_that_needs() -> 
     (finding,) = spoken(*CASES["KA650"][:2])
     assert finding.severity is Severity.HIGH
     assert finding.enclave == "/talker"
-    assert finding.message.startswith("/talker publishes /map, and /talker may not: no rule matches publishing, and")
+    assert finding.message.startswith(
+        "The node /talker publishes /map, and its enclave /talker may not: no rule matches"
+    )
     assert [(each.path, each.line, each.beside) for each in finding.locations] == [(P7S, 50, False), (FILE, 2, True)]
     assert finding.profiles == ()
 
@@ -264,7 +266,7 @@ def test_nothing_is_excess_where_a_file_could_not_be_worked_out() -> None:
     intent = launch(uses("/talker", "/chatter"), nodes=(node("/talker"),), unresolved=("a loop is not run",))
     (finding,) = spoken(store, intent)
     assert (finding.code, finding.severity) == ("KA654", Severity.INFO)
-    assert finding.message.startswith("A loop is not run: nodes may need more than 'robot.graph.json' shows")
+    assert finding.message.startswith("A loop is not run. Nodes may need more than 'robot.graph.json' shows")
 
 
 def test_the_parameters_of_an_unknown_node_are_no_excess() -> None:

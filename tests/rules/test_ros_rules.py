@@ -104,7 +104,7 @@ def test_many_halves_are_one_finding() -> None:
 def test_parameters_of_others_by_names_and_by_patterns(calls: list[str], answers: list[str], node: str) -> None:
     found = [f for f in spoken(two(allow(calls), allow(answers))) if f.code == "KA632"]
     assert [(f.severity, f.enclave) for f in found] == [(Severity.HIGH, "/talker")]
-    assert f"set parameters of {node}, a node of /listener" in found[0].message
+    assert f"set parameters of the node {node} in the enclave /listener" in found[0].message
     assert [place.path for place in found[0].locations] == [
         "enclaves/talker/permissions.p7s",
         "enclaves/listener/permissions.p7s",
@@ -127,7 +127,7 @@ def test_patterns_that_have_no_node_in_common(calls: list[str], answers: list[st
 def test_reading_parameters_weighs_less() -> None:
     (finding,) = spoken(two(allow([GET], [GET_REPLY]), allow([GET_REPLY], [GET])))
     assert (finding.code, finding.severity) == ("KA632", Severity.LOW)
-    assert "read parameters of /arm" in finding.message
+    assert "read parameters of the node /arm" in finding.message
 
 
 def test_a_deny_rule_before_it_takes_the_call_back() -> None:
@@ -137,7 +137,7 @@ def test_a_deny_rule_before_it_takes_the_call_back() -> None:
     assert [f.severity for f in calls] == [Severity.LOW]
     only_leg = allow(["rq/arm/*"], allows=False)
     (high,) = (f for f in spoken(two(only_leg, owner, allow(["rq/*Request"]))) if f.code == "KA632")
-    assert "set parameters of /leg, a node" in high.message
+    assert "set parameters of the node /leg in" in high.message
 
 
 def test_rights_of_another_domain_meet_nobody() -> None:
@@ -218,7 +218,7 @@ def test_what_some_of_the_usual_is_there_without() -> None:
     (finding,) = spoken(two(allow(["rt/rosout", "rt/parameter_events"])))
     assert (finding.severity, finding.message) == (
         Severity.INFO,
-        "/talker may not subscribe to /parameter_events: nodes that are not told to do without fail.",
+        "/talker may not subscribe to /parameter_events: nodes fail unless they are told to do without.",
     )
     whole = allow(["rt/rosout", "rt/parameter_events"], ["rt/parameter_events"])
     assert spoken(two(whole)) == ()
