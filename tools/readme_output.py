@@ -1,4 +1,4 @@
-"""Writes what commands print into README.md, where `<!-- output of: COMMAND (begin) -->` stands before a block of code."""
+"""Writes what commands print into README.md, where `<!-- output of: COMMAND (begin) -->` stands before the block."""
 
 from __future__ import annotations
 

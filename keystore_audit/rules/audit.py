@@ -188,7 +188,20 @@ def property_undecided(result: PropertyResult, context: Context) -> Iterator[Vio
         profiles=() if len(profiles) == len(result.profiles) else profiles,
         undecided=True,
         key=result.prop.id,
+        remedy=_WITH_ALLOY if _without_alloy(result, context) else None,
     )
+
+
+_WITH_ALLOY: Final = (
+    "Run the audit with the Alloy Analyzer, `--engine both`; `keystore-audit engine` says whether it is there."
+)
+
+
+def _without_alloy(result: PropertyResult, context: Context) -> bool:
+    """Whether nobody was asked about a property that Alloy alone decides, and there was something to ask."""
+    absent = (EngineStatus.MISSING, EngineStatus.NOT_RUN)
+    asked = [run for run in context.engines if run.name == "alloy" and run.status not in absent]
+    return isinstance(result, AlloyResult) and not asked and context.meaning.over_budget is None
 
 
 def _asserted(result: PropertyResult) -> tuple[Location, ...]:

@@ -75,6 +75,10 @@ def test_without_alloy_it_is_open() -> None:
     told = [each["message"] for each in found["findings"] if each["code"] == "KA906"]
     assert len(told) == 2
     assert all("--engine native" in message for message in told)
+    assert all(message.count("Alloy alone decides this") == 1 for message in told)
+    remedies = {each["remedy"] for each in found["findings"] if each["code"] == "KA906"}
+    (advice,) = remedies
+    assert "`--engine both`" in advice  # nothing is unread here
 
 
 @pytest.mark.alloy
@@ -158,6 +162,8 @@ def test_what_could_not_be_read_leaves_it_open(sample: str, why: str) -> None:
     ]
     assert len(told) == 2
     assert all(why in message for message in told)
+    advice = {each["remedy"] for each in found["findings"] if each["code"] == "KA906"}
+    assert all("what the other findings call unread" in each for each in advice)
 
 
 def test_a_misspelt_topic_beside_another_of_one_name_is_an_error(tmp_path: Path) -> None:

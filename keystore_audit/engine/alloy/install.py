@@ -39,6 +39,8 @@ _INSTALL_HINT: Final = (
     "or `keystore-audit engine install --from FILE` with a copy of the jar."
 )
 
+_OTHER_FILE: Final = f"Give the jar of {GROUP_ID}:{ARTIFACT_ID} {VERSION}, or run `keystore-audit engine install`."
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Engine:
@@ -71,7 +73,7 @@ def locate(
         return Engine(java=java, jar=jar, version=VERSION)
     cached = cached_jar(environment)
     if cached.exists():
-        check(cached)
+        check(cached, otherwise="Remove the file and run `keystore-audit engine install`.")
     elif offline or ci:
         reason = "--offline forbids fetching it" if offline else "it is not fetched unasked where CI is set"
         raise EngineMissing(f"The Alloy Analyzer {VERSION} is not at {cached}, and {reason}. {_INSTALL_HINT}")
@@ -120,11 +122,14 @@ def cached_jar(environment: Mapping[str, str]) -> Path:
     return Path(base) / "keystore-audit" / f"{ARTIFACT_ID}-{VERSION}.jar"
 
 
-def check(jar: Path) -> None:
-    """Raise EngineMissing if `jar` cannot be read, EngineFailed if it is not the pinned artifact."""
+def check(jar: Path, otherwise: str = _OTHER_FILE) -> None:
+    """Raise EngineMissing if `jar` cannot be read, EngineFailed if it is not the pinned artifact.
+
+    `otherwise`: what to do then. Only the copy in the cache is ours to remove.
+    """
     try:
         if jar.stat().st_size > MAX_JAR_SIZE:
-            raise EngineFailed(f"{jar} is not the Alloy Analyzer {VERSION}: it is far too large.")
+            raise EngineFailed(f"{jar} is not the Alloy Analyzer {VERSION}: it is far too large. {otherwise}")
         with jar.open("rb") as file:
             found = hashlib.sha256(file.read(MAX_JAR_SIZE)).hexdigest()
     except OSError as error:
@@ -132,7 +137,7 @@ def check(jar: Path) -> None:
     if found != SHA256:
         raise EngineFailed(
             f"{jar} is not the Alloy Analyzer {VERSION}: its SHA-256 is {found}, that of the published artifact "
-            f"{SHA256}. Remove the file and run `keystore-audit engine install`."
+            f"{SHA256}. {otherwise}"
         )
 
 

@@ -96,13 +96,13 @@ def _told(
     alloy = next((engine for engine in engines if engine.name == "alloy"), None)
     if alloy is None or alloy.status is not EngineStatus.OK:
         why = alloy.reason if alloy else ""
-        return _undecided(file, systems, f"Alloy alone decides this, and it gave no answer ({why.rstrip('.')})")
+        return _undecided(file, systems, f"Alloy gave no answer ({why.rstrip('.')})")
     try:
         in_ci = os.environ.get("CI", "").lower() not in ("", "0", "false")
         engine = install.locate(jar, offline=offline, ci=in_ci, progress=stage)
         answers = ask(file, systems, Analyzer(java=engine.java, jar=engine.jar, timeout=timeout, memory_mb=MEMORY_MB))
     except EngineError as error:
-        return _undecided(file, systems, f"Alloy alone decides this, and gave no answer: {error.message.rstrip('.')}")
+        return _undecided(file, systems, f"Alloy gave no answer ({error.message.rstrip('.')})")
     return [[of_system[number] for of_system in answers] for number in range(len(file.commands))]
 
 

@@ -84,10 +84,18 @@ def test_a_file_too_large_is_not_even_hashed(home: dict[str, str], tmp_path: Pat
 def test_a_wrong_file_is_not_installed(home: dict[str, str], tmp_path: Path) -> None:
     wrong = tmp_path / "wrong.jar"
     wrong.write_bytes(b"PK")
-    with pytest.raises(EngineFailed, match="SHA-256"):
+    with pytest.raises(EngineFailed, match=r"SHA-256.*\. Give the jar of org\.alloytools") as raised:
         install.install(wrong, environment=home)
+    assert "Remove" not in raised.value.message  # the file is the user's
     assert not cached_jar(home).exists()
     assert list(cached_jar(home).parent.iterdir()) == []
+
+
+def test_a_wrong_file_in_the_cache_is_to_be_removed(home: dict[str, str]) -> None:
+    cached_jar(home).parent.mkdir(parents=True)
+    cached_jar(home).write_bytes(b"PK")
+    with pytest.raises(EngineFailed, match=r"SHA-256.*\. Remove the file and run"):
+        locate(None, offline=True, ci=True, environment=home)
 
 
 def test_a_cache_that_cannot_be_written(home: dict[str, str], analyzer: Engine, tmp_path: Path) -> None:
