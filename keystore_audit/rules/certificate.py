@@ -23,7 +23,7 @@ ISSUE_AGAIN: Final = (
     f"{ISSUE_IDENTITY}; permissions stay as they are where the subject stays."
 )
 RENEW_AUTHORITY: Final = (
-    f"Renew the authority with its own key and name, in the keystore's root: {RENEW_CA}. If it is the permissions CA, "
+    f"Renew an authority with its own key and name, in the keystore's root: {RENEW_CA}. If it is the permissions CA, "
     "also where one authority has both roles, sign governance and permissions again: signatures name the old "
     "certificate."
 )

@@ -51,7 +51,11 @@ def _faults(text: str, profiles: tuple[Profile, ...]) -> str:
         fault = parse(text, profile.access.matcher).malformed
         if fault is not None:
             faults.setdefault(fault, []).append(profile)
-    return "; ".join(f"{fault} ({implementations(who)})" for fault, who in faults.items())
+    said: dict[str, str] = {}  # by what is wrong: to whom it means what
+    for fault, who in faults.items():
+        what, comma, follows = fault.partition(", ")
+        said[what] = f"{said.get(what, '')}{comma}{follows} ({implementations(who)})"
+    return "; ".join(f"{what}{whom}" for what, whom in said.items())
 
 
 @rule(

@@ -7,6 +7,7 @@ from typing import Any
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.rules.certificate import RENEW_AUTHORITY
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import Refusal
@@ -19,8 +20,9 @@ from keystore_audit.rules.wording import implementations
     Severity.HIGH,
     on=Refusal,
     clause="DDS-Security 1.1, 8.2.1 and 9.4.3 (a participant is created only with valid credentials); measured",
-    remedy="Make certificates, keys and documents as `ros2 security create_keystore` and `create_enclave` make them, "
-    "which every implementation reads.",
+    remedy="Make of what the message names what every implementation takes, and sros2 makes: keys on prime256v1, "
+    "certificates and documents signed over SHA-256, one self-signed certificate in each CA file. "
+    f"{RENEW_AUTHORITY}",
 )
 def enclave_does_not_start(refusal: Refusal, _context: Context) -> Iterator[Violation]:
     """An implementation creates no participant for the enclave, and no finding of high severity says why.

@@ -134,6 +134,18 @@ def test_a_renewed_authority_goes_on_vouching(stock: Path) -> None:
     assert codes(stock) == before
 
 
+def test_an_authority_that_does_not_load_is_renewed(stock: Path) -> None:
+    """Fast DDS loads no CA that is signed over SHA-384 (measured)."""
+    before = codes(stock)
+    (renew,) = commands("KA117")
+    type_in(stock, renew.replace("-sha256", "-sha384"), {"ROLE": "permissions", "NAME": "sros2CA"})
+    sign(stock, "KA222")
+    assert "KA117" in codes(stock)
+    type_in(stock, renew, {"ROLE": "permissions", "NAME": "sros2CA"})
+    sign(stock, "KA222")
+    assert codes(stock) == before
+
+
 @pytest.mark.parametrize("document", ["governance", "/talker/permissions"])
 def test_a_document_is_signed_again(document: str, stock: Path) -> None:
     before = codes(stock)
