@@ -23,6 +23,8 @@ SIGN_DOCUMENT: Final = (
     f"{signing('enclaves/DOCUMENT')}, in the keystore's root, DOCUMENT being governance or ENCLAVE/permissions"
 )
 
+SHOW_DOCUMENT: Final = "`openssl smime -verify -text -noverify -in enclaves/DOCUMENT.p7s`"
+
 CREATE_PERMISSION: Final = "`ros2 security create_permission KEYSTORE ENCLAVE policy.xml`"
 CREATE_ENCLAVE: Final = (
     f"`ros2 security create_enclave KEYSTORE ENCLAVE`, then {CREATE_PERMISSION}, since the first leaves permissions "

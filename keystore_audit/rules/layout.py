@@ -12,7 +12,7 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.sight import REQUIRED
-from keystore_audit.rules.commands import CREATE_ENCLAVE, LINK_CA, LINK_GOVERNANCE
+from keystore_audit.rules.commands import CREATE_ENCLAVE, LINK_CA, LINK_GOVERNANCE, SHOW_DOCUMENT, SIGN_DOCUMENT
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse
@@ -195,9 +195,8 @@ def unreadable(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     Severity.MEDIUM,
     on=DocumentUse,
     clause="DDS-Security 1.1, 9.4.1.2 and 9.4.1.3 (the signed document counts); measured: the .xml is never read",
-    remedy="Sign the .xml again if it says what is meant; else replace it by what `openssl smime -verify -text "
-    "-noverify "
-    "-in DOCUMENT.p7s` prints.",
+    remedy=f"If the .xml says what is meant, sign it again: {SIGN_DOCUMENT}. Else replace it by what {SHOW_DOCUMENT} "
+    "prints.",
     applies=lambda use, _context: use.signed.content is not None and use.genuine,
 )
 def unsigned_document_differs(use: DocumentUse, context: Context) -> Iterator[Violation]:

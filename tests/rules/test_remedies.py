@@ -158,6 +158,20 @@ def test_a_document_is_signed_again(document: str, stock: Path) -> None:
     assert codes(stock) == before
 
 
+def test_an_unsigned_document_is_made_what_is_signed(stock: Path) -> None:
+    before = codes(stock)
+    unsigned = stock / "enclaves/talker/permissions.xml"
+    changed = unsigned.read_text().replace("rt/chatter", "rt/chat")
+    again, show = commands("KA110")
+    unsigned.write_text(changed)
+    assert "KA110" in codes(stock)
+    unsigned.write_text(type_in(stock, show, {"DOCUMENT": "/talker/permissions"}))
+    assert codes(stock) == before
+    unsigned.write_text(changed)
+    type_in(stock, again, {"DOCUMENT": "/talker/permissions"})
+    assert "KA110" not in codes(stock)
+
+
 def test_whoever_is_told_to_create_an_enclave_is_told_of_its_permissions() -> None:
     """create_enclave writes permissions that allow everything, also where there were others."""
     for rule in RULES:
