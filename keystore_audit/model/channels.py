@@ -194,8 +194,7 @@ def document_channels(
     """The channels that documents tell apart, as implementations of each access row read them.
 
     `points`: as in `build_channels`, which says what is raised. `claimed`: names that have to be told apart as well.
-    `ungoverned`: names of domains that only permissions speak of are told apart too. `opened`: those of all domains,
-    since a governance that could not be read may govern any.
+    `ungoverned`: names of domains that only permissions speak of are told apart too. `opened`: those of any domain.
     """
     governed: dict[tuple[Interval, ...], None] = {}
     ruled: dict[tuple[Interval, ...], None] = {}
