@@ -105,7 +105,8 @@ class Access:
         if unclear is not None and usability.usable is not False:
             decision, reason = Ruling.UNKNOWN, unclear
         elif usability.usable:
-            local = self._local.decide(enclave, profile, question.operation, channel)
+            name = (question.topic, question.partition)
+            local = self._local.decide(enclave, profile, question.operation, channel, name)
             decision, reason, location = Ruling.ALLOW if local.allow else Ruling.DENY, local.reason, local.location
         else:
             decision = Ruling.UNKNOWN if usability.usable is None else Ruling.DENY

@@ -6,9 +6,9 @@ What its peers accept from it is another question (`model.effective`): a comprom
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from datetime import datetime
-from typing import Final
+from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
@@ -18,7 +18,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.domains import describe, domain_bits
-from keystore_audit.model.expression import parse
+from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.permission import bits
 from keystore_audit.model.profiles import Access, Local, Profile
 from keystore_audit.model.semantics import ReadDomainRule, ReadGrant, ReadRule, Region
@@ -49,6 +49,16 @@ class Step:
 
     channels: int
     decision: Decision
+    by_permissions: bool = True
+    """Whether the grant is what decides; before it, names and the governance do."""
+
+
+class _Asked(NamedTuple):
+    """What is asked of one grant. `name`: a topic and a partition; `channel`: what stands for them in the domain."""
+
+    operation: Operation
+    name: tuple[str, str]
+    channel: int
 
 
 class LocalRights:
@@ -82,15 +92,28 @@ class LocalRights:
             open_ &= ~step.channels
         return allowed
 
-    def decide(self, enclave: Enclave, profile: Profile, operation: Operation, channel: int) -> Decision:
-        """The decision about one channel."""
-        steps = self.steps(enclave, profile, operation)
-        decision = next(step.decision for step in steps if step.channels >> channel & 1)
-        if decision.allow:
-            return decision
+    def decide(
+        self,
+        enclave: Enclave,
+        profile: Profile,
+        operation: Operation,
+        channel: int,
+        name: tuple[str, str] | None = None,
+    ) -> Decision:
+        """The decision about one channel.
+
+        `name`: the topic and partition asked about; None: those of the channel, which stands for every name where no
+        governance covers the domain.
+        """
+        step = next(step for step in self.steps(enclave, profile, operation) if step.channels >> channel & 1)
         grant = self.grant(enclave, profile)
-        nearest = self._nearest(grant, profile, operation, channel) if grant is not None else ""
-        return Decision(allow=False, reason=decision.reason + nearest, location=decision.location)
+        if step.decision.allow or grant is None:
+            return step.decision
+        atom = self._channels.channels[channel]
+        asked = _Asked(operation, name or (atom.topic, atom.partition), channel)
+        near = self._near if step.by_permissions else self._elsewhere
+        more = near(grant, profile, asked)
+        return Decision(allow=False, reason=step.decision.reason + more, location=step.decision.location)
 
     def steps(self, enclave: Enclave, profile: Profile, operation: Operation) -> Iterator[Step]:
         """What decides, in order; the last step decides about everything."""
@@ -132,7 +155,7 @@ class LocalRights:
             )
         if refused:
             reason = "the implementation creates no topic of this name"
-            yield Step(refused, Decision(allow=False, reason=reason, location=None))
+            yield Step(refused, Decision(allow=False, reason=reason, location=None), by_permissions=False)
 
     def _governance(self, enclave: Enclave, access: Access, operation: Operation, local: Local) -> Iterator[Step]:
         """Topics that no rule of the governance covers, and those without access control for the operation."""
@@ -149,7 +172,8 @@ class LocalRights:
         if governed != self._all:
             reason = "no topic rule of the governance covers the topic in this domain, so it cannot be created"
             whole = Location(path=place) if place else None
-            yield Step(self._all & ~governed, Decision(allow=False, reason=reason, location=whole))
+            uncovered = Decision(allow=False, reason=reason, location=whole)
+            yield Step(self._all & ~governed, uncovered, by_permissions=False)
 
     def _topics(self, enclave: Enclave, access: Access, grant: ReadGrant, place: str, local: Local) -> Iterator[Step]:
         """Topics that cannot be created, since the first rule that lists them denies (`profiles.Access`)."""
@@ -228,19 +252,25 @@ class LocalRights:
             self._bits[rule.domains] = known
         return known
 
-    def _nearest(self, grant: ReadGrant, profile: Profile, operation: Operation, channel: int) -> str:
+    def _elsewhere(self, grant: ReadGrant, profile: Profile, asked: _Asked) -> str:
+        """Where names or the governance decide: the rule that allows it in other domains, as a sentence more."""
+        for rule in _allowing(grant):
+            if self._listed(rule, profile, asked, asked.operation) and not self._domains(rule) >> asked.channel & 1:
+                return f". Line {rule.line} allows it in {_domain_of(rule)}"
+        return ""
+
+    def _near(self, grant: ReadGrant, profile: Profile, asked: _Asked) -> str:
         """The rule that comes nearest to allowing it, as a sentence more."""
-        access = self._accesses.row(profile.access)
-        allowing = [rule for rule in grant.rules if rule.allow and not rule.of_peers]
-        topic = self._channels.channels[channel].topic
+        operation, (topic, _partition), channel = asked
+        allowing = _allowing(grant)
         for rule in allowing:
-            if self._region(access, rule.region(operation)) >> channel & 1:
+            if self._listed(rule, profile, asked, operation):
                 if profile.local.binds_domains and not self._domains(rule) >> channel & 1:
                     return f". Line {rule.line} allows it in {_domain_of(rule)}"
                 return f". Line {rule.line} would allow it, but comes later"
         for other in Operation:
             for rule in allowing:
-                if other is not operation and self._region(access, rule.region(other)) >> channel & 1:
+                if other is not operation and self._listed(rule, profile, asked, other):
                     return f". Line {rule.line} allows {DONE[other][1]} instead"
         listed = {text: rule for rule in reversed(allowing) for area in rule.region(operation) for text in area.topics}
         if not listed:
@@ -252,8 +282,26 @@ class LocalRights:
             return f". Line {rule.line} allows it in {_domain_of(rule) if elsewhere else 'another partition'}"
         return f". The nearest that may be {_PAST[operation]} is {text!r} (line {listed[text].line})"
 
+    def _listed(self, rule: ReadRule, profile: Profile, asked: _Asked, operation: Operation) -> bool:
+        """Whether the rule lists the name for the operation, whatever its domains."""
+        matcher = self._accesses.row(profile.access).matcher
+        topic, partition = asked.name
+        return any(
+            (area.partitions is None or _matched(area.partitions, partition, matcher))
+            and _matched(area.topics, topic, matcher)
+            for area in rule.region(operation)
+        )
+
 
 _PAST: Final = {Operation.PUBLISH: "published", Operation.SUBSCRIBE: "subscribed to", Operation.RELAY: "relayed"}
+
+
+def _allowing(grant: ReadGrant) -> list[ReadRule]:
+    return [rule for rule in grant.rules if rule.allow and not rule.of_peers]
+
+
+def _matched(texts: Iterable[str], name: str, matcher: Matcher) -> bool:
+    return any(parse(text, matcher).matches(name) for text in texts)
 
 
 def _domain_of(rule: ReadRule) -> str:

@@ -182,7 +182,7 @@ class OwnRights:
         ]
         domain, operation, topic = denied[0]
         channel = self._channels.of_point(domain, self._points[topic, ""])
-        decision = self._local.decide(self._enclave, profile, operation, channel)
+        decision = self._local.decide(self._enclave, profile, operation, channel, (topic, ""))
         which = f"{operation.value} {topic}: " if len(needed) > 1 else ""
         where = dict.fromkeys(domain for domain, _operation, _topic in denied)
         return Verdict(

@@ -20,6 +20,7 @@ from keystore_audit.model.names import dds_channels
 from keystore_audit.model.profiles import DEFAULT
 from keystore_audit.model.question import Answer, Question, Ruling
 from tests.cli.keystores import AT, answer, keystore, rule
+from tests.keystore.builder import GOVERNANCE
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
 TURTLESIM = SAMPLES / "healthy/turtlesim"
@@ -115,6 +116,34 @@ def test_where_no_participant_starts_nothing_is_allowed() -> None:
         assert each["decision"] == each["effective"] == DENY
         assert each["usable"] is name.startswith("fastdds")  # it starts, with no topic to use (measured on 2.9.1)
     assert "does not cover" in document["decisions"]["spec"]["reason"] or "7" in document["decisions"]["spec"]["reason"]
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ("/random publish /low_priority", "Line 17 allows it in domain 0"),
+        ("/random publish /zzz/abc", ""),  # no line allows it anywhere
+        ("/random publish /high_priority", ""),
+        ("/random publish rt/chatter --kind dds", ""),  # by this name the model calls all of an ungoverned domain
+    ],
+)
+def test_a_line_that_allows_it_elsewhere_lists_that_name(words: str, says: str) -> None:
+    """In an ungoverned domain one channel stands for every name: what is said of lines is said of the name asked."""
+    _code, document = decisions(TURTLESIM, *words.split(), "--domain", "7", "--profile", "fastdds-3.6")
+    (only,) = document["decisions"].values()
+    reason, _, more = only["reason"].partition(". ")
+    assert reason == "no topic rule of the governance covers the topic in this domain, so it cannot be created"
+    assert more == says
+
+
+def test_a_line_that_allows_it_comes_not_later_than_the_governance(tmp_path: Path) -> None:
+    """Where the governance decides, no rule of the grant is asked, first or later."""
+    governance = GOVERNANCE.replace(b"<topic_expression>*<", b"<topic_expression>rt/b<")
+    store = keystore(tmp_path / "k", {"/c": (rule(publish=("rt/a",)),)}, governance=governance)
+    _code, document = decisions(store, "/c", "publish", "/a", "--profile", "spec")
+    (only,) = document["decisions"].values()
+    assert only["reason"].startswith("no topic rule of the governance covers the topic")
+    assert "later" not in only["reason"]
 
 
 def test_the_topic_that_stands_in_the_way_is_named(tmp_path: Path) -> None:
