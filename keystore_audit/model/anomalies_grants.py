@@ -169,8 +169,8 @@ def _about_rule(kind: AnomalyKind, grant: ReadGrant, rule: ReadRule) -> Anomaly:
 def expression_anomalies(grant: ReadGrant, matchers: Sequence[Matcher], effort: Effort) -> Iterator[Anomaly]:
     """Expressions without a name, and without one that ROS 2 produces. Raises errors.BudgetExceeded.
 
-    A grant in which no expression but ros_discovery_info is of ROS 2 is one of a plain DDS application: nothing is said
-    of its names.
+    A grant in which no expression is of ROS 2, ros_discovery_info among them, is one of a plain DDS application:
+    nothing is said of its names.
     """
     texts: dict[str, None] = {}
     for rule in grant.rules:
@@ -181,7 +181,6 @@ def expression_anomalies(grant: ReadGrant, matchers: Sequence[Matcher], effort: 
     nothing = void(texts, matchers, effort)
     if nothing:
         yield from _expressions(AnomalyKind.MATCHES_NOTHING, grant, nothing, bool)
-    texts.pop(DISCOVERY_TOPIC, None)
     others = foreign([text for text in texts if text not in nothing], matchers, effort)
     if others and len(others) + len(nothing) < len(texts):
         yield from _expressions(

@@ -96,8 +96,8 @@ def expression_matches_no_ros_name(use: PermissionsUse, context: Context) -> Ite
     """No name that ROS 2 can produce matches the expression: a prefix is missing, or a / too many is there.
 
     High where a deny rule has it and the topic that was most likely meant is allowed. A grant without any expression of
-    ROS 2 but ros_discovery_info is one of a plain DDS application, and no finding; where one enclave speaks both, the
-    tool cannot know which names are meant for DDS.
+    ROS 2, ros_discovery_info among them, is one of a plain DDS application, and no finding; where one enclave speaks
+    both, the tool cannot know which names are meant for DDS.
     """
     yield from folded(
         use,

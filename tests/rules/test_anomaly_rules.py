@@ -100,7 +100,7 @@ IN_ORDER = {
     "repeats within one rule": (allow(["rt/*", "rt/a", "rt/arm/_action/status", "rt/a"]),),
     "discovery in a wider rule": (allow(["*"], ["*"]), allow(["ros_discovery_info"], ["ros_discovery_info"])),
     "expressions that others cover": (allow(["rt/a", "rt/b"]), allow(["rt/a", "rt/c"])),
-    "plain DDS": (allow(["Square", "Circle"]), allow(["ros_discovery_info"], ["ros_discovery_info"])),
+    "plain DDS": (allow(["Square", "Circle"]),),
     "usual topics": (allow(["rt/rosout", "rt/parameter_events", "rr/n/get_parametersReply"], ["rt/clock"]),),
 }
 
@@ -108,6 +108,14 @@ IN_ORDER = {
 @pytest.mark.parametrize("rules", IN_ORDER.values(), ids=IN_ORDER)
 def test_what_is_in_order_has_no_finding(rules: Sequence[Any]) -> None:
     assert codes(alone(*rules)) == []
+
+
+def test_ros_discovery_info_tells_ros_2_from_plain_dds() -> None:
+    """Whoever wrote /chatter for rt/chatter throughout has no other name of ROS 2."""
+    names, discovery = allow(["/chatter"], ["/chatter"]), allow(["ros_discovery_info"], ["ros_discovery_info"])
+    assert codes(alone(names)) == []
+    assert codes(alone(names, discovery)) == ["KA625"]
+    assert codes(alone(discovery)) == []
 
 
 def test_a_healthy_keystore_has_no_finding() -> None:
