@@ -11,7 +11,8 @@ from typing import Any, Final
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.keystore.layout import Role
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.rules.commands import CREATE_ENCLAVE, ISSUE_IDENTITY, RENEW_CA
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
@@ -33,6 +34,17 @@ _ROLES: Final = {
     Role.CERTIFICATE: "identity certificate",
     Role.PERMISSIONS_CA: "permissions CA",
 }
+
+
+def usual_subject(enclave: Enclave, keystore: Keystore) -> str:
+    """`CN=/talker`, the subject that `ros2 security` gives to the enclave's identity and names in its grant."""
+    ardent = keystore.layout.kind is LayoutKind.ARDENT
+    return f"CN={enclave.path.lstrip('/') if ardent else enclave.path}"
+
+
+def has_usual_subject(certificate: Certificate, enclave: Enclave, keystore: Keystore) -> bool:
+    """Whether the identity's subject is that, whatever else it holds."""
+    return usual_subject(enclave, keystore) in certificate.subject.split(",")
 
 
 def what(use: CertificateUse, certificate: Certificate) -> str:

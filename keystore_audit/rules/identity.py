@@ -9,10 +9,10 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.issuer import Issue
 from keystore_audit.keystore.keystore import Enclave, Keystore
-from keystore_audit.keystore.layout import LayoutKind, Role
+from keystore_audit.keystore.layout import Role
 from keystore_audit.model.profiles import VARIANTS, Profile
 from keystore_audit.model.trust import chain_refusal, is_authority, issue, may_have_issued, vouches
-from keystore_audit.rules.certificate import ISSUE_AGAIN, RENEW_AUTHORITY, what
+from keystore_audit.rules.certificate import ISSUE_AGAIN, RENEW_AUTHORITY, has_usual_subject, usual_subject, what
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import CertificateUse
@@ -214,12 +214,10 @@ def subject_differs_from_enclave(use: CertificateUse, context: Context) -> Itera
     with the grant only.
     """
     for enclave, certificate in _carriers(use):
-        ardent = context.keystore.layout.kind is LayoutKind.ARDENT
-        expected = enclave.path.lstrip("/") if ardent else enclave.path
-        if f"CN={expected}" not in certificate.subject.split(","):
+        if not has_usual_subject(certificate, enclave, context.keystore):
             yield Violation(
                 message=f"The identity of {enclave.path} has the subject {quoted(certificate.subject)}, expected "
-                f"{quoted('CN=' + expected)}.",
+                f"{quoted(usual_subject(enclave, context.keystore))}.",
                 locations=(Location(path=certificate.path, line=certificate.line),),
                 enclave=enclave.path,
                 key=certificate.sha256,

@@ -14,18 +14,18 @@ from typing import Any, Final
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.governance import Text
-from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.permission import Permissions
+from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.system import EnclaveAtom
-from keystore_audit.model.trust import Verdict
 from keystore_audit.model.validity import DateReading, read_date
-from keystore_audit.rules.acceptance import ROWS, verdict
+from keystore_audit.rules.certificate import ISSUE_AGAIN, has_usual_subject, usual_subject
 from keystore_audit.rules.commands import CREATE_PERMISSION, SHOW_SUBJECT, SIGN_PERMISSIONS
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import AMBIGUOUS
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks
+from keystore_audit.rules.unnamed import unnamed
 from keystore_audit.rules.wording import defective, listed, of_kinds, places, quoted, sole
 
 WRITE_AGAIN: Final = (
@@ -152,33 +152,36 @@ def permissions_ambiguous(use: PermissionsUse, _context: Context) -> Iterator[Vi
     applies=speaks,
     stops=True,
 )
-def no_grant_for_certificate(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+def no_grant_for_certificate(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """No grant names the identity of the enclave that carries the document, so that the enclave cannot start.
 
-    Compared are texts in the form of RFC 4514, the one form that every implementation takes alike. Some tolerate
-    blanks, another order or further attributes (measured); nothing is tolerated here.
+    Compared are texts in the form of RFC 4514, the one form that every implementation takes alike. What some take to
+    name the identity all the same is left to subject-read-differently, where it means that subject; else this is about
+    the others, and low where none of those was chosen.
     """
-    named = list(dict.fromkeys(grant.subject_name.text for grant in all_grants(use)))
-    for enclave in use.enclaves:
-        first = enclave.certificate.first if enclave.certificate else None
-        if first is None or first.subject in named or _refused_by(use, enclave):
-            continue
-        line = next((grant.subject_name.line for grant in all_grants(use)), None)
-        got = f"got {listed(f'{quoted(name)}' for name in named)}" if named else "there is no grant at all"
+    grants = all_grants(use)
+    named = list(dict.fromkeys(grant.subject_name.text for grant in grants))
+    line = next((grant.subject_name.line for grant in grants), None)
+    got = f"got {listed(f'{quoted(name)}' for name in named)}" if named else "there is no grant at all"
+    for enclave, first, naming in unnamed(use, named):
+        wanted, remedy = f"{got}, expected {quoted(first.subject)}", None
+        if not has_usual_subject(first, enclave, context.keystore):  # to grant it rights moves the fault: see KA220
+            usual = usual_subject(enclave, context.keystore)
+            wanted = f"{got}, and the identity is {quoted(first.subject)}; expected {quoted(usual)} in both"
+            remedy = f"Let certificate and <subject_name> both say {usual}. {ISSUE_AGAIN}"
+        missing = [profile for profile in VARIANTS.values() if profile not in naming]
         yield Violation(
-            message=f"No grant names the identity of {enclave.path}: {got}, expected {quoted(first.subject)}.",
+            message=f"No grant names the identity of {enclave.path}: {wanted}.",
             locations=(
                 Location(path=use.signed.file.place, line=line),
                 Location(path=first.path, line=first.line, message="the identity"),
             ),
             enclave=enclave.path,
+            severity=None if {*missing} & {*context.profiles} else Severity.LOW,
+            profiles=tuple(profile.name for profile in missing) if naming else (),
             key=first.subject,
+            remedy=remedy,
         )
-
-
-def _refused_by(use: PermissionsUse, enclave: Enclave) -> bool:
-    """Whether the enclave takes the document under no known implementation."""
-    return all(verdict(use.signed, enclave, trust) is Verdict.REFUSED for trust in ROWS)
 
 
 @rule(
@@ -202,8 +205,7 @@ def second_grant_for_subject(use: PermissionsUse, _context: Context) -> Iterator
         if first.setdefault(subject, grant) is not grant:
             yield Violation(
                 message=f"A second grant names {quoted(subject)}: the one at line {first[subject].line} decides, and "
-                "this "
-                "one takes its place on Fast DDS alone, when that one has expired.",
+                "this one takes its place on Fast DDS alone, when that one has expired.",
                 locations=places(
                     Location(path=use.signed.file.place, line=g.line, message=m)
                     for g, m in ((grant, ""), (first[subject], "the grant that decides"))
