@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator
 from typing import Any, Final
 
+from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
@@ -24,8 +25,20 @@ _UNREAD = "keystore-audit, docs/model.md: what is not read counts as able to do 
 _MAKE_AGAIN = f"Make what is missing: {CREATE_ENCLAVE}."
 
 
+_RESTS_ON: Final = {  # the property that is violated without the file: nobody vouches, or nobody signed
+    Role.IDENTITY_CA: "identities-chain-to-the-identity-ca",
+    Role.PERMISSIONS_CA: "documents-signed-by-the-permissions-ca",
+}
+
+
 def _about(enclave: Enclave, file: File, message: str, *, undecided: bool = False) -> Violation:
     return Violation(message=message, locations=(Location(path=file.path),), enclave=enclave.path, undecided=undecided)
+
+
+def _absent(enclave: Enclave, file: File, message: str) -> Violation:
+    files = enclave.files.files
+    explains = frozenset(told for role, told in _RESTS_ON.items() if files[role].path == file.path)
+    return replace(_about(enclave, file, message), explains=explains)
 
 
 def _required(enclave: Enclave, *statuses: Status) -> Iterator[File]:
@@ -58,6 +71,7 @@ def _name(file: File) -> str:
     on=Enclave,
     clause=RUN_TIME_FILES,
     remedy=_MAKE_AGAIN,
+    explains=tuple(_RESTS_ON.values()),
     stops=True,
 )
 def required_file_missing(enclave: Enclave, _context: Context) -> Iterator[Violation]:
@@ -68,7 +82,7 @@ def required_file_missing(enclave: Enclave, _context: Context) -> Iterator[Viola
     """
     for file in _required(enclave, Status.MISSING, Status.DIRECTORY):
         got = "a directory" if file.status is Status.DIRECTORY else "nothing"
-        yield _about(enclave, file, f"{enclave.path} cannot start: expected a file {_name(file)}, there is {got}.")
+        yield _absent(enclave, file, f"{enclave.path} cannot start: expected a file {_name(file)}, there is {got}.")
 
 
 @rule(
@@ -80,6 +94,7 @@ def required_file_missing(enclave: Enclave, _context: Context) -> Iterator[Viola
     remedy="Restore the file that the link names (public/ and enclaves/governance.p7s belong to a copy), or make the "
     f"link again, in the keystore's root: {LINK_GOVERNANCE} or {LINK_CA}, with one ../ more for every further level of "
     "the enclave's path. `ros2 security create_enclave` replaces no link.",
+    explains=tuple(_RESTS_ON.values()),
     stops=True,
 )
 def dangling_link(enclave: Enclave, _context: Context) -> Iterator[Violation]:
@@ -88,7 +103,7 @@ def dangling_link(enclave: Enclave, _context: Context) -> Iterator[Violation]:
     Copying a part of a keystore does that. A revocation list that is such a link revokes nothing, and nobody is told.
     """
     for file in _required(enclave, Status.DANGLING, Status.LOOP):
-        yield _about(
+        yield _absent(
             enclave, file, f"{enclave.path} cannot start: {_name(file)} is a link that leads nowhere ({file.detail})."
         )
     crl = enclave.files.files[Role.CRL]

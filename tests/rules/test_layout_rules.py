@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -12,6 +14,8 @@ from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.model.meaning import Usability
+from tests.cli.keystores import AT, answer, rule
+from tests.cli.keystores import keystore as built
 from tests.rules.evidence import (
     Change,
     absent,
@@ -262,3 +266,23 @@ def test_the_last_net_catches_nothing_else(usability: Usability, change: Change 
     store = change(healthy()) if change is not None else healthy()
     seen = judged(store, meaning=meaning(usability={("enclaves/talker", "spec"): usability}))
     assert findings("KA117", seen) == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "broken"),
+    [
+        ("permissions_ca.cert.pem", "KA703"),
+        ("identity_ca.cert.pem", "KA702"),
+    ],
+)
+def test_a_file_that_is_not_there_is_why_a_property_is_violated(name: str, broken: str, tmp_path: Path) -> None:
+    """What to mend first is the link, not the signature or the identity that nothing is left to judge by."""
+    store = built(tmp_path / "k", {"/c": (rule(publish=("rt/a",)),)})
+    place = store / "enclaves/c" / name
+    place.unlink()
+    place.symlink_to("nowhere")
+    _code, out = answer("audit", "--engine", "native", "-f", "json", "--at", AT, store)
+    found = {finding["code"]: finding for finding in json.loads(out)["findings"]}
+    assert found["KA102"]["fingerprint"] in found[broken]["explained_by"]
+    _code, out = answer("audit", "--engine", "native", "--at", AT, store)
+    assert "Mend first: KA102" in out
