@@ -20,12 +20,13 @@ from keystore_audit.model.divergence import divergences
 from keystore_audit.model.doubt import keystore_doubts
 from keystore_audit.model.forwards import Declared, with_determinism
 from keystore_audit.model.meaning import Doubt, Meaning, UngovernedTopics, Usability
+from keystore_audit.model.names import DISCOVERY_TOPIC
 from keystore_audit.model.permission import Permissions, members
 from keystore_audit.model.places import NamedPlace, place_regions, with_places
 from keystore_audit.model.profiles import SPEC, Profile
 from keystore_audit.model.protection import protection
 from keystore_audit.model.ros_patterns import ros_patterns
-from keystore_audit.model.system import Reading, System
+from keystore_audit.model.system import ChannelAtom, Reading, System
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.usability import Usabilities
 
@@ -140,6 +141,11 @@ def _idle(systems: tuple[System, ...]) -> tuple[str, ...]:
     return tuple(found)
 
 
+def _unneeded(channel: ChannelAtom) -> tuple[bool, bool]:
+    """What every node of ROS 2 needs comes first, then what ROS 2 has."""
+    return channel.topic != DISCOVERY_TOPIC, not channel.ros
+
+
 def _ungoverned(systems: tuple[System, ...]) -> tuple[UngovernedTopics, ...]:
     """Topics of governed domains that no topic rule matches, one entry for each document and domain class."""
     if not systems:
@@ -155,7 +161,7 @@ def _ungoverned(systems: tuple[System, ...]) -> tuple[UngovernedTopics, ...]:
         for domain in members(said.ruled):
             missing = list(members(permissions.channels_in[domain] & ~said.governed))
             if missing:
-                witness = min(missing, key=lambda channel: not system.channels[channel].ros)
+                witness = min(missing, key=lambda n: _unneeded(system.channels[n]))
                 found.append(
                     UngovernedTopics(
                         location=next(rule.location for rule in rules if domain in rule.domains),

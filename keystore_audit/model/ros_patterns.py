@@ -91,5 +91,7 @@ def ros_patterns(
         rivals=tuple((group, () if names <= {*held} else tuple(held)) for group, held in rivals.items()),
         unknown=unknown,
         actions=action_patterns(keystore.enclaves),
-        unusual=tuple(unusual(keystore.enclaves, discovers=keystore.layout.kind not in _BEFORE_FOXY)),
+        unusual=tuple(
+            unusual(keystore.enclaves, profiles, accesses, at, discovers=keystore.layout.kind not in _BEFORE_FOXY)
+        ),
     )

@@ -1,12 +1,15 @@
 """The topics that every ROS 2 node uses, and which of them an enclave may not use.
 
-Asked of the grant alone, in the default partition and in whatever domain, as the specification has it. What nodes use
-is in `ros2/sros2`, policy/common/node.xml; ros_discovery_info is added by sros2 itself.
+Asked of the grant alone, in the default partition and in whatever domain, as the specification has it; of
+ros_discovery_info also of each implementation with the governance, since no node is made without it. What nodes use is
+in `ros2/sros2`, policy/common/node.xml; ros_discovery_info is added by sros2 itself.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Sequence
+from datetime import datetime
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
@@ -14,10 +17,22 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import Text
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Grant, Operation
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.channels import document_channels
 from keystore_audit.model.coverage import has_wildcard
+from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.expression import Matcher, parse
-from keystore_audit.model.names import DISCOVERY_TOPIC, is_ros_dds_name
+from keystore_audit.model.names import (
+    DISCOVERY_TOPIC,
+    REPLY_PREFIX,
+    REQUEST_PREFIX,
+    SERVICE_PREFIX,
+    TOPIC_PREFIX,
+    is_ros_dds_name,
+)
+from keystore_audit.model.profiles import Profile
 
+_WILDCARD: Final = re.compile(r"[*?\[\\]")
 PUBLISH, SUBSCRIBE = Operation.PUBLISH, Operation.SUBSCRIBE
 Use = tuple[Operation, str]
 
@@ -37,16 +52,21 @@ class Unusual:
     """An enclave (its path) whose grant lacks some of what ROS 2 nodes use.
 
     `lacks`: uses; `starts`: whether none of them is of those without which no node is made. `location`: the grant.
+    `profiles`: chosen ones for which it holds, empty for all.
     """
 
     enclave: str
     lacks: tuple[Use, ...]
     starts: bool
     location: Location
+    profiles: tuple[str, ...] = ()
 
 
-def unusual(enclaves: Iterable[Enclave], *, discovers: bool) -> Iterator[Unusual]:
-    """Enclaves that lack some; `discovers`: whether their ROS 2 has ros_discovery_info (Foxy and later).
+def unusual(
+    enclaves: Iterable[Enclave], profiles: Sequence[Profile], accesses: AccessViews, at: datetime, *, discovers: bool
+) -> Iterator[Unusual]:
+    """Enclaves that lack some at `at` (aware UTC); `discovers`: whether their ROS 2 has ros_discovery_info (Foxy and
+    later).
 
     An enclave with none of the `USUAL` is taken to do without, as nodes can be told to.
     """
@@ -60,12 +80,34 @@ def unusual(enclaves: Iterable[Enclave], *, discovers: bool) -> Iterator[Unusual
         lacks = missing(grant, (*DISCOVERY, *USUAL))
         if not lacks or not _is_of_ros(grant):
             continue
+        place = Location(path=enclave.permissions.signed.file.place, line=grant.line)
         undiscovered = tuple(use for use in lacks if use in DISCOVERY) if discovers else ()
+        refusing = _undiscovering(enclave, profiles, accesses, at) if undiscovered else ()
+        if refusing:
+            under = () if len(refusing) == len(profiles) else refusing
+            yield Unusual(enclave=enclave.path, lacks=undiscovered, starts=False, location=place, profiles=under)
+            continue
         advised = tuple(use for use in lacks if use in USUAL)
-        told = undiscovered or (advised if len(advised) < len(USUAL) else ())
-        if told:
-            place = Location(path=enclave.permissions.signed.file.place, line=grant.line)
-            yield Unusual(enclave=enclave.path, lacks=told, starts=not undiscovered, location=place)
+        if advised and len(advised) < len(USUAL):
+            yield Unusual(enclave=enclave.path, lacks=advised, starts=True, location=place)
+
+
+def _undiscovering(
+    enclave: Enclave, profiles: Sequence[Profile], accesses: AccessViews, at: datetime
+) -> tuple[str, ...]:
+    """The profiles whose implementation lets the enclave have no ros_discovery_info, both ways, in any domain.
+
+    A governance may leave the topic open to everybody, whatever grants say.
+    """
+    files = [file for file in (enclave.permissions, enclave.governance) if file is not None]
+    rows = {accesses.row(profile.access) for profile in profiles}
+    read = {row: [accesses.read(file, row) for file in files] for row in rows}
+    local = LocalRights(accesses, document_channels(read, [(DISCOVERY_TOPIC, "")]), at)
+    return tuple(
+        profile.name
+        for profile in profiles
+        if not local.allowed(enclave, profile, PUBLISH) & local.allowed(enclave, profile, SUBSCRIBE)
+    )
 
 
 def missing(grant: Grant, uses: Sequence[Use]) -> tuple[Use, ...]:
@@ -79,12 +121,18 @@ def missing(grant: Grant, uses: Sequence[Use]) -> tuple[Use, ...]:
 
 
 def _is_of_ros(grant: Grant) -> bool:
-    """Whether an allow rule lists something that ROS 2 has a name for, discovery apart, or a pattern."""
+    """Whether an allow rule lists something that ROS 2 has a name for, discovery apart, or a pattern that begins so."""
     return any(
-        has_wildcard(text) or (text != DISCOVERY_TOPIC and is_ros_dds_name(text))
+        _may_begin_a_ros_name(text) if has_wildcard(text) else text != DISCOVERY_TOPIC and is_ros_dds_name(text)
         for operation in (PUBLISH, SUBSCRIBE)
         for text in _listed(grant, operation)
     )
+
+
+def _may_begin_a_ros_name(pattern: str) -> bool:
+    head = _WILDCARD.split(pattern, maxsplit=1)[0]
+    prefixes = (f"{prefix}/" for prefix in (TOPIC_PREFIX, REQUEST_PREFIX, REPLY_PREFIX, SERVICE_PREFIX))
+    return any(prefix.startswith(head) or head.startswith(prefix) for prefix in prefixes)
 
 
 def _allows(grant: Grant, operation: Operation, topic: str) -> bool:

@@ -67,18 +67,20 @@ def _severity(found: ActionPattern) -> Severity | None:
 def missing_usual_topics(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An enclave lacks rights that every ROS 2 node uses: ros_discovery_info, /rosout, /parameter_events.
 
-    Medium without ros_discovery_info, which Foxy and later publish and read in every process: no node is made. The
-    others are advice, where some are there and some are not; a node can be told to do without, and an enclave with none
+    Medium without ros_discovery_info, which Foxy and later publish and read in every process: DDS makes a participant,
+    ROS 2 gives it up, and nothing runs. A governance that leaves the topic open needs no grant for it. The others are
+    advice, where some are there and some are not; a node can be told to do without, and an enclave with none
     of them is taken to hold such nodes. /clock is read by nodes with simulated time alone.
     """
     for found in context.meaning.ros.unusual if context.meaning.ros is not None else ():
         lacks = listed(f"{_MAY[operation]} {_name(topic)}" for operation, topic in found.lacks)
-        follows = "nodes fail unless they are told to do without" if found.starts else "no node of it is made"
+        follows = "nodes fail unless they are told to do without" if found.starts else "no ROS 2 node of it is made"
         yield Violation(
             message=f"{found.enclave} may not {lacks}: {follows}.",
             locations=(found.location,),
             enclave=found.enclave,
             severity=None if found.starts else Severity.MEDIUM,
+            profiles=found.profiles,
             key=lacks,
         )
 

@@ -15,7 +15,18 @@ from keystore_audit.rules.judge import judge
 from keystore_audit.rules.ros_services import ROS_SERVICES
 from keystore_audit.rules.ros_topics import ROS_TOPICS
 from tests.rules.divergent import chosen, ruled, views
-from tests.rules.evidence import AT, allow, context, enclave, grant, keystore, permissions
+from tests.rules.evidence import (
+    AT,
+    allow,
+    context,
+    domain_rule,
+    enclave,
+    governance,
+    grant,
+    keystore,
+    permissions,
+    topic_rule,
+)
 
 OWN = (*ROS_SERVICES, *ROS_TOPICS)
 DISCOVERY = allow(["ros_discovery_info"], ["ros_discovery_info"])
@@ -205,13 +216,39 @@ def test_without_discovery_no_node_is_made() -> None:
     (finding,) = spoken(store(allow(["rt/chatter"])))
     assert (finding.code, finding.severity) == ("KA636", Severity.MEDIUM)
     assert finding.message == (
-        "/talker may not publish ros_discovery_info, subscribe to ros_discovery_info: no node of it is made."
+        "/talker may not publish ros_discovery_info, subscribe to ros_discovery_info: no ROS 2 node of it is made."
     )
     assert spoken(store(allow(["square"]))) == (), "no ROS 2 name at all"
     assert spoken(store(allow(["rt/a", "ros_discovery_*"], ["ros_*"]))) == ()
     denied = allow(["ros_*"], allows=False)
     (half,) = spoken(store(denied, allow(["rt/a", "ros_discovery_info"], ["ros_discovery_info"])))
-    assert half.message == "/talker may not publish ros_discovery_info: no node of it is made."
+    assert half.message == "/talker may not publish ros_discovery_info: no ROS 2 node of it is made."
+    assert half.profiles == ()
+
+
+@pytest.mark.parametrize(
+    ("open_", "under"),
+    [
+        ("rt/*", ()),  # none of it is about ros_discovery_info
+        ("ros_*", None),
+        ("[^x]os_*", ("cyclonedds-0.10", "cyclonedds-11")),  # to whom the range is `^` or `x`
+    ],
+)
+def test_what_the_governance_leaves_open_needs_no_grant(open_: str, under: tuple[str, ...] | None) -> None:
+    """Each implementation is asked whether its participant may have ros_discovery_info."""
+    free = topic_rule(open_, enable_read_access_control=False, enable_write_access_control=False)
+    own = permissions("enclaves/talker/permissions.p7s", grant("/talker", allow(["rt/chatter"])))
+    said = governance(domain_rule(free, topic_rule("*")))
+    found = spoken(keystore(enclave("/talker", permissions=own, governance=said)))
+    assert [(f.severity, f.profiles) for f in found] == ([] if under is None else [(Severity.MEDIUM, under)])
+
+
+@pytest.mark.parametrize(("pattern", "is_ros"), [("Square*", False), ("ros*", False), ("rt/*", True), ("*/a", True)])
+def test_patterns_of_plain_dds_make_no_node(pattern: str, is_ros: bool) -> None:
+    """An application without ROS 2 has patterns too, and needs no ros_discovery_info."""
+    own = permissions("enclaves/talker/permissions.p7s", grant("/talker", allow([pattern], ["Circle"])))
+    found = spoken(keystore(enclave("/talker", permissions=own)))
+    assert [finding.code for finding in found] == (["KA636"] if is_ros else [])
 
 
 def test_what_some_of_the_usual_is_there_without() -> None:
