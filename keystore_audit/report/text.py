@@ -22,6 +22,7 @@ from keystore_audit.report.findings_text import put_findings
 from keystore_audit.report.json import TOOL
 from keystore_audit.report.next_step import next_step
 from keystore_audit.report.page import Page
+from keystore_audit.report.ros_nodes import nodes_beside
 from keystore_audit.report.total import render_total
 from keystore_audit.text import shorten
 
@@ -76,6 +77,8 @@ def render(report: Report, view: View | None = None) -> str:
             page.blank()
             page.put("No findings.")
         _enclaves(page, report.enclaves)
+        if beside := nodes_beside(report.findings):
+            page.put(beside, indent=2)
         _properties(page, report.properties)
         if view.verbose:
             ranking.put(page, report.blast_radius or ())

@@ -17,6 +17,7 @@ from keystore_audit.keystore.governance import DomainRule, GovernanceFile, Topic
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.domains import covered, describe
+from keystore_audit.model.names import DISCOVERY_TOPIC
 from keystore_audit.rules.commands import SIGN_GOVERNANCE
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
@@ -325,13 +326,16 @@ def _meaning(file: GovernanceFile) -> object:
 def topics_without_rule(use: GovernanceUse, context: Context) -> Iterator[Violation]:
     """Topics of a governed domain match no topic rule, so that nobody can create them.
 
-    Fast DDS and Cyclone DDS refuse them; OpenDDS goes on to the permissions (read in its source).
+    Fast DDS and Cyclone DDS refuse them; OpenDDS goes on to the permissions (read in its source). Without
+    ros_discovery_info DDS makes a participant, ROS 2 gives it up, and nothing runs.
     """
     for topics in context.meaning.ungoverned:
         if topics.location.path == use.signed.file.place:
+            nodes = ", and without this one ROS 2 makes no node (Foxy and later)"
+            more = nodes if topics.witness == DISCOVERY_TOPIC else ""
             yield Violation(
                 message=f"{topics.domains[:1].upper()}{topics.domains[1:]}: no topic rule matches, for example, "
-                f"{quoted(topics.witness)}: such topics cannot be created.",
+                f"{quoted(topics.witness)}: such topics cannot be created{more}.",
                 locations=(topics.location,),
                 enclave=sole(use.enclaves),
                 key=topics.domains,

@@ -323,14 +323,15 @@ _MAX_NAME: Final = 255
 def enclave_name_not_ros(enclave: Enclave, _context: Context) -> Iterator[Violation]:
     """The directory's name is no ROS 2 name, so that no node can ask for this enclave by it.
 
-    It may be a typing error, or be there to mislead. ROS_SECURITY_ENCLAVE_OVERRIDE is not validated and reaches it.
+    It may be a typing error, or be there to mislead. ROS_SECURITY_ENCLAVE_OVERRIDE is not validated and reaches it, and
+    DDS asks no names of enclaves: whoever has its files can use it.
     """
     tokens = enclave.path.split("/")[1:]
     well_formed = enclave.path == "/" or all(_NAME_TOKEN.fullmatch(token) for token in tokens)
     if not well_formed or len(enclave.path) > _MAX_NAME:
         yield Violation(
             message=f"{quoted(enclave.path)} is no enclave name (expected letters, digits and underscores, no digit "
-            f"first, at most {_MAX_NAME} in all): no node can use it.",
+            f"first, at most {_MAX_NAME} in all): no node can ask for it by name.",
             locations=(Location(path=enclave.files.directory),),
             enclave=enclave.path,
         )

@@ -171,7 +171,8 @@ def signer_not_permissions_ca(use: SignedUse, context: Context) -> Iterator[Viol
 
     Every SignerInfo has to be made by a certificate of the permissions CA file itself. Names prove nothing: every
     authority that sros2 makes is called CN=sros2CA. Where the signer's certificate is neither in the keystore nor in
-    the message, whether the signature is valid cannot be known.
+    the message, whether the signature is valid cannot be known. Critical where all refuse it too: somebody may have
+    tried.
     """
     for signer, signature in _makers(use, context, _Maker.STRANGER):
         got = (
@@ -235,7 +236,8 @@ def signed_by_an_identity(use: SignedUse, context: Context) -> Iterator[Violatio
 def signature_invalid(use: SignedUse, context: Context) -> Iterator[Violation]:
     """Content or signature were changed after signing.
 
-    Every implementation refuses the document, so that its enclaves cannot start. A changed line end is a change: sros2
+    Every implementation refuses the document, so that its enclaves cannot start; critical, since somebody changed what
+    robots are to obey. A changed line end is a change: sros2
     and OpenSSL sign CRLF, and whoever turns it into LF inside the signed part of a binary file breaks it.
     """
     for number, (named, signature) in enumerate(_makers(use, context, _Maker.NOBODY), start=1):

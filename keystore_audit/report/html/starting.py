@@ -9,6 +9,7 @@ from keystore_audit.model.meaning import Usability
 from keystore_audit.report.content import EnclaveEntry
 from keystore_audit.report.html.element import Html, counted, element, folded, items, joined, lines, name
 from keystore_audit.report.html.sheet import FULL, Sheet
+from keystore_audit.report.ros_nodes import nodes_beside
 
 MAX_REFUSED: Final = 100
 """Enclaves that cannot start, with their reasons."""
@@ -34,6 +35,8 @@ def starting(sheet: Sheet) -> Html:
             listed.append(element("span", f"and {len(well) - MAX_NAMED} more"))
         head = f"{counted(len(well), 'enclave')} can start under every profile"
         parts.append(folded(head, items(listed, class_="names"), open_=len(well) <= _OPEN, class_="space"))
+    if beside := nodes_beside(sheet.report.findings):
+        parts.append(element("p", beside, class_="soft"))
     return lines(parts)
 
 
