@@ -64,6 +64,8 @@ def weakened(options: Options, profiles: Sequence[Profile]) -> tuple[str, ...]:
         weakened.append(f"--expires-within {options.expires_within.days}")
     if options.settings is not None and options.settings.max_suppression_days > MAX_DAYS:
         weakened.append(f"max_suppression_days = {options.settings.max_suppression_days} in {options.settings.path}")
+    if options.settings_passed_over:
+        weakened.append(options.settings_passed_over)
     if options.at_given:
         weakened.append(f"--at {options.at:%Y-%m-%dT%H:%M:%SZ}")
     return tuple(weakened)

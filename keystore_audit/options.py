@@ -56,6 +56,8 @@ class Options:
     select: tuple[str, ...] = field(default=())
     ignore: tuple[str, ...] = field(default=())
     settings: Settings | None = None
+    settings_passed_over: str = ""
+    """That settings lay where they are looked for and were not used, and why."""
     baseline: Baseline | None = None
     environment: Path | None = None
     """The file of variables that the robots start with: profile and domain are taken from it where not given."""

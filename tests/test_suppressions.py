@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import html
 import json
 import os
@@ -118,14 +119,18 @@ def test_no_statement_is_made_with_settings_that_merely_lay_there(
     folder = tmp_path / "cwd"
     folder.mkdir()
     path = file(folder, PLACED)
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
     monkeypatch.chdir(folder)
     monkeypatch.delenv("CI", raising=False)
     _code, text = answer("audit", talker, "--engine", "native", "-f", kind)
-    assert "keystore-audit.toml" not in text
+    assert digest not in text
+    said = "./keystore-audit.toml was not used, since a statement is written; name it with --settings"
+    assert text.count("keystore-audit.toml") == text.count(said) == 1
     assert fate(talker, "-o", f"{kind}={tmp_path / 'out'}")["KA205"] is False
     assert fate(talker, "-o", f"junit={tmp_path / 'out'}")["KA205"] is True
     _code, text = answer("audit", talker, "--engine", "native", "-f", kind, "--settings", path.name)
-    assert "keystore-audit.toml" in text
+    assert digest in text
+    assert said not in text
 
 
 @pytest.mark.parametrize("inside", [".", "enclaves"])
@@ -242,6 +247,22 @@ def test_each_weakening_is_said_in_every_format_and_no_statement_passes(
     assert [kind for kind, text in texts.items() if not says(kind, text, reason)] == []
     assert json.loads(texts["statement"])["predicate"]["result"] == "WARNED"
     assert json.loads(texts["svr"])["predicate"]["properties"] == []
+
+
+def test_settings_that_were_passed_over_are_said_in_every_format(
+    talker: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    said = "./keystore-audit.toml was not used, since "
+    quiet = written(talker, tmp_path / "before")
+    assert [kind for kind, text in quiet.items() if says(kind, text, said)] == []
+    file(tmp_path, "")
+    texts = written(talker, tmp_path / "out")
+    assert [kind for kind, text in texts.items() if not says(kind, text, said)] == []
+    assert json.loads(texts["statement"])["predicate"]["result"] == "WARNED"
+    monkeypatch.setenv("CI", "true")
+    head = run(talker, kind="text")[1].split("MEDIUM")[0]
+    assert f"WARNING Weakened gate: {said}the variable CI is set;" in " ".join(head.split())
 
 
 def test_a_gate_at_full_strength_says_nothing_of_the_kind(tmp_path: Path) -> None:

@@ -206,6 +206,7 @@ def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Options:
         launch_arguments=dict(given["launch_arguments"]),
         overview=formats.HTML in _formats(given),
         settings=asserted,
+        settings_passed_over=settings.passed_over(given),
         baseline=settings.baseline(given, keystores),
         alloy_properties=_alloy_properties(given["alloy_properties"], asserted, keystores),
     )

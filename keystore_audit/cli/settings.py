@@ -57,13 +57,33 @@ def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Settings | Non
     """
     path: Path | None = given["settings"]
     if path is None:
-        in_ci = os.environ.get("CI", "").lower() not in ("", "0", "false")
         path = Path(FILE_NAME)
-        if in_ci or given["deployed"] or _attests(given) or not os.path.lexists(path):
+        if _why_not_found(given) or not os.path.lexists(path):
             return None
     from keystore_audit.settings import read_settings
 
     return read_settings(path, keystores)
+
+
+def passed_over(given: Mapping[str, Any]) -> str:
+    """That settings in the working directory were not used, and why; empty where there are none or they count.
+
+    What they assert was not asked then, so that a pass says less than the same command does elsewhere.
+    """
+    why = _why_not_found(given)
+    if given["settings"] is not None or not why or not os.path.lexists(FILE_NAME):
+        return ""
+    return f"./{FILE_NAME} was not used, since {' and '.join(why)}; name it with --settings"
+
+
+def _why_not_found(given: Mapping[str, Any]) -> list[str]:
+    """Why settings count only where they are named."""
+    in_ci = os.environ.get("CI", "").lower() not in ("", "0", "false")
+    return [
+        *(["the variable CI is set"] if in_ci else ()),
+        *(["--deployed is given"] if given["deployed"] else ()),
+        *(["a statement is written"] if _attests(given) else ()),
+    ]
 
 
 def _attests(given: Mapping[str, Any]) -> bool:

@@ -201,10 +201,20 @@ def test_settings_of_the_working_directory_count_save_in_ci_and_with_deployed(tm
     asserted = {each["id"]: each["status"] for each in report["properties"]}
     assert asserted["random-reaches-turtlesim-only-through-multiplexer"] == "violated"
     assert asserted["keyboard-moves-the-turtle"] == "holds"
-    assert audit(keystore, at=tmp_path, CI="true")[1]["settings"] is None
-    assert audit(keystore, "--deployed", at=tmp_path)[1]["settings"] is None
+    passed_over = {
+        "the variable CI is set": audit(keystore, at=tmp_path, CI="true")[1],
+        "--deployed is given": audit(keystore, "--deployed", at=tmp_path)[1],
+        "a statement is written": audit(keystore, "-o", "svr=s.json", at=tmp_path)[1],
+        "the variable CI is set and --deployed is given": audit(keystore, "--deployed", at=tmp_path, CI="1")[1],
+    }
+    for why, unasked in passed_over.items():
+        assert unasked["settings"] is None
+        said = f"./keystore-audit.toml was not used, since {why}; name it with --settings"
+        assert said in unasked["weakened"]
     code, report = audit(keystore, "--settings", "keystore-audit.toml", at=tmp_path, CI="true")
     assert (code, report["settings"]["path"]) == (1, "keystore-audit.toml")
+    for used in (report, audit(keystore, at=tmp_path / "..", CI="true")[1]):
+        assert not any("was not used" in reason for reason in used["weakened"])
 
 
 def test_settings_inside_of_the_keystore_are_refused(tmp_path: Path) -> None:
