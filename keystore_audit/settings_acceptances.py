@@ -92,6 +92,7 @@ def _acceptance(
         until=table.day("until"),
         location=table.location,
         place=table.place(),
+        until_place=table.place("until"),
         finding=finding,
     )
 

@@ -258,9 +258,11 @@ def globs(words: tuple[str, ...]) -> Globs:
     topics = [word for word in words if word.startswith(("topic:", "dds:"))]
     if topics and len(topics) == len(words):
         return Globs(topics=tuple(dds_topic(word.removeprefix("topic:")) for word in words))
-    if topics or not all(word.startswith("/") for word in words):
+    bare = [word for word in words if word not in topics and not word.startswith("/")]
+    if topics or bare:
+        enclave, topic = (bare[0], bare[0]) if bare and bare[0] != OUTSIDER else ("arm/*", "cmd_vel")
         raise ValueError(
-            f'{", ".join(map(repr, words))}: expected enclaves ("/arm/*"), or topics ("topic:/cmd_vel", '
-            '"dds:rt/cmd_vel"), or "outsider", and one sort alone'
+            f'{", ".join(map(repr, words))}: expected enclaves ("/{enclave}"), or topics ("topic:/{topic}", '
+            f'"dds:rt/{topic}"), or "outsider", and one sort alone'
         )
     return Globs(enclaves=words)

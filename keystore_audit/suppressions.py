@@ -32,8 +32,8 @@ class Acceptance:
 
     `where`: globs on enclave paths (they begin with /) or on paths in the keystore, or `*` for all findings of the
     rule. `severity`: the worst that is accepted; `profiles`, `causes`: no others than these (None: any). `until`: the
-    last day, UTC. `location`, `place`: where it stands, for findings and for people. `finding`: what a baseline notes
-    of the finding, for people alone.
+    last day, UTC. `location`, `place`: where it stands, for findings and for people; `until_place`: where its end does,
+    if known. `finding`: what a baseline notes of the finding, for people alone.
     """
 
     code: str
@@ -47,6 +47,7 @@ class Acceptance:
     until: date
     location: Location
     place: str
+    until_place: str = ""
     finding: str = ""
 
     @property
@@ -113,8 +114,9 @@ def check_dates(acceptances: Iterable[Acceptance], at: datetime, days: int = MAX
     latest = (at + timedelta(days=days)).date()
     for acceptance in acceptances:
         if acceptance.until > latest:
+            where = acceptance.until_place or acceptance.place
             raise UsageError(
-                f"{acceptance.place}: until = {acceptance.until} is too far away: expected {latest} or sooner, "
+                f"{where}: {acceptance.until} is too far away: expected {latest} or sooner, "
                 f"{days} days after the audit's time (max_suppression_days in the settings changes that)."
             )
 

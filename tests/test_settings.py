@@ -101,7 +101,11 @@ to = "/b"
         ('[[property]]\nname = "outsiders-cannot-read"\nable = {}\n', ":2:1", "always decided"),
         (f"{HEAD}  no_flow = {{ fro = 1 }}\n", ":3:15", "unknown key 'fro'"),
         (f'{HEAD}no_flow = {{ from = "/a" }}\n', ":3:1", "expected to"),
-        (f'{HEAD}no_flow = {{ from = "arm", to = "/b" }}\n', ":3:13", "expected enclaves"),
+        (
+            f'{HEAD}no_flow = {{ from = "arm", to = "/b" }}\n',
+            ":3:13",
+            """'arm': expected enclaves ("/arm"), or topics ("topic:/arm",""",
+        ),
         (f'{HEAD}no_flow = {{ from = ["/a", "topic:/b"], to = "/b" }}\n', ":3:13", "one sort alone"),
         (f'{HEAD}no_flow = {{ from = "/a", to = "topic:b" }}\n', ":3:26", "is no topic"),
         (f'{HEAD}no_flow = {{ from = "/a", to = "/b", attacker = "all" }}\n', ":3:37", "'relays' or 'source'"),

@@ -37,7 +37,7 @@ MAX_WIDTH: Final = 200
 )
 @click.option(
     "--domain",
-    type=click.IntRange(0, opt.LAST_DOMAIN),
+    type=opt.Number(0, opt.LAST_DOMAIN),
     metavar="N",
     help="In which domain (default: the lowest that a governance covers).",
 )

@@ -58,7 +58,7 @@ MAX_JOBS: Final = 1024
 @click.option(
     "-j",
     "--jobs",
-    type=click.IntRange(1, MAX_JOBS),
+    type=opt.Number(1, MAX_JOBS),
     metavar="N",
     help="Audit so many keystores at a time (default: as processors allow); 1: one process in all.",
 )
@@ -86,7 +86,7 @@ MAX_JOBS: Final = 1024
 @opt.observation_options
 @click.option(
     "--expires-within",
-    type=click.IntRange(0, opt.MAX_DAYS),
+    type=opt.Number(0, opt.MAX_DAYS),
     default=30,
     metavar="DAYS",
     help="Report what expires in the days to come.",
@@ -181,6 +181,7 @@ def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Options:
     """Return what the options mean, settings and baseline read. Raises errors.UsageError for files that are none."""
     from keystore_audit.options import Options
 
+    opt.check_launch_arguments(given["launch_arguments"], given["launches"])
     at: datetime | None = given["at"]
     asserted = settings.chosen(given, keystores)
     return Options(

@@ -59,9 +59,17 @@ def _words(most: int) -> Callable[[str], str]:
     return convert
 
 
-@click.group("baseline", short_help="Accept the findings of today, each until a day.", subcommand_metavar="COMMAND")
-def command() -> None:
+@click.group(
+    "baseline",
+    short_help="Accept the findings of today, each until a day.",
+    subcommand_metavar="COMMAND",
+    invoke_without_command=True,  # click's own answer would be the whole help, as an error
+)
+@click.pass_context
+def command(ctx: click.Context) -> None:
     """Write, or tidy up, a file of accepted findings for `keystore-audit audit --baseline FILE`."""
+    if ctx.invoked_subcommand is None:
+        raise click.UsageError("Name what to do with a baseline: create or prune.")
 
 
 @command.command("create", short_help="Accept what an audit finds now.", context_settings={"show_default": True})

@@ -37,7 +37,7 @@ EXPECTED: Final = ("allow", "deny")
 )
 @click.option(
     "--domain",
-    type=click.IntRange(0, opt.LAST_DOMAIN),
+    type=opt.Number(0, opt.LAST_DOMAIN),
     default=0,
     show_default=True,
     metavar="N",

@@ -68,6 +68,7 @@ def command(
     from keystore_audit.engine.alloy.user_file import read_user_files
     from keystore_audit.export import export_model
 
+    opt.check_launch_arguments(launch_arguments, launches)
     output.check_outside(directory, (keystore,))
     files = read_user_files(alloy_properties, keystores=(keystore,))
     try:

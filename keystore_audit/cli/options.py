@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from datetime import datetime, timezone
 from difflib import get_close_matches
 from pathlib import Path
@@ -70,6 +70,12 @@ def seconds(value: str | float) -> float:
     return number
 
 
+class Number(click.IntRange):
+    """A whole number within bounds."""
+
+    name = "whole number"
+
+
 def one_of(*words: str) -> Word:
     """Return a type that takes one of `words`; a wrong one is answered with the nearest."""
     return Word(words)
@@ -113,11 +119,16 @@ def rule_code(value: str) -> str:
 def rule_meant(word: str, known: Sequence[str]) -> str:
     """Return " Did you mean …?" with the code or name among `known` that is nearest to `word`, or nothing.
 
-    Codes are compared place by place, from the left: the letters of all of them are alike.
+    Codes are compared place by place: the letters of all of them are alike. Another family is never meant.
     """
-    places = {code: sum(a == b for a, b in zip(code, word.upper(), strict=False)) for code in known if code.isupper()}
+    family = word.upper()[: len("KA1")]
+    places = {
+        code: sum(a == b for a, b in zip(code, word.upper(), strict=False))
+        for code in known
+        if code.isupper() and code.startswith(family)
+    }
     code = max(places, key=places.__getitem__, default="")
-    if code and places[code] > len("KA"):
+    if code and len(family) == len("KA1"):
         return f" Did you mean {code}?"
     names = get_close_matches(word.lower(), [name for name in known if name.islower()], n=1)
     return f" Did you mean {names[0]}?" if names else ""
@@ -186,7 +197,7 @@ time_zone_option = click.option(
 
 domain_option = click.option(
     "--domain",
-    type=click.IntRange(0, LAST_DOMAIN),
+    type=Number(0, LAST_DOMAIN),
     metavar="N",
     help="The DDS domain the robots use (default: any of 0 to 232).",
 )
@@ -205,6 +216,12 @@ def launch_argument(value: str) -> tuple[str, str]:
     if not name or not separator:
         raise click.BadParameter(f"{value!r} is not NAME:=VALUE, e.g. robot_name:=anna.")
     return name, content
+
+
+def check_launch_arguments(arguments: Collection[object], launches: Collection[Path]) -> None:
+    """Raise UsageError for arguments of launch files where there are no such files: they would be without effect."""
+    if arguments and not launches:
+        raise click.UsageError("--launch-argument is for the files that --launch names.")
 
 
 def observation_options(command: F) -> F:

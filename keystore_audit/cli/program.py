@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -90,6 +90,9 @@ def run(args: Sequence[str]) -> int:
     except click.Abort:  # click's name for KeyboardInterrupt
         return _end(EXIT_INTERRUPTED, "Interrupted: there is no verdict.")
     except click.UsageError as error:
+        if isinstance(error, click.NoSuchOption):
+            alike = _alike(error.option_name, error.possibilities or ())
+            error = click.NoSuchOption(error.option_name, possibilities=alike, ctx=error.ctx)
         if error.ctx is not None:
             click.echo(error.ctx.get_usage(), err=True)
             click.echo(f"Try '{error.ctx.command_path} --help' for help.\n", err=True)
@@ -101,6 +104,14 @@ def run(args: Sequence[str]) -> int:
     except Exception as error:  # noqa: BLE001 - the one place that keeps a traceback from the user
         return _end(EXIT_INCOMPLETE, fault(error, verbose=session.verbose))
     return code if isinstance(code, int) else 0
+
+
+def _alike(option: str, possibilities: Iterable[str]) -> list[str]:
+    """Those that are like `option` without the hyphens, which all of them have."""
+    from difflib import get_close_matches  # for mistakes alone
+
+    names = {each.lstrip("-"): each for each in possibilities}
+    return [names[name] for name in get_close_matches(option.lstrip("-"), names)]
 
 
 def _end(code: int, sentence: str) -> int:

@@ -73,6 +73,7 @@ def command(keystore: str, **given: Any) -> int:
         raise click.UsageError("Name what the nodes do: --graph, --launch or --policy.")
     if given["include"] is not None and given["policy"] is None:
         raise click.UsageError("--policy-include says where a policy includes from: name one with --policy.")
+    opt.check_launch_arguments(given["launch_arguments"], given["launches"])
     suggester = _suggester(keystore, given)
     suggestion = suggester.suggestion(usual=not given["no_usual"])
     enclaves = _chosen(suggestion, given["enclave"])

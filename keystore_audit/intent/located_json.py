@@ -26,6 +26,7 @@ _BLANK: Final = re.compile(r"[ \t\r\n]*")
 _STRING: Final = re.compile(r'"[^"\\\x00-\x1f]*(?:\\(?:["\\/bfnrt]|u[0-9a-fA-F]{4})[^"\\\x00-\x1f]*)*"')
 _NUMBER: Final = re.compile(r"-?(?:0|[1-9][0-9]{0,14})(?![0-9.eE])")
 _WORDS: Final[Mapping[str, bool | None]] = {"true": True, "false": False, "null": None}
+_BEGINNING: Final = re.compile(r'[\[{"0-9-]|true|false|null')
 _WORD: Final = re.compile(r"[A-Za-z]{1,10}")
 
 
@@ -50,7 +51,10 @@ class Value:
 def parse(text: str) -> Value:
     """Read a whole JSON text. Raises Malformed."""
     reading = _Reading(text)
-    value, end = reading.value(reading.after_blanks(0), 0)
+    begin = reading.after_blanks(0)
+    if not _BEGINNING.match(text, begin):
+        raise reading.malformed(begin, "this is not JSON: expected a JSON value, e.g. an object in braces")
+    value, end = reading.value(begin, 0)
     if reading.after_blanks(end) != len(text):
         raise reading.malformed(end, "expected the end of the file behind the value")
     return value

@@ -150,8 +150,9 @@ class Usabilities:
         signed = self._document_refusals(Role.GOVERNANCE, sight.governance, sight.permissions_ca, profile)
         yield (*certificate_refusals(sight, profile.trust), *authority_refusals(sight, profile.trust), *signed)
         governed = self._governed_domains(sight.governance, profile)
-        where = "no domain" if self._domain is None else f"not domain {self._domain}"
-        yield (f"the governance covers {where}",) if governed == () and not profile.local.starts_ungoverned else ()
+        none = self._domain is None
+        said = "the governance covers no domain" if none else f"the governance does not cover domain {self._domain}"
+        yield (said,) if governed == () and not profile.local.starts_ungoverned else ()
 
     def _document_refusals(
         self, role: Role, read: Typed | None, permissions_ca: CertificateFile | None, profile: Profile

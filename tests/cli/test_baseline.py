@@ -86,7 +86,10 @@ def test_what_is_there_already_is_not_written_over(
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        (("--until", "2027-05-21"), "until = 2027-05-21 is too far away: expected 2027-05-20 or sooner, 180 days"),
+        (
+            ("--until", "2027-05-21"),
+            "keystore-audit: --until: 2027-05-21 is too far away: expected 2027-05-20 or sooner, 180 days",
+        ),
         (("--until", "2026-11-20"), "--until 2026-11-20 has passed"),
         (("--until", "31.1.2027"), "'31.1.2027' is no day such as 2027-01-31"),
         (("--reason", "  "), "Words are wanted"),

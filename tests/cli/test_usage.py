@@ -43,6 +43,13 @@ from keystore_audit.cli.program import run
         (["--output", "json=-", "x"], "use --format"),
         (["--fail", "high", "x"], "No such option"),
         (["--minseverity", "high", "x"], "Did you mean"),
+        (["--setings", "high", "x"], "No such option '--setings'. Did you mean '--settings'?"),
+        (["--domain", "abc", "x"], "'abc' is not a valid whole number."),
+        (["can", "x", "--domain", "abc"], "'abc' is not a valid whole number."),
+        (["--launch-argument", "a:=b", "x"], "--launch-argument is for the files that --launch names."),
+        (["suggest", "x", "--policy", "p", "--launch-argument", "a:=b"], "--launch-argument is for the files"),
+        (["model", "x", "-o", "d", "--launch-argument", "a:=b"], "--launch-argument is for the files"),
+        (["baseline"], "keystore-audit: Name what to do with a baseline: create or prune.\n"),
         (["--quiet", "--verbose", "x"], "Choose --quiet or --verbose."),
         (["--quiet", "rules"], "A command comes first; for a directory called 'rules', write ./rules."),
         (["audit"], "Missing argument 'KEYSTORE...'"),
@@ -66,7 +73,10 @@ def test_the_audit_itself_is_never_left_out(option: str, code: str, capsys: pyte
     assert "always runs" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("code", "nearest"), [("KA2O3", "KA203"), ("KA0", ""), ("K", ""), ("KA20", "KA201")])
+@pytest.mark.parametrize(
+    ("code", "nearest"),
+    [("KA2O3", "KA203"), ("KA0", ""), ("K", ""), ("KA20", "KA201"), ("KA000", ""), ("KA250", "KA210")],
+)
 def test_unknown_rule_codes(code: str, nearest: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["--ignore", code, "x"]) == 2
     err = capsys.readouterr().err
@@ -76,13 +86,24 @@ def test_unknown_rule_codes(code: str, nearest: str, capsys: pytest.CaptureFixtu
 
 @pytest.mark.parametrize(
     ("word", "said"),
-    [("ka99", "Did you mean KA90"), ("certificate-expird", "Did you mean certificate-expired?"), ("what", "")],
+    [
+        ("ka99", "Did you mean KA90"),
+        ("certificate-expird", "Did you mean certificate-expired?"),
+        ("what", ""),
+        ("KA000", ""),
+    ],
 )
 def test_explaining_what_is_not_there(word: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["explain", word]) == 2
     err = capsys.readouterr().err
     assert "is no rule and no property." in err
     assert said in err if said else "Did you mean" not in err
+
+
+def test_an_option_that_is_like_none_has_no_hint(capsys: pytest.CaptureFixture[str]) -> None:
+    """All options begin with hyphens: that is not what makes two alike."""
+    assert run(["--nosuch", "x"]) == 2
+    assert capsys.readouterr().err.endswith("keystore-audit: No such option '--nosuch'.\n")
 
 
 def test_an_option_with_escape_sequences_is_shown_escaped(capsys: pytest.CaptureFixture[str]) -> None:

@@ -115,7 +115,8 @@ def test_a_topic_of_two_types_and_nodes_of_one_name_count_once(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("text", "line", "said"),
     [
-        ("", 1, "expected a JSON value"),
+        ("", 1, "this is not JSON: expected a JSON value"),
+        ("# keystore-audit\n", 1, "this is not JSON: expected a JSON value, e.g. an object"),
         ('{"schema_version": 1}', 1, "'nodes', and there is none"),
         ('{"schema_version": 2, "nodes": []}', 1, "expected schema_version 1"),
         ('{"schema_version": true, "nodes": []}', 1, "expected schema_version 1"),

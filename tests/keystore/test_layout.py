@@ -318,7 +318,11 @@ def test_nothing_to_audit_says_what_was_expected_where(tmp_path: Path) -> None:
     (other / "README").touch()
     assert "is no keystore" in nothing(other)
     assert "is no keystore" in nothing(flat(tmp_path / "flat", []))
-    assert "holds 2: name one of them (empty/k, none)" in nothing_of_many(tmp_path)
+    said = nothing_of_many(tmp_path)
+    assert "holds 2 with enclaves/: name one of them (empty/k, none), or audit all with --recursive" in said
+    for name in ("one", "two"):
+        sros2(tmp_path / name, [])
+    assert "holds 4 with enclaves/: name one of them (empty/k, none, one, ...), or" in nothing(tmp_path)
 
 
 def nothing_of_many(tmp_path: Path) -> str:
