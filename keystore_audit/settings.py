@@ -175,6 +175,7 @@ def _no_flow(table: Table, key: str) -> dict[str, Any]:
         "target": form.place_of("to"),
         "through": through,
         "include_ambient": form.flag("include_ambient"),
+        "marks": form.marks,
         "statement": f"Nothing gets from {_listed(form.texts('from'))} to {_listed(form.texts('to'))}{besides}"
         f"{'' if form.flag('include_ambient') else ', apart from topics that nearly every node uses'}.",
     }
@@ -189,6 +190,7 @@ def _able(table: Table, key: str) -> dict[str, Any]:
         "source": form.place_of("from"),
         "target": form.place_of("to"),
         "include_ambient": form.flag("include_ambient"),
+        "marks": form.marks,
         "statement": f"Data can get from {_listed(form.texts('from'))} to {_listed(form.texts('to'))}, by what "
         "permissions allow; whether governances match (KA416) and nodes use it is not asked.",
     }
@@ -203,6 +205,7 @@ def _only_publish(table: Table, key: str) -> dict[str, Any]:
         "source": Globs(enclaves=form.enclaves("enclaves")),
         "target": Globs(topics=form.topics("topic")),
         "include_ambient": True,
+        "marks": form.marks,
         "statement": f"Only {_listed(form.texts('enclaves'))} may publish {_listed(form.texts('topic'))}.",
     }
 
@@ -217,6 +220,7 @@ def _encrypted(table: Table, key: str) -> dict[str, Any]:
         "source": Globs(),
         "target": Globs(topics=form.topics("topic")),
         "include_ambient": True,
+        "marks": form.marks,
         "statement": f"{_listed(form.texts('topic'))} is encrypted against "
         f"{'outsiders' if against == OUTSIDER else 'insiders that may not read it'}.",
     }
@@ -232,6 +236,7 @@ def _never_share_domain(table: Table, key: str) -> dict[str, Any]:
         "source": Globs(enclaves=sides[:1]),
         "target": Globs(enclaves=sides[1:]),
         "include_ambient": True,
+        "marks": table.marks,
         "statement": f"{sides[0]} and {sides[1]} can never join one domain.",
     }
 

@@ -41,6 +41,7 @@ def _forward(table: Table) -> Forward:
         scheduler=Scheduler(scheduler),
         location=table.location,
         place=table.place(),
+        marks=(*table.marks, (enclave, table.place("enclave"))),
     )
 
 
@@ -83,6 +84,7 @@ def read_determinism(table: Table, name: str, severity: Severity, forwards: Sequ
         include_ambient=form.flag("include_ambient"),
         location=table.location,
         place=table.place(),
+        marks=form.marks,
     )
 
 

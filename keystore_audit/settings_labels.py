@@ -123,6 +123,7 @@ class _Reader:
             enclaves=table.enclaves("enclaves") if "enclaves" in table.values else (),
             topics=table.topics("topics") if "topics" in table.values else (),
             place=table.place(),
+            marks=table.marks,
         )
 
     def declassifier(self, table: Table) -> Declassifier:
@@ -133,6 +134,7 @@ class _Reader:
             taken=self._label(table, "from"),
             given=self._label(table, "to"),
             place=table.place(),
+            marks=table.marks,
         )
 
 
@@ -181,7 +183,7 @@ def read_single_writers(root: Table) -> tuple[Claim, ...]:
     if "single_writer" not in root.values:
         return ()
     claims: dict[str, Claim] = {}
-    for topic in root.texts("single_writer"):
+    for number, topic in enumerate(root.texts("single_writer")):
         if _WILDCARD.search(topic):
             root.wrong("single_writer", f'{topic!r} has wildcards: expected one topic each, e.g. "/cmd_vel"')
         try:
@@ -200,6 +202,6 @@ def read_single_writers(root: Table) -> tuple[Claim, ...]:
             target=Globs(topics=(name,)),
             include_ambient=True,
             location=root.file.location(("single_writer",)),
-            place=root.place("single_writer"),
+            place=root.file.place(("single_writer", number)),
         )
     return tuple(claims.values())

@@ -119,6 +119,7 @@ class Table:
         self.file = file
         self._path = path
         self.values = values
+        self._marks: dict[str, str] = {}
 
     def wrong(self, key: str | None, message: str) -> NoReturn:
         """Raise UsageError for the key, None: for the table."""
@@ -127,6 +128,11 @@ class Table:
     def place(self, key: str | None = None) -> str:
         """`FILE:LINE:COLUMN` of the key, None: of the table."""
         return self.file.place(self._path if key is None else (*self._path, key))
+
+    @property
+    def marks(self) -> tuple[tuple[str, str], ...]:
+        """Each glob on enclaves or DDS topics that was taken from here, with its `FILE:LINE:COLUMN`."""
+        return tuple(self._marks.items())
 
     @property
     def location(self) -> Location:
@@ -222,11 +228,11 @@ class Table:
         for glob in globs:
             if not glob.startswith("/"):
                 self.wrong(key, f'{glob!r} is no enclave\'s path: it begins with /, e.g. "/arm/*"')
-        return globs
+        return self._marked(key, globs)
 
     def topics(self, key: str) -> tuple[str, ...]:
         """Globs on ROS topics, or with dds: on DDS topics, as globs on DDS topics."""
-        return tuple(self._topic(key, glob) for glob in self.texts(key))
+        return self._marked(key, tuple(self._topic(key, glob) for glob in self.texts(key)))
 
     def _topic(self, key: str, glob: str) -> str:
         try:
@@ -237,9 +243,17 @@ class Table:
     def place_of(self, key: str) -> Globs:
         """Where a flow begins or ends."""
         try:
-            return globs(self.texts(key))
+            found = globs(self.texts(key))
         except ValueError as error:
             self.wrong(key, str(error))
+        self._marked(key, found.enclaves or found.topics)
+        return found
+
+    def _marked(self, key: str, globs: tuple[str, ...]) -> tuple[str, ...]:
+        """The globs, of which it is noted where each stands: whether they name anything is only known later."""
+        for number, glob in enumerate(globs):
+            self._marks.setdefault(glob, self.file.place((*self._path, key, number)))
+        return globs
 
 
 def dds_topic(glob: str) -> str:

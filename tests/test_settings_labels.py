@@ -231,7 +231,7 @@ def test_whoever_attacks_on_the_way_counts_unless_trusted(tmp_path: Path) -> Non
     [
         (
             '[[label]]\nlabel = "driving"\nenclaves = "/info*"\n',
-            "s.toml:13:1: the enclave '/infotainment' is labelled 'driv",
+            "s.toml:15:1: the enclave '/infotainment' is labelled 'driv",
         ),
         (
             '[[endorser]]\nenclaves = "/mot*"\nfrom = "entertainment"\nto = "driving"\n',
@@ -239,10 +239,10 @@ def test_whoever_attacks_on_the_way_counts_unless_trusted(tmp_path: Path) -> Non
         ),
         (
             LIMITS,
-            "s.toml:16:1: the DDS topic 'rt/motor_limit' is labelled 'entertainment' here, and 'driving' at s.toml:13",
+            "s.toml:18:1: the DDS topic 'rt/motor_limit' is labelled 'entertainment' here, and 'driving' at s.toml:15",
         ),
-        ('[[label]]\nlabel = "driving"\nenclaves = "/mtr"\n', "s.toml:13:1: '/mtr' names no enclave of this keystore"),
-        ('[[label]]\nlabel = "driving"\ntopics = "/mtr"\n', "s.toml:13:1: no permissions document grants anything on"),
+        ('[[label]]\nlabel = "driving"\nenclaves = "/mtr"\n', "s.toml:15:1: '/mtr' names no enclave of this keystore"),
+        ('[[label]]\nlabel = "driving"\ntopics = "/mtr"\n', "s.toml:15:1: no permissions document grants anything on"),
     ],
 )
 def test_overlaps_and_labels_of_nothing_are_wrong_usage(tmp_path: Path, more: str, said: str) -> None:

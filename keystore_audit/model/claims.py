@@ -6,7 +6,7 @@ import json
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime, timedelta, timezone
 from functools import cached_property
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.errors import UsageError
@@ -58,14 +58,30 @@ class LabelPair:
     labelling: Labelling
 
 
+Marks = tuple[tuple[str, str], ...]
+"""Globs on enclaves or DDS topics, each with the place where it stands: `FILE:LINE:COLUMN`."""
+
+
+class Marked(Protocol):
+    """What settings say of globs."""
+
+    @property
+    def place(self) -> str:
+        """Where it stands."""
+
+    @property
+    def marks(self) -> Marks:
+        """Where its globs stand."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Claim:
     """A property that a user asserts, or a question about a flow.
 
     `id`: unique, `[a-z0-9-]+`. `statement`: a sentence. `until`: aware UTC, None: at the audit instant alone.
     `location`: where it stands, `beside` the keystore; `place`: the same for people, `FILE:LINE:COLUMN`,
-    empty for a question of the command line. `labels`: where labels make it. `source` may be empty for ONLY_PUBLISH
-    alone: one enclave may publish then, whichever it is.
+    empty for a question of the command line; `marks`: where its globs stand, if known. `labels`: where labels make it.
+    `source` may be empty for ONLY_PUBLISH alone: one enclave may publish then, whichever it is.
     """
 
     id: str
@@ -80,6 +96,7 @@ class Claim:
     until: datetime | None = None
     location: Location
     place: str
+    marks: Marks = ()
     labels: LabelPair | None = None
 
     @property
@@ -180,10 +197,12 @@ def _check(claims: Sequence[Claim], systems: Sequence[System], channels: Channel
     for claim in claims:
         for glob in (*claim.source.enclaves, *claim.target.enclaves, *claim.through):
             if not matching(glob, paths):
-                raise UsageError(f"{_at(claim)}{glob!r} names no enclave of this keystore{nearest(glob, paths)}.")
+                raise UsageError(f"{_at(claim, glob)}{glob!r} names no enclave of this keystore{nearest(glob, paths)}.")
         for globs in (claim.source, claim.target):
             for glob in ungranted(globs.topics, channels, used):
-                raise UsageError(f"{_at(claim)}no permissions document grants anything on the DDS topic {glob!r}.")
+                raise UsageError(
+                    f"{_at(claim, glob)}no permissions document grants anything on the DDS topic {glob!r}."
+                )
         if claim.kind is ClaimKind.SEPARATE_DOMAINS:
             both = _all_matching(claim.source.enclaves, paths) & _all_matching(claim.target.enclaves, paths)
             if both:
@@ -205,8 +224,14 @@ def _only_itself(claim: Claim, paths: Sequence[str]) -> str:
     return repr(min(found)) if same else ""
 
 
-def _at(claim: Claim) -> str:
-    return f"{claim.place}: " if claim.place else ""
+def _at(claim: Claim, glob: str = "") -> str:
+    place = marked(claim, glob)
+    return f"{place}: " if place else ""
+
+
+def marked(what: Marked, glob: str) -> str:
+    """Where the glob stands, else where what it belongs to does."""
+    return dict(what.marks).get(glob, what.place)
 
 
 def nearest(glob: str, paths: Sequence[str]) -> str:

@@ -12,7 +12,7 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.behaviour import DeterminismAtom, Scheduler
 from keystore_audit.model.channels import Channels, Named
-from keystore_audit.model.claims import AMBIENT, Globs, granted_channels, matching
+from keystore_audit.model.claims import AMBIENT, Globs, Marked, Marks, granted_channels, marked, matching, nearest
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.semantics import DEFAULT_PARTITION, Area
@@ -36,6 +36,7 @@ class Forward:
     scheduler: Scheduler
     location: Location
     place: str
+    marks: Marks = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,6 +55,7 @@ class Determinism:
     include_ambient: bool
     location: Location
     place: str
+    marks: Marks = ()
 
     @property
     def meaning(self) -> str:
@@ -151,16 +153,20 @@ def _check(declared: Declared, systems: Sequence[System], channels: Channels, ke
     used = granted_channels(systems)
     for forward in declared.forwards:
         if forward.enclave not in paths:
-            raise UsageError(f"{forward.place}: {forward.enclave!r} is no enclave of this keystore.")
+            near = nearest(forward.enclave, paths)
+            raise UsageError(
+                f"{marked(forward, forward.enclave)}: {forward.enclave!r} is no enclave of this keystore{near}."
+            )
         for topic in (*forward.sources, *forward.targets):
-            _check_topic(forward.place, topic, channels, used)
+            _check_topic(forward, topic, channels, used)
     for claim in declared.claims:
         for topic in (*claim.low, *claim.high.topics):
-            _check_topic(claim.place, topic, channels, used)
+            _check_topic(claim, topic, channels, used)
         for glob in claim.high.enclaves:
             found = matching(glob, paths)
             if not found:
-                raise UsageError(f"{claim.place}: {glob!r} names no enclave of this keystore.")
+                near = nearest(glob, paths)
+                raise UsageError(f"{marked(claim, glob)}: {glob!r} names no enclave of this keystore{near}.")
             for forward in declared.forwards:
                 if forward.enclave in found:
                     raise UsageError(
@@ -169,6 +175,6 @@ def _check(declared: Declared, systems: Sequence[System], channels: Channels, ke
                     )
 
 
-def _check_topic(place: str, topic: str, channels: Channels, used: frozenset[int]) -> None:
+def _check_topic(named: Marked, topic: str, channels: Channels, used: frozenset[int]) -> None:
     if not channels.regions[anywhere(topic)] & used:
-        raise UsageError(f"{place}: no permissions document grants anything on the DDS topic {topic!r}.")
+        raise UsageError(f"{marked(named, topic)}: no permissions document grants anything on the DDS topic {topic!r}.")

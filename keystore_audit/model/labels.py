@@ -16,7 +16,7 @@ from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
 from keystore_audit.model.channels import Channels, Named
 from keystore_audit.model.claim import Attacker, ClaimKind
-from keystore_audit.model.claims import Claim, Globs, LabelPair, matching, named
+from keystore_audit.model.claims import Claim, Globs, LabelPair, Marks, marked, matching, named, nearest
 
 MAX_CLAIMS: Final = 400
 """Claims that labels make: a hundred pairs of labels between which nothing may flow."""
@@ -100,6 +100,7 @@ class Labelled:
     enclaves: tuple[str, ...] = ()
     topics: tuple[str, ...] = ()
     place: str
+    marks: Marks = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,6 +114,7 @@ class Declassifier:
     taken: str
     given: str
     place: str
+    marks: Marks = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -233,20 +235,21 @@ def check_labels(labelling: Labelling, paths: Sequence[str], channels: Channels,
 
     `used`: channels that some document allows something on. Topics overlap also where nobody may do anything on them.
     """
-    marks = [(one.label, one.enclaves, one.place) for one in labelling.labelled]
-    marks += [(_trust(one), one.enclaves, one.place) for one in labelling.declassifiers]
+    named_enclaves = [(one.label, glob, marked(one, glob)) for one in labelling.labelled for glob in one.enclaves]
+    named_enclaves += [
+        (_trust(one), glob, marked(one, glob)) for one in labelling.declassifiers for glob in one.enclaves
+    ]
     found: dict[str, tuple[str, str]] = {}
-    for label, globs, place in marks:
-        for glob in globs:
-            enclaves = matching(glob, paths)
-            if not enclaves:
-                raise UsageError(f"{place}: {glob!r} names no enclave of this keystore.")
-            for enclave in enclaves:
-                other, before = found.setdefault(enclave, (label, place))
-                if other != label:
-                    raise _overlap("the enclave", enclave, (other, before), (label, place))
+    for label, glob, place in named_enclaves:
+        enclaves = matching(glob, paths)
+        if not enclaves:
+            raise UsageError(f"{place}: {glob!r} names no enclave of this keystore{nearest(glob, paths)}.")
+        for enclave in enclaves:
+            other, before = found.setdefault(enclave, (label, place))
+            if other != label:
+                raise _overlap("the enclave", enclave, (other, before), (label, place))
     regions = [
-        (one.label, glob, one.place, channels.regions[named((glob,))])
+        (one.label, glob, marked(one, glob), channels.regions[named((glob,))])
         for one in labelling.labelled
         for glob in one.topics
     ]

@@ -226,11 +226,30 @@ def test_settings_inside_of_the_keystore_are_refused(tmp_path: Path) -> None:
         assert "would judge itself" in said["stderr"]
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            'only_publish = { topic = ["/move_turtle",\n "/cmd_vl"], enclaves = "/keyboard" }\n',
+            "5:2: no permissions",
+        ),
+        ('only_publish = { topic = "/move_turtle", enclaves = "/keybord" }\n', "4:42: '/keybord' names no enclave"),
+        ('deterministic = { low = "/move_turtl", high = "/random" }\n', "4:19: no permissions document grants"),
+        ('deterministic = { low = "/low_priority", high = "/randm" }\n', "4:42: '/randm' names no enclave"),
+    ],
+)
+def test_what_names_nothing_is_told_where_it_stands(tmp_path: Path, text: str, said: str) -> None:
+    (tmp_path / "s.toml").write_text(f'\n[[property]]\nname = "x"\n{text}')
+    done = audit(str(SAMPLES / "flows/turtlesim_healthy"), "--settings", "s.toml", at=tmp_path)
+    assert done[0] == 2
+    assert f"s.toml:{said}" in done[1]["stderr"]
+
+
 def test_a_misspelt_place_is_named_with_line_and_column(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text('\n[[property]]\nname = "x"\nable = { from = "/keybord", to = "/turtlesim" }\n')
     code, said = audit(str(SAMPLES / "flows/turtlesim_healthy"), "--settings", "s.toml", at=tmp_path)
     assert code == 2
-    assert "s.toml:2:1: '/keybord' names no enclave of this keystore; the nearest is '/keyboard'" in said["stderr"]
+    assert "s.toml:4:10: '/keybord' names no enclave of this keystore; the nearest is '/keyboard'" in said["stderr"]
 
 
 @pytest.mark.parametrize(
