@@ -137,7 +137,7 @@ MAX_JOBS: Final = 1024
 @click.option("--offline", is_flag=True, help="Never fetch the Alloy Analyzer.")
 @click.option(
     "--alloy-jar",
-    type=click.Path(path_type=Path),
+    type=opt.jar_file,
     envvar="KEYSTORE_AUDIT_ALLOY_JAR",
     show_envvar=True,
     metavar="FILE",

@@ -21,7 +21,7 @@ from keystore_audit.text import terminal
 )
 @click.option(
     "--alloy-jar",
-    type=click.Path(path_type=Path),
+    type=opt.jar_file,
     envvar="KEYSTORE_AUDIT_ALLOY_JAR",
     show_envvar=True,
     metavar="FILE",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from datetime import datetime
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
@@ -57,7 +56,7 @@ ENGINES: Final = ("native", "auto", "both", "alloy")
 @click.option("--offline", is_flag=True, help="Never fetch the Alloy Analyzer.")
 @click.option(
     "--alloy-jar",
-    type=click.Path(path_type=Path),
+    type=opt.jar_file,
     envvar="KEYSTORE_AUDIT_ALLOY_JAR",
     show_envvar=True,
     metavar="FILE",

@@ -76,6 +76,10 @@ class Number(click.IntRange):
     name = "whole number"
 
 
+jar_file: Final = click.Path(exists=True, dir_okay=False, path_type=Path)
+"""A jar that is named has to be there: a misspelt one would leave the properties to one engine."""
+
+
 def one_of(*words: str) -> Word:
     """Return a type that takes one of `words`; a wrong one is answered with the nearest."""
     return Word(words)

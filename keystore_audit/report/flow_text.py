@@ -38,7 +38,7 @@ def text(
         lines.append("(apart from /clock, /parameter_events, /rosout and ros_discovery_info)")
     unknown = False
     for attacker, result in results:
-        lines += ["", f"If {_ASSUMED[attacker]}:"]
+        lines += ["", _wrapped(f"If {_ASSUMED[attacker]}:", first="", rest="")]
         for answer, names in _groups(result):
             under = "every profile" if len(names) == len(result.profiles) else ", ".join(names)
             lines.append(_wrapped(under, first=f"  {_WORDS[answer.status]:<8} ", rest=" " * 11))
@@ -76,9 +76,17 @@ def _path(path: Counterexample, *, certain: bool) -> list[str]:
         if step.path is not None:
             line = "" if step.line is None else f":{step.line}"
             who = f"{step.enclave}, " if step.enclave is not None else ""
-            lines.append(terminal(f"             {step.path}{line}  ({who}{step.witness})"))
+            place = f"{step.path}{line}  ({who}{step.witness})"
+            lines.append(_wrapped(place, first=" " * 13, rest=" " * 15))
     return lines
 
 
 def _wrapped(words: str, *, first: str, rest: str) -> str:
-    return fill(terminal(words), WIDTH, initial_indent=first, subsequent_indent=rest, break_on_hyphens=False)
+    return fill(
+        terminal(words),
+        WIDTH,
+        initial_indent=first,
+        subsequent_indent=rest,
+        break_on_hyphens=False,
+        break_long_words=False,
+    )

@@ -308,3 +308,9 @@ def test_safe_until_counts_what_is_asserted(tmp_path: Path) -> None:
     arguments = ("--settings", "s.toml", "--profile", "fastdds", "--time-zone", "UTC", "--engine", "native")
     done = run("audit", keystore, *AT, *arguments, at=tmp_path)
     assert "Changes at 2027-03-01T00:00:01Z: never: violated." in " ".join(done.stdout.split())
+
+
+def test_lines_are_no_wider_than_80_columns() -> None:
+    done = run("flow", "flows/turtlesim_healthy", "/random", "/turtlesim", *AT)
+    assert max(map(len, done.stdout.splitlines())) <= 80
+    assert "enclaves/multiplexer/permissions.p7s:17" in done.stdout

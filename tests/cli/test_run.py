@@ -288,6 +288,17 @@ def test_the_model_is_written_and_an_unwritable_place_is_said(
     assert not (healthy / "model").exists()
 
 
+@pytest.mark.parametrize("command", ["audit", "flow", "engine"])
+def test_a_jar_that_is_not_there_is_wrong_usage(keystore_audit: Any, healthy: Path, command: str) -> None:
+    """It would leave the properties to the other engine, for a slip of the pen."""
+    what = {"audit": [healthy], "flow": [healthy, "/talker", "/listener"], "engine": []}[command]
+    for env, args in (({}, ["--alloy-jar", "nosuch.jar"]), ({"KEYSTORE_AUDIT_ALLOY_JAR": "nosuch.jar"}, [])):
+        done = keystore_audit(command, *what, *args, env=env)
+        assert (done.returncode, done.stdout) == (2, b"")
+        assert b"Invalid value for '--alloy-jar'" in done.stderr
+        assert b"nosuch.jar" in done.stderr
+
+
 def test_engine_says_what_there_is(keystore_audit: Any, tmp_path: Path) -> None:
     nothing = {"HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
     done = keystore_audit("engine", env=nothing)
