@@ -12,7 +12,7 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.interpret import usability_by_profile
 from keystore_audit.model.meaning import Usability
-from keystore_audit.model.profiles import Profile
+from keystore_audit.model.profiles import DateReading, Profile
 from keystore_audit.model.system import System
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.model.validity import ANY_ZONE
@@ -32,6 +32,9 @@ A certificate is void one second after notAfter.
 
 _LAST = datetime.max.replace(microsecond=0, tzinfo=timezone.utc) - _TICK
 """Beyond, there is no later second: 99991231235959Z means "no expiration" (RFC 5280, 4.1.2.5)."""
+
+_LOCAL = {DateReading.FASTDDS: "Fast DDS", DateReading.OPENDDS: "OpenDDS"}
+"""Who reads dates of grants in the zone of the robot."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,12 +73,21 @@ def horizon(
             enclave = next((label for label in native.changed_rights(moment) if label is not None), None)
             why = f"{enclave}: its grants give it other rights" if enclave is not None else ""
         if not why and earliest < instant and not local.isdisjoint((instant, instant - _TICK)):
-            why = "a date of a grant is near that some implementation reads in the robot's zone (--time-zone)"
+            why = _near(accesses, profiles, (instant, instant - _TICK))
         if not why and instant in begins & ends:
             why = "a grant ends as another begins, and some implementation counts neither at that instant"
         if why:
             return Horizon(instant=earliest, why=why)
     return Horizon(instant=None, why="no date in the keystore changes anything")
+
+
+def _near(accesses: AccessViews, profiles: Sequence[Profile], instants: Collection[datetime]) -> str:
+    """Which date is near, of those that hang on the robot's zone."""
+    (place, what), *more = dict.fromkeys(accesses.dated(profiles, instants))
+    who = " and ".join(name for reading, name in _LOCAL.items() if any(p.access.dates is reading for p in profiles))
+    line = "" if place.line is None else f":{place.line}"
+    others = f", and so do {len(more)} more dates" if len(more) > 1 else ", and so does 1 more date" if more else ""
+    return f"a grant {what} in the robots' time zone under {who} ({place.path}{line}; --time-zone){others}"
 
 
 def _moments(

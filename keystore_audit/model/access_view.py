@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from datetime import datetime, timedelta
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 from keystore_audit.dataclass import dataclass, fields, replace
+from keystore_audit.findings import Location
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.governance import DomainRange, Governance, GovernanceFile, ProtectionKind, Text
 from keystore_audit.keystore.permissions import Grant, Operation, Permissions, PermissionsFile
@@ -114,6 +115,17 @@ class AccessViews:
         readings = {profile.access.dates for profile in profiles}
         dated = [read_date(text, reading, self._zone) for text in self._dates for reading in readings]
         return frozenset(each.instant for each in dated if each is not None and each.local)
+
+    def dated(self, profiles: Iterable[Profile], instants: Collection[datetime]) -> Iterator[tuple[Location, str]]:
+        """The dates of grants that a profile takes for one of the `instants` in the robot's zone: where, and what."""
+        readings = {profile.access.dates for profile in profiles}
+        for file in self._files:
+            read = file.permissions if isinstance(file, PermissionsFile) else None
+            for grant in read.grants if read is not None else ():
+                for verb, date in (("begins", grant.not_before), ("ends", grant.not_after)):
+                    taken = [read_date(date.text, reading, self._zone) for reading in readings]
+                    if any(each is not None and each.local and each.instant in instants for each in taken):
+                        yield Location(path=file.signed.file.place, line=date.line), f"{verb} {date.text}"
 
     def exclusive_bounds(self, profiles: Iterable[Profile]) -> tuple[frozenset[datetime], frozenset[datetime]]:
         """Where grants begin, and where they end, that a profile counts not yet, or no more, at that very instant."""

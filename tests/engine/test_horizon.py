@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from datetime import datetime, timedelta
 from pathlib import Path
 from zoneinfo import ZoneInfo
@@ -97,3 +98,21 @@ def test_a_grant_that_begins_and_gives_no_more_changes_nothing(tmp_path: Path) -
     assert audit(with_grants(tmp_path / "keys", *same), options).safe_until > datetime.fromisoformat(
         "2030-01-01T00:00:00+00:00"
     )
+
+
+def test_a_date_that_is_read_in_the_robots_zone_is_named(tmp_path: Path) -> None:
+    keystore = with_grants(tmp_path / "keys", ("rt/a", "2020-01-01T00:00:00", "2025-01-01T00:00:00"))
+    for profiles, who in (
+        (("spec", "fastdds-3.6"), "Fast DDS"),
+        (("fastdds-3.6", "fastdds-2.6", "opendds"), "Fast DDS and OpenDDS"),
+    ):
+        options = Options(at=START + timedelta(days=100), engine="native", profiles=profiles)
+        report = audit(keystore, options)
+        assert report.safe_until == datetime.fromisoformat("2024-12-31T10:00:00+00:00")
+        told = re.fullmatch(
+            r"a grant ends 2025-01-01T00:00:00 in the robots' time zone under (.*) "
+            r"\(enclaves/talker/permissions\.p7s:[0-9]+; --time-zone\)",
+            report.safe_until_why,
+        )
+        assert told is not None
+        assert told[1] == who
