@@ -5,6 +5,7 @@ What does not fail the gate and stands in many enclaves alike is shown of a few 
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
@@ -14,6 +15,9 @@ from keystore_audit.report.consequences import Consequences
 from keystore_audit.report.content import Report
 from keystore_audit.report.next_step import OF_THE_AUDIT
 from keystore_audit.report.page import Page, Piece
+
+_COMMON_WORD: Final = re.compile("[A-Z][a-z]* (?!DDS)")
+"""What a sentence begins with, unless it is a name such as Fast DDS or CN=/talker."""
 
 MAX_PLACES: Final = 6
 """Places shown of one finding: a defect of 1,000 files is understood from a few; JSON has them all."""
@@ -125,10 +129,15 @@ def _consequences(page: Page, consequences: Iterable[tuple[Finding, str]]) -> No
         page.labelled(
             "so",
             (consequence.severity.value.upper(), _SEVERITY_STYLE[consequence.severity]),
-            f" {consequence.code}: property {consequence.name} is violated, e.g. {example}",
+            f" {consequence.code}: property {consequence.name} is violated, e.g. {_within(example)}",
             indent=4,
             column=12,
         )
+
+
+def _within(sentence: str) -> str:
+    """The sentence as a part of another: its first word begins small, unless it is a name."""
+    return sentence[:1].lower() + sentence[1:] if _COMMON_WORD.match(sentence) else sentence
 
 
 def _elsewhere(page: Page, elsewhere: Mapping[tuple[str, str, Severity], Sequence[str]]) -> None:

@@ -14,29 +14,50 @@ OF_THE_AUDIT: Final = "KA9"
 
 def next_step(report: Report) -> str:
     """Which finding to mend first and how to read more of it; empty where nothing stands in the way."""
-    wanted = _in_the_way(report)
+    counted = [finding for finding in report.findings if finding.suppressed is None]
+    failing = [finding for finding in counted if report.fails(finding)] if report.verdict is not Verdict.PASS else []
+    undecided = [finding for finding in counted if finding.undecided] if report.verdict is Verdict.INCOMPLETE else []
+    wanted = undecided if report.verdict is Verdict.INCOMPLETE else failing
     if not wanted:
         return ""
-    first = min(wanted, key=lambda finding: finding.code.startswith(OF_THE_AUDIT))  # the report's order: worst first
+    first = _first(wanted)
     inside = [location for location in first.locations if not location.beside]  # what is asserted elsewhere is no fault
     place = next(iter((*inside, *first.locations)), None)
     where = "" if place is None else f" ({place.path}{'' if place.line is None else f':{place.line}'})"
     more = sum(first.fingerprint in finding.explained_by for finding in report.findings)
     follow = f", from which {more} other{'' if more == 1 else 's'} follow{'s' if more == 1 else ''}" if more else ""
-    rest = len(wanted) - 1 - sum(first.fingerprint in finding.explained_by for finding in wanted)
-    others = f" Then {rest} more." if rest > 0 else ""
     told = f"{first.code} {first.name}{where}{follow}"
-    return f"Mend first: {told}.{others} `keystore-audit explain {first.code}` says more."
+    then = _then(
+        len(_besides(first, undecided)),
+        len(_besides(first, [finding for finding in failing if finding not in undecided])),
+    )
+    return f"Mend first: {told}.{then} `keystore-audit explain {first.code}` says more."
 
 
-def _in_the_way(report: Report) -> Sequence[Finding]:
-    """The findings without which the verdict would be better, in the report's order."""
-    counted = [finding for finding in report.findings if finding.suppressed is None]
-    if report.verdict is Verdict.INCOMPLETE:
-        return [finding for finding in counted if finding.undecided]
-    if report.verdict is Verdict.FAIL:
-        failing = [finding for finding in counted if report.fails(finding)]
-        marks = {finding.fingerprint for finding in counted}
-        causes = [finding for finding in failing if not marks.intersection(finding.explained_by)]
-        return [*causes, *(finding for finding in failing if marks.intersection(finding.explained_by))]
-    return ()
+def _first(wanted: Sequence[Finding]) -> Finding:
+    """The cause of the worst of these, itself where none of them is; of equal ones the report's first.
+
+    A cause may be less bad than what follows from it, and worse than what stands above it.
+    """
+    marks = {finding.fingerprint: finding for finding in wanted}
+    ranked = []
+    for finding in wanted:
+        causes = [marks[mark] for mark in finding.explained_by if mark in marks] or [finding]
+        ranked += [(cause.code.startswith(OF_THE_AUDIT), finding.severity.rank, cause) for cause in causes]
+    return min(ranked, key=lambda each: (each[0], each[1], wanted.index(each[2])))[2]
+
+
+def _besides(first: Finding, findings: Sequence[Finding]) -> Sequence[Finding]:
+    """Those that are left when `first` is mended."""
+    return [finding for finding in findings if finding != first and first.fingerprint not in finding.explained_by]
+
+
+def _then(undecided: int, failing: int) -> str:
+    """What is left then, and of what: so many findings that leave the audit open, so many that fail the gate."""
+    told = []
+    if undecided:
+        told.append(f"{undecided} more that leave{'s' if undecided == 1 else ''} the audit open")
+    if failing:
+        more = "" if undecided else "more "
+        told.append(f"{failing} {more}that fail{'s' if failing == 1 else ''} the gate")
+    return f" Then {' and '.join(told)}." if told else ""

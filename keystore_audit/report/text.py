@@ -165,8 +165,9 @@ def _enclaves(page: Page, enclaves: Sequence[EnclaveEntry]) -> None:
         page.put((entry.path, "bold"), f"  ({entry.directory})", indent=2)
         for usability, names in groups:
             under = _under(names, len(entry.profiles))
-            reasons = " ".join(_sentence(reason) for reason in usability.reasons)
-            page.put(f"{_START_WORDS[usability.usable]} {under}. {reasons}".rstrip(), indent=4)
+            reasons = "; ".join(reason.rstrip(".") for reason in usability.reasons)
+            why = f": {reasons}" if reasons else ""
+            page.put(f"{_START_WORDS[usability.usable]} {under}{why}.", indent=4)
     if starting:
         listed = ", ".join(starting[:MAX_ENCLAVES])
         rest = f" and {len(starting) - MAX_ENCLAVES} more" if len(starting) > MAX_ENCLAVES else ""
@@ -176,7 +177,7 @@ def _enclaves(page: Page, enclaves: Sequence[EnclaveEntry]) -> None:
 _START_WORDS: Final[Mapping[bool | None, str]] = {
     True: "can start",
     False: "CANNOT START",
-    None: "UNKNOWN whether it can start",
+    None: "UNKNOWN whether it can start,",
 }
 
 

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 
 from keystore_audit.findings import Finding, Location, Outcome, Result, Severity
+from keystore_audit.model.meaning import Usability
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
 from keystore_audit.report.content import Report, Verdict
@@ -204,7 +205,8 @@ def test_what_to_do_first_is_the_last_line(make_report: MakeReport) -> None:
     )
     consequence_first = replace(report, findings=(grants_itself, signed, expires))
     assert "Mend first: KA302" in next_step(consequence_first)
-    assert "Then 1 more." in next_step(replace(report, findings=(signed, replace(expires, severity=Severity.HIGH))))
+    two = replace(report, findings=(signed, replace(expires, severity=Severity.HIGH)))
+    assert " Then 1 more that fails the gate. `" in next_step(two)
     beside = replace(signed, locations=(Location(path="mine.toml", line=1, beside=True), *signed.locations))
     assert "permissions.p7s:41" in next_step(replace(report, findings=(beside,)))
     only = replace(signed, locations=beside.locations[:1])
@@ -217,9 +219,53 @@ def test_what_to_do_first_is_the_last_line(make_report: MakeReport) -> None:
     cause = replace(expires, undecided=True)
     incomplete = replace(report, verdict=Verdict.INCOMPLETE, findings=(own, signed, cause))
     assert "Mend first: KA205" in next_step(incomplete)
-    assert "Then 1 more." in next_step(incomplete)
+    assert " Then 1 more that leaves the audit open and 1 that fails the gate. `" in next_step(incomplete)
     assert "Mend first: KA906" in next_step(replace(incomplete, findings=(own, signed)))
     assert render(report).rstrip().endswith("`keystore-audit explain KA302` says more.")
+
+
+@pytest.mark.parametrize(
+    ("example", "told"),
+    [
+        ("The identity of /b could not be read.", "e.g. the identity of /b"),
+        ("A participant joins.", "e.g. a participant joins."),
+        ("Fast DDS takes it.", "e.g. Fast DDS takes it."),
+        ("CN=/a can sign.", "e.g. CN=/a can sign."),
+        ("/talker can sign.", "e.g. /talker can sign."),
+    ],
+)
+def test_an_example_goes_on_in_the_sentence(make_report: MakeReport, example: str, told: str) -> None:
+    report = make_report()
+    signed, grants_itself, *_rest = report.findings
+    consequence = replace(grants_itself, name="of-no-property", message=example)
+    text = " ".join(render(replace(report, findings=(signed, consequence))).split())
+    assert f"is violated, {told}" in text
+
+
+def test_reasons_follow_a_colon_and_are_listed(make_report: MakeReport) -> None:
+    report = make_report()
+    talker = report.enclaves[0]
+    refused = Usability(usable=False, reasons=("the key does not belong", "key.pem is not there."))
+    unclear = Usability(usable=None, reasons=("two texts",))
+    uses = {"spec": refused, "fastdds-2.6": unclear, "cyclonedds-0.10": Usability(usable=True, reasons=())}
+    text = render(replace(report, enclaves=(replace(talker, profiles=uses),)))
+    flat = " ".join(text.split())
+    assert "CANNOT START under spec: the key does not belong; key.pem is not there. UNKNOWN whether" in flat
+    assert "UNKNOWN whether it can start, under fastdds-2.6: two texts. can start under cyclonedds-0.10." in flat
+
+
+def test_the_cause_of_the_worst_comes_first_though_it_is_lesser(make_report: MakeReport) -> None:
+    report = make_report()
+    signed, _grants_itself, expires, *_rest = report.findings
+    high = replace(signed, severity=Severity.HIGH, code="KA222")
+    worst = replace(signed, code="KA703", fingerprint="e" * 64, explained_by=(expires.fingerprint,))
+    medium = replace(report, findings=(worst, high, expires))
+    assert next_step(medium).startswith("Mend first: KA703")  # whose cause is below the gate, and may be hidden
+    said = next_step(replace(medium, fail_on=Severity.MEDIUM))
+    assert said.startswith("Mend first: KA205")
+    assert "from which 1 other follows. Then 1 more that fails the gate." in said
+    alone = replace(worst, explained_by=())
+    assert next_step(replace(report, findings=(alone, high, expires))).startswith("Mend first: KA703")
 
 
 def test_what_the_audit_says_of_itself_comes_after_its_cause(make_report: MakeReport) -> None:
