@@ -166,9 +166,8 @@ def rule_crashed(crash: Crash, _context: Context) -> Iterator[Violation]:
 def property_undecided(result: PropertyResult, context: Context) -> Iterator[Violation]:
     """Whether a property holds depends on what could not be read, or no engine gave an answer.
 
-    "Holds" and "violated" are said only where both hold, whatever the unread parts are. A disagreement of the "
-    "engines is
-    engines-disagree, and only that.
+    "Holds" and "violated" are said only where both hold, whatever the unread parts are. A disagreement of the
+    engines is engines-disagree, and only that.
     """
     profiles = tuple(
         name for name, answer in result.profiles.items() if answer.status is Status.UNKNOWN and not _disagree(answer)
