@@ -49,7 +49,8 @@ class Reach:
     """An enclave may call services of a family at nodes of others.
 
     `caller`, `owner`: paths. `service`: of the `node`; one that changes something where there is one. `nodes`,
-    `owners`: how many, and who. `rights`: what allows the call, and what the answer.
+    `owners`: how many, and who. `calls`: each owner with a service of its. `rights`: what allows the call, and what the
+    answer.
     """
 
     caller: str
@@ -59,6 +60,7 @@ class Reach:
     owner: str
     nodes: int
     owners: tuple[str, ...]
+    calls: tuple[str, ...]
     rights: tuple[Right, Right]
 
     @property
@@ -164,6 +166,7 @@ class Services:
             owner=owner.path,
             nodes=len({call[0] for call in told}),
             owners=tuple(sorted({call[2].path for call in told})),
+            calls=tuple(sorted({f"{who.path} {where}/{what}" for where, what, who in told})),
             rights=(rights[0] or nowhere, rights[1] or nowhere),
         )
 

@@ -89,7 +89,7 @@ def _key(divergence: Divergence) -> str:
     example = divergence.example
     if example is None:
         return divergence.cause.value
-    return f"{divergence.cause.value} {example.operation.value} {example.topic} {example.partition}"
+    return f"{divergence.cause.value} {example.operation.value} {example.topic} {example.partition} {example.domain}"
 
 
 def _consequence(divergence: Divergence, enclaves: Sequence[str]) -> str:

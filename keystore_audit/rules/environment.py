@@ -37,7 +37,8 @@ def _given(_keystore: Keystore, context: Context) -> bool:
 
 
 def _found(environment: Environment, variable: str, message: str, **more: Any) -> Violation:
-    return Violation(message=message, locations=(environment.place(variable),), key=variable, **more)
+    key = f"{variable} {environment.value(variable)}"
+    return Violation(message=message, locations=(environment.place(variable),), key=key, **more)
 
 
 @rule(

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any, Final
 
+from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.governance import DomainRule, GovernanceFile, TopicRule
@@ -19,6 +20,7 @@ from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.domains import covered, describe
 from keystore_audit.model.names import DISCOVERY_TOPIC
 from keystore_audit.rules.commands import SIGN_GOVERNANCE
+from keystore_audit.rules.contents import told
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks
@@ -88,12 +90,16 @@ def violates(
     if topic_rule is not None:
         where += f", topics {quoted(topic_rule.expression.text)}"
         lines, line = topic_rule.lines, topic_rule.line
+    earlier = _earlier(use.document)[id(domain_rule if topic_rule is None else topic_rule)]
+    said = told((replace(domain_rule, topic_rules=()), topic_rule))
     return Violation(
         message=f"{where}: {message}",
         locations=(Location(path=use.signed.file.place, line=lines.get(element, line)),),
         enclave=sole(use.enclaves),
-        # Without the rules before it, the same rule decides about more: that is another violation.
-        key=f"{element} {where} {_earlier(use.document)[id(domain_rule if topic_rule is None else topic_rule)]}",
+        # Without the rules before it, the same rule decides about more: that is another violation. Those behind it
+        # change nothing.
+        key=f"{element} {earlier} {said}",
+        contents=False,
     )
 
 

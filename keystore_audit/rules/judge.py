@@ -12,9 +12,10 @@ from typing import Any, Final
 
 from keystore_audit.aside import FEW, Aside
 from keystore_audit.dataclass import dataclass
-from keystore_audit.findings import Finding, Outcome, Result, Severity, fingerprint
+from keystore_audit.findings import MAX_PLACES, Finding, Outcome, Result, Severity, fingerprint
 from keystore_audit.model.meaning import Doubt
 from keystore_audit.properties.result import PropertyResult
+from keystore_audit.rules.contents import Contents
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation
 from keystore_audit.rules.subjects import (
@@ -66,7 +67,7 @@ def judge(
     run.over(chosen, [*run.crashes(), *run.unspoken(), *run.refusals()])
     order = {rule.code: number for number, rule in enumerate(chosen)}
     return Judgement(
-        findings=_accepted(run, chosen, context) if context.acceptances else _findings(run.found),
+        findings=_accepted(run, chosen, context) if context.acceptances else _findings(run.found, context),
         outcomes=tuple(sorted(run.outcomes, key=lambda outcome: order[outcome.rule])),
     )
 
@@ -202,19 +203,22 @@ class _Run:
 def _accepted(run: _Run, chosen: Sequence[Rule[Any]], context: Context) -> tuple[Finding, ...]:
     """The findings, those that somebody accepts marked, and what the rules say of how they are accepted."""
     profiles = [profile.name for profile in context.profiles]
-    files = uses(_findings(run.found), context.acceptances, context.at, profiles, {rule.code for rule in chosen})
+    files = uses(
+        _findings(run.found, context), context.acceptances, context.at, profiles, {rule.code for rule in chosen}
+    )
     run.over(chosen, [(file.path, file) for file in files])
-    return accepted(_findings(run.found), files)
+    return accepted(_findings(run.found, context), files)
 
 
-def _findings(found: Sequence[_Found]) -> tuple[Finding, ...]:
+def _findings(found: Sequence[_Found], context: Context) -> tuple[Finding, ...]:
     """Findings with fingerprints of their own, the causes of violated properties named, worst first.
 
     Those that nothing tells apart are numbered, with how many there are: were one of them mended, the rest would
     otherwise take its place, and with it whoever accepted it.
     """
+    contents = Contents(context.keystore)
     made = sorted(
-        ((rule, violation, _fingerprint(rule, violation)) for rule, violation in found),
+        ((rule, violation, _fingerprint(rule, violation, contents)) for rule, violation in found),
         key=lambda item: _order(item[0], item[1]),
     )
     alike = Counter(mark for _rule, _violation, mark in made)
@@ -222,18 +226,18 @@ def _findings(found: Sequence[_Found]) -> tuple[Finding, ...]:
     named: list[tuple[Rule[Any], Violation, str]] = []
     for rule, violation, mark in made:
         seen[mark] += 1
-        number = f"{violation.key}\0{seen[mark]} of {alike[mark]}"
-        named.append((rule, violation, mark if alike[mark] == 1 else _fingerprint(rule, violation, number)))
+        number = f"\0{seen[mark]} of {alike[mark]}"
+        named.append((rule, violation, mark if alike[mark] == 1 else _fingerprint(rule, violation, contents, number)))
     return tuple(_finding(rule, violation, mark, _causes(rule, violation, named)) for rule, violation, mark in named)
 
 
-def _fingerprint(rule: Rule[Any], violation: Violation, key: str | None = None) -> str:
-    key = violation.key if key is None else key
+def _fingerprint(rule: Rule[Any], violation: Violation, contents: Contents, number: str = "") -> str:
     if rule.family == "KA7":
         # A property is one of the whole keystore; which example of its violation is told depends on the engine.
-        return fingerprint(rule.code, None, None, key)
+        return fingerprint(rule.code, None, None, violation.key + number)
     path = violation.locations[0].path if violation.locations else None
-    return fingerprint(rule.code, violation.enclave, path, key)
+    there = contents.at(violation.locations) if violation.contents else contents.names(violation.locations)
+    return fingerprint(rule.code, violation.enclave, path, f"{violation.key}\0{there}{number}")
 
 
 def _order(rule: Rule[Any], violation: Violation) -> tuple[object, ...]:
@@ -273,7 +277,7 @@ def _finding(rule: Rule[Any], violation: Violation, mark: str, causes: tuple[str
         remedy=violation.remedy or rule.remedy,
         clause=rule.clause,
         enclave=violation.enclave,
-        locations=violation.locations,
+        locations=violation.locations[:MAX_PLACES],
         profiles=violation.profiles,
         explained_by=causes,
         fingerprint=mark,

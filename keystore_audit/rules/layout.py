@@ -304,6 +304,7 @@ def incomplete_keystore(keystore: Keystore, _context: Context) -> Iterator[Viola
         yield Violation(
             message=f"The keystore is incomplete: it lacks {'; '.join(keystore.layout.expected)}.",
             locations=(Location(path="."),),
+            key="\n".join(keystore.layout.expected),
         )
 
 
@@ -375,7 +376,7 @@ def deprecated_layout(keystore: Keystore, _context: Context) -> Iterator[Violati
             message=f"The layout is that of {distributions} (expected public/ and enclaves/, since Foxy): supported "
             f"distributions do not find {listed(enclave.path for enclave in keystore.enclaves)} in it.",
             locations=(Location(path="."),),
-            key=keystore.layout.kind.value,
+            key="\n".join([keystore.layout.kind.value, *(enclave.path for enclave in keystore.enclaves)]),
         )
 
 

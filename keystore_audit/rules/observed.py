@@ -299,7 +299,7 @@ def launch_changes_security(keystore: Keystore, context: Context) -> Iterator[Vi
                 message=f"{sentence(variable.node or 'a node')} starts with {variable.name} set to {value}: {what}.",
                 locations=(_beside(variable.location),),
                 severity=severity,
-                key=f"{variable.node} {variable.name}",
+                key=f"{variable.node} {variable.name} {variable.value}",
                 undecided=variable.value is None,
             )
 

@@ -61,6 +61,11 @@ def instant_of(date: Text) -> datetime | None:
     return dated.instant if dated is not None else None
 
 
+def dated(grant: Grant) -> str:
+    """Whom the grant names and when it is in force: the key of what is about dates."""
+    return f"{grant.subject_name.text} {grant.not_before.text} {grant.not_after.text}"
+
+
 def about(use: PermissionsUse, grant: Grant, line: int | None, message: str, **more: Any) -> Violation:
     """A violation about a grant, at `line`."""
     more.setdefault("key", grant.subject_name.text)
@@ -211,7 +216,8 @@ def second_grant_for_subject(use: PermissionsUse, _context: Context) -> Iterator
                     for g, m in ((grant, ""), (first[subject], "the grant that decides"))
                 ),
                 enclave=sole(use.enclaves),
-                key=f"{subject} {grant.name}",
+                # The dates tell when it takes the place of the other.
+                key=f"{dated(first[subject])}\n{dated(grant)}",
             )
 
 

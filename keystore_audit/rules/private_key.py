@@ -54,6 +54,8 @@ def private_key_readable_by_others(enclave: Enclave, context: Context) -> Iterat
             locations=(Location(path=file.place),),
             enclave=enclave.path,
             severity=Severity.HIGH if context.deployed else None,
+            key=_octal(file),
+            contents=False,
         )
 
 
@@ -189,6 +191,8 @@ def ca_key_readable_by_others(keystore: Keystore, context: Context) -> Iterator[
                 "read it.",
                 locations=(Location(path=file.place),),
                 severity=None if context.deployed else Severity.MEDIUM,
+                key=_octal(file),
+                contents=False,
             )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from datetime import datetime, timedelta
+from os.path import abspath, basename, relpath
 from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
@@ -53,6 +54,7 @@ def provisioning_leftover(keystore: Keystore, context: Context) -> Iterator[Viol
         message=f"{number(len(found), 'file', 'files')} that no run time reads: {listed(found)}; {where}.",
         locations=places(Location(path=path) for path in found),
         severity=Severity.LOW if context.deployed else None,
+        contents=False,
     )
 
 
@@ -84,6 +86,7 @@ def long_validity(keystore: Keystore, _context: Context) -> Iterator[Violation]:
             f"{number(len(grants), 'grant', 'grants')}, the longest "
             f"until {instant(end)} ({whose}).",
             locations=places(place for _end, _whose, place in (*lasting, *grants)),
+            key="\n".join(sorted(f"{whose} {instant(end)}" for end, whose, _place in (*lasting, *grants))),
         )
 
 
@@ -135,12 +138,14 @@ def identity_shared_by_robots(keystore: Keystore, context: Context) -> Iterator[
             if other.key != certificate.key and keys & other.authorities
         ]
     says = "have one identity key: each passes for the other, and revoking one stops both"
-    yield from _shared(same_key, says, "the same key")
+    yield from _shared(keystore, same_key, says, "the same key")
     says = "have one subject under one identity CA: a grant for either is one for both"
-    yield from _shared(same_subject, says, "the same subject", severity=Severity.MEDIUM)
+    yield from _shared(keystore, same_subject, says, "the same subject", severity=Severity.MEDIUM)
 
 
-def _shared(found: Sequence[_Shared], says: str, why: str, severity: Severity | None = None) -> Iterator[Violation]:
+def _shared(
+    keystore: Keystore, found: Sequence[_Shared], says: str, why: str, severity: Severity | None = None
+) -> Iterator[Violation]:
     """One violation for all enclaves that share something with others."""
     if not found:
         return
@@ -156,8 +161,15 @@ def _shared(found: Sequence[_Shared], says: str, why: str, severity: Severity | 
         locations=places(locations),
         enclave=enclave.path if len({shared[0].path for shared in found}) == 1 else None,
         severity=severity,
-        key=why,
+        key="\n".join([why, basename(abspath(keystore.root)), *sorted(_twins(keystore, found))]),
     )
+
+
+def _twins(keystore: Keystore, found: Sequence[_Shared]) -> set[str]:
+    """What is shared with whom; keystores by where they lie beside this one, wherever the run looks for them."""
+    return {
+        f"{enclave.path} {relpath(twin.root, keystore.root)} {twin.path} {twin.key}" for enclave, _own, twin in found
+    }
 
 
 @rule(
@@ -191,6 +203,7 @@ def certificate_older_than_permissions(keystore: Keystore, _context: Context) ->
             message=f"{path} has a certificate of {instant(issued)} and permissions that were signed at "
             f"{instant(signed)}{more}: if there were others before, they still count.",
             locations=places(place for _issued, _signed, place in later.values()),
+            key="\n".join(sorted(f"{each} {issued} {signed}" for each, (issued, signed, _place) in later.items())),
             enclave=path if len(later) == 1 else None,
         )
 

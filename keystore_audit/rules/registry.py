@@ -17,11 +17,12 @@ S = TypeVar("S")
 class Violation:
     """What a rule found wrong with its subject.
 
-    `locations`: the primary place first. `severity`: where it depends on profile or option, else the rule's.
+    `locations`: all, the primary place first. `severity`: where it depends on profile or option, else the rule's.
     `profiles`: canonical variants that it holds for (empty: all). `undecided`: something stays unknown
-    because of it, so the audit is incomplete. `key` tells apart violations of one rule in one file and
-    enclave; it holds no line numbers, so that the fingerprint survives reformatting. `explains`: the
-    properties that this one is a cause of, where they are not the rule's (None: the rule's).
+    because of it, so the audit is incomplete. `key`: what makes it beside what stands at its places, unabridged: with
+    both it is accepted by its fingerprint. It holds no line numbers, which reformatting changes. `contents`: whether
+    what stands at the places is part of what makes it; where not, `key` holds all of it. `explains`: the properties
+    that this one is a cause of, where they are not the rule's (None: the rule's).
     """
 
     message: str
@@ -31,6 +32,7 @@ class Violation:
     profiles: tuple[str, ...] = ()
     undecided: bool = False
     key: str = ""
+    contents: bool = True
     remedy: str | None = None
     explains: frozenset[str] | None = None
 

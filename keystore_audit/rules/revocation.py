@@ -223,7 +223,7 @@ def crl_stale(use: RevocationUse, context: Context) -> Iterator[Violation]:
             locations=(Location(path=revocations.path, line=revocations.line),),
             enclave=sole(use.enclaves),
             profiles=_reads(use),
-            key=revocations.issuer,
+            key=f"{revocations.issuer} {revocations.this_update} {revocations.next_update}",
         )
 
 

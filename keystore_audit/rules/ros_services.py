@@ -14,7 +14,7 @@ from keystore_audit.model.ros_services import Reach, Rivals
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Rule, Violation, rule
-from keystore_audit.rules.wording import MAX_LISTED, listed, places
+from keystore_audit.rules.wording import listed, places
 
 _PERMISSIONS_XSL: Final = "ros2/sros2, policy/templates/dds/permissions.xsl (the DDS topics of a service and an action)"
 _DOES: Final = {"request": "request", "reply": "answer", "call": "call", "execute": "execute"}
@@ -139,7 +139,7 @@ def _reach(reach: Reach, profiles: tuple[str, ...]) -> Violation:
         enclave=reach.caller,
         severity=None if reach.changes else Severity.LOW,
         profiles=profiles,
-        key=f"{reach.changes}\n" + "\n".join(reach.owners),
+        key="\n".join((f"{reach.changes}", *reach.calls)),
     )
 
 
@@ -211,7 +211,7 @@ def _rivals(rivals: Rivals, profiles: tuple[str, ...]) -> Violation:
         locations=places(Location(path=right.path, line=right.line) for right in rivals.rights),
         enclave=rivals.intruder,
         profiles=profiles,
-        key="\n".join((*rivals.enclaves, *rivals.services[:MAX_LISTED])),
+        key="\n".join((*rivals.enclaves, *rivals.services)),
     )
 
 

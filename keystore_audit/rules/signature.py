@@ -6,6 +6,7 @@ certificate, by somebody else, or not validly at all.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator
 from enum import Enum
 from typing import Any, Final
@@ -141,7 +142,8 @@ def _violation(use: SignedUse, message: str, signer: Certificate | None, key: st
         message=message,
         locations=places((place, *(location for location in found if location.path != place.path))),
         enclave=sole(use.enclaves),
-        key=key,
+        # What was signed is part of it, with all of its dates: who accepts this accepts no other document.
+        key=f"{key} {hashlib.sha256(use.signed.content or b'').hexdigest()}",
         **more,
     )
 
@@ -319,7 +321,7 @@ def signer_refused_by_implementations(use: DocumentUse, context: Context) -> Ite
             enclave=sole(use.enclaves),
             severity=None if {*refusing} & {*context.profiles} else Severity.LOW,
             profiles=tuple(profile.name for profile in VARIANTS.values() if profile in refusing),
-            key="refused",
+            key=f"refused {' '.join(profile.name for profile in VARIANTS.values() if profile in refusing)}",
             explains=frozenset({_SIGNED}) if {*refusing} & {*context.profiles} else frozenset(),
         )
 

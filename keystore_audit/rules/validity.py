@@ -9,7 +9,7 @@ from typing import Any
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.permissions import Grant
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.permissions import SIGN_AGAIN, WRITE_AGAIN, about, instant_of, own_grants
+from keystore_audit.rules.permissions import SIGN_AGAIN, WRITE_AGAIN, about, dated, instant_of, own_grants
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import PermissionsUse, speaks
 from keystore_audit.rules.wording import instant, quoted
@@ -48,7 +48,7 @@ def grant_expired(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     for grant, start, end in _dated(use):
         if start <= end < context.at:
             message = f"{_whose(grant)} expired at {instant(end)} (audited for {instant(context.at)})."
-            yield about(use, grant, grant.not_after.line, message)
+            yield about(use, grant, grant.not_after.line, message, key=dated(grant))
 
 
 @rule(
@@ -69,7 +69,7 @@ def grant_not_yet_valid(use: PermissionsUse, context: Context) -> Iterator[Viola
     for grant, start, end in _dated(use):
         if context.at < start <= end:
             message = f"{_whose(grant)} is valid from {instant(start)} on (audited for {instant(context.at)})."
-            yield about(use, grant, grant.not_before.line, message)
+            yield about(use, grant, grant.not_before.line, message, key=dated(grant))
 
 
 @rule(
@@ -89,7 +89,7 @@ def grant_expires_soon(use: PermissionsUse, context: Context) -> Iterator[Violat
                 f"{_whose(grant)} expires at {instant(end)}, in {(end - context.at).days} days (notice: "
                 f"{context.expires_within.days})."
             )
-            yield about(use, grant, grant.not_after.line, message)
+            yield about(use, grant, grant.not_after.line, message, key=dated(grant))
 
 
 @rule(
@@ -116,7 +116,7 @@ def grant_outlives_certificate(use: PermissionsUse, _context: Context) -> Iterat
         identity_ends = ends[grant.subject_name.text]
         if start <= end and end > identity_ends:
             message = f"{_whose(grant)} is good until {instant(end)}, the identity only until {instant(identity_ends)}."
-            yield about(use, grant, grant.not_after.line, message)
+            yield about(use, grant, grant.not_after.line, message, key=dated(grant))
 
 
 @rule(
@@ -134,7 +134,7 @@ def validity_inverted(use: PermissionsUse, _context: Context) -> Iterator[Violat
     for grant, start, end in _dated(use):
         if start > end:
             message = f"{_whose(grant)} begins at {instant(start)} and ends before that, at {instant(end)}."
-            yield about(use, grant, grant.not_before.line, message)
+            yield about(use, grant, grant.not_before.line, message, key=dated(grant))
 
 
 VALIDITY: tuple[Rule[Any], ...] = (

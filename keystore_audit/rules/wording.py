@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from datetime import datetime
 from typing import Final
 
-from keystore_audit.findings import MAX_PLACES, Location, Severity
+from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.model.profiles import Profile
@@ -101,8 +101,8 @@ def defective(
 
 
 def places(locations: Iterable[Location]) -> tuple[Location, ...]:
-    """The locations, each once, at most MAX_PLACES."""
-    return tuple(dict.fromkeys(locations))[:MAX_PLACES]
+    """The locations, each once; a finding lists the first of them, and its fingerprint knows all."""
+    return tuple(dict.fromkeys(locations))
 
 
 def sentence(text: str) -> str:

@@ -1,0 +1,174 @@
+"""What stands at the places of a finding: who accepts a finding accepts that, and nothing else that comes there.
+
+Without lines, layout and dates of grants: a document that is written or signed again says the same. Of permissions it
+is the grant at the place, of a file of certificates the certificate there, else all of the file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Collection, Iterable, Iterator
+from enum import Enum
+from typing import Any, Final
+
+from keystore_audit.dataclass import fields
+from keystore_audit.findings import Location
+from keystore_audit.keystore.certificate import CertificateFile
+from keystore_audit.keystore.crl import CrlFile, RevocationList
+from keystore_audit.keystore.governance import DomainRule, GovernanceFile, TopicRule
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.permissions import Grant, PermissionsFile, Rule
+from keystore_audit.keystore.private_key import PrivateKey
+
+_LEFT_OUT: Final = frozenset({"line", "lines", "default_line", "not_before", "not_after"})
+"""Where something stands, and how long grants are in force: rules about dates have these in their keys."""
+
+_At = Callable[[int | None], str]
+"""What stands at a line of a file."""
+
+
+def told(value: object) -> str:
+    """What a typed document or a part of it says; two that say the same are told alike.
+
+    The order of rules decides, that of what stands within one does not.
+    """
+    if hasattr(value, "__dataclass_fields__"):
+        each: Any = value
+        said = ",".join(told(getattr(each, part.name)) for part in fields(each) if part.name not in _LEFT_OUT)
+        return f"{type(value).__name__}({said})"
+    if isinstance(value, tuple):
+        parts = [told(each) for each in value]
+        ordered = any(isinstance(each, (Rule, Grant, DomainRule, TopicRule)) for each in value)
+        return f"({','.join(parts if ordered else sorted(set(parts)))})"
+    return repr(value.value if isinstance(value, Enum) else value)
+
+
+class Contents:
+    """What stands where in a keystore, worked out for the files that findings are about."""
+
+    def __init__(self, keystore: Keystore) -> None:
+        self._keystore = keystore
+        self._files: dict[str, _At] | None = None
+        self._grants: dict[int, str] = {}
+
+    def at(self, places: Collection[Location]) -> str:
+        """A digest of what stands at the places, in whatever order; files that the user named are not asked."""
+        found = sorted({f"{place.path}\0{self._at(place)}" for place in places if not place.beside})
+        return _digest(found)
+
+    @staticmethod
+    def names(places: Collection[Location]) -> str:
+        """A digest of the places alone."""
+        return _digest(sorted({place.path for place in places if not place.beside}))
+
+    def _at(self, place: Location) -> str:
+        if self._files is None:
+            self._files = {**self._unread(), **dict(self._read())}
+        there = self._files.get(place.path)
+        return there(place.line) if there is not None else ""
+
+    def _unread(self) -> dict[str, _At]:
+        """Every file, by its bytes, and of those that could not be read why."""
+        found: dict[str, _At] = {}
+        for path, sha256 in self._keystore.contents:
+            found[path] = _always(sha256)
+        for enclave in self._keystore.enclaves:
+            for file in (
+                *enclave.files.files.values(),
+                *enclave.files.pkcs11.values(),
+                *enclave.files.unsigned.values(),
+            ):
+                found[file.path] = _always(file.sha256 or f"{file.status.value} {file.detail}")
+        return found
+
+    def _read(self) -> Iterator[tuple[str, _At]]:
+        """The files that were understood, by what they say."""
+        keystore = self._keystore
+        for authority in keystore.authorities:
+            yield authority.file.place, _certificates(authority)
+        for key in keystore.authority_keys:
+            yield key.file.place, _always(_key(key))
+        for stray in keystore.strays:
+            if stray.document is not None:
+                yield stray.place, self._document(stray.document)
+        for enclave in keystore.enclaves:
+            for certificates in (enclave.identity_ca, enclave.permissions_ca, enclave.certificate):
+                if certificates is not None:
+                    yield from _each(certificates.file.path, certificates.file.place, _certificates(certificates))
+            if enclave.key is not None:
+                yield from _each(enclave.key.file.path, enclave.key.file.place, _always(_key(enclave.key)))
+            if enclave.crl is not None:
+                yield from _each(enclave.crl.file.path, enclave.crl.file.place, _always(_crl(enclave.crl)))
+            for document in (enclave.governance, enclave.permissions):
+                if document is not None:
+                    signed = document.signed.file
+                    yield from _each(signed.path, signed.place, self._document(document))
+
+    def _document(self, document: GovernanceFile | PermissionsFile) -> _At:
+        if isinstance(document, GovernanceFile):
+            return lambda _line: _unsigned(document) if document.governance is None else told(document.governance)
+        if document.permissions is None:
+            return lambda _line: _unsigned(document)
+        grants = document.permissions.grants
+        lines = [grant.line or 0 for grant in grants]
+
+        def at(line: int | None) -> str:
+            end = bisect_right(lines, line) if line is not None else 0
+            return self._told(grants[bisect_left(lines, lines[end - 1]) : end] if end else grants)
+
+        return at
+
+    def _told(self, grants: Iterable[Grant]) -> str:
+        """What grants say, each worked out once; they live as long as their keystore, which is kept here."""
+        for grant in grants:
+            if id(grant) not in self._grants:
+                self._grants[id(grant)] = _digest([told(grant)])
+        return " ".join(self._grants[id(grant)] for grant in grants)
+
+
+def _unsigned(document: GovernanceFile | PermissionsFile) -> str:
+    """The bytes of a document without a single meaning, whoever signed them and however."""
+    content = document.signed.content
+    return document.signed.file.sha256 or "" if content is None else hashlib.sha256(content).hexdigest()
+
+
+def _certificates(file: CertificateFile) -> _At:
+    def at(line: int | None) -> str:
+        there = [each.sha256 for each in file.certificates if each.line == line]
+        if there:
+            return " ".join(there)
+        every = [*(each.sha256 for each in file.certificates), *map(_revocations, file.revocation_lists)]
+        # What is no certificate stands for itself, byte by byte.
+        return " ".join([*every, *([file.file.sha256 or ""] if file.defects else [])])
+
+    return at
+
+
+def _key(key: PrivateKey) -> str:
+    keys = [key.key, *(other.key for other in key.others)]
+    return f"{key.file.sha256}" if None in keys else " ".join(filter(None, keys))
+
+
+def _crl(file: CrlFile) -> str:
+    said = " ".join(map(_revocations, file.revocation_lists))
+    return f"{said} {file.file.sha256}" if file.defects else said
+
+
+def _revocations(revocations: RevocationList) -> str:
+    """What a list revokes: it is issued again every few days."""
+    return told((revocations.issuer, tuple(sorted(revocations.revoked)), revocations.delta, *sorted(revocations.scope)))
+
+
+def _each(path: str, place: str, there: _At) -> Iterator[tuple[str, _At]]:
+    """Under the name in the enclave and, where that is a link, under the one that it leads to."""
+    yield path, there
+    yield place, there
+
+
+def _always(said: str) -> _At:
+    return lambda _line: said
+
+
+def _digest(parts: Iterable[str]) -> str:
+    return hashlib.sha256("\0".join(parts).encode("utf-8", "surrogatepass")).hexdigest()
