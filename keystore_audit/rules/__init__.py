@@ -13,6 +13,7 @@ from keystore_audit.rules.audit import AUDIT
 from keystore_audit.rules.authority import AUTHORITY
 from keystore_audit.rules.breadth import BREADTH
 from keystore_audit.rules.certificate import CERTIFICATE
+from keystore_audit.rules.crashes import CRASHES
 from keystore_audit.rules.divergence import DIVERGENCE
 from keystore_audit.rules.domain import DOMAIN
 from keystore_audit.rules.drift import DRIFT
@@ -58,6 +59,7 @@ RULES: tuple[Rule[Any], ...] = tuple(
             *PROTECTION,
             *DOMAIN,
             *PERMISSIONS,
+            *CRASHES,
             *SUBJECT_NAMES,
             *VALIDITY,
             *BREADTH,

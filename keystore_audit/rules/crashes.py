@@ -1,0 +1,87 @@
+"""KA5: signed documents that end the process of whoever reads them, in some implementation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+from keystore_audit.findings import Severity
+from keystore_audit.keystore.defect import Defect, Kind
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse
+from keystore_audit.rules.wording import defective, of_kinds
+
+_CRASHES: Final = "ends the process of the enclave that reads it, its own or a peer's: one signed file stops a robot."
+
+
+def _document_defects(use: DocumentUse) -> tuple[Defect, ...]:
+    return use.document.defects if isinstance(use, (GovernanceUse, PermissionsUse)) else ()
+
+
+@rule(
+    "KA517",
+    "empty-topic-expression",
+    Severity.CRITICAL,
+    on=DocumentUse,
+    clause="Measured on Cyclone DDS 0.10.2 and Fast DDS 2.9.1; the XSD of DDS-Security 1.1 lets it pass",
+    remedy="Find out who signed it, take the empty element out and sign the document again with the permissions CA.",
+    stops=True,
+)
+def empty_topic_expression(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+    """A <topic> or <topic_expression> is empty: implementations dereference nothing and die (measured).
+
+    Permissions come from peers too, so that one document which the authority signed takes others down. What an
+    implementation without the fault makes of it is unknown.
+    """
+    yield from defective(
+        of_kinds(_document_defects(use), Kind.EMPTY_TOPIC), use.enclaves, _CRASHES, undecided=use.may_be_taken
+    )
+
+
+@rule(
+    "KA518",
+    "rule-without-domains",
+    Severity.CRITICAL,
+    on=PermissionsUse,
+    clause="Measured on Cyclone DDS 0.10.2, read in 11.0.1 (access_control_parser.c); schema-invalid",
+    remedy="Find out who signed it, give the rule its <domains> and sign the document again with the permissions CA.",
+    stops=True,
+)
+def rule_without_domains(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+    """A rule has no <domains>: Cyclone DDS dereferences nothing and dies (measured), Fast DDS refuses the document.
+
+    Permissions come from peers too, so that one document which the authority signed takes others down.
+    """
+    yield from defective(
+        of_kinds(use.document.defects, Kind.RULE_WITHOUT_DOMAINS),
+        use.enclaves,
+        _CRASHES,
+        undecided=use.may_be_taken,
+    )
+
+
+@rule(
+    "KA521",
+    "empty-element",
+    Severity.CRITICAL,
+    on=PermissionsUse,
+    clause="Measured: Fast DDS 2.9.1 and 2.14.6 crash; schema-invalid",
+    remedy="Find out who signed it, write the document anew and sign it again with the permissions CA.",
+    stops=True,
+)
+def empty_element(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+    """The document, or the date of a grant, is empty: Fast DDS 2.9 and 2.14 dereference nothing and die (measured).
+
+    Others refuse the document. Permissions come from peers too, so that one document which the authority signed takes
+    others down.
+    """
+    yield from defective(
+        of_kinds(use.document.defects, Kind.EMPTY_ELEMENT),
+        use.enclaves,
+        _CRASHES,
+        undecided=use.may_be_taken,
+    )
+
+
+CRASHES: tuple[Rule[Any], ...] = (empty_topic_expression, rule_without_domains, empty_element)
