@@ -19,7 +19,10 @@ from keystore_audit.properties.property import Role, Status, Witness
 from keystore_audit.properties.result import AssertedResult
 
 MAX_STEPS: Final = 200_000
-"""Pairs of places that are looked at, times moments and, of flows, enclaves: some seconds at worst."""
+"""Of one claim, pairs of places that are looked at, times moments and, of flows, enclaves: some seconds at worst."""
+
+MAX_STEPS_IN_ALL: Final = 5 * MAX_STEPS
+"""Of all claims together; the keystore as a whole stands for those that come after."""
 
 MAX_BREACHES: Final = 10_000
 """What is told apart; beyond it the keystore stands for it as a whole."""
@@ -31,35 +34,48 @@ class _TooManyPairs(Exception):
 
 def with_breaches(results: Sequence[AssertedResult], systems: Sequence[System]) -> tuple[AssertedResult, ...]:
     """The results, parallel to the claims of each system, each with all that violates it, unless that is too much."""
-    return tuple(_with_its_own(number, result, systems) for number, result in enumerate(results))
+    budget = _Budget()
+    return tuple(_with_its_own(number, result, systems, budget) for number, result in enumerate(results))
 
 
-def _with_its_own(number: int, result: AssertedResult, systems: Sequence[System]) -> AssertedResult:
+class _Budget:
+    """The steps that are left for all claims."""
+
+    def __init__(self) -> None:
+        self._left = MAX_STEPS_IN_ALL
+
+    def take(self, steps: int) -> None:
+        """Raises _TooManyPairs for more than one claim may take, or than are left."""
+        if steps > min(MAX_STEPS, self._left):
+            raise _TooManyPairs
+        self._left -= steps
+
+
+def _with_its_own(number: int, result: AssertedResult, systems: Sequence[System], budget: _Budget) -> AssertedResult:
     try:
-        found = set(islice(_under_profiles(number, result, systems), MAX_BREACHES + 1))
+        found = set(islice(_under_profiles(number, result, systems, budget), MAX_BREACHES + 1))
     except _TooManyPairs:
         return result
     return result if len(found) > MAX_BREACHES else replace(result, breaches=tuple(sorted(found)))
 
 
-def _under_profiles(number: int, result: AssertedResult, systems: Sequence[System]) -> Iterator[str]:
+def _under_profiles(number: int, result: AssertedResult, systems: Sequence[System], budget: _Budget) -> Iterator[str]:
     """What violates it under each profile that it is violated under."""
     violated = {name for name, answer in result.profiles.items() if answer.status is Status.VIOLATED}
     for system in systems:
         profiles = sorted(violated.intersection(system.profiles))
         if profiles and system.reading is Reading.MAY:  # all that may be; MUST has nothing beyond it
-            for breach in _breaches(system, system.claims[number]):
+            for breach in _breaches(system, system.claims[number], budget):
                 yield from (f"{profile}: {breach}" for profile in profiles)
 
 
-def _breaches(system: System, claim: ClaimAtom) -> Iterator[str]:
+def _breaches(system: System, claim: ClaimAtom, budget: _Budget) -> Iterator[str]:
     """What violates the claim at some moment until its end."""
     first = 2 * system.now
     last = first if claim.until is None else max(first, 2 * claim.until)
-    sources, targets = _each(claim.source), _each(claim.target)
+    sources, targets = _each(system, claim.source), _each(system, claim.target)
     each = len(system.enclaves) if claim.kind is ClaimKind.NO_FLOW else 1
-    if len(sources) * len(targets) * each * (last - first + 1) > MAX_STEPS:
-        raise _TooManyPairs
+    budget.take(len(sources) * len(targets) * each * (last - first + 1))
     decisions = Decisions(system)
     for moment in range(first, last + 1):
         asked = claims_at(system, moment, decisions)
@@ -69,11 +85,14 @@ def _breaches(system: System, claim: ClaimAtom) -> Iterator[str]:
             yield from (_told(system, witness) for witness, _path in asked.violations(claim))
 
 
-def _each(place: Place) -> list[Place]:
-    """Its enclaves one by one, and the rest."""
-    rest = replace(place, enclaves=frozenset())
-    alone = [Place(enclaves=frozenset({enclave})) for enclave in sorted(place.enclaves)]
-    return [*alone, rest] if rest.channels or rest.outsider else alone
+def _each(system: System, place: Place) -> list[Place]:
+    """Its enclaves one by one, its topics by their names, and who has no key."""
+    topics: dict[str, set[int]] = {}
+    for channel in sorted(place.channels):
+        topics.setdefault(system.channels[channel].topic, set()).add(channel)
+    found = [Place(enclaves=frozenset({enclave})) for enclave in sorted(place.enclaves)]
+    found += [Place(channels=frozenset(channels)) for channels in topics.values()]
+    return [*found, Place(outsider=True)] if place.outsider else found
 
 
 def _flows(system: System, asked: Claims, claim: ClaimAtom, pairs: Iterable[tuple[Place, Place]]) -> Iterator[str]:
@@ -89,7 +108,8 @@ def _flows(system: System, asked: Claims, claim: ClaimAtom, pairs: Iterable[tupl
 
 def _named(system: System, place: Place) -> str:
     names = [system.enclaves[enclave].label for enclave in sorted(place.enclaves)]
-    return ", ".join([*names, *(["topics"] if place.channels else []), *(["outsider"] if place.outsider else [])])
+    topics = sorted({f"topic {system.channels[channel].topic}" for channel in place.channels})
+    return ", ".join([*names, *topics, *(["outsider"] if place.outsider else [])])
 
 
 def _told(system: System, witness: Witness) -> str:

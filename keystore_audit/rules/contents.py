@@ -44,6 +44,11 @@ def told(value: object) -> str:
     return repr(value.value if isinstance(value, Enum) else value)
 
 
+def dated(grant: Grant) -> str:
+    """Whom the grant names and when it is in force: the key of what is about dates."""
+    return f"{grant.subject_name.text} {grant.not_before.text} {grant.not_after.text}"
+
+
 class Contents:
     """What stands where in a keystore, worked out for the files that findings are about."""
 

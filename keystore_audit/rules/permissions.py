@@ -21,6 +21,7 @@ from keystore_audit.model.system import EnclaveAtom
 from keystore_audit.model.validity import DateReading, read_date
 from keystore_audit.rules.certificate import ISSUE_AGAIN, has_usual_subject, usual_subject
 from keystore_audit.rules.commands import CREATE_PERMISSION, SHOW_SUBJECT, SIGN_PERMISSIONS
+from keystore_audit.rules.contents import dated
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import AMBIGUOUS
 from keystore_audit.rules.registry import Rule, Violation, rule
@@ -59,11 +60,6 @@ def instant_of(date: Text) -> datetime | None:
     """
     dated = read_date(date.text, DateReading.XSD, None)
     return dated.instant if dated is not None else None
-
-
-def dated(grant: Grant) -> str:
-    """Whom the grant names and when it is in force: the key of what is about dates."""
-    return f"{grant.subject_name.text} {grant.not_before.text} {grant.not_after.text}"
 
 
 def about(use: PermissionsUse, grant: Grant, line: int | None, message: str, **more: Any) -> Violation:
