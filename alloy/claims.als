@@ -46,16 +46,16 @@ fun out_of_reach_by_own[realm: Realm]: Enclave -> Channel {
 	(Enclave -> Domain - joins_by_own[realm]).~in_domain + Enclave -> (Channel - realm.governed)
 }
 
-/** Channels on which each enclave writes by its own document. */
+/** Channels on which each enclave writes by its own document, and its own implementation does not refuse it. */
 fun writes_by_own[realm: Realm]: Enclave -> Channel {
 	Enclave -> realm.write_uncontrolled + own_grant[realm].publish_allowed + own_unread -> Channel
-	- out_of_reach_by_own[realm]
+	- out_of_reach_by_own[realm] - refused_writes
 }
 
-/** Channels that each enclave reads by its own document. */
+/** Channels that each enclave reads by its own document, and its own implementation does not refuse it. */
 fun reads_by_own[realm: Realm]: Enclave -> Channel {
 	Enclave -> realm.read_uncontrolled + own_grant[realm].subscribe_allowed + own_unread -> Channel
-	- out_of_reach_by_own[realm]
+	- out_of_reach_by_own[realm] - refused_reads
 }
 
 /** As `next` by right: whom one hop reaches from some of `holders`, if every enclave uses its own documents alone. */

@@ -32,7 +32,9 @@ def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Countere
     """The violation of a claim that an engine found, in the user's names."""
     when, system = _then(system, answer)
     if claim.kind is ClaimKind.ABLE:
-        return Counterexample(text=f"Nothing gets there with the rights that enclaves have{when}.", steps=())
+        refused = any(enclave.refused_writes or enclave.refused_reads for enclave in system.enclaves)
+        but = ", some of which their own implementations refuse them (`can` says why)" if refused else ""
+        return Counterexample(text=f"Nothing gets there with the rights that enclaves have{but}{when}.", steps=())
     if answer.path:
         ways = [way for hop in answer.path for way in hop_ways(system, claim, hop)]
         reasons = "".join(f" {why[0].upper()}{why[1:]}." for why in dict.fromkeys(way.why for way in ways if way.why))

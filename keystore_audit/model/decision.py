@@ -92,6 +92,19 @@ class LocalRights:
             open_ &= ~step.channels
         return allowed
 
+    def conceded(self, enclave: Enclave, profile: Profile, operation: Operation) -> int:
+        """The channels on which peers would allow the operation by the enclave's grant; governance is not asked."""
+        grant = self.grant(enclave, profile)
+        if grant is None:
+            return 0
+        access = self._accesses.row(profile.access)
+        allowed, open_ = 0, self._all
+        for rule in grant.rules:
+            decided = self._region(access, rule.region(operation)) & self._domains(rule) & open_
+            allowed |= decided if rule.allow else 0
+            open_ &= ~decided
+        return allowed | open_ if grant.default_allow else allowed
+
     def decide(
         self,
         enclave: Enclave,

@@ -1,8 +1,12 @@
-"""What an enclave may do with its own permissions document alone: what it does as long as nobody attacks."""
+"""What an enclave may do with its own permissions document alone: what it does as long as nobody attacks.
+
+Peers take it, and its own implementation does not refuse it.
+"""
 
 from __future__ import annotations
 
 from keystore_audit.model.attacker import Abilities, RealmView
+from keystore_audit.model.permission import bits
 from keystore_audit.model.system import System
 
 
@@ -26,4 +30,6 @@ class OwnRights:
         anything = atom.opaque or (own is not None and self._system.documents[own].opaque)
         documents = frozenset() if own is None else self._view.accepted & {own}
         written, read = self._view.rights_with(enclave, documents, anything=anything)
+        written &= ~bits(atom.refused_writes)
+        read &= ~bits(atom.refused_reads)
         return Abilities(may_write=written, may_read=read, may_relay=0, overhears=0, forges=0)

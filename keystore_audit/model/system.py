@@ -86,6 +86,7 @@ class EnclaveAtom:
     """An enclave. `opaque`: (MAY only) its identity could not be read, so it may be anybody.
 
     `reads_alone`: channels that its own implementation lets it read, where that may be more than peers concede.
+    `refused_writes`, `refused_reads`: channels on which it refuses a writer, or a reader, that peers would take.
     """
 
     label: str
@@ -95,6 +96,8 @@ class EnclaveAtom:
     permissions: int | None
     opaque: bool
     reads_alone: frozenset[int] = frozenset()
+    refused_writes: frozenset[int] = frozenset()
+    refused_reads: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

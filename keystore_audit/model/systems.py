@@ -27,6 +27,7 @@ from keystore_audit.model.inventory import (
     instants_of,
 )
 from keystore_audit.model.lone_readers import NOTHING, LoneReaders
+from keystore_audit.model.lone_refusals import NOTHING_REFUSED, LoneRefusals
 from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.rule_atoms import Atoms, RuleAtoms
 from keystore_audit.model.system import (
@@ -136,7 +137,8 @@ class SystemBuilder:
     def kinds(self) -> dict[Kind, tuple[str, ...]]:
         """The names of the profiles that read this keystore alike, under the rows of one of them."""
         lone = LoneReaders(self._keystore, self._accesses, self.channels, self._at)
-        return self._views.kinds(self._profiles, lone)
+        refusals = LoneRefusals(self._keystore, self._accesses, self.channels, self._at)
+        return self._views.kinds(self._profiles, lone, refusals)
 
     def systems(self) -> tuple[System, ...]:
         """One for each way in which the profiles read the keystore, and a MUST reading beside each with doubt."""
@@ -160,8 +162,9 @@ class SystemBuilder:
         trusts: dict[TrustFiles, RealmAtom] = {}
         enclaves: list[EnclaveAtom] = []
         readers = kind.readers or (NOTHING,) * len(self._keystore.enclaves)
-        rows = zip(self._keystore.enclaves, self._unknown, self._realm_doubts, readers, strict=True)
-        for enclave, unknown, doubt, read in rows:
+        refusals = kind.refusals or (NOTHING_REFUSED,) * len(self._keystore.enclaves)
+        rows = zip(self._keystore.enclaves, self._unknown, self._realm_doubts, readers, refusals, strict=True)
+        for enclave, unknown, doubt, read, refused in rows:
             if not may and (unknown or doubt is not None):  # of what it accepts, nothing is certain
                 continue
             if doubt is not None:
@@ -178,6 +181,8 @@ class SystemBuilder:
                     permissions=number.get(enclave.permissions.signed.file.place) if enclave.permissions else None,
                     opaque=unknown,
                     reads_alone=read.possible if may else read.certain,
+                    refused_writes=refused.writes,
+                    refused_reads=refused.reads,
                 )
             )
         if may:

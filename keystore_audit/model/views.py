@@ -14,6 +14,7 @@ from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.inventory import Document
 from keystore_audit.model.lone_readers import LoneReaders, Read
+from keystore_audit.model.lone_refusals import LoneRefusals, Refused
 from keystore_audit.model.profiles import Access, Profile, SubjectComparison, Trust
 from keystore_audit.model.revocation import revoked
 from keystore_audit.model.subject import matching
@@ -34,11 +35,13 @@ class Kind(NamedTuple):
     """Implementations that read a keystore alike, by the rows of one of them.
 
     `readers`: by enclave, what they let it read by themselves; empty where that is what peers let it read.
+    `refusals`: by enclave, the endpoints that they refuse it and peers would take; empty where there are none.
     """
 
     trust: Trust
     access: Access
     readers: tuple[Read, ...] = ()
+    refusals: tuple[Refused, ...] = ()
 
 
 def trust_files(enclave: Enclave) -> TrustFiles:
@@ -66,11 +69,14 @@ class Views:
         self._permissions_cas = list(dict.fromkeys(enclave.permissions_ca for enclave in keystore.enclaves))
         self._named: dict[SubjectComparison, dict[str, frozenset[int]]] = {}
 
-    def kinds(self, profiles: Sequence[Profile], lone: LoneReaders) -> dict[Kind, tuple[str, ...]]:
+    def kinds(
+        self, profiles: Sequence[Profile], lone: LoneReaders, refusals: LoneRefusals
+    ) -> dict[Kind, tuple[str, ...]]:
         """The names of the profiles that read this keystore alike, under the rows of one of them."""
         found: dict[object, tuple[Kind, list[str]]] = {}
         for profile in profiles:
-            kind = Kind(profile.trust, self._accesses.row(profile.access), lone.of(profile))
+            access = self._accesses.row(profile.access)
+            kind = Kind(profile.trust, access, lone.of(profile), refusals.of(profile))
             found.setdefault(self._reading(kind), (kind, []))[1].append(profile.name)
         return {kind: tuple(names) for kind, names in found.values()}
 
@@ -80,6 +86,7 @@ class Views:
         return (
             kind.access,
             kind.readers,
+            kind.refusals,
             trust.pins_signer,
             tuple(self.authorities(enclave, trust) for enclave in self._realms),
             tuple(self.names(trust).items()),

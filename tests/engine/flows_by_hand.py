@@ -94,7 +94,8 @@ class ByHand:
                     found.add(channel)
             return frozenset(found)
 
-        return right(Operation.PUBLISH, p.write_controlled), right(Operation.SUBSCRIBE, p.read_controlled)
+        written = right(Operation.PUBLISH, p.write_controlled) - atom.refused_writes
+        return written, right(Operation.SUBSCRIBE, p.read_controlled) - atom.refused_reads
 
     def acts_as(self, enclave: int) -> set[int]:
         atoms, certificates = self.system.enclaves, self.system.certificates

@@ -565,11 +565,12 @@ def lively(system: System, seed: int) -> System:
 def with_claims(system: System, seed: int, count: int = 4) -> System:
     """The same system with claims drawn from `seed`, of all kinds; some have an empty place, as in MUST.
 
-    In every third one enclaves read what peers need not concede.
+    In every third one enclaves read what peers need not concede, in every tenth their own implementations refuse it
     """
     chance = random.Random(f"claims {seed}")
     claims = tuple(_random_claim(system, chance, number) for number in range(count))
-    return replace(system, claims=claims, enclaves=_reading_alone(system, seed) if seed % 3 == 0 else system.enclaves)
+    enclaves = _reading_alone(system, seed) if seed % 3 == 0 else system.enclaves
+    return replace(system, claims=claims, enclaves=_refused(enclaves, system, seed) if seed % 10 == 7 else enclaves)
 
 
 def _reading_alone(system: System, seed: int) -> tuple[EnclaveAtom, ...]:
@@ -578,6 +579,15 @@ def _reading_alone(system: System, seed: int) -> tuple[EnclaveAtom, ...]:
         replace(each, reads_alone=frozenset(c for c in range(len(system.channels)) if chance.random() < 0.2))
         for each in system.enclaves
     )
+
+
+def _refused(enclaves: Sequence[EnclaveAtom], system: System, seed: int) -> tuple[EnclaveAtom, ...]:
+    chance = random.Random(f"refused {seed}")
+
+    def some() -> frozenset[int]:
+        return frozenset(channel for channel in range(len(system.channels)) if chance.random() < 0.3)
+
+    return tuple(replace(each, refused_writes=some(), refused_reads=some()) for each in enclaves)
 
 
 def _random_claim(system: System, chance: random.Random, number: int) -> ClaimAtom:

@@ -46,12 +46,17 @@ def _matches(rule: RuleAtom, system: System) -> Iterator[tuple[int, int]]:
 
 def surroundings(system: System) -> list[Hashable]:
     """Return what is known of each channel besides what grants say: domain, rules of governance, places of claims,
-    and who reads it alone.
+    and who reads it alone, or is refused it by its own implementation.
     """
     alone: list[list[int]] = [[] for _ in system.channels]
     for number, enclave in enumerate(system.enclaves):
         for channel in enclave.reads_alone:
             alone[channel].append(number)
+    refused: list[list[tuple[int, bool]]] = [[] for _ in system.channels]
+    for number, enclave in enumerate(system.enclaves):
+        for channels, writes in ((enclave.refused_writes, True), (enclave.refused_reads, False)):
+            for channel in channels:
+                refused[channel].append((number, writes))
     topic_rules: list[list[int]] = [[] for _ in system.channels]
     for number, rule in enumerate(system.topic_rules):
         for channel in rule.channels:
@@ -61,6 +66,7 @@ def surroundings(system: System) -> list[Hashable]:
             atom.domain,
             tuple(topic_rules[channel]),
             tuple(alone[channel]),
+            tuple(refused[channel]),
             tuple(
                 (channel in claim.source.channels, channel in claim.target.channels, channel in claim.left_out)
                 for claim in system.claims

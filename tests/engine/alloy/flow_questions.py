@@ -129,6 +129,12 @@ def questions() -> list[Question]:
         b.enclaves[TALKER] = replace(b.enclaves[TALKER], reads_alone=frozenset({OTHER_TOPIC}))
         return b
 
+    def denied(**facts: set[int]) -> Builder:
+        """The listener's own implementation refuses it what its peers would take."""
+        b = chain()
+        b.enclaves[LISTENER] = replace(b.enclaves[LISTENER], **{name: frozenset(each) for name, each in facts.items()})
+        return b
+
     honest, source, relays = Attacker.HONEST, Attacker.SOURCE, Attacker.RELAYS
     shared = {"rtps": ProtectionKind.ENCRYPT, "metadata": ProtectionKind.ENCRYPT}
     return [
@@ -201,4 +207,18 @@ def questions() -> list[Question]:
         (expired(), starting(claim(at(TALKER), at(THIRD), kind=ClaimKind.SEPARATE_DOMAINS)), True),
         (expired(), starting(claim(at(THIRD), at(TALKER), kind=ClaimKind.SEPARATE_DOMAINS)), True),
         (expired(), starting(claim(at(TALKER), at(TALKER), kind=ClaimKind.SEPARATE_DOMAINS)), False),
+        # endpoints that an enclave's own implementation refuses it
+        (denied(refused_reads={CHATTER}), claim(at(TALKER), at(THIRD), honest, kind=ClaimKind.ABLE), True),
+        (denied(refused_writes={CHATTER}), claim(at(TALKER), at(THIRD), honest, kind=ClaimKind.ABLE), False),
+        (
+            denied(refused_writes=frozenset({OTHER_TOPIC})),
+            claim(at(TALKER), at(THIRD), honest, kind=ClaimKind.ABLE),
+            True,
+        ),
+        (
+            denied(refused_reads=frozenset({OTHER_TOPIC})),
+            claim(at(TALKER), at(THIRD), honest, kind=ClaimKind.ABLE),
+            False,
+        ),
+        (denied(refused_reads={CHATTER}), claim(at(TALKER), at(THIRD), honest), True),
     ]

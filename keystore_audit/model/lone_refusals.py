@@ -1,0 +1,92 @@
+"""Endpoints that an enclave's own implementation refuses it although its peers would take them.
+
+Data gets somewhere while nobody attacks only if the implementations on the way create their own endpoints; and some
+refuse what they would concede to a peer: to its own endpoints Fast DDS applies deny rules of other domains too, and a
+`<relay>` gives them nothing (docs/profiles.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from datetime import datetime
+from typing import NamedTuple
+
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.channels import Channels
+from keystore_audit.model.decision import LocalRights
+from keystore_audit.model.permission import members
+from keystore_audit.model.profiles import Profile
+from keystore_audit.model.semantics import ReadGrant
+from keystore_audit.model.validity import END
+
+
+class Refused(NamedTuple):
+    """Channels on which the implementation refuses its own enclave a writer, or a reader, that peers would take."""
+
+    writes: frozenset[int]
+    reads: frozenset[int]
+
+
+NOTHING_REFUSED = Refused(frozenset(), frozenset())
+
+
+class LoneRefusals:
+    """Of the enclaves of one keystore, from `at` (aware UTC) on: what is refused at any moment counts."""
+
+    def __init__(self, keystore: Keystore, accesses: AccessViews, channels: Channels, at: datetime) -> None:
+        self._enclaves = keystore.enclaves
+        self._accesses = accesses
+        self._channels = channels
+        self._at = at
+        self._rights: dict[datetime, LocalRights] = {}
+        governances = (enclave.governance for enclave in keystore.enclaves if enclave.governance is not None)
+        self._several = len({governance.signed.file.sha256 for governance in governances}) > 1
+
+    def of(self, profile: Profile) -> tuple[Refused, ...]:
+        """By enclave; empty where no implementation refuses what peers concede."""
+        found = tuple(self._refused(enclave, profile) for enclave in self._enclaves)
+        return found if any(each != NOTHING_REFUSED for each in found) else ()
+
+    def _refused(self, enclave: Enclave, profile: Profile) -> Refused:
+        grants = self._grants(enclave, profile)
+        if not any(self._may_refuse(grant, profile) for grant in grants):  # nearly always
+            return NOTHING_REFUSED
+        writes, reads = 0, 0
+        for at in self._moments(grants):
+            local = self._local(at)
+            writes |= self._conceded_not_allowed(local, enclave, profile, Operation.PUBLISH)
+            reads |= self._conceded_not_allowed(local, enclave, profile, Operation.SUBSCRIBE)
+        return Refused(frozenset(members(writes)), frozenset(members(reads)))
+
+    @staticmethod
+    def _conceded_not_allowed(local: LocalRights, enclave: Enclave, profile: Profile, operation: Operation) -> int:
+        return local.conceded(enclave, profile, operation) & ~local.allowed(enclave, profile, operation)
+
+    def _may_refuse(self, grant: ReadGrant, profile: Profile) -> bool:
+        """Whether its rules may decide otherwise about the enclave's own endpoints than about those of a peer."""
+        if any(rule.of_peers for rule in grant.rules):
+            return True
+        if all(rule.allow for rule in grant.rules):
+            return False
+        if not profile.local.binds_domains and len({rule.domains for rule in grant.rules}) > 1:
+            return True
+        return profile.access.first_rule_decides_topic and self._several  # each asks its own governance
+
+    def _grants(self, enclave: Enclave, profile: Profile) -> tuple[ReadGrant, ...]:
+        """What its own document grants, to whomever."""
+        if enclave.permissions is None:
+            return ()
+        return self._accesses.read(enclave.permissions, profile.access).grants or ()
+
+    def _moments(self, grants: Sequence[ReadGrant]) -> Iterator[datetime]:
+        """The audit instant, and each later one at which another grant may begin to count."""
+        ends = {grant.not_after + datetime.resolution for grant in grants if grant.not_after < END}
+        later = ends | {grant.not_before for grant in grants}
+        yield from (self._at, *sorted(moment for moment in later if moment > self._at))
+
+    def _local(self, at: datetime) -> LocalRights:
+        if at not in self._rights:
+            self._rights[at] = LocalRights(self._accesses, self._channels, at)
+        return self._rights[at]

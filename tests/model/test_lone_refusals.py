@@ -1,0 +1,122 @@
+"""What an enclave's own implementation refuses it and peers would take is in its system, and no way of `able`."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from keystore_audit.keystore.keystore import read_keystore
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.decision import LocalRights
+from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.own_rights import OwnRights
+from keystore_audit.model.permission import Permissions, bits
+from keystore_audit.model.profiles import VARIANTS, Profile
+from keystore_audit.model.system import Reading
+from keystore_audit.model.systems import SystemBuilder
+from tests.model.comparing import (
+    Store,
+    criterion,
+    domain_rule,
+    governance,
+    grant,
+    permissions,
+    rule,
+    topic_rule,
+)
+from tests.model.test_ability import AFTER, BEFORE, LISTENER, TALKER, holds
+from tests.oracles.vendors import random_keystores, recipe
+
+EVERY = tuple(VARIANTS.values())
+FAST, CYCLONE = ("fastdds-2.14",), ("cyclonedds-11",)
+STOCK = Store(members={"/e": TALKER, "/f": LISTENER}, governance=governance())
+
+
+def rules(operation: str, first: str) -> str:
+    """A document of /e or /f: a rule, and then the right itself."""
+    owner = "/e" if operation == "publish" else "/f"
+    return permissions(grant(owner, first, rule(criterion(operation, "rt/a"))))
+
+
+@pytest.mark.parametrize("operation", ["publish", "subscribe"])
+def test_fast_dds_applies_a_denial_of_another_domain(operation: str, tmp_path: Path) -> None:
+    def store(domain: int) -> Store:
+        denied = rule(criterion(operation, "rt/a"), domains=f"<id>{domain}</id>", allow=False)
+        return STOCK.member("/e" if operation == "publish" else "/f", permissions=rules(operation, denied))
+
+    assert not holds(store(9), tmp_path / "fast", profiles=FAST)
+    assert holds(store(9), tmp_path / "cyclone", profiles=CYCLONE)
+    assert not holds(store(0), tmp_path / "zero", profiles=CYCLONE)
+
+
+@pytest.mark.parametrize(("topic", "kept"), [("rt/a", False), ("rt/b", True)])
+def test_fast_dds_stops_at_a_rule_of_another_domain_with_another_partition(
+    topic: str, kept: bool, tmp_path: Path
+) -> None:
+    elsewhere = rule(criterion("publish", topic, partitions=("p",)), domains="<id>9</id>")
+    store = STOCK.member("/e", permissions=rules("publish", elsewhere))
+    assert holds(store, tmp_path / "fast", profiles=FAST) is kept
+    assert holds(store, tmp_path / "cyclone", profiles=CYCLONE)
+
+
+@pytest.mark.parametrize(("operation", "kept"), [("relay", False), ("subscribe", True)])
+def test_a_relay_gives_its_own_readers_nothing(operation: str, kept: bool, tmp_path: Path) -> None:
+    """To peers it is a right to read, on Fast DDS."""
+    relaying = permissions(grant("/f", rule(criterion(operation, "rt/a"))))
+    assert holds(STOCK.member("/f", permissions=relaying), tmp_path / "k", profiles=FAST) is kept
+
+
+def test_a_denial_of_a_grant_that_begins_later(tmp_path: Path) -> None:
+    """What is refused at any moment counts at once: no claim of ability is kept by it."""
+    denied = rule(criterion("publish", "rt/a"), domains="<id>9</id>", allow=False)
+    own = rule(criterion("publish", "rt/a"))
+    now = grant("/e", own).replace("2034-01-01", "2027-06-01")
+    for name, first, kept in (("denied", denied, False), ("same", own, True)):
+        later = grant("/e", first, own).replace("2014-01-01", "2027-06-01")
+        store = STOCK.member("/e", permissions=permissions(now, later))
+        assert holds(store, tmp_path / name, until=AFTER, profiles=FAST) is kept
+        assert holds(store, tmp_path / f"{name} before", until=BEFORE, profiles=FAST) is kept
+
+
+def test_a_topic_that_is_not_created_by_the_governance_of_its_own(tmp_path: Path) -> None:
+    """Cyclone DDS 0.10 has no topic whose first rule denies, where its own governance controls both accesses."""
+    denied = rule(criterion("publish", "rt/a", partitions=("p",)), allow=False)
+    store = STOCK.member("/e", permissions=rules("publish", denied))
+    loose = governance(domain_rule(topics=topic_rule("rt/a", enable_read_access_control="false") + topic_rule()))
+    assert not holds(store.member("/f", governance=loose), tmp_path / "k", profiles=("cyclonedds-0.10",))
+    assert holds(STOCK.member("/f", governance=loose), tmp_path / "without", profiles=("cyclonedds-0.10",))
+
+
+def is_name(topic: str, profile: Profile) -> bool:
+    """Whether the implementation can have such a topic."""
+    return profile.local.topic_names is None or re.fullmatch(profile.local.topic_names, topic) is not None
+
+
+@pytest.mark.parametrize("start", range(0, 120, 40))
+def test_nothing_that_is_refused_is_missing(start: int, tmp_path: Path) -> None:
+    """Of random documents whose rules compete: by the decision about each channel."""
+    refused = 0
+    for seed in range(start, start + 40):
+        root = tmp_path / str(seed)
+        random_keystores.keystore(seed).build(root)
+        keystore = read_keystore(root)
+        accesses = AccessViews(documents_of(keystore), recipe.NOW, None)
+        builder = SystemBuilder(keystore, EVERY, recipe.NOW, accesses)
+        rights = LocalRights(accesses, builder.channels, recipe.NOW)
+        [enclave] = keystore.enclaves
+        systems = {name: s for s in builder.systems() if s.reading is Reading.MAY for name in s.profiles}
+        for profile in (each for each in EVERY if each.name != "opendds"):
+            system = systems[profile.name]
+            if system.has_doubt:
+                continue
+            possible = (n for n, each in enumerate(system.channels) if each.infinite or is_name(each.topic, profile))
+            named = bits(possible)  # topics of other names are left out of every claim of ability
+            able = OwnRights(system, RealmView(system, 0, Permissions(system))).abilities(0)
+            for counted, operation in ((able.may_write, Operation.PUBLISH), (able.may_read, Operation.SUBSCRIBE)):
+                assert named & counted & ~rights.allowed(enclave, profile, operation) == 0, (seed, profile.name)
+            refused += bool(system.enclaves[0].refused_writes or system.enclaves[0].refused_reads)
+    assert refused >= 5
