@@ -174,19 +174,26 @@ class LocalRights:
         """Topics that no rule of the governance covers, and those without access control for the operation."""
         place = enclave.governance.signed.file.place if enclave.governance else ""
         governed = 0
+        if access.any_governance_rule:
+            yield from self._loose(enclave, access, operation, place)
         for domain_rule, topic, channels in self._topic_rules(enclave, access, local):
             governed |= channels
             if not _controls(topic, operation):
-                control = "write" if operation is Operation.PUBLISH else "read"
-                where = f"the topic in domain {describe(domain_rule.domains)}"
-                reason = f"the governance has {control} access control off for {where}, so permissions are not asked"
-                location = Location(path=place, line=topic.line)
-                yield Step(channels, Decision(allow=True, reason=reason, location=location))
+                yield Step(channels, _uncontrolled(domain_rule, topic, operation, place))
         if governed != self._all:
             reason = "no topic rule of the governance covers the topic in this domain, so it cannot be created"
             whole = Location(path=place) if place else None
             uncovered = Decision(allow=False, reason=reason, location=whole)
             yield Step(self._all & ~governed, uncovered, by_permissions=False)
+
+    def _loose(self, enclave: Enclave, access: Access, operation: Operation, place: str) -> Iterator[Step]:
+        """Topics for which any matching topic rule, of any domain rule, has access control off."""
+        rules = self._accesses.read(enclave.governance, access).domain_rules if enclave.governance else ()
+        for domain_rule in rules or ():
+            for topic in domain_rule.topic_rules:
+                if not _controls(topic.rule, operation):
+                    channels = self._region(access, topic.region) & self._domains(domain_rule)
+                    yield Step(channels, _uncontrolled(domain_rule, topic.rule, operation, place))
 
     def _topics(self, enclave: Enclave, access: Access, grant: ReadGrant, place: str, local: Local) -> Iterator[Step]:
         """Topics that cannot be created, since the first rule that lists them denies (`profiles.Access`)."""
@@ -332,6 +339,13 @@ def _shared_beginning(one: str, other: str) -> int:
 
 def _controls(topic: TopicRule, operation: Operation) -> bool:
     return topic.enable_write_access_control if operation is Operation.PUBLISH else topic.enable_read_access_control
+
+
+def _uncontrolled(domain_rule: ReadDomainRule, topic: TopicRule, operation: Operation, place: str) -> Decision:
+    control = "write" if operation is Operation.PUBLISH else "read"
+    where = f"the topic in domain {describe(domain_rule.domains)}"
+    reason = f"the governance has {control} access control off for {where}, so permissions are not asked"
+    return Decision(allow=True, reason=reason, location=Location(path=place, line=topic.line))
 
 
 def _blocks(rule: ReadRule, passed: list[ReadRule]) -> bool:

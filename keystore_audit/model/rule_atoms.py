@@ -11,7 +11,7 @@ from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.domains import Interval, domain_bits
 from keystore_audit.model.profiles import Access
-from keystore_audit.model.semantics import ReadRule, Region
+from keystore_audit.model.semantics import ReadDomainRule, ReadRule, Region
 from keystore_audit.model.system import DomainRuleAtom, GrantAtom, RuleAtom, TopicRuleAtom
 
 Read = Sequence[tuple[str, ReadDocument]]
@@ -40,14 +40,15 @@ class RuleAtoms:
         topic_rules: list[TopicRuleAtom] = []
         for number, (place, document) in enumerate(documents):
             first = len(domain_rules)
-            for read in document.domain_rules or ():
+            parted = list(self._by_join_control(document.domain_rules or (), access))
+            for read, domains, controls_join in parted:
                 rule = read.rule
                 domain_rules.append(
                     DomainRuleAtom(
                         document=number,
-                        domains=self._classes(read.domains),
+                        domains=domains,
                         allow_unauthenticated_participants=rule.allow_unauthenticated_participants,
-                        enable_join_access_control=rule.enable_join_access_control,
+                        enable_join_access_control=controls_join,
                         discovery_protection_kind=rule.discovery_protection_kind,
                         liveliness_protection_kind=rule.liveliness_protection_kind,
                         rtps_protection_kind=rule.rtps_protection_kind,
@@ -56,13 +57,32 @@ class RuleAtoms:
                 )
             loose = self._loose(document, access) if access.any_governance_rule else _NONE_LOOSE
             parts: dict[frozenset[int], list[_Part]] = {}
-            for parent, read in enumerate(document.domain_rules or (), first):
+            for parent, (read, _domains, _controls_join) in enumerate(parted, first):
                 for topic in read.topic_rules:
                     channels = self._channels.regions[access.matcher, topic.region]
                     if channels not in parts:
                         parts[channels] = list(_parts(channels, loose))
                     topic_rules += [_topic_atom(topic.rule, parent, place, part) for part in parts[channels]]
         return tuple(domain_rules), tuple(topic_rules)
+
+    def _by_join_control(
+        self, rules: Sequence[ReadDomainRule], access: Access
+    ) -> Iterator[tuple[ReadDomainRule, frozenset[int], bool]]:
+        """Each domain rule with its domain classes, and whether who joins is controlled there.
+
+        Where any rule may switch that off, a rule is parted: its domains in which another one has it off come apart.
+        """
+        off: frozenset[int] = frozenset()
+        if access.any_governance_rule:
+            loose = (read.domains for read in rules if not read.rule.enable_join_access_control)
+            off = off.union(*map(self._classes, loose))
+        for read in rules:
+            domains, controlled = self._classes(read.domains), read.rule.enable_join_access_control
+            elsewhere = domains & off if controlled else frozenset()
+            if elsewhere:
+                yield read, elsewhere, False
+            if domains != elsewhere or not elsewhere:
+                yield read, domains - elsewhere, controlled
 
     def _loose(self, document: ReadDocument, access: Access) -> _Loose:
         """The channels for which any matching topic rule of the document has read, or write, access control off."""

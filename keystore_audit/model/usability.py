@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
+from itertools import islice
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
@@ -205,18 +206,20 @@ class Usabilities:
             return None
         key = (file.signed.file.place, self._accesses.row(profile.access))
         if key not in self._governed:
-            self._governed[key] = tuple(self._deciding(self._accesses.deciding(file, profile.access)))
+            every = profile.access.any_governance_rule
+            self._governed[key] = tuple(
+                self._deciding(rules if every else self._accesses.deciding(file, profile.access), every=every)
+            )
         return self._governed[key]
 
-    def _deciding(self, rules: Sequence[ReadDomainRule]) -> Iterator[tuple[Interval, ReadDomainRule]]:
-        """The first rule for the domain in question, or for each that they tell apart."""
+    def _deciding(self, rules: Sequence[ReadDomainRule], *, every: bool) -> Iterator[tuple[Interval, ReadDomainRule]]:
+        """The first rule for the domain in question, or for each that they tell apart; `every`: all rules for it."""
         asked: Iterable[Interval] = ((self._domain, self._domain),) if self._domain is not None else ()
         if self._domain is None:
             asked = elementary(rule.domains for rule in rules)
         for interval in asked:
-            decides = next((rule for rule in rules if contains(rule.domains, interval[0])), None)
-            if decides is not None:
-                yield interval, decides
+            covering = (rule for rule in rules if contains(rule.domains, interval[0]))
+            yield from ((interval, rule) for rule in (covering if every else islice(covering, 1)))
 
 
 def _chain_refusals(enclave: Enclave, certificate: Certificate, trust: Trust) -> tuple[str, ...]:

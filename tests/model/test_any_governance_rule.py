@@ -1,0 +1,81 @@
+"""On OpenDDS access control is off where any matching rule of the governance has it off, not the first alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from keystore_audit.keystore.keystore import read_keystore
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.decision import LocalRights
+from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.permission import Permissions, bits
+from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.model.usability import Usabilities
+from tests.model.comparing import (
+    AT,
+    Member,
+    Store,
+    criterion,
+    domain_rule,
+    governance,
+    grant,
+    permissions,
+    rule,
+    topic_rule,
+)
+
+OFF = {"enable_write_access_control": "false"}
+ELSEWHERE = permissions(grant("/e", rule(criterion("publish", "rt/other"), domains="<id>5</id>")))
+
+
+class Asked:
+    """What one implementation makes of a governance, of an enclave without any right in domain 0."""
+
+    def __init__(self, by: str, root: Path, profile: str) -> None:
+        keystore = read_keystore(Store(members={"/e": Member(permissions=ELSEWHERE)}, governance=by).write(root))
+        self.profile = VARIANTS[profile]
+        accesses = AccessViews(documents_of(keystore), AT, None)
+        builder = SystemBuilder(keystore, (self.profile,), AT, accesses, [("rt/a", "")])
+        [self.system] = builder.systems()
+        [self.enclave] = keystore.enclaves
+        inside = {n for n, each in enumerate(self.system.domains) if each.intervals[0][0] == 0}
+        self.zero = bits(n for n, each in enumerate(self.system.channels) if each.domain in inside)
+        self.rights = LocalRights(accesses, builder.channels, AT)
+        self.starts = Usabilities(0, accesses).of(self.enclave, AT, self.profile).usable
+
+    @property
+    def allowed(self) -> bool:
+        return bool(self.rights.allowed(self.enclave, self.profile, Operation.PUBLISH) & self.zero)
+
+    @property
+    def conceded(self) -> bool:
+        return bool(RealmView(self.system, 0, Permissions(self.system)).abilities(0).may_write & self.zero)
+
+
+@pytest.mark.parametrize(("profile", "expected"), [("opendds", True), ("spec", False), ("cyclonedds-11", False)])
+def test_a_later_topic_rule_switches_access_control_off(profile: str, expected: bool, tmp_path: Path) -> None:
+    loose = domain_rule(topics=topic_rule("rt/*") + topic_rule("rt/a", **OFF))
+    assert Asked(governance(loose), tmp_path / "one", profile).allowed is expected
+    apart = governance(domain_rule(), domain_rule(topics=topic_rule("rt/a", **OFF)))
+    assert Asked(apart, tmp_path / "two", profile).allowed is expected
+    assert not Asked(governance(domain_rule()), tmp_path / "none", profile).allowed
+
+
+@pytest.mark.parametrize(("profile", "expected"), [("opendds", True), ("spec", False), ("fastdds-3.6", False)])
+def test_a_later_domain_rule_switches_join_access_control_off(profile: str, expected: bool, tmp_path: Path) -> None:
+    first = domain_rule(topics=topic_rule(**OFF))
+    for name, domains in (("same", "<id>0</id>"), ("more", "<id>0</id><id>5</id>")):
+        second = domain_rule(domains, enable_join_access_control="false")
+        assert Asked(governance(first, second), tmp_path / name, profile).conceded is expected
+    assert not Asked(governance(first, domain_rule("<id>5</id>")), tmp_path / "none", profile).conceded
+
+
+@pytest.mark.parametrize(("joining", "expected"), [("false", True), ("true", False)])
+def test_opendds_starts_by_a_later_domain_rule(joining: str, expected: bool, tmp_path: Path) -> None:
+    later = governance(domain_rule(), domain_rule(enable_join_access_control=joining))
+    assert Asked(later, tmp_path / "k", "opendds").starts is expected
