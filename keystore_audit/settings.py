@@ -192,7 +192,7 @@ def _able(table: Table, key: str) -> dict[str, Any]:
         "include_ambient": form.flag("include_ambient"),
         "marks": form.marks,
         "statement": f"Data can get from {_listed(form.texts('from'))} to {_listed(form.texts('to'))}, by what "
-        "permissions allow; whether governances match (KA416) and nodes use it is not asked.",
+        "permissions allow; whether governances match (KA416), nodes can be made (KA636) and use it is not asked.",
     }
 
 

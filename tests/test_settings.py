@@ -86,6 +86,7 @@ to = "/b"
     assert (encrypted.attacker, encrypted.target) == (Attacker.INSIDER, Globs(topics=("rq/addRequest",)))
     assert (apart.source, apart.target) == (Globs(enclaves=("/a",)), Globs(enclaves=("/b",)))
     assert (able.kind, able.source) == (ClaimKind.ABLE, Globs(outsider=True))
+    assert "nodes can be made (KA636)" in able.statement, "what is not asked is said"
     assert able.until == datetime(2026, 12, 31, 23, 0, 0, tzinfo=timezone.utc)
 
 
