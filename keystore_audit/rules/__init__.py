@@ -14,6 +14,7 @@ from keystore_audit.rules.authority import AUTHORITY
 from keystore_audit.rules.breadth import BREADTH
 from keystore_audit.rules.certificate import CERTIFICATE
 from keystore_audit.rules.crashes import CRASHES
+from keystore_audit.rules.data_tags import DATA_TAGS
 from keystore_audit.rules.divergence import DIVERGENCE
 from keystore_audit.rules.domain import DOMAIN
 from keystore_audit.rules.drift import DRIFT
@@ -66,6 +67,7 @@ RULES: tuple[Rule[Any], ...] = tuple(
             *DIVERGENCE,
             *RULE_ORDER,
             *PARTITION,
+            *DATA_TAGS,
             *DRIFT,
             *PORTABILITY,
             *ROS_SERVICES,

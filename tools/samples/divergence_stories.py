@@ -128,6 +128,16 @@ def _partitions() -> Iterator[Story]:
         ),
         good=Case("What is allowed is named.", _rules_of(Rule(subscribe=(replace(read, partitions=("public",)),)))),
     )
+    yield from pair(
+        "KA638",
+        "data-tags-ignored",
+        bad=Case(
+            "The talker may publish /map with endpoints that have the data tag survey, it is thought. Implementations "
+            "pass over the tag: it may with all.",
+            _rules_of(Rule(publish=(Criterion(topics=("rt/map",), data_tag="survey"),))),
+        ),
+        good=Case("The rule has no tag, and says what it does.", _rules_of(Rule(publish=("rt/map",)))),
+    )
     two = tuple(Rule(publish=(Criterion(topics=("rt/map",), partitions=(name,)),)) for name in ("east", "west"))
     yield from pair(
         "KA607",

@@ -94,6 +94,7 @@ class Criterion:
 
     topics: tuple[str, ...]
     partitions: tuple[str, ...] = ()
+    data_tag: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -188,6 +189,9 @@ def _criterion(name: str, criterion: Criterion) -> Iterator[Line]:
             for value in values:
                 yield 6, _element(kind, value)
             yield 5, f"</{kind}s>"
+    if criterion.data_tag:
+        tag = _element("name", criterion.data_tag) + _element("value", "yes")
+        yield 5, f"<data_tags><tag>{tag}</tag></data_tags>"
     yield 4, f"</{name}>"
 
 

@@ -1,0 +1,51 @@
+"""KA638: rules that are limited to data tags, which every implementation passes over."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from keystore_audit.findings import Severity
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.permissions import WRITE_AGAIN, about, all_grants
+from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.subjects import PermissionsUse, speaks
+from keystore_audit.rules.wording import listed, quoted
+
+
+@rule(
+    "KA638",
+    "data-tags-ignored",
+    Severity.HIGH,
+    on=PermissionsUse,
+    clause="DDS-Security 1.1, 9.4.1.3.2.3 (data_tags); measured on Fast DDS 2.9.1 and Cyclone DDS 0.10.2",
+    remedy=f"ROS 2 has no data tags: take <data_tags> out, and allow or deny what remains: {WRITE_AGAIN}",
+    applies=speaks,
+)
+def data_tags_ignored(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+    """A rule is limited to endpoints with certain data tags, and every implementation applies it to all endpoints.
+
+    To the specification an allow rule with tags allows these alone, and a deny rule leaves all others alone. High where
+    more is allowed than it says, medium where more is denied. Everything else here is decided as implementations do,
+    without the tags, under `spec` too.
+    """
+    for grant in all_grants(use):
+        for each in grant.rules:
+            for criterion in each.criteria:
+                if criterion.data_tags:
+                    topics = listed([quoted(text.text) for text in criterion.topics])
+                    verb = "allows" if each.allow else "denies"
+                    yield about(
+                        use,
+                        grant,
+                        criterion.line,
+                        f"It {verb} {criterion.operation.value} of {topics} to endpoints with certain data tags alone, "
+                        f"and every implementation passes over the tags: it {verb} it to all.",
+                        severity=None if each.allow else Severity.MEDIUM,
+                        key=f"{grant.subject_name.text} {verb} {criterion.operation.value} "
+                        + " ".join(text.text for text in criterion.topics),
+                    )
+
+
+DATA_TAGS: tuple[Rule[Any], ...] = (data_tags_ignored,)
+"""What is limited to data tags."""
