@@ -7,10 +7,13 @@ from collections.abc import Iterator
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
-from keystore_audit.keystore.layout import Role
+from keystore_audit.keystore.layout import Role, keeps_enclaves_apart, starts_by_itself
 
 _ENCLAVES: Final = "enclaves"
 """The folder that makes a directory a keystore since Foxy."""
+
+_SHARED: Final = frozenset(("public", "private"))
+"""The other folders that such a keystore has."""
 
 _FILES: Final = frozenset(
     (
@@ -38,27 +41,37 @@ def find_keystores(directory: str) -> Found:
     """The topmost directories at or below `directory` that hold `enclaves`, or a file of an enclave or an authority.
 
     Nothing is left out silently: where such a file is, it belongs to one of the keystores found or is in `unseen`.
-    Folders of single enclaves that lie side by side are keystores of their own.
+    Folders of single enclaves that lie side by side are keystores of their own. So is a whole keystore, or an enclave
+    with all its files, in a keystore whose own enclaves lie below enclaves/: the audit of that one judges no others.
     """
     keystores: list[str] = []
     unseen: list[tuple[str, str]] = []
     inside = os.path.realpath(directory)
-    stack = [directory]
+    stack = [(directory, False)]
     while stack:
-        place = stack.pop()
+        place, within = stack.pop()
         try:
             with os.scandir(place) as listing:
                 entries = sorted(listing, key=lambda entry: os.fsencode(entry.name))
         except OSError as error:
             unseen.append((place, error.strerror or str(error)))
             continue
-        if any(entry.name == _ENCLAVES or entry.name in _FILES for entry in entries):
+        names = frozenset(os.fsencode(entry.name) for entry in entries)
+        if starts_by_itself(names) or not (within or _FILES.isdisjoint(entry.name for entry in entries)):
             keystores.append(place)
-            continue
+            if not keeps_enclaves_apart(names):
+                continue  # whatever is below is one of its enclaves
+            within = True
+            entries = [entry for entry in entries if not _judged(entry)]
         below = [entry for entry in entries if entry.is_dir(follow_symlinks=False)]
-        stack.extend(entry.path for entry in reversed(below))
+        stack.extend((entry.path, within) for entry in reversed(below))
         unseen.extend(_links_out(entries, inside))
     return Found(keystores=tuple(keystores), unseen=tuple(unseen))
+
+
+def _judged(entry: os.DirEntry[str]) -> bool:
+    """Whether the audit of the keystore that holds it judges all that it leads to, or says that it does not."""
+    return entry.name == _ENCLAVES or (entry.name in _SHARED and entry.is_symlink())
 
 
 def _links_out(entries: list[os.DirEntry[str]], inside: str) -> Iterator[tuple[str, str]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from collections.abc import Set as AbstractSet
 from enum import Enum
 from typing import Final
 
@@ -67,6 +68,7 @@ class Layout:
     the directory that went beyond it, and nothing after it in order of path was looked at.
     `expected`: what a complete keystore of this kind would hold and this one lacks, in words.
     `provisioning`: paths of files that only making a keystore needs, by their names.
+    `nested`: the topmost folders that are keystores or enclaves of their own where this keystore has none.
     """
 
     kind: LayoutKind
@@ -79,6 +81,7 @@ class Layout:
     unreadable_directories: tuple[File, ...]
     expected: tuple[str, ...]
     provisioning: tuple[str, ...] = ()
+    nested: tuple[str, ...] = ()
 
 
 _IN_PEM_OR_P11: Final = (Role.IDENTITY_CA, Role.CERTIFICATE, Role.KEY, Role.PERMISSIONS_CA)
@@ -102,6 +105,13 @@ _FLAT_ROOT: Final = frozenset({_ONE_AUTHORITY, b"ca.key.pem", b"governance.p7s",
 """What sros2 put into the root from Ardent to Eloquent."""
 
 _FILE_NAMES: Final = frozenset((*_RUN_TIME, _NAMES[Role.CRL], *_UNSIGNED_NAMES.values(), *_FLAT_ROOT))
+
+_COMPLETE: Final = tuple(
+    frozenset({_NAMES[role], _PKCS11_NAMES.get(role, b"")} | ({_ONE_AUTHORITY} if "_ca." in role.value else set()))
+    for role in Role
+    if role is not Role.CRL
+)
+"""What each file of an enclave that can start may be called, in any layout."""
 
 _PROVISIONING: Final = re.compile(
     # Unsigned documents, policies, and what `openssl ca` and `openssl req` leave behind, as sros2 calls them.
@@ -141,7 +151,19 @@ def discover(root: Root) -> Layout:
         unreadable_directories=tree.unreadable,
         expected=tuple(_expected(tree, kind)),
         provisioning=tuple(_provisioning(tree)),
+        nested=tuple(_nested(tree, kind)),
     )
+
+
+def starts_by_itself(names: AbstractSet[bytes]) -> bool:
+    """Whether a folder with these names is a keystore since Foxy, or an enclave with all its files."""
+    return b"enclaves" in names or all(names & role for role in _COMPLETE)
+
+
+def keeps_enclaves_apart(names: AbstractSet[bytes]) -> bool:
+    """Whether a keystore with these names in its root has enclaves below enclaves/ alone."""
+    both = {_ONE_AUTHORITY, b"governance.p7s"} <= names  # before Foxy, with a namespace called enclaves
+    return b"enclaves" in names and (not both or b"public" in names or b"private" in names)
 
 
 class _Tree:
@@ -169,16 +191,12 @@ class _Tree:
 
     def kind(self) -> LayoutKind:
         """Return the layout as the root shows it; ARDENT is a FLAT one, to be told by its enclaves."""
-        if self.top.get(b"enclaves") is EntryKind.DIRECTORY and not self._has_namespace_called_enclaves():
+        if self.top.get(b"enclaves") is EntryKind.DIRECTORY and keeps_enclaves_apart(self.top.keys()):
             return LayoutKind.SROS2
         names = self.names(b"")
         if names & _OWN:
             return LayoutKind.ENCLAVE
         return LayoutKind.FLAT if names & _FLAT_ROOT else LayoutKind.PARTIAL
-
-    def _has_namespace_called_enclaves(self) -> bool:
-        both = {_ONE_AUTHORITY, b"governance.p7s"} <= self.top.keys()
-        return both and b"public" not in self.top and b"private" not in self.top
 
     def enclaves(self, kind: LayoutKind) -> list[bytes]:
         """Return the directories that are enclaves (design section 3)."""
@@ -308,6 +326,18 @@ def _provisioning(tree: _Tree) -> Iterator[str]:
         for name in sorted(tree.names(place)):
             if _PROVISIONING.fullmatch(name):
                 yield display(_below(place, name))
+
+
+def _nested(tree: _Tree, kind: LayoutKind) -> Iterator[str]:
+    """In the other layouts every such folder is an enclave of the keystore itself."""
+    found: bytes | None = None
+    for place in tree.listings if kind is LayoutKind.SROS2 else ():
+        own = not place or (place + b"/").startswith(b"enclaves/")
+        if own or (found is not None and place.startswith(found + b"/")):
+            continue
+        if starts_by_itself(tree.names(place)):
+            found = place
+            yield display(place)
 
 
 def _expected(tree: _Tree, kind: LayoutKind) -> Iterator[str]:

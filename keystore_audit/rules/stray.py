@@ -254,10 +254,39 @@ def _identity_at(each: Admitted) -> Iterator[Location]:
     yield Location(path=each.right.path, line=each.right.line, message="what lets it in")
 
 
+@rule(
+    "KA669",
+    "keystore-inside-keystore",
+    Severity.MEDIUM,
+    on=Keystore,
+    clause="ros2/rmw_dds_common, security.cpp (enclaves lie in the folder enclaves/ of the keystore that is named)",
+    remedy="Audit it by itself, by its own path or with `-r`, which audits what lies in keystores too. Then move it "
+    "out: whoever has this keystore has its private keys.",
+)
+def keystore_inside_keystore(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+    """Outside enclaves/ lies another keystore, or an enclave with all its files, and this audit does not judge it.
+
+    A run time that is told of that folder uses it. Its documents and identities count here as far as peers of this
+    keystore take them (KA660, KA661, KA668); its own governance, authorities and rights are judged by no rule. In
+    layouts before Foxy such a folder is an enclave of the keystore itself.
+    """
+    nested = keystore.layout.nested
+    if nested:
+        one = len(nested) == 1
+        yield Violation(
+            message=f"{listed(nested)} {'is a keystore or an enclave' if one else 'are keystores or enclaves'} of "
+            f"{'its' if one else 'their'} own outside enclaves/: what {'it' if one else 'they'} would let anybody do "
+            "was not judged here.",
+            locations=places(Location(path=path) for path in nested),
+            key="\n".join(nested),
+        )
+
+
 STRAY: tuple[Rule[Any], ...] = (
     several_permissions_for_subject,
     signed_governance_at_large,
     signed_document_without_effect,
     document_at_large_unread,
     identity_outside_enclaves,
+    keystore_inside_keystore,
 )

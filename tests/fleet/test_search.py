@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from keystore_audit.errors import NothingToAudit
 from keystore_audit.fleet.search import find_keystores
 from keystore_audit.keystore.keystore import read_keystore
+from keystore_audit.keystore.layout import discover
+from keystore_audit.keystore.root import Root
 
 RUN_TIME = ("cert.pem", "key.p11", "permissions.p7s", "governance.p7s", "identity_ca.cert.pem", "ca.cert.pem")
 
@@ -32,9 +36,41 @@ def test_the_topmost_counts(tmp_path: Path) -> None:
     for folder in ("b/keys/enclaves/talker", "b/keys/backup/enclaves/talker", "a/deep/er/enclaves", "c/logs"):
         (tmp_path / folder).mkdir(parents=True)
     (tmp_path / "c/cert.pem").touch()
-    assert names(tmp_path) == ["a/deep/er", "b/keys", "c"]
-    assert names(tmp_path / "b/keys") == ["."]
+    assert names(tmp_path) == ["a/deep/er", "b/keys", "b/keys/backup", "c"]
+    assert names(tmp_path / "b/keys") == [".", "backup"]
     assert names(tmp_path / "c/logs") == []
+
+
+def touch(root: Path, *paths: str) -> None:
+    for path in paths:
+        (root / path).parent.mkdir(parents=True, exist_ok=True)
+        (root / path).touch()
+
+
+def test_keystores_and_whole_enclaves_in_a_keystore_are_found_too(tmp_path: Path) -> None:
+    whole = ("cert.pem", "key.p11", "permissions.p7s", "governance.p7s", "ca.cert.pem")
+    touch(tmp_path, "enclaves/robot0/enclaves/talker/cert.pem", "public/ca.cert.pem", "private/ca.key.pem")
+    touch(tmp_path, "public/robot1/enclaves/talker/cert.pem", "old/robot1/robot2/enclaves/listener/cert.pem")
+    touch(tmp_path, *(f"old/talker/{name}" for name in whole))
+    touch(tmp_path, *(f"old/half/{name}" for name in whole[1:]))  # nobody can be started from it
+    assert names(tmp_path) == [".", "old/robot1/robot2", "old/talker", "public/robot1"]
+
+
+def test_before_foxy_whatever_is_below_is_an_enclave(tmp_path: Path) -> None:
+    """There `enclaves` is a namespace like another."""
+    touch(tmp_path, "ca.cert.pem", "governance.p7s", "enclaves/talker/cert.pem", "robot1/enclaves/talker/cert.pem")
+    assert names(tmp_path) == ["."]
+    touch(tmp_path, "public/ca.cert.pem")
+    assert names(tmp_path) == [".", "robot1"]
+
+
+def test_a_link_out_of_a_keystore_is_said(tmp_path: Path) -> None:
+    touch(tmp_path, "outside/enclaves/talker/cert.pem", "robot/enclaves/talker/cert.pem")
+    for name in ("robot/robot1", "robot/public", "robot/enclaves/more"):
+        (tmp_path / name).symlink_to(tmp_path / "outside")
+    found = find_keystores(str(tmp_path / "robot"))
+    assert found.keystores == (str(tmp_path / "robot"),)
+    assert [path for path, _reason in found.unseen] == [f"{tmp_path}/robot/robot1"]  # the others are its audit's
 
 
 paths = st.lists(
@@ -44,7 +80,7 @@ paths = st.lists(
 
 
 @given(paths)
-def test_every_file_of_an_enclave_is_in_one_keystore(tmp_path_factory: pytest.TempPathFactory, files: list) -> None:  # type: ignore[type-arg]
+def test_every_file_of_an_enclave_has_its_audit(tmp_path_factory: pytest.TempPathFactory, files: list) -> None:  # type: ignore[type-arg]
     root = tmp_path_factory.mktemp("tree")
     for folders, name in files:
         root.joinpath(*folders).mkdir(parents=True, exist_ok=True)
@@ -53,8 +89,12 @@ def test_every_file_of_an_enclave_is_in_one_keystore(tmp_path_factory: pytest.Te
     for folders, name in files:
         holders = [path for path in found if root.joinpath(*folders).is_relative_to(path)]
         if name in RUN_TIME or "enclaves" in folders:
-            assert len(holders) == 1
-    assert not [path for path in found for other in found if path != other and path.is_relative_to(other)]
+            assert holders
+    for path in found:  # what an audit says that it does not judge is what has an audit of its own
+        within = [other for other in found if path in other.parents]
+        topmost = {other for other in within if not any(between in other.parents for between in within)}
+        with suppress(NothingToAudit), Root.open(path) as opened:
+            assert {path / place for place in discover(opened).nested} == topmost
 
 
 def test_a_link_that_leads_out_is_said_and_one_within_is_not(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""KA660 to KA668, on whole keystores: what lies outside enclaves, what robots share, and how long it lasts."""
+"""KA660 to KA669, on whole keystores: what lies outside enclaves, what robots share, and how long it lasts."""
 
 from __future__ import annotations
 
@@ -120,6 +120,11 @@ def moved(path: str, start: str = "backup", **left_out: str) -> Change:
     return change
 
 
+def unpacked(place: str) -> Change:
+    """Another robot's keystore, of authorities that nobody trusts here."""
+    return lambda _fleet, root: Fleet().robot(root / place).stat()
+
+
 CASES: dict[str, tuple[Change, list[str]]] = {
     "KA660": (kept("archive/2023/permissions.p7s", "rt/chatter", "rt/other"), ["KA660"]),
     "KA661": (governance, ["KA661"]),
@@ -129,7 +134,8 @@ CASES: dict[str, tuple[Change, list[str]]] = {
     "KA665": (lambda _fleet, _root: None, ["KA665", "KA667"]),
     "KA666": (lambda _fleet, _root: None, ["KA666"]),
     "KA667": (lambda _fleet, _root: None, ["KA665", "KA667"]),
-    "KA668": (moved("/gripper"), ["KA661", "KA662", "KA668"]),
+    "KA668": (moved("/gripper"), ["KA661", "KA662", "KA668", "KA669"]),
+    "KA669": (unpacked("robot2"), ["KA662", "KA669"]),
 }
 """What makes a rule speak, and all that speak then; KA665 and KA667 with --deployed, KA666 beside another robot."""
 
@@ -316,6 +322,42 @@ def test_what_is_too_much_to_be_parsed_is_no_pass(fleet: Fleet, tmp_path: Path) 
     assert "backup/cert.pem" in {
         place.path for f in report(root).findings if f.code == "KA668" for place in f.locations
     }
+
+
+# --- keystores in the keystore
+
+
+def inside(root: Path) -> list[str | None]:
+    """The places that KA669 names."""
+    return [place.path for finding in report(root).findings if finding.code == "KA669" for place in finding.locations]
+
+
+@pytest.mark.parametrize("place", ["robot2", "public/robot2", "private/old/robot2", "robot2/enclaves/robot3"])
+def test_a_keystore_in_a_keystore_is_said_wherever_it_lies(place: str, fleet: Fleet, tmp_path: Path) -> None:
+    root = fleet.robot(tmp_path / "robot")
+    unpacked(place)(fleet, root)
+    assert inside(root) == [place.removesuffix("/enclaves/robot3")]
+    shutil.rmtree(root / place.partition("/")[0])
+    assert inside(root) == []
+
+
+def test_what_lies_below_enclaves_is_an_enclave_and_no_keystore(fleet: Fleet, tmp_path: Path) -> None:
+    root = fleet.robot(tmp_path / "robot")
+    unpacked("enclaves/robot2")(fleet, root)
+    assert inside(root) == []
+    assert "/robot2/enclaves/talker" in {entry.path for entry in report(root).enclaves}
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["cert.pem", "key.pem", "identity_ca.cert.pem", "permissions_ca.cert.pem", "governance.p7s", "permissions.p7s"],
+)
+def test_a_folder_is_an_enclave_if_it_has_all_six_files(name: str, fleet: Fleet, tmp_path: Path) -> None:
+    root = fleet.robot(tmp_path / "robot")
+    moved("/gripper")(fleet, root)
+    assert inside(root) == ["backup"]
+    (root / "backup" / name).unlink()
+    assert inside(root) == []
 
 
 TOPICS = ("rt/a", "rt/b", "rt/c", "rt/d", "rt/dd", "other")

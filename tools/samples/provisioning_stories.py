@@ -1,4 +1,4 @@
-"""Pairs for KA660 to KA668: signed documents left lying about, what robots are given, and how long it lasts."""
+"""Pairs for KA660 to KA669: signed documents left lying about, what robots are given, and how long it lasts."""
 
 from __future__ import annotations
 
@@ -14,9 +14,12 @@ from .base import (
     QUIET,
     TALKER_CERTIFICATE,
     TALKER_GRANT,
+    domain,
+    governed,
     talker,
     with_talker,
 )
+from .certificates import Certificate
 from .cms import SignedData, Signer
 from .documents import DISCOVERY, Governance, Grant, Permissions, Rule, edited
 from .keys import Key
@@ -33,6 +36,7 @@ def stories() -> Iterator[Story]:
     yield from _at_large()
     yield from _given()
     yield from _beside()
+    yield from _inside()
 
 
 def _with(path: str, content: bytes) -> Store:
@@ -147,6 +151,26 @@ def _beside() -> Iterator[Story]:
             replace(ONE, changes={**kept, "backup/key.pem": LISTENER_CERTIFICATE.key.pem()}),
         ),
         good=Case("The same folder without the private key: nobody can be the listener.", replace(ONE, changes=kept)),
+    )
+
+
+def _inside() -> Iterator[Story]:
+    """Another robot's keystore in robot2/, whose authority signed a governance without any protection."""
+    authority = Certificate(key=Key(label="rules robot2 CA"), subject="robot2CA", ca=True)
+    unprotected = governed(replace(ONE, identity_ca=authority, permissions_ca=authority), domain(rtps="NONE"))
+    other = {f"robot2/{path}": entry for path, entry in unprotected.tree().items()}
+    yield from pair(
+        "KA669",
+        "keystore-inside-keystore",
+        bad=Case(
+            "The keystore of another robot was unpacked in this one, in robot2/. Its governance protects nothing, and "
+            "no rule says so here: its peers are not those of this keystore.",
+            {**ONE.tree(), **other},
+        ),
+        good=Case(
+            "Of the other keystore its authority's certificate alone is kept: nobody can be started from it.",
+            {**ONE.tree(), **{path: entry for path, entry in other.items() if path.startswith("robot2/public/")}},
+        ),
     )
 
 
