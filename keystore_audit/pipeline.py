@@ -261,6 +261,7 @@ def _report(
         deployed=options.deployed,
         domain=options.domain,
         files=context.keystore.contents,
+        uncovered=context.keystore.uncovered,
         settings=_settings(options.settings),
         baseline=_settings(options.baseline),
         inputs=inputs,

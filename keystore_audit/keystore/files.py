@@ -38,7 +38,8 @@ class File:
     `resolved` is the relative path of the regular file whose bytes these are, links resolved (None unless
     PRESENT). `detail` says in words why the status is not PRESENT. `mode` holds the permission bits of the
     resolved file, `link` the target text where the entry itself is a symbolic link, percent-encoded too.
-    `content` is None where the bytes were withheld: private keys, `.p11` files (they may hold a PIN).
+    `content` is None where the bytes were withheld: private keys, `.p11` files (they may hold a PIN). Of a file that is
+    TOO_LARGE to be read `sha256` is known where all of it was searched (`traces.search`).
     """
 
     path: str

@@ -63,7 +63,9 @@ class Keystore:
     """Every file below the root in which a private key is, whatever its name; without content."""
     digest: str
     contents: tuple[tuple[str, str], ...] = ()
-    """Path and SHA-256, in hexadecimal, of every file that was read, by path: of the bytes that were parsed."""
+    """Path and SHA-256, in hexadecimal, of every file, by path: of the bytes that were parsed, or searched."""
+    uncovered: tuple[str, ...] = ()
+    """Paths, in order, of files and directories of which no digest holds what is in them."""
     strays: tuple[Stray, ...] = ()
     """Signed messages that no enclave carries, by place, each content once: see `stray`."""
     identities: StrayIdentities = StrayIdentities()
@@ -109,6 +111,7 @@ def read_keystore(
             private_keys=root.holding_private_keys(),
             digest=_digest(records),
             contents=tuple(_contents(records)),
+            uncovered=tuple(_uncovered(records)),
             strays=strays,
             identities=_identities(root, reader, enclaves),
             unread=len(_unread(root, layout)) - sum(stray.file.status.unknown for stray in strays),
@@ -313,7 +316,7 @@ def _common_name(file: CertificateFile | None) -> str | None:
 def _digest(records: Iterable[_Record]) -> str:
     """Hash the tree: for each entry, in order of path, path, type and value, each ended by NUL.
 
-    The value is the SHA-256 of a file's content in hexadecimal (its status where it was not read), a link's
+    The value is the SHA-256 of a file's content in hexadecimal (its status where it was not hashed), a link's
     target, and nothing for a directory (its status where it was not listed). No modes and times: a copy has
     the same digest.
     """
@@ -329,10 +332,23 @@ _Record = tuple[bytes, bytes, bytes]
 
 
 def _contents(records: Iterable[_Record]) -> Iterator[tuple[str, str]]:
-    """Files with the hash of what was read; where a file was not, its value is a status, which is shorter."""
+    """Files with the hash of what is in them."""
     for path, kind, value in records:
-        if kind == EntryKind.FILE.value.encode() and len(value) == hashlib.sha256().digest_size * 2:
+        if kind == EntryKind.FILE.value.encode() and _is_hash(value):
             yield percent_path(path), value.decode()
+
+
+def _uncovered(records: Iterable[_Record]) -> Iterator[str]:
+    """Files that were not hashed and directories that were not listed: their values are statuses."""
+    for path, kind, value in records:
+        file = kind == EntryKind.FILE.value.encode()
+        if (file and not _is_hash(value)) or (kind == EntryKind.DIRECTORY.value.encode() and value):
+            yield percent_path(path) or "."
+
+
+def _is_hash(value: bytes) -> bool:
+    """Whether it is a SHA-256 in hexadecimal; every status is shorter."""
+    return len(value) == hashlib.sha256().digest_size * 2
 
 
 def _records(root: Root) -> Iterator[_Record]:

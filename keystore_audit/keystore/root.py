@@ -151,7 +151,7 @@ class Root:
         self._secrets.pop(file.place, None)
 
     def fingerprint(self, relative: bytes) -> str:
-        """Return the SHA-256 of the file at `relative` in hexadecimal, its status where it was not read."""
+        """Return the SHA-256 of the file at `relative` in hexadecimal, its status where it was not hashed."""
         file = self._files.get(relative) or self.sealed(relative)
         return file.sha256 or file.status.value
 
@@ -291,6 +291,7 @@ class Root:
             return _Reading(
                 status=Status.TOO_LARGE,
                 detail=too_large,
+                sha256=traces.sha256,
                 mode=mode,
                 holds_private_key=traces.private_key,
                 may_be_message=traces.message,
@@ -346,7 +347,8 @@ class Root:
 def _each_once(files: Iterable[File], contents: Mapping[str, bytes]) -> tuple[File, ...]:
     """Those whose content is among `contents`, by place, each content once, and with it."""
     found: dict[str, File] = {}
-    for file in sorted((file for file in files if file.sha256 in contents), key=lambda file: file.place):
+    read = (file for file in files if file.status is Status.PRESENT and file.sha256 in contents)
+    for file in sorted(read, key=lambda file: file.place):
         if file.sha256 is not None:
             found.setdefault(file.sha256, file.holding(contents[file.sha256]))
     return tuple(found.values())

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from typing import Final, NamedTuple
 
 from keystore_audit.keystore.message import SIGNED_DATA, TYPES, ends_header
 
 MAX_SEARCHED: Final = 64 * 1024 * 1024
-"""Bytes of files too large to be read that are searched, all files of a keystore together: a fifth of a second."""
+"""Bytes of files too large to be read that are searched and hashed, all files of a keystore together: a fifth of a
+second.
+"""
 
 LEAST: Final = 4096
 """Bytes that are searched of each of them at least: the header of a real message has 250."""
@@ -32,10 +35,11 @@ _CONTENT: Final = bytes.fromhex("06092a864886f70d0107")
 
 
 class Traces(NamedTuple):
-    """What a file may hold."""
+    """What a file may hold. `sha256`: of all of it, in hexadecimal; None where the search ended before the file did."""
 
     private_key: bool
     message: bool
+    sha256: str | None
 
 
 def holds_private_key(content: bytes) -> bool:
@@ -78,8 +82,10 @@ def search(descriptor: int, most: int) -> tuple[Traces, int]:
     at = 0
     key = message = ended = False
     before = b""
+    digest = hashlib.sha256()
     while left > 0:
         piece = os.pread(descriptor, min(left, _PIECE), at)
+        digest.update(piece)
         text = (before + piece).lower()
         if at == 0:
             message = piece[:1] == b"0" and SIGNED_DATA in piece[:32]
@@ -87,8 +93,10 @@ def search(descriptor: int, most: int) -> tuple[Traces, int]:
         message = message or any(word in text for word in (*TYPES, *_ARMOUR))
         ended = ended or ends_header(text)
         if len(piece) < min(left, _PIECE):
-            return Traces(private_key=key, message=message), at + len(piece)
+            return Traces(private_key=key, message=message, sha256=digest.hexdigest()), at + len(piece)
         at += len(piece)
         left -= len(piece)
         before = text[-_OVERLAP:]
-    return Traces(private_key=key, message=message or not ended), at
+    whole = not os.pread(descriptor, 1, at)
+    sha256 = digest.hexdigest() if whole else None
+    return Traces(private_key=key, message=message or not (ended or whole), sha256=sha256), at

@@ -8,6 +8,7 @@ from functools import cached_property
 from zoneinfo import ZoneInfo
 
 from keystore_audit.dataclass import dataclass
+from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation, PermissionsFile
@@ -161,6 +162,10 @@ class Sides:
             for profile in kinds.values():
                 for doubt in keystore_doubts(keystore, profile, self.accesses):
                     yield Unread(side=side, enclave=doubt.enclave, location=doubt.location, reason=doubt.reason)
+            for file in keystore.private_keys:
+                if file.sha256 is None:
+                    reason = "holds a private key, and is too large to be hashed: which one is unknown"
+                    yield Unread(side=side, enclave=None, location=Location(path=file.place), reason=reason)
 
     @cached_property
     def common(self) -> list[str]:

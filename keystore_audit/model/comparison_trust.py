@@ -114,9 +114,9 @@ def _left(kind: str, what: str, old: Mapping[str, str], new: Mapping[str, str]) 
 
 
 def _other_private_keys(keystore: Keystore) -> Iterator[File]:
-    """Files that hold a private key and are neither an enclave's key file nor called after an authority."""
+    """Files that hold a private key and are neither an enclave's key file nor read as an authority's."""
     own = {enclave.key.file.place for enclave in keystore.enclaves if enclave.key is not None}
-    own |= {file.place for file in keystore.layout.authority_keys}
+    own |= {key.file.place for key in keystore.authority_keys}  # one too large to be read is known by its hash
     return (file for file in keystore.private_keys if file.place not in own)
 
 

@@ -142,7 +142,9 @@ class Report:
     domain: int | None = None
     """The only domain that robots use; None: any."""
     files: tuple[tuple[str, str], ...] = ()
-    """Path (relative to the keystore) and SHA-256, in hexadecimal, of every file that was read, by path."""
+    """Path (relative to the keystore) and SHA-256, in hexadecimal, of every file, by path."""
+    uncovered: tuple[str, ...] = ()
+    """Files and directories of which no digest holds what is in them: no statement speaks for all of the keystore."""
     overview: Overview | None = None
     """What pictures show; None where the audit was not asked for it."""
     blast_radius: tuple[Ranking, ...] | None = None

@@ -10,11 +10,17 @@ from keystore_audit.model.profiles import Evidence, Profile
 
 
 def unread(keystore: Keystore) -> Iterator[str]:
-    """Files that were not read and are taken for no documents."""
+    """Files that were not read and are taken for no documents, and what no digest speaks of."""
     if keystore.unread:
         yield (
             f"{keystore.unread} of the other files, which could not be read: their names, and what was searched of "
             f"those that are too large (at most {MAX_SEARCHED // 1024**2} MB in all), are not of signed documents."
+        )
+    uncovered = keystore.uncovered
+    if uncovered:
+        yield (
+            f"{len(uncovered)} files or directories whose content is in no digest, since they could not be read or are "
+            f"too large, {uncovered[0]} first: what is put there later changes no digest, and no statement passes."
         )
 
 

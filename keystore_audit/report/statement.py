@@ -1,8 +1,9 @@
 """The report as an unsigned in-toto Statement v1, for a signer (docs/ci.md) to make an attestation of.
 
-Subjects are the audited files with the SHA-256 of the bytes that were read. Two predicates (in-toto attestation
+Subjects are the files with the SHA-256 of the bytes that were read. Two predicates (in-toto attestation
 framework, spec/predicates): `test-result/v0.1`, which can tell of a failure, and `svr/v0.2`, whose properties are those
-that hold. An incomplete audit never passes in either, and one whose gate was weakened is WARNED at best.
+that hold. An incomplete audit never passes in either. One whose gate was weakened is WARNED at best, and so is one of a
+keystore with files that nobody hashed: what they hold later would go unseen.
 """
 
 from __future__ import annotations
@@ -59,10 +60,12 @@ def _test_result(report: Report) -> dict[str, Any]:
 
 
 def _result(report: Report, *, warned: bool) -> str:
-    """PASSED only for a whole audit at full strength without any finding; incomplete counts as failed."""
+    """PASSED only for a whole audit of what was hashed, at full strength, without any finding; incomplete counts as
+    failed.
+    """
     if report.verdict is not Verdict.PASS:
         return "FAILED"
-    return "WARNED" if report.weakened or warned else "PASSED"
+    return "WARNED" if report.weakened or report.uncovered or warned else "PASSED"
 
 
 def _deciding(report: Report) -> set[str]:
@@ -71,7 +74,7 @@ def _deciding(report: Report) -> set[str]:
 
 
 def _svr(report: Report) -> dict[str, Any]:
-    sound = report.verdict is Verdict.PASS and not report.weakened
+    sound = report.verdict is Verdict.PASS and not report.weakened and not report.uncovered
     return {
         "verifier": {
             "id": f"{VERIFIER}@{report.version}",
@@ -106,6 +109,7 @@ def _details(report: Report) -> dict[str, Any]:
         "verdict": report.verdict.value,
         "safeUntil": None if report.safe_until is None else instant(report.safe_until),
         "keystoreDigest": report.digest,
+        "uncovered": list(report.uncovered),
         "profiles": names,
         "deployed": report.deployed,
         "domain": report.domain,

@@ -128,7 +128,7 @@ def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> It
     every robot. Whose key it is is not asked: nobody needs one there. A second key in key.pem counts as well. In a
     tree that goes on a robot (--deployed), so does a key in any other file, as in a backup; KA109 speaks of those that
     authorities' names are on. Keys are seen in PEM anywhere in a file, in DER, and as a PKCS #12 file, which is made
-    for one.
+    for one. Where the file is too large to be hashed, nobody can tell whether it is the same one tomorrow: undecided.
     """
     own = {enclave.key.file.place for enclave in keystore.enclaves if enclave.key is not None}
     carried = {file.place for enclave in keystore.enclaves for file in enclave.files.files.values()}
@@ -140,6 +140,7 @@ def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> It
             yield Violation(
                 message=f"A private key is in {file.place}, which goes on robots.",
                 locations=(Location(path=file.place),),
+                undecided=file.sha256 is None,  # which key it is: nobody accepts one and gets another
                 key=f"{file.place} {file.sha256}",
             )
     holders = _holders(keystore)

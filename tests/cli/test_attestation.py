@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from keystore_audit.cli.program import run
+from keystore_audit.keystore.traces import MAX_SEARCHED
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
@@ -104,6 +105,43 @@ def test_an_added_file_changes_the_digest_of_the_tree(keystore: Path) -> None:
     again = statement(keystore)
     digests = [each["predicate"]["verifier"]["keystoreAudit"]["keystoreDigest"] for each in (said, again)]
     assert digests[0] != digests[1]
+
+
+NOW = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
+LARGE = 5_000_000
+"""More than is read of a file."""
+
+
+@pytest.mark.parametrize("name", ["map.bin", "enclaves/random/map.bin"])
+def test_a_swapped_large_file_breaks_it(keystore: Path, name: str) -> None:
+    large = keystore / name
+    large.write_bytes(bytes(LARGE))
+    said = statement(keystore)
+    assert "KEYSTORE_AUDIT_PASS" in said["predicate"]["properties"]
+    assert name in {subject["name"] for subject in said["subject"]}
+    large.write_bytes(bytes(LARGE - 1) + b"x")
+    assert broken(keystore, said) == [name]
+    assert not verified(keystore, said, audit(str(keystore), Options(at=NOW, engine="native")))
+
+
+@pytest.mark.parametrize("size", [MAX_SEARCHED, MAX_SEARCHED + 1, 10 * 1024**3])
+def test_what_nobody_hashed_passes_in_no_statement(tmp_path: Path, size: int) -> None:
+    """Of a file that is larger than what is searched nobody knows what is in it: its last byte may be another one."""
+    root = tmp_path / "keys"
+    shutil.copytree(SAMPLE.parents[1] / "rules/KA115-deprecated-layout/good", root, symlinks=True)
+    (root / "enclaves/talker/key.pem").chmod(0o600)
+    with (root / "map.bin").open("wb") as sparse:
+        sparse.write(b"a map\n\n")
+        sparse.truncate(size)
+    hashed = size <= MAX_SEARCHED
+    said = statement(root)
+    assert bool(said["predicate"]["properties"]) is hashed
+    assert ("map.bin" in {subject["name"] for subject in said["subject"]}) is hashed
+    result = statement(root, kind="statement")["predicate"]
+    assert result["result"] == ("PASSED" if hashed else "WARNED")
+    assert result["keystoreAudit"]["uncovered"] == ([] if hashed else ["map.bin"])
+    report = audit(str(root), Options(at=NOW, engine="native"))
+    assert any("in no digest" in sentence for sentence in report.scope.not_checked) is not hashed
 
 
 @pytest.mark.parametrize(

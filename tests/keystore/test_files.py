@@ -220,10 +220,23 @@ def test_large_files_are_refused_unread(keystore: Path) -> None:
     (keystore / "over").write_bytes(b"x" * (MAX_FILE_BYTES + 1))
     with Root.open(keystore) as opened:
         assert opened.file("limit").status is Status.PRESENT
-        for relative in ("sparse", "over"):
+        hashed = hashlib.sha256(b"x" * (MAX_FILE_BYTES + 1)).hexdigest()
+        for relative, sha256 in (("over", hashed), ("sparse", None)):  # the search ends long before the second does
             file = opened.file(relative)
-            assert (file.status, file.content, file.sha256) == (Status.TOO_LARGE, None, None)
+            assert (file.status, file.content, file.sha256) == (Status.TOO_LARGE, None, sha256)
             assert str((keystore / relative).stat().st_size) in file.detail
+
+
+def test_a_copy_beyond_the_limit_of_all_files_hides_no_message(keystore: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It has the same hash as the one that was read, and comes first by its name."""
+    message = b'Content-Type: multipart/signed; protocol="application/x-pkcs7-signature"; boundary=x\n\n'
+    for name in ("a", "b"):
+        (keystore / name).write_bytes(message)
+    monkeypatch.setattr(root, "MAX_TOTAL_BYTES", len(message))
+    with Root.open(keystore) as opened:
+        read, copy = opened.file("b"), opened.file("a")
+        assert (read.status, copy.status, copy.sha256) == (Status.PRESENT, Status.TOO_LARGE, read.sha256)
+        assert [(file.path, file.content) for file in opened.messages()] == [("b", message)]
 
 
 def test_what_a_file_says_of_its_size_is_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:

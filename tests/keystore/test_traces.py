@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import subprocess
 from pathlib import Path
@@ -98,6 +99,20 @@ def test_a_large_file_is_searched_across_its_pieces(before: int, tmp_path: Path)
         content = text + what + b"\n\n" + bytes(2 * MIB)
         assert searched(tmp_path / "large", content) == (found, len(content))
     assert searched(tmp_path / "large", text + b"\n\n" + bytes(2 * MIB))[0] == (False, False)
+
+
+def test_what_was_searched_to_its_end_has_a_hash(tmp_path: Path) -> None:
+    for length in (0, 1, MIB - 1, MIB, 2 * MIB, 2 * MIB + 1):
+        content = b"x" * length
+        path = tmp_path / str(length)
+        path.write_bytes(content)
+        descriptor = os.open(path, os.O_RDONLY)
+        try:
+            for most, whole in ((2 * MIB, length <= 2 * MIB), (length, True), (length - 1, length <= LEAST)):
+                sha256 = hashlib.sha256(content).hexdigest() if whole else None
+                assert search(descriptor, most)[0].sha256 == sha256
+        finally:
+            os.close(descriptor)
 
 
 def test_behind_what_is_searched_a_header_that_has_not_ended_may_be_one(tmp_path: Path) -> None:

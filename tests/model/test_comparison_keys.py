@@ -14,6 +14,7 @@ from cryptography.hazmat.primitives.serialization import (
 )
 
 from keystore_audit.keystore.keystore import read_keystore
+from keystore_audit.keystore.traces import MAX_SEARCHED
 from keystore_audit.model.comparison import Comparison, Direction, FailOn
 from keystore_audit.model.comparison_run import compare
 from keystore_audit.model.profiles import resolve
@@ -90,6 +91,47 @@ def test_private_keys_that_lie_about(
     turned = {"gained": "lost", "mixed": "mixed"}
     assert [(change.kind, change.direction.value) for change in back.changes] == [
         (kind, turned[direction]) for kind, direction in found
+    ]
+
+
+LARGE = b"\n" * 5_000_000
+"""More than is read of a file."""
+
+
+@pytest.mark.parametrize("name", ["map.bin", "private/permissions_ca.key.pem"])
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        (b"", PERMISSIONS.key_pem, "gained"),
+        (IDENTITY.key_pem, PERMISSIONS.key_pem, "mixed"),
+        (PERMISSIONS.key_pem, PERMISSIONS.key_pem, None),
+    ],
+)
+def test_private_keys_in_large_files(old: bytes, new: bytes, expected: str | None, name: str, tmp_path: Path) -> None:
+    keystores = []
+    for side, content in (("old", old), ("new", new)):
+        root = BASE.write(tmp_path / side)
+        left(name, content + LARGE)(root)
+        keystores.append(read_keystore(root))
+    found = compare(*keystores, resolve(()), AT)
+    assert [(each.kind, each.direction.value) for each in found.changes] == (
+        [("private-key", expected)] if expected else []
+    )
+    assert not found.unknown
+
+
+def test_a_private_key_that_nobody_hashed_is_unknown(tmp_path: Path) -> None:
+    keystores = []
+    for side, content in (("old", IDENTITY.key_pem), ("new", PERMISSIONS.key_pem)):
+        root = BASE.write(tmp_path / side)
+        left("map.bin", b"a map\n\n" + content)(root)
+        with (root / "map.bin").open("r+b") as sparse:
+            sparse.truncate(MAX_SEARCHED + 1)
+        keystores.append(read_keystore(root))
+    unknown = compare(*keystores, resolve(()), AT).unknown
+    assert [(each.side, each.enclave, each.location.path) for each in unknown] == [
+        ("old", None, "map.bin"),
+        ("new", None, "map.bin"),
     ]
 
 

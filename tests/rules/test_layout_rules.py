@@ -93,6 +93,15 @@ def test_one_change_makes_a_rule_speak(code: str) -> None:
     assert open_codes(change(healthy())) == ({code} if code in OPEN else set())
 
 
+def test_which_key_a_file_holds_that_nobody_hashed_is_undecided() -> None:
+    """Else another key would be accepted with the first."""
+    for sha256, undecided in (("a" * 64, set()), (None, {"KA118"})):
+        holder = file("public/map.bin", None, holds_private_key=True, sha256=sha256)
+        store = replace(healthy(), private_keys=(holder,))
+        assert becomes(lambda _, store=store: store) == ["KA118"]
+        assert open_codes(store) == undecided
+
+
 def test_a_directory_in_the_place_of_a_file_is_a_missing_file() -> None:
     assert becomes(without_permissions(Status.DIRECTORY)) == ["KA101"]
 
