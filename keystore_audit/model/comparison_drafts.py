@@ -15,6 +15,7 @@ class Draft:
     """A change; the fields are those of `Change`. `channels`: what it is about.
 
     `everybody`: it bears on what peers accept from any enclave. `effects`: what follows from it, see `Effect`.
+    `touched`: further enclaves that it bears on; `whole`: it may bear on any, as a change of the keystore does.
     """
 
     layer: Layer
@@ -28,6 +29,8 @@ class Draft:
     channels: int = 0
     varies: bool = False
     everybody: bool = False
+    touched: tuple[str, ...] = ()
+    whole: bool = False
     reasons: tuple[str, ...] = ()
     influenced: Influenced | None = None
     old: Location | None = None

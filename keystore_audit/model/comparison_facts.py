@@ -13,7 +13,8 @@ from keystore_audit.model.comparison_dates import Dates, other_dates
 class Fact(NamedTuple):
     """A change of one enclave; equal ones are told once, and so are dates that moved the same way.
 
-    `profiles`: under which it is one; none: under all that were asked for.
+    `profiles`: under which it is one; none: under all that were asked for. `touched`: other enclaves that it bears on,
+    as those whose key it is; `whole`: it may bear on any.
     """
 
     kind: str
@@ -21,6 +22,8 @@ class Fact(NamedTuple):
     what: str
     aspects: tuple[Aspect, ...]
     profiles: tuple[str, ...] = ()
+    touched: tuple[str, ...] = ()
+    whole: bool = False
 
 
 Placed = tuple[Fact, Location | None, Location | None]

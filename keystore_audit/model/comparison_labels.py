@@ -57,7 +57,7 @@ class ConcernedLabels:
 
     def of(self, draft: Draft) -> tuple[str, ...]:
         """Those that the change, or anything that follows from it, is about; of the keystore as a whole: all."""
-        whole = not draft.enclaves and not draft.channels and draft.influenced is None
+        whole = draft.whole or (not draft.enclaves and not draft.channels and draft.influenced is None)
         return tuple(
             label
             for label, each in self._labels.items()
@@ -71,7 +71,8 @@ def _concerns(labelled: _Labelled, said: Draft | Effect) -> bool:
     ends = said.influenced.ends if said.influenced is not None else ()
     trust = isinstance(said, Draft) and said.layer is Layer.TRUST and not said.channels
     paths = labelled.paths | labelled.users if trust else labelled.paths
-    by_path = not protects and not paths.isdisjoint(said.enclaves)
+    enclaves = (*said.enclaves, *said.touched) if isinstance(said, Draft) else said.enclaves
+    by_path = not protects and not paths.isdisjoint(enclaves)
     return by_path or bool(labelled.channels & said.channels) or not labelled.paths.isdisjoint(ends)
 
 

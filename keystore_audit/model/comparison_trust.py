@@ -17,6 +17,7 @@ from keystore_audit.model.comparison_dates import Dates, spanned
 from keystore_audit.model.comparison_drafts import Draft
 from keystore_audit.model.comparison_facts import Fact, Placed, dated
 from keystore_audit.model.comparison_form import certificate_form, document_form
+from keystore_audit.model.comparison_identities import identities_at_large, identities_certified_again
 from keystore_audit.model.comparison_keys import foreign_keys
 from keystore_audit.model.comparison_revocation import revocation_facts
 from keystore_audit.model.comparison_sides import Sides
@@ -48,7 +49,7 @@ _PRESENCE: Final = {
 def trust_changes(sides: Sides) -> list[Draft]:
     """One draft for each change, of all enclaves that have it."""
     found: dict[Fact, tuple[list[str], list[tuple[Aspect, ...]], Location | None, Location | None]] = {}
-    placed = [*_shared_keys(sides), *foreign_keys(sides)]
+    placed = [*_shared_keys(sides), *foreign_keys(sides), *identities_certified_again(sides)]
     for path in sides.common:
         old, new = (by_path[path] for by_path in sides.enclaves)
         placed.extend((path, each) for each in _facts(old, new, sides))
@@ -57,7 +58,7 @@ def trust_changes(sides: Sides) -> list[Draft]:
         held = found.setdefault(key, ([], [], one, other))
         held[0].append(path)
         held[1].append(fact.aspects)
-    drafts = [*_of_keystores(*sides.keystores), *_of_enclaves(sides)]
+    drafts = [*_of_keystores(*sides.keystores), *identities_at_large(sides), *_of_enclaves(sides)]
     for fact, (paths, aspects, one, other) in found.items():
         drafts.append(_draft(fact._replace(aspects=spanned(aspects)), tuple(dict.fromkeys(paths)), one, other))
     for draft in drafts:
@@ -75,6 +76,8 @@ def _draft(fact: Fact, paths: tuple[str, ...], one: Location | None, other: Loca
         profiles=fact.profiles,
         aspects=fact.aspects,
         everybody=fact.kind in _EVERYBODY,
+        touched=fact.touched,
+        whole=fact.whole,
         old=one,
         new=other,
     )

@@ -9,7 +9,7 @@ from typing import Final
 from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.governance import GovernanceFile
-from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.smime import SignedDocument
@@ -100,3 +100,26 @@ def instants_of(certificates: Iterable[Certificate], grants: Iterable[ReadGrant]
     for grant in grants:
         instants.update((grant.not_before, grant.not_after))
     return tuple(sorted(instants))
+
+
+def certified_again(keystore: Keystore) -> Iterator[tuple[Enclave, tuple[Certificate, ...]]]:
+    """Enclaves whose identity's key has certificates in files of the keystore that are no enclave's own, with these."""
+    known: dict[str, dict[str, Certificate]] = {}
+    for certificate in _every_certificate(keystore):
+        known.setdefault(certificate.key, {}).setdefault(certificate.sha256, certificate)
+    firsts = {e.certificate.first.sha256 for e in keystore.enclaves if e.certificate and e.certificate.first}
+    for enclave in keystore.enclaves:
+        first = enclave.certificate.first if enclave.certificate else None
+        others = [c for c in known.get(first.key, {}).values() if c.sha256 not in firsts] if first is not None else []
+        if others:
+            yield enclave, tuple(others)
+
+
+def _every_certificate(keystore: Keystore) -> Iterator[Certificate]:
+    for enclave in keystore.enclaves:
+        for file in (enclave.certificate, enclave.identity_ca, enclave.permissions_ca):
+            yield from file.certificates if file is not None else ()
+        for document in (enclave.governance, enclave.permissions):
+            yield from document.signed.embedded if document is not None else ()
+    for file in keystore.authorities:
+        yield from file.certificates

@@ -10,6 +10,7 @@ from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.issuer import Issue
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
+from keystore_audit.model.inventory import certified_again
 from keystore_audit.model.profiles import VARIANTS, Profile
 from keystore_audit.model.trust import chain_refusal, is_authority, issue, may_have_issued, vouches
 from keystore_audit.rules.certificate import ISSUE_AGAIN, RENEW_AUTHORITY, has_usual_subject, usual_subject, what
@@ -305,14 +306,9 @@ def identity_key_certified_again(keystore: Keystore, _context: Context) -> Itera
     as another identity, with the grants of its subject, or as a signer (measured on Cyclone DDS and Fast DDS). What was
     certified elsewhere is not seen.
     """
-    known: dict[str, dict[str, Certificate]] = {}
-    for certificate in _every_certificate(keystore):
-        known.setdefault(certificate.key, {}).setdefault(certificate.sha256, certificate)
-    firsts = {e.certificate.first.sha256 for e in keystore.enclaves if e.certificate and e.certificate.first}
-    for enclave in keystore.enclaves:
+    for enclave, others in certified_again(keystore):
         first = enclave.certificate.first if enclave.certificate else None
-        others = [c for c in known.get(first.key, {}).values() if c.sha256 not in firsts] if first is not None else []
-        if first is not None and others:
+        if first is not None:
             also = ", ".join(f"{quoted(other.subject)}, issued by {quoted(other.issuer)}" for other in others[:3])
             times = "once" if len(others) == 1 else f"{len(others)} times"
             yield Violation(
@@ -321,16 +317,6 @@ def identity_key_certified_again(keystore: Keystore, _context: Context) -> Itera
                 enclave=enclave.path,
                 key=first.key,
             )
-
-
-def _every_certificate(keystore: Keystore) -> Iterator[Certificate]:
-    for enclave in keystore.enclaves:
-        for file in (enclave.certificate, enclave.identity_ca, enclave.permissions_ca):
-            yield from file.certificates if file is not None else ()
-        for document in (enclave.governance, enclave.permissions):
-            yield from document.signed.embedded if document is not None else ()
-    for file in keystore.authorities:
-        yield from file.certificates
 
 
 IDENTITY: tuple[Rule[Any], ...] = (
