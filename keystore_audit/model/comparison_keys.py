@@ -29,7 +29,15 @@ def foreign_keys(sides: Sides) -> Iterator[tuple[str, Placed]]:
         direction = direction_of(gains=bool(come), losses=bool(gone))
         told = [", ".join(sorted({_told(key, holders) for key in keys})) or None for keys in (gone, come)]
         aspect = Aspect(what="private key", old=told[0], new=told[1], direction=direction)
-        fact = Fact("private-key", direction, f"its key file {_WORDS[direction]}", (aspect,))
+        whose = [_owners(key, sides) for key in gone | come]
+        fact = Fact(
+            "private-key",
+            direction,
+            f"its key file {_WORDS[direction]}",
+            (aspect,),
+            touched=tuple(sorted({owner for owners in whose for owner in owners})),
+            whole=not all(whose),
+        )
         yield path, (fact, _place(sides.enclaves[0].get(path), old), _place(sides.enclaves[1].get(path), new))
 
 
@@ -61,6 +69,22 @@ def _holders(sides: Sides) -> dict[str, str]:
             if enclave.certificate is not None and enclave.certificate.first is not None:
                 found.setdefault(enclave.certificate.first.key, enclave.certificate.first.subject)
     return found
+
+
+def _owners(key: str, sides: Sides) -> set[str]:
+    """The enclaves of either keystore whose identity has the key; none where it may open anything: an authority's, or
+    one that nobody here is known to have.
+    """
+    owners: set[str] = set()
+    for by_path in sides.enclaves:
+        for path, enclave in by_path.items():
+            for file in (enclave.permissions_ca, enclave.identity_ca):
+                if file is not None and any(certificate.key == key for certificate in file.certificates):
+                    return set()
+            first = enclave.certificate.first if enclave.certificate is not None else None
+            if first is not None and first.key == key:
+                owners.add(path)
+    return owners
 
 
 def _told(key: str, holders: Mapping[str, str]) -> str:

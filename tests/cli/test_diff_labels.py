@@ -10,6 +10,7 @@ import pytest
 
 from keystore_audit.cli.program import run
 from tests.cli.keystores import AT
+from tests.keystore.builder import certificate
 from tests.model.comparing import (
     Member,
     Store,
@@ -18,6 +19,7 @@ from tests.model.comparing import (
     domain_rule,
     governance,
     grant,
+    key,
     permissions,
     rule,
     topic_rule,
@@ -86,6 +88,11 @@ def compared(tmp_path: Path, new: Store, *arguments: str) -> int:
         (added("/store"), True),
         (replace(BASE, permissions=(authority("other"),)), True),
         (BASE.member("/a", key="/bb"), True),  # /bb may publish /own: whoever passes for it may too
+        (BASE.member("/a", private_key="/safe"), True),
+        (BASE.member("/a", private_key="permissionsCA"), True),  # it signs any right
+        (BASE.member("/a", private_key="identityCA"), True),
+        (BASE.member("/a", private_key="of nobody here"), True),
+        (added("/new").member("/a", private_key="/new"), False),
     ],
 )
 def test_what_concerns_a_label_fails(
@@ -98,6 +105,18 @@ def test_what_concerns_a_label_fails(
     assert [change["fails"] for change in answer["changes"]] == [
         bool(change["labels"]) and change["direction"] in ("gained", "mixed") for change in answer["changes"]
     ]
+
+
+def test_a_key_that_is_certified_again_concerns_all(tmp_path: Path) -> None:
+    """Grants name it by its subject, each implementation in its own way: here /a comes to go as /safe."""
+    settings = tmp_path / "settings.toml"
+    settings.write_text(SETTINGS)
+    sides = [BASE.write(tmp_path / name) for name in ("old", "new")]
+    again = certificate("/safe", authority("identityCA"), key=key("/a"))
+    (sides[1] / "public").mkdir()
+    (sides[1] / "public/x_ca.cert.pem").write_bytes(again.pem)
+    arguments = ["diff", *map(str, sides), "--at", AT, "--settings", str(settings), "--label", "secret"]
+    assert run(arguments) == 1
 
 
 def test_what_hands_on_to_a_label_concerns_it(tmp_path: Path) -> None:
