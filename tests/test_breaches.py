@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from keystore_audit.engine import breaches
 from tests.cli.keystores import AT, answer, keystore, rule
 
 PROPERTIES = {
@@ -89,3 +90,42 @@ def test_a_weaker_attacker_is_another_violation(tmp_path: Path) -> None:
     assert audited(root, *options)[0] == 0
     by_right = {**attacked, "/diag": (rule(("rt/dbg",), ("rt/info", "rt/dbg")),)}
     assert audited(changed(tmp_path, "worse", by_right), *options)[0] == 1
+
+
+TOPICS = {
+    "from-topics": 'no_flow = { from = "topic:/in/*", to = "/motor" }',
+    "to-topics": 'no_flow = { from = "/planner", to = "topic:/out/*" }',
+    "publishers": 'only_publish = { topic = "/out/*", enclaves = ["/motor"] }',
+}
+SOME = {
+    "/planner": (rule(("rt/out/led", "rt/in/radio", "rt/in/cmd")),),
+    "/motor": (rule(("rt/x",), ("rt/in/radio", "rt/out/led", "rt/out/arm")),),
+}
+MORE = {
+    "from-topics": {"/motor": (rule(("rt/x",), ("rt/in/radio", "rt/in/cmd", "rt/out/led", "rt/out/arm")),)},
+    "to-topics": {"/planner": (rule(("rt/out/led", "rt/out/arm", "rt/in/radio", "rt/in/cmd")),)},
+}
+MORE["publishers"] = MORE["to-topics"]
+
+
+@pytest.mark.parametrize("name", TOPICS)
+def test_a_flow_of_another_topic_is_another_violation(name: str, tmp_path: Path) -> None:
+    """Though rules that tell topics no longer apart make one channel of them."""
+    settings = tmp_path / "keystore-audit.toml"
+    settings.write_text(f'[[property]]\nname = "{name}"\n{TOPICS[name]}\n', "utf-8")
+    root = keystore(tmp_path / "before", SOME)
+    assert set(audited(root, "--settings", settings)[1]) == {name}
+    options = ("--settings", settings, "--baseline", accepted(tmp_path, root, settings))
+    assert audited(root, *options)[0] == 0
+    code, found = audited(keystore(tmp_path / "worse", {**SOME, **MORE[name]}), *options)
+    assert (code, [each["suppressed"] for each in found.values()]) == (1, [None])
+
+
+def test_all_claims_together_have_a_budget(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those beyond it are accepted with the keystore as a whole, so that any change of it counts."""
+    monkeypatch.setattr(breaches, "MAX_STEPS_IN_ALL", 1)
+    settings = asserted(tmp_path / "keystore-audit.toml", "no_flow")
+    root = changed(tmp_path, "before", {})
+    options = ("--settings", settings, "--baseline", accepted(tmp_path, root, settings))
+    assert audited(root, *options)[0] == 0
+    assert audited(changed(tmp_path, "otherwise", OTHERWISE), *options)[0] == 1

@@ -6,7 +6,7 @@ infotainment system may, so a fingerprint holds all that violates the claim, as 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import islice, product
 from typing import Final
 
@@ -26,6 +26,10 @@ MAX_STEPS_IN_ALL: Final = 5 * MAX_STEPS
 
 MAX_BREACHES: Final = 10_000
 """What is told apart; beyond it the keystore stands for it as a whole."""
+
+
+_Names = Mapping[int, str]
+"""What each channel stands for: rules that tell no names apart make one channel of them."""
 
 
 class _TooManyPairs(Exception):
@@ -73,46 +77,49 @@ def _breaches(system: System, claim: ClaimAtom, budget: _Budget) -> Iterator[str
     """What violates the claim at some moment until its end."""
     first = 2 * system.now
     last = first if claim.until is None else max(first, 2 * claim.until)
-    sources, targets = _each(system, claim.source), _each(system, claim.target)
+    names = {number: channel.topic for number, channel in enumerate(system.channels)} | dict(claim.names)
+    sources, targets = _each(names, claim.source), _each(names, claim.target)
     each = len(system.enclaves) if claim.kind is ClaimKind.NO_FLOW else 1
     budget.take(len(sources) * len(targets) * each * (last - first + 1))
     decisions = Decisions(system)
     for moment in range(first, last + 1):
         asked = claims_at(system, moment, decisions)
         if claim.kind is ClaimKind.NO_FLOW:
-            yield from _flows(system, asked, claim, product(sources, targets))
+            yield from _flows(system, asked, claim, names, product(sources, targets))
         else:
-            yield from (_told(system, witness) for witness, _path in asked.violations(claim))
+            yield from (_told(system, names, witness) for witness, _path in asked.violations(claim))
 
 
-def _each(system: System, place: Place) -> list[Place]:
+def _each(names: _Names, place: Place) -> list[Place]:
     """Its enclaves one by one, its topics by their names, and who has no key."""
     topics: dict[str, set[int]] = {}
     for channel in sorted(place.channels):
-        topics.setdefault(system.channels[channel].topic, set()).add(channel)
+        topics.setdefault(names[channel], set()).add(channel)
     found = [Place(enclaves=frozenset({enclave})) for enclave in sorted(place.enclaves)]
     found += [Place(channels=frozenset(channels)) for channels in topics.values()]
     return [*found, Place(outsider=True)] if place.outsider else found
 
 
-def _flows(system: System, asked: Claims, claim: ClaimAtom, pairs: Iterable[tuple[Place, Place]]) -> Iterator[str]:
+def _flows(
+    system: System, asked: Claims, claim: ClaimAtom, names: _Names, pairs: Iterable[tuple[Place, Place]]
+) -> Iterator[str]:
     """Between which of them there is a flow, and the least attacker who makes one."""
     attackers = ATTACKERS[: ATTACKERS.index(claim.attacker) + 1]
     for source, target in pairs:
         for attacker in attackers:
             one = replace(claim, source=source, target=target, attacker=attacker)
             if asked.violation(one) is not None:
-                yield f"{attacker.value}: {_named(system, source)} -> {_named(system, target)}"
+                yield f"{attacker.value}: {_named(system, names, source)} -> {_named(system, names, target)}"
                 break
 
 
-def _named(system: System, place: Place) -> str:
-    names = [system.enclaves[enclave].label for enclave in sorted(place.enclaves)]
-    topics = sorted({f"topic {system.channels[channel].topic}" for channel in place.channels})
-    return ", ".join([*names, *topics, *(["outsider"] if place.outsider else [])])
+def _named(system: System, names: _Names, place: Place) -> str:
+    enclaves = [system.enclaves[enclave].label for enclave in sorted(place.enclaves)]
+    topics = sorted({f"topic {names[channel]}" for channel in place.channels})
+    return ", ".join([*enclaves, *topics, *(["outsider"] if place.outsider else [])])
 
 
-def _told(system: System, witness: Witness) -> str:
+def _told(system: System, names: _Names, witness: Witness) -> str:
     """Who, on what and where, by names that do not hang on the order of atoms; a realm has none."""
     told = []
     for role, atom in sorted(witness.items()):
@@ -120,7 +127,7 @@ def _told(system: System, witness: Witness) -> str:
             told.append(system.enclaves[atom].label)
         elif role is Role.CHANNEL:
             channel = system.channels[atom]
-            told += [channel.topic, channel.partition, system.domains[channel.domain].label]
+            told += [names[atom], channel.partition, system.domains[channel.domain].label]
         elif role is Role.DOMAIN:
             told.append(system.domains[atom].label)
     return "\0".join(told)

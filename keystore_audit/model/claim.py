@@ -51,7 +51,8 @@ class ClaimAtom:
 
     `left_out`: ambient channels that no flow takes. `until`: the last instant (index) at which it must hold, None: now
     alone. `location`: where the user wrote it. `starts`: (separate-domains) enclaves with domains in which their own
-    implementation starts them, where some peers do not let them in.
+    implementation starts them, where some peers do not let them in. `names`: by channel of its places that stands for
+    several names, in order, what these are.
     """
 
     id: str
@@ -64,6 +65,7 @@ class ClaimAtom:
     until: int | None
     location: Location
     starts: frozenset[tuple[int, int]] = frozenset()
+    names: tuple[tuple[int, str], ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

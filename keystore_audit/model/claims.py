@@ -6,6 +6,7 @@ import json
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime, timedelta, timezone
 from functools import cached_property
+from hashlib import sha256
 from typing import TYPE_CHECKING, Final, Protocol
 
 from keystore_audit.dataclass import dataclass, replace
@@ -332,7 +333,16 @@ class _Resolution:
 
     def resolved(self, claims: Iterable[Claim]) -> System:
         """The system with the claims."""
-        return replace(self._system, claims=tuple(map(self._atom, claims)))
+        return replace(self._system, claims=tuple(self._named(self._atom(claim)) for claim in claims))
+
+    def _named(self, claim: ClaimAtom) -> ClaimAtom:
+        """With what its channels stand for, where that is more than one name: a digest, since it may be much."""
+        found = []
+        for channel in sorted(claim.source.channels | claim.target.channels):
+            topics = sorted({f"{cell.topic} {cell.infinite}" for cell in self._channels.cells(channel)})
+            if len(topics) > 1:
+                found.append((channel, sha256("\0".join(topics).encode("utf-8", "surrogatepass")).hexdigest()))
+        return replace(claim, names=tuple(found)) if found and claim.kind is not ClaimKind.ABLE else claim
 
     def _atom(self, claim: Claim) -> ClaimAtom:
         able = claim.kind is ClaimKind.ABLE
