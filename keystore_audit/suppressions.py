@@ -127,11 +127,13 @@ def uses(
     at: datetime,
     profiles: Collection[str],
     codes: Collection[str] | None = None,
+    carried: Collection[str] | None = None,
 ) -> tuple[FileOfUses, ...]:
     """What becomes of each acceptance at the instant `at`, by file.
 
     `profiles`: the names of those chosen, which a finding without any of its own is about. `codes`: of the rules that
-    were asked (None: all); an acceptance of another is neither used nor unused.
+    were asked (None: all); an acceptance of another is neither used nor unused. `carried`: where
+    enclaves and their files are (None: not known, where acceptances go by fingerprints).
     """
     by_code: dict[str, list[Finding]] = {}
     by_fingerprint: dict[str, Finding] = {}
@@ -145,15 +147,21 @@ def uses(
         else:
             found = by_fingerprint.get(acceptance.fingerprint)
             candidates = () if found is None or found.code != acceptance.code else (found,)
-        use = _use(acceptance, candidates, at, profiles)
+        use = _use(acceptance, candidates, at, profiles, carried)
         mine = files.setdefault(acceptance.location.path, [])
         if use.fate is not Fate.UNUSED or codes is None or acceptance.code in codes:
             mine.append(use)
     return tuple(FileOfUses(path=path, uses=tuple(mine)) for path, mine in files.items())
 
 
-def _use(acceptance: Acceptance, candidates: Sequence[Finding], at: datetime, profiles: Collection[str]) -> Use:
-    refusals = {finding.fingerprint: _refusal(acceptance, finding, profiles) for finding in candidates}
+def _use(
+    acceptance: Acceptance,
+    candidates: Sequence[Finding],
+    at: datetime,
+    profiles: Collection[str],
+    carried: Collection[str] | None,
+) -> Use:
+    refusals = {finding.fingerprint: _refusal(acceptance, finding, profiles, carried) for finding in candidates}
     taken = tuple(finding for finding in candidates if refusals[finding.fingerprint] is None)
     if at > acceptance.end:
         return Use(acceptance=acceptance, fate=Fate.ENDED, findings=taken, why=f"until {acceptance.until}")
@@ -168,11 +176,13 @@ def acceptable(finding: Finding) -> bool:
     return not finding.code.startswith(NEVER) and not finding.undecided
 
 
-def _refusal(acceptance: Acceptance, finding: Finding, profiles: Collection[str]) -> str | None:
+def _refusal(
+    acceptance: Acceptance, finding: Finding, profiles: Collection[str], carried: Collection[str] | None
+) -> str | None:
     """Why the acceptance does not speak of a finding of its rule; None: it does."""
     if not acceptable(finding):
         return "what it names is undecided, and nothing accepts that"
-    if acceptance.fingerprint is None and not _within(acceptance.where, finding):
+    if acceptance.fingerprint is None and not _within(acceptance.where, finding, carried):
         return (
             "a property is one of the whole keystore: name it by its fingerprint"
             if finding.code.startswith(_FORMAL)
@@ -188,17 +198,19 @@ def _refusal(acceptance: Acceptance, finding: Finding, profiles: Collection[str]
     return None
 
 
-def _within(where: tuple[str, ...], finding: Finding) -> bool:
-    """Whether the finding is at these places and nowhere else."""
+def _within(where: tuple[str, ...], finding: Finding, carried: Collection[str] | None) -> bool:
+    """Whether the finding is at these places and nowhere else. That of an enclave may be in what enclaves carry; what
+    lies outside, as a document that it may present, has to be named as well.
+    """
     if ALL in where:
         return True
     if finding.code.startswith(_FORMAL):  # its enclave is that of an example
         return False
     enclaves = [glob for glob in where if glob.startswith("/")]
-    if finding.enclave is not None and _matches(enclaves, finding.enclave):
-        return True
     paths = [glob for glob in where if not glob.startswith("/")]
     places = [location.path for location in finding.locations if not location.beside]
+    if finding.enclave is not None and _matches(enclaves, finding.enclave):
+        return carried is None or all(path in carried or _matches(paths, path) for path in places)
     if not 0 < len(finding.locations) < MAX_PLACES:  # there may be more of them than a finding lists
         return False
     return bool(places) and all(_matches(paths, path) for path in places)

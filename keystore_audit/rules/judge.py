@@ -13,6 +13,7 @@ from typing import Any, Final
 from keystore_audit.aside import FEW, Aside
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import MAX_PLACES, Finding, Outcome, Result, Severity, fingerprint
+from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.meaning import Doubt
 from keystore_audit.properties.result import PropertyResult
 from keystore_audit.rules.contents import Contents
@@ -203,11 +204,23 @@ class _Run:
 def _accepted(run: _Run, chosen: Sequence[Rule[Any]], context: Context) -> tuple[Finding, ...]:
     """The findings, those that somebody accepts marked, and what the rules say of how they are accepted."""
     profiles = [profile.name for profile in context.profiles]
-    files = uses(
-        _findings(run.found, context), context.acceptances, context.at, profiles, {rule.code for rule in chosen}
-    )
+    codes = {rule.code for rule in chosen}
+    found = _findings(run.found, context)
+    files = uses(found, context.acceptances, context.at, profiles, codes, _carried(context.keystore))
     run.over(chosen, [(file.path, file) for file in files])
     return accepted(_findings(run.found, context), files)
+
+
+def _carried(keystore: Keystore) -> set[str]:
+    """Where enclaves and what they carry are, by the names in their directories and by those that links lead to."""
+    layout = keystore.layout
+    found = {file.place for file in (layout.governance, layout.unsigned_governance) if file is not None}
+    for enclave in keystore.enclaves:
+        files = enclave.files
+        found.add(files.directory)
+        for file in (*files.files.values(), *files.pkcs11.values(), *files.unsigned.values()):
+            found |= {file.path, file.place}
+    return found
 
 
 def _findings(found: Sequence[_Found], context: Context) -> tuple[Finding, ...]:

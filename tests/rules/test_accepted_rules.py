@@ -202,6 +202,22 @@ def test_every_place_of_a_finding_must_be_accepted() -> None:
     assert fate(entry, finding(locations=cut))[0] is Fate.UNUSED, "there may be more places than are listed"
 
 
+def test_an_enclave_is_no_name_for_what_lies_outside_all_enclaves() -> None:
+    """A document that it may present, wherever it comes to lie later."""
+    here, shared, old = (Location(path=path) for path in ("enclaves/talker/cert.pem", "public/ca.pem", "old/p.p7s"))
+    carried = {here.path, shared.path}
+
+    def taken(where: tuple[str, ...], *places: Location) -> Fate:
+        entry, found = acceptance(where=where), finding(enclave="/talker", locations=places)
+        ((use,),) = (file.uses for file in uses([found], [entry], AT, PROFILES, None, carried))
+        return use.fate
+
+    assert taken(("/talker",), here, shared) is Fate.USED
+    assert taken(("/talker",), here, old) is Fate.UNUSED
+    assert taken(("/talker", "old/*"), here, old) is Fate.USED
+    assert taken(("/listener", "old/*"), here, old) is Fate.UNUSED
+
+
 def test_a_property_is_one_of_the_whole_keystore() -> None:
     """Its enclave and lines are those of an example, which another may replace tomorrow."""
     violated = finding("KA711", enclave="/talker")
