@@ -10,6 +10,7 @@ import hashlib
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Collection, Iterable, Iterator
 from enum import Enum
+from functools import cache
 from typing import Any, Final
 
 from keystore_audit.dataclass import fields
@@ -111,18 +112,22 @@ class Contents:
                     yield from _each(signed.path, signed.place, self._document(document))
 
     def _document(self, document: GovernanceFile | PermissionsFile) -> _At:
-        if isinstance(document, GovernanceFile):
-            return lambda _line: _unsigned(document) if document.governance is None else told(document.governance)
-        if document.permissions is None:
-            return lambda _line: _unsigned(document)
-        grants = document.permissions.grants
+        whole = cache(lambda: self._whole(document))  # thousands of places may be in one document
+        permissions = document.permissions if isinstance(document, PermissionsFile) else None
+        grants = permissions.grants if permissions is not None else ()
         lines = [grant.line or 0 for grant in grants]
 
         def at(line: int | None) -> str:
             end = bisect_right(lines, line) if line is not None else 0
-            return self._told(grants[bisect_left(lines, lines[end - 1]) : end] if end else grants)
+            return self._told(grants[bisect_left(lines, lines[end - 1]) : end]) if end else whole()
 
         return at
+
+    def _whole(self, document: GovernanceFile | PermissionsFile) -> str:
+        if isinstance(document, GovernanceFile):
+            return _unsigned(document) if document.governance is None else _digest([told(document.governance)])
+        permissions = document.permissions
+        return _unsigned(document) if permissions is None else self._told(permissions.grants)
 
     def _told(self, grants: Iterable[Grant]) -> str:
         """What grants say, each worked out once; they live as long as their keystore, which is kept here."""
