@@ -18,13 +18,13 @@ open permissions
 
 /** Enclaves that a realm lets in where it does not control who joins: all, or (`requires_grant`) those with a grant. */
 fun admitted[realm: Realm]: set Enclave {
-	realm in requires_grant implies held[realm.accepted].Grant + unbounded[realm] else Enclave
+	realm in requires_grant implies entering[realm.accepted].Grant + unbounded[realm] else Enclave
 }
 
 /** Domains that each enclave can join, as a participant that the realm has authenticated. */
 fun joins[realm: Realm]: Enclave -> Domain {
 	(realm.authentic & admitted[realm]) -> realm.join_uncontrolled
-	+ ((held[realm.accepted].joining + unbounded[realm] -> Domain) & realm.authentic -> realm.governed_domain)
+	+ ((entering[realm.accepted].joining + unbounded[realm] -> Domain) & realm.authentic -> realm.governed_domain)
 }
 
 /** Channels in whose domain each enclave takes part, as far as they are governed. */

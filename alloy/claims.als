@@ -27,6 +27,11 @@ fun own_grant[realm: Realm]: Enclave -> Grant {
 	{ e: Enclave, g: e.identity.chosen & (e.permissions & realm.accepted).grant }
 }
 
+/** Grants by which each enclave joins, of the same document. */
+fun own_admitting[realm: Realm]: Enclave -> Grant {
+	{ e: Enclave, g: e.identity.admitting & (e.permissions & realm.accepted).grant }
+}
+
 /** Enclaves whose own permissions, or who themselves, could not be read, so that they may have any right. */
 fun own_unread: set Enclave { opaque & Enclave + permissions.(opaque & Document) }
 
@@ -35,7 +40,7 @@ fun own_unread: set Enclave { opaque & Enclave + permissions.(opaque & Document)
  * requires; there `joins` has no need to say so, since an unreadable document makes everybody unbounded.
  */
 fun joins_by_own[realm: Realm]: Enclave -> Domain {
-	let grants = own_grant[realm],
+	let grants = own_admitting[realm],
 		let_in = realm in requires_grant - open_realm implies grants.Grant + own_unread else Enclave |
 		(realm.authentic & let_in) -> realm.join_uncontrolled
 		+ ((grants.joining + own_unread -> Domain) & realm.authentic -> realm.governed_domain)

@@ -54,6 +54,7 @@
  *   pins_signer          realms that want the permissions CA itself as signer: all or none, by implementation
  *   requires_grant       realms that want some grant even where they do not control who joins: all or none, the same
  *   skipped_out_of_date  grants that are passed over where they are not in force: all or none, the same
+ *   joins_out_of_date    grants by which an enclave joins whether or not they are in force: all or none, the same
  *   identity_ca          whom a realm believes about identities
  *   permissions_ca       whom a realm believes about documents
  *   governance           the governance document of a realm

@@ -160,6 +160,7 @@ fun subject_name: Grant -> Certificate {
 	+ G1 -> C2_listener
 }
 fun skipped_out_of_date: set Grant { Grant }
+fun joins_out_of_date: set Grant { none }
 fun default_allow: set Grant { none }
 fun rule: Grant -> Rule {
 	G0 -> PR0

@@ -55,6 +55,20 @@ fun held[documents: set Document]: Enclave -> Grant {
 	{ e: Enclave, g: e.identity.chosen & documents.grant }
 }
 
+/**
+ * Grants by which a certificate joins: those that count; to an implementation to which dates are about endpoints alone
+ * also the first that names it.
+ */
+fun admitting: Certificate -> Grant {
+	let named = { g: joins_out_of_date, c: g.subject_name }, first = named - preceded_by.named |
+		chosen + { c: Certificate, g: first.c }
+}
+
+/** As `held`, of the grants by which each enclave joins. */
+fun entering[documents: set Document]: Enclave -> Grant {
+	{ e: Enclave, g: e.identity.admitting & documents.grant }
+}
+
 /** Rights, and those that they amount to: an endpoint in a partition that is a pattern meets what this matches. */
 fun with_met[rights: Enclave -> Channel]: Enclave -> Channel { rights + rights.meets }
 

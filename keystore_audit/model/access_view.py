@@ -155,6 +155,7 @@ class AccessViews:
             "refuses_unauthenticated_with_rtps": any(map(_opens_protected_rtps, self._governances)),
             "dates": not dates,
             "skips_grants_out_of_date": any(len(permissions.grants) > 1 for permissions in self._permissions),
+            "joins_out_of_date": any(self._may_be_out_of_date(grant, access.dates) for grant in self._grants),
             "honours_default": any(grant.default_allow for grant in self._grants),
             "partitions": not all(map(has_one_reading, self._permissions)),
             "relay": any(
@@ -215,6 +216,11 @@ class AccessViews:
         if dated is None or standard is None or dated.instant != standard.instant:
             return False
         return not (dated.earliest <= self._at + _SECOND and self._at - _SECOND <= dated.latest)
+
+    def _may_be_out_of_date(self, grant: Grant, reading: DateReading) -> bool:
+        dates = [read_date(date.text, reading, self._zone) for date in (grant.not_before, grant.not_after)]
+        start, end = dates
+        return start is None or end is None or is_in_force(start, end, self._at, reading) is not True
 
     @staticmethod
     def _beyond(ranges: Iterable[DomainRange], highest: int) -> bool:

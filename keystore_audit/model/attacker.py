@@ -214,7 +214,7 @@ class RealmView:
         atom = self._system.enclaves[enclave]
         if self._any_opaque or atom.opaque or self.self_granting(enclave):
             return self.protection.ruled
-        return self._joined_with(self._permissions.chosen(atom.identity, self.accepted))
+        return self._joined_with(self._permissions.admitting(atom.identity, self.accepted))
 
     def _joined_with(self, grants: list[int]) -> int:
         """Domains that who presents these grants can join."""
@@ -255,7 +255,8 @@ class RealmView:
     def rights_with(self, enclave: int, documents: frozenset[int], *, anything: bool) -> tuple[int, int]:
         """What the enclave may write and read with the grants of these documents alone, or with any (`anything`)."""
         p = self.protection
-        grants = self._permissions.chosen(self._system.enclaves[enclave].identity, documents)
+        identity = self._system.enclaves[enclave].identity
+        grants = self._permissions.chosen(identity, documents)
         published, subscribed = (self._permissions.all_channels,) * 2 if anything else (0, 0)
         for grant in grants:
             published |= self._permissions.allowed(grant, Operation.PUBLISH)
@@ -265,6 +266,6 @@ class RealmView:
         elif not self.authenticated(enclave):
             joined = 0
         else:
-            joined = p.ruled if anything else self._joined_with(grants)
+            joined = p.ruled if anything else self._joined_with(self._permissions.admitting(identity, documents))
         reach = self._reach(joined)
         return reach & (~p.write_controlled | published), reach & (~p.read_controlled | subscribed)

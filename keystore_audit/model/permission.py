@@ -159,6 +159,23 @@ class Permissions:
                         chosen.setdefault(certificate, []).append((grant.document, number))
         return chosen
 
+    @cached_property
+    def _named(self) -> dict[int, dict[int, int]]:
+        """By certificate and document: the first grant that names it."""
+        named: dict[int, dict[int, int]] = {}
+        for number, grant in enumerate(self._system.grants):
+            for certificate in grant.names:
+                named.setdefault(certificate, {}).setdefault(grant.document, number)
+        return named
+
+    def admitting(self, certificate: int | None, documents: frozenset[int]) -> list[int]:
+        """The grants of these documents by which the certificate joins: dates may bind endpoints alone."""
+        chosen = self.chosen(certificate, documents)
+        if certificate is None or not self._system.joins_out_of_date:
+            return chosen
+        first = self._named.get(certificate, {}).items()
+        return sorted({*chosen, *(grant for document, grant in first if document in documents)})
+
     def chosen(self, certificate: int | None, documents: frozenset[int]) -> list[int]:
         """The grants that these documents hold for the certificate, one a document."""
         if certificate is None:

@@ -58,6 +58,7 @@ _OF_DOCUMENTS: Final = {
     "open_ranges": Cause.RANGE,
     "dates": Cause.DATE,
     "skips_grants_out_of_date": Cause.GRANT_CHOICE,
+    "joins_out_of_date": Cause.OTHER,
 }
 _OF_PARTICIPANTS: Final = {
     "binds_domains": Cause.RULE_DOMAINS,

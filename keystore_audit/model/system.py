@@ -211,7 +211,8 @@ class System:
     CA certificate itself; otherwise by any certificate that chains to one and is fit to sign (CVE-2023-24010).
     `skips_grants_out_of_date`: of a document the first grant in force that names a certificate counts; otherwise the
     first that names it, if it is in force. `requires_grant`: where join access control is off, peers let in whom some
-    document grants something, not everybody. `instants`: sorted; `now`: index of the audit instant among them.
+    document grants something, not everybody. `joins_out_of_date`: the first grant that names a certificate lets it join
+    whatever its dates. `instants`: sorted; `now`: index of the audit instant among them.
     `meets`: by channel, the others in which an endpoint that is allowed in it is met too, because its partition may be
     a pattern; empty where no channel meets another.
     """
@@ -220,6 +221,7 @@ class System:
     pins_signer: bool
     skips_grants_out_of_date: bool
     requires_grant: bool
+    joins_out_of_date: bool = False
     reading: Reading
     instants: tuple[datetime, ...]
     now: int

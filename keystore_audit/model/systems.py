@@ -204,6 +204,7 @@ class SystemBuilder:
             pins_signer=trust.pins_signer,
             skips_grants_out_of_date=kind.access.skips_grants_out_of_date,
             requires_grant=kind.access.requires_grant,
+            joins_out_of_date=kind.access.joins_out_of_date,
             reading=reading,
             instants=self._instants,
             now=self._instants.index(self._at),

@@ -44,6 +44,7 @@ class _Dated:
     grants: tuple[ReadGrant, ...] | None
     """Those that name the certificate; None where the document says nothing."""
     skips_grants_out_of_date: bool
+    joins_out_of_date: bool
     joins: JoinCheck
     governed: _Governed | None
     """The domains of which a grant has to let the enclave join one; None where the governance says nothing."""
@@ -180,6 +181,7 @@ class Usabilities:
             permissions_ca=authority if trust.checks_permissions_ca else None,
             grants=self._own_grants(enclave, certificate, profile),
             skips_grants_out_of_date=profile.access.skips_grants_out_of_date,
+            joins_out_of_date=profile.access.joins_out_of_date,
             joins=profile.local.joins,
             governed=self._governed_domains(enclave.governance, profile),
             listed=enclave if lists_read(enclave, trust) else None,
@@ -271,7 +273,7 @@ def _refusals_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:
     if certificate is not None and dated.grants is not None:
         eligible = (grant for grant in dated.grants if _in_force(grant, at) or not dated.skips_grants_out_of_date)
         grant = next(eligible, None)
-        if grant is None or not _in_force(grant, at):
+        if grant is None or not (_in_force(grant, at) or dated.joins_out_of_date):
             yield f"no grant in force names {certificate.subject}"
         elif dated.governed is not None and not _joins(dated.governed, grant, dated.joins):
             yield _NOT_JOINING[dated.joins]

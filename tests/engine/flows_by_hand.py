@@ -79,9 +79,11 @@ class ByHand:
             if unread:
                 joined = p.ruled
             else:
-                if grants or not s.requires_grant:
+                named = [n for n, each in enumerate(s.grants) if each.document in own and atom.identity in each.names]
+                admitting = {*grants, *(named[:1] if s.joins_out_of_date else ())}
+                if admitting or not s.requires_grant:
                     joined = p.ruled & ~p.join_controlled
-                for grant in grants:
+                for grant in admitting:
                     joined |= p.ruled & self.permissions.joins(grant)
 
         def right(operation: Operation, controlled: int) -> frozenset[int]:

@@ -570,7 +570,8 @@ def with_claims(system: System, seed: int, count: int = 4) -> System:
     chance = random.Random(f"claims {seed}")
     claims = tuple(_random_claim(system, chance, number) for number in range(count))
     enclaves = _reading_alone(system, seed) if seed % 3 == 0 else system.enclaves
-    return replace(system, claims=claims, enclaves=_refused(enclaves, system, seed) if seed % 10 == 7 else enclaves)
+    enclaves = _refused(enclaves, system, seed) if seed % 10 == 7 else enclaves
+    return replace(system, claims=claims, enclaves=enclaves, joins_out_of_date=seed % 10 == 4)
 
 
 def _reading_alone(system: System, seed: int) -> tuple[EnclaveAtom, ...]:

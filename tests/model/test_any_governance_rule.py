@@ -36,8 +36,8 @@ ELSEWHERE = permissions(grant("/e", rule(criterion("publish", "rt/other"), domai
 class Asked:
     """What one implementation makes of a governance, of an enclave without any right in domain 0."""
 
-    def __init__(self, by: str, root: Path, profile: str) -> None:
-        keystore = read_keystore(Store(members={"/e": Member(permissions=ELSEWHERE)}, governance=by).write(root))
+    def __init__(self, by: str, root: Path, profile: str, own: str = ELSEWHERE) -> None:
+        keystore = read_keystore(Store(members={"/e": Member(permissions=own)}, governance=by).write(root))
         self.profile = VARIANTS[profile]
         accesses = AccessViews(documents_of(keystore), AT, None)
         builder = SystemBuilder(keystore, (self.profile,), AT, accesses, [("rt/a", "")])
@@ -79,3 +79,16 @@ def test_a_later_domain_rule_switches_join_access_control_off(profile: str, expe
 def test_opendds_starts_by_a_later_domain_rule(joining: str, expected: bool, tmp_path: Path) -> None:
     later = governance(domain_rule(), domain_rule(enable_join_access_control=joining))
     assert Asked(later, tmp_path / "k", "opendds").starts is expected
+
+
+@pytest.mark.parametrize(("profile", "expected"), [("opendds", True), ("spec", False), ("cyclonedds-11", False)])
+@pytest.mark.parametrize("dates", [{"end": "2021-01-01T00:00:00"}, {"start": "2033-01-01T00:00:00"}])
+def test_opendds_lets_a_grant_out_of_date_join(
+    profile: str, expected: bool, dates: dict[str, str], tmp_path: Path
+) -> None:
+    """Its dates bind endpoints alone, and those without access control are not asked for a grant."""
+    own = permissions(grant("/e", rule(criterion("publish", "rt/other")), **dates))
+    for name, topics, writes in (("loose", topic_rule(**OFF), expected), ("strict", topic_rule(), False)):
+        asked = Asked(governance(domain_rule(topics=topics)), tmp_path / name, profile, own)
+        assert (asked.conceded, asked.allowed) == (writes, name == "loose")
+        assert asked.starts is (expected and name == "loose"), "OpenDDS starts where some topic has none"

@@ -343,6 +343,8 @@ class _Facts:
         yield self._map("subject_name", a.grants, a.certificates, [g.names for g in grants])
         skipped = "Grant" if self._system.skips_grants_out_of_date and self._system.grants else "none"
         yield function("skipped_out_of_date", "set Grant", skipped)
+        undated = "Grant" if self._system.joins_out_of_date and self._system.grants else "none"
+        yield function("joins_out_of_date", "set Grant", undated)
         yield self._set("default_allow", a.grants, [g.default_allow for g in grants])
         yield self._children("rule", a.grants, a.rules, [r.grant for r in rules])
         yield self._set("allow_rule", a.rules, [r.allow for r in rules])

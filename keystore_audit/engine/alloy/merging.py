@@ -86,6 +86,7 @@ def _asked(system: System) -> System:
         pins_signer=system.pins_signer,
         skips_grants_out_of_date=system.skips_grants_out_of_date,
         requires_grant=system.requires_grant,
+        joins_out_of_date=system.joins_out_of_date,
         reading=system.reading,
         instants=system.instants,
         now=system.now,

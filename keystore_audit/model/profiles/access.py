@@ -61,8 +61,9 @@ class Access:
     `first_rule_decides_topic`: where read and write access control are both on, the first rule that lists a topic, for
     publishing or subscribing and in whatever partition, decides whether there is such a topic at all (measured on
     Cyclone DDS 0.10.2, of its own topics and of peers'). `requires_grant`: a peer without a grant in force is refused,
-    even where join access control is off. `any_governance_rule`: access control is off where any matching rule of the
-    governance has it off, not the first.
+    even where join access control is off. `joins_out_of_date`: a grant lets its holder join
+    whatever its dates, which bind endpoints alone. `any_governance_rule`: access control is off where any matching rule
+    of the governance has it off, not the first.
     """
 
     matcher: Matcher
@@ -78,6 +79,7 @@ class Access:
     relay: RelayReading
     first_rule_decides_topic: bool
     requires_grant: bool
+    joins_out_of_date: bool
     any_governance_rule: bool
 
 

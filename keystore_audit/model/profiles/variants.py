@@ -92,6 +92,7 @@ _SPEC_ACCESS: Final = Access(
     relay=RelayReading.RELAY,
     first_rule_decides_topic=False,
     requires_grant=False,
+    joins_out_of_date=False,
     any_governance_rule=False,
 )
 """DDS-Security 1.1, 9.4.1.2 and 9.4.1.3, expressions by glibc's `fnmatch` (see `Matcher`)."""
@@ -110,6 +111,7 @@ _FASTDDS_ACCESS: Final = Access(
     relay=RelayReading.READ,
     first_rule_decides_topic=False,
     requires_grant=True,
+    joins_out_of_date=False,
     any_governance_rule=False,
 )
 _FASTDDS_OLD_ACCESS: Final = replace(_FASTDDS_ACCESS, refuses_unauthenticated_with_rtps=False)
@@ -128,6 +130,7 @@ _CYCLONEDDS_0_10_ACCESS: Final = Access(
     relay=RelayReading.NOTHING,
     first_rule_decides_topic=True,
     requires_grant=False,
+    joins_out_of_date=False,
     any_governance_rule=False,
 )
 
@@ -140,6 +143,7 @@ _OPENDDS_ACCESS: Final = replace(
     dates=DateReading.OPENDDS,
     relay=RelayReading.NOTHING,
     skips_grants_out_of_date=False,
+    joins_out_of_date=True,
     any_governance_rule=True,
 )
 

@@ -62,7 +62,7 @@ sig AnyGrant extends Grant {
 	subject_name: set Certificate,
 	from, to: one Instant
 }
-sig default_allow, skipped_out_of_date in Grant {}
+sig default_allow, skipped_out_of_date, joins_out_of_date in Grant {}
 
 sig AnyRule extends Rule {
 	of: one Grant,
