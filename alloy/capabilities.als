@@ -84,3 +84,11 @@ fun written: Realm -> Channel { { realm: Realm, channel: Enclave.(may_write[real
 
 /** Channels on which there may be somebody to deceive: some enclave may read. */
 fun read: Realm -> Channel { { realm: Realm, channel: Enclave.(may_read[realm]) } }
+
+-- endpoints that honest peers refuse are there all the same, and send and listen, protected as their own realm says
+
+/** Channels with a writer, though it may be one that nobody takes for permitted. */
+fun written_at_all: Realm -> Channel { written + ~in_realm.writes_alone }
+
+/** Channels with a reader, though it may be one to which no honest writer gives its keys. */
+fun read_at_all: Realm -> Channel { read + ~in_realm.reads_alone }

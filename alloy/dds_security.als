@@ -63,6 +63,7 @@
  *   identity             the certificate of an enclave
  *   permissions          the permissions document that an enclave carries
  *   reads_alone          channels that its own implementation lets an enclave read, where peers may concede it less
+ *   writes_alone         the same of channels that it lets the enclave write
  *   refused_writes, refused_reads   channels on which it refuses the enclave a writer, a reader, that peers would take
  *   precedes             from an entry to its next sibling
  *   domain_rule, topic_rule   from a governance document to its rules, and from these to theirs

@@ -78,16 +78,22 @@ fun is_told[eavesdroppers: set Enclave + Outsider, realm: Realm]: Enclave -> Cha
 	in_any_guise[eavesdroppers, hears[realm]]
 }
 
-/** Channels that each participant gets as a reader, through a member of the realm as whom it acts. */
+/** Channels that each participant gets as a reader; of one who attacks also those that it is told. */
 fun obtains[eavesdroppers: set Enclave + Outsider, realm: Realm]: Enclave -> Channel {
-	in_any_guise[eavesdroppers, takes[realm]]
+	takes[realm] + { e: eavesdroppers & Enclave, c: e.acts_as.(hears[realm]) }
 }
 
 -- intercepted
 
-/** Channels on which each participant writes as a member of the realm. */
+/** Channels on which members of a realm write by what their own implementation alone lets them. */
+fun emits_alone[realm: Realm]: Enclave -> Channel { { e: in_realm.realm, c: e.writes_alone } }
+
+/**
+ * Channels on which each participant writes as a member of the realm: by right, or though honest readers refuse it,
+ * since whoever attacks takes the samples of anybody.
+ */
 fun exposes[forgers: set Enclave + Outsider, realm: Realm]: Enclave -> Channel {
-	in_any_guise[forgers, emits[realm]]
+	in_any_guise[forgers, emits[realm] + emits_alone[realm]]
 }
 
 /**
@@ -123,9 +129,10 @@ fun getters[channels: set Channel, eavesdroppers: set Enclave + Outsider, realm:
 	(obtains[eavesdroppers, realm] + intercepts[eavesdroppers, realm]).channels
 }
 
-/** Participants whose samples members of the realm take on one of `channels`, if they read there. */
-fun putters[channels: set Channel, forgers: set Enclave + Outsider, realm: Realm]: set Enclave + Outsider {
-	(may_write[realm] + imposes[forgers, realm]).channels
+/** Participants whose samples members of the realm take on one of `channels`, or `eavesdroppers`, if they read there. */
+fun putters[channels: set Channel, forgers, eavesdroppers: set Enclave + Outsider, realm: Realm]: set Enclave + Outsider {
+	(may_write[realm] + imposes[forgers, realm]
+		+ { e: eavesdroppers & Enclave, c: e.acts_as.(emits_alone[realm]) }).channels
 }
 
 /** `getter` gets a sample of one of `channels`. */
@@ -133,9 +140,9 @@ pred gets[getter: Enclave + Outsider, channels: set Channel, eavesdroppers: set 
 	some { realm: Realm | getter in getters[channels, eavesdroppers, realm] }
 }
 
-/** Some member takes a sample of `putter` on one of `channels`, if it reads there. */
-pred puts[putter: Enclave + Outsider, channels: set Channel, forgers: set Enclave + Outsider] {
-	some { realm: Realm | putter in putters[channels, forgers, realm] }
+/** Some member, or one who attacks, takes a sample of `putter` on one of `channels`, if it reads there. */
+pred puts[putter: Enclave + Outsider, channels: set Channel, forgers, eavesdroppers: set Enclave + Outsider] {
+	some { realm: Realm | putter in putters[channels, forgers, eavesdroppers, realm] }
 }
 
 /**
@@ -157,7 +164,7 @@ pred separated[inside, source: set Enclave + Outsider, first: set Channel, targe
 	source in inside
 	all realm: Realm {
 		getters[first, eavesdroppers, realm] in inside + through - target
-		no inside & putters[last, forgers, realm]
+		no inside & putters[last, forgers, eavesdroppers, realm]
 	}
 	all sending, receiving: Realm {
 		next[inside, usable, forgers, eavesdroppers, sending, receiving] in inside + through - (target - source)

@@ -122,6 +122,7 @@ fun permissions: Enclave -> Document {
 	+ E1_listener -> P2_permissions_p7s
 }
 fun reads_alone: Enclave -> Channel { none -> none }
+fun writes_alone: Enclave -> Channel { none -> none }
 fun refused_writes: Enclave -> Channel { none -> none }
 fun refused_reads: Enclave -> Channel { none -> none }
 

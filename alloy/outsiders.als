@@ -15,11 +15,11 @@ fun in_clear: Realm -> Channel {
 }
 
 /** Channels whose payloads anybody can read who sees the packets. */
-fun readable_outside: Realm -> Channel { in_clear & written }
+fun readable_outside: Realm -> Channel { in_clear & written_at_all }
 
 /** Channels whose names anybody learns who sees the packets of discovery. */
 fun announced_outside: Realm -> Channel {
-	governed & (written + read) - message_protection[encrypting] - discovery_encrypted
+	governed & (written_at_all + read_at_all) - message_protection[encrypting] - discovery_encrypted
 }
 
 /**
@@ -35,13 +35,13 @@ fun open_submessages: Realm -> Channel { open_messages & submessage_protection[N
 fun unguarded: Realm -> Channel { open_submessages & payload_protection[NONE] }
 
 /** Channels whose readers take samples from anybody who can send packets. */
-fun injectable_outside: Realm -> Channel { unguarded & read }
+fun injectable_outside: Realm -> Channel { unguarded & read_at_all }
 
 /**
  * Channels whose readers take an old sample for a new one from anybody: a payload that is protected for itself still
  * counts when the submessage around it, with its sequence number, is anybody's.
  */
-fun replayable_outside: Realm -> Channel { open_submessages & read }
+fun replayable_outside: Realm -> Channel { open_submessages & read_at_all }
 
 /** Channels whose readers take anybody's word that a writer lives, or that it has gone. */
-fun liveliness_forgeable_outside: Realm -> Channel { open_messages & read - liveliness_authenticated }
+fun liveliness_forgeable_outside: Realm -> Channel { open_messages & read_at_all - liveliness_authenticated }

@@ -44,9 +44,10 @@ pred goes_on[source: set Enclave + Outsider, through: set Enclave] {
 
 /** The datum is at the end: it came to somebody of `target`, or who has it can put it on `last`. */
 pred arrives[source, target: set Enclave + Outsider, last: set Channel, through: set Enclave,
-             forgers: set Enclave + Outsider] {
+             forgers, eavesdroppers: set Enclave + Outsider] {
 	(no Datum.out and some Datum.over and Datum.holder in target)
-	or (goes_on[source, through] and some realm: Realm | Datum.holder in putters[Datum.out & last, forgers, realm])
+	or (goes_on[source, through]
+		and some realm: Realm | Datum.holder in putters[Datum.out & last, forgers, eavesdroppers, realm])
 }
 
 /** A walk of the datum from one place to another, with the places and powers of `separated`: a flow. */
@@ -54,5 +55,5 @@ pred walk[source: set Enclave + Outsider, first: set Channel, target: set Enclav
           through: set Enclave, usable: set Channel, forgers, eavesdroppers: set Enclave + Outsider] {
 	begins[source, first, eavesdroppers]
 	always (rests or (goes_on[source, through] and passes[usable, forgers, eavesdroppers]))
-	eventually arrives[source, target, last, through, forgers]
+	eventually arrives[source, target, last, through, forgers, eavesdroppers]
 }

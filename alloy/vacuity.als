@@ -18,7 +18,7 @@ pred FactsAreConsistent { one audit_instant }
 pred AuthenticationIsExercised { some enclave: Enclave | some enclave.identity or enclave in opaque }
 
 /** Something is there to be protected: a governed channel on which an enclave may write or read. */
-pred EncryptionIsExercised { some governed & (written + read) }
+pred EncryptionIsExercised { some governed & (written_at_all + read_at_all) }
 
 /** Some right is there to be enforced: an enclave that takes part in a domain, and has a grant there. */
 pred AccessControlIsExercised {

@@ -87,6 +87,24 @@ def rights(system: System, enclave: int, operation: Operation, channel: int) -> 
     return tuple(sorted(found, key=lambda right: right.by_pattern))
 
 
+def lone_right(system: System, enclave: int, operation: Operation, channel: int) -> Location | None:
+    """Return the line by which an enclave's own implementation lets it do what honest peers may refuse."""
+    atom = system.enclaves[enclave]
+    alone = {"publish": atom.writes_alone, "subscribe": atom.reads_alone}.get(operation, frozenset())
+    if channel not in alone:
+        return None
+    meeting = (number for number, others in enumerate(system.meets) if channel in others)
+    for each in (channel, *meeting):
+        for rule in system.rules:
+            if (
+                rule.allow
+                and each in _criteria(rule, operation)
+                and system.grants[rule.grant].document == atom.permissions
+            ):
+                return rule.location
+    return atom.location if atom.permissions is None else system.documents[atom.permissions].location
+
+
 def signed_by_ca(system: System, realm: int, document: DocumentAtom) -> bool:
     """Whether the permissions CA of a realm, and nobody else, signed a document."""
     signers = document.signers

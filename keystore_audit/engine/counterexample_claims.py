@@ -124,13 +124,23 @@ def hop_ways(system: System, claim: ClaimAtom, hop: Hop) -> tuple[Way, ...]:
     ways = []
     for enclave, operation, place in ends:
         if enclave is not None:
-            found = way(case, enclave, operation)
+            found = way(case, enclave, operation, alone=operation == "subscribe" or _shows_it(case, claim, hop))
             who = system.enclaves[enclave].label
             ways.append(replace(found, why=f"{who}: {found.why}" if found.why else ""))
         elif not place.channels:
             verb = "can send it" if operation == "publish" else "can read it"
             ways.append(Way(why=f"anybody on the network {verb}: {case.kinds()}", steps=case.governance_steps()))
     return tuple(ways)
+
+
+def _shows_it(case: Case, claim: ClaimAtom, hop: Hop) -> bool:
+    """Whether the sender need only make a writer, since who gets the sample attacks, and is not deceived by keys."""
+    if claim.attacker is not Attacker.RELAYS or hop.sender is None:
+        return False
+    if hop.receiver is None and not claim.target.channels:
+        return True
+    forged = RealmView(case.system, case.realm, Permissions(case.system)).abilities(hop.sender).forges
+    return not forged >> hop.channel & 1
 
 
 def _shared_domain(case: Case, when: str, starts: frozenset[tuple[int, int]]) -> Counterexample:

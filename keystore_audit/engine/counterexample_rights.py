@@ -26,9 +26,21 @@ _BY_PATTERN: Final = "it may be in a partition that is a pattern, which meets th
 """How a right is used that is about other partitions (KA637)."""
 
 
-def way(case: Case, enclave: int, operation: Operation) -> Way:
-    """How an enclave gets to the channel of `case`: by right, else as another whose key it has, else by its keys."""
-    own = _as_itself(case, enclave, operation) or _alone(case, enclave, operation)
+_BY_ITSELF: Final[dict[Operation, str]] = {
+    "subscribe": "its own implementation lets it read there; honest peers would not, but who attacks gives its keys to "
+    "anybody",
+    "publish": "its own implementation lets it write there; honest peers would not take it, but who attacks takes "
+    "samples from anybody",
+}
+"""How an endpoint is used that honest peers refuse."""
+
+
+def way(case: Case, enclave: int, operation: Operation, *, alone: bool) -> Way:
+    """How an enclave gets to the channel of `case`: by right, else as another whose key it has, else by its keys.
+
+    `alone`: what its own implementation lets it do is enough.
+    """
+    own = _as_itself(case, enclave, operation) or (_alone(case, enclave, operation) if alone else None)
     if own is not None:
         return own
     system = case.system
@@ -76,19 +88,9 @@ def _uncontrolled(case: Case, enclave: int, operation: Operation) -> Way | None:
 
 
 def _alone(case: Case, number: int, operation: Operation) -> Way | None:
-    """By what its own implementation decides, from a writer that gives its keys to anybody."""
-    system, channel = case.system, case.witness[Role.CHANNEL]
-    enclave = system.enclaves[number]
-    if operation != "subscribe" or channel not in enclave.reads_alone or enclave.permissions is None:
-        return None
-    listing = (
-        rule.location
-        for rule in system.rules
-        if rule.allow and channel in rule.subscribe and system.grants[rule.grant].document == enclave.permissions
-    )
-    location = next(listing, system.documents[enclave.permissions].location)
-    why = "its own implementation lets it read there; honest peers would not, but who attacks gives its keys to anybody"
-    return Way(why=why, steps=_steps(case, number, location))
+    """By what its own implementation decides, from or to somebody that attacks."""
+    steps = case.lone_steps(number, operation)
+    return Way(why=_BY_ITSELF[operation], steps=steps) if steps else None
 
 
 def _conceded(case: Case, number: int, operation: Operation) -> Way | None:

@@ -50,13 +50,14 @@ class Claims:
         """Channels of the target whose payload somebody reads who may not."""
         asked = bits(claim.target.channels)
         for realm, view in enumerate(self._realms):
-            for enclave in range(len(self._system.enclaves)):
+            for enclave, atom in enumerate(self._system.enclaves):
                 able = view.abilities(enclave)
                 if claim.attacker is Attacker.INSIDER:
                     for channel in members(able.overhears & ~able.may_read & asked):
                         yield {Role.REALM: realm, Role.ENCLAVE: enclave, Role.CHANNEL: channel}, ()
                 else:
-                    for channel in members(able.may_write & view.readable & asked):
+                    written = able.may_write | (bits(atom.writes_alone) if atom.realm == realm else 0)
+                    for channel in members(written & view.readable & asked):
                         yield {Role.REALM: realm, Role.CHANNEL: channel}, ()
 
     def shared_domains(self, claim: ClaimAtom) -> Iterator[Found]:

@@ -124,8 +124,12 @@ class Radii:
         return written, forged & ~written, read
 
     def _union(self, enclaves: Iterable[int]) -> int:
-        """Channels that some of the enclaves may write."""
-        return reduce(or_, (view.abilities(n).may_write for n in enclaves for view in self._realms), 0)
+        """Channels that some of the enclaves write: by right, or though honest peers refuse it."""
+        written = 0
+        for number in enclaves:
+            able = (view.abilities(number).may_write for view in self._realms)
+            written |= reduce(or_, able, bits(self._system.enclaves[number].writes_alone))
+        return written
 
     def acting(self, enclave: int) -> Iterable[int]:
         """The enclaves whose key it has, or may have."""

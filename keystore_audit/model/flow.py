@@ -137,7 +137,7 @@ class Flows:
             view = self._realms[realm]
             forged = [self._forged(view, enclave) for enclave in range(self.outsider)]
             lanes.append(Lane([*self._as_any(forged), view.injectable], [*self._as_any(self._hears(realm)), 0]))
-            written = [view.abilities(e).may_write if m == realm else 0 for e, m in enumerate(self._member)]
+            written = self._shows(realm)
             heard = [view.abilities(enclave).knows for enclave in range(self.outsider)]
             lanes.append(Lane([*self._as_any(written), 0], [*self._as_any(heard), view.readable]))
         return lanes
@@ -164,9 +164,18 @@ class Flows:
         view, alone = self._realms[realm], self._reads_alone
         return [view.abilities(e).may_read | alone[e] if m == realm else 0 for e, m in enumerate(self._member)]
 
+    def _shows(self, realm: int) -> list[int]:
+        """By enclave: the channels that it writes if whoever reads is ready to take samples from anybody."""
+        view, alone = self._realms[realm], self._writes_alone
+        return [view.abilities(e).may_write | alone[e] if m == realm else 0 for e, m in enumerate(self._member)]
+
     @cached_property
     def _reads_alone(self) -> list[int]:
         return [bits(enclave.reads_alone) for enclave in self._system.enclaves]
+
+    @cached_property
+    def _writes_alone(self) -> list[int]:
+        return [bits(enclave.writes_alone) for enclave in self._system.enclaves]
 
     @staticmethod
     def _forged(view: RealmView, enclave: int) -> int:
@@ -226,6 +235,7 @@ class Flows:
             taken = [rights[m].abilities(e).may_read for e, m in enumerate(self._member)]
         if search.attacker is not Attacker.RELAYS:
             return [*taken, 0]
+        taken = [one | alone for one, alone in zip(taken, self._reads_alone, strict=True)]
         readable = 0
         for view in self._realms:
             readable |= view.readable
@@ -245,6 +255,8 @@ class Flows:
                 put = [one | view.abilities(enclave).may_write for enclave, one in enumerate(put)]
             forged = [one | view.abilities(enclave).forges for enclave, one in enumerate(forged)]
             injectable |= view.injectable
+        if search.attacker is Attacker.RELAYS:  # who reads it attacks too, and refuses nobody
+            put = [one | alone for one, alone in zip(put, self._writes_alone, strict=True)]
         attacked = self._as_any([one | other for one, other in zip(put, forged, strict=True)])
         if search.attacker is Attacker.RELAYS:
             return [*attacked, injectable]

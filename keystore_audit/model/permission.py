@@ -6,7 +6,7 @@ docs/model.md.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Final
 
@@ -45,14 +45,28 @@ _MANY_BITS: Final = 4_096
 """From so many on a set is taken apart byte by byte: a long integer is a new one without each bit."""
 
 
+class Meetings:
+    """Which channels are met in others, by `System.meets`."""
+
+    def __init__(self, meets: Sequence[frozenset[int]]) -> None:
+        self._meets = {number: bits(others) for number, others in enumerate(meets) if others}
+        self._meeting = bits(self._meets)
+
+    def met(self, channels: int) -> int:
+        """These channels, and those in which endpoints of theirs are met whose partitions are patterns."""
+        found = channels
+        for channel in members(channels & self._meeting):
+            found |= self._meets[channel]
+        return found
+
+
 class Decisions:
     """What each grant of a system allows whenever it is in force: the same for all systems with the same grants."""
 
     def __init__(self, system: System) -> None:
         self._system = system
         self._allowed: dict[tuple[int, Operation], int] = {}
-        self._meets = {number: bits(others) for number, others in enumerate(system.meets) if others}
-        self._meeting = bits(self._meets)
+        self.met = Meetings(system.meets).met
         self.all_channels = (1 << len(system.channels)) - 1
         self.all_domains = (1 << len(system.domains)) - 1
         channels_of: list[list[int]] = [[] for _ in system.domains]
@@ -86,13 +100,6 @@ class Decisions:
             allowed |= self.all_channels & ~decided
         self._allowed[grant, operation] = allowed
         return allowed
-
-    def met(self, channels: int) -> int:
-        """These channels, and those in which endpoints of theirs are met whose partitions are patterns."""
-        found = channels
-        for channel in members(channels & self._meeting):
-            found |= self._meets[channel]
-        return found
 
     def _matches(self, rule: RuleAtom, operation: Operation) -> int:
         """Channels whose domain, topic and partition the rule matches."""

@@ -85,7 +85,8 @@ class RealmAtom:
 class EnclaveAtom:
     """An enclave. `opaque`: (MAY only) its identity could not be read, so it may be anybody.
 
-    `reads_alone`: channels that its own implementation lets it read, where that may be more than peers concede.
+    `reads_alone`, `writes_alone`: channels that its own implementation lets it read, and write, where that may be more
+    than peers concede.
     `refused_writes`, `refused_reads`: channels on which it refuses a writer, or a reader, that peers would take.
     """
 
@@ -96,6 +97,7 @@ class EnclaveAtom:
     permissions: int | None
     opaque: bool
     reads_alone: frozenset[int] = frozenset()
+    writes_alone: frozenset[int] = frozenset()
     refused_writes: frozenset[int] = frozenset()
     refused_reads: frozenset[int] = frozenset()
 

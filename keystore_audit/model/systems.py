@@ -26,7 +26,7 @@ from keystore_audit.model.inventory import (
     embedded_authorities,
     instants_of,
 )
-from keystore_audit.model.lone_readers import NOTHING, LoneReaders
+from keystore_audit.model.lone_endpoints import NOTHING, LoneEndpoints
 from keystore_audit.model.lone_refusals import NOTHING_REFUSED, LoneRefusals
 from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.rule_atoms import Atoms, RuleAtoms
@@ -136,7 +136,7 @@ class SystemBuilder:
 
     def kinds(self) -> dict[Kind, tuple[str, ...]]:
         """The names of the profiles that read this keystore alike, under the rows of one of them."""
-        lone = LoneReaders(self._keystore, self._accesses, self.channels, self._at)
+        lone = LoneEndpoints(self._keystore, self._accesses, self.channels, self._at, self._meets)
         refusals = LoneRefusals(self._keystore, self._accesses, self.channels, self._at)
         return self._views.kinds(self._profiles, lone, refusals)
 
@@ -161,10 +161,10 @@ class SystemBuilder:
         realms: dict[RealmAtom, int] = {}
         trusts: dict[TrustFiles, RealmAtom] = {}
         enclaves: list[EnclaveAtom] = []
-        readers = kind.readers or (NOTHING,) * len(self._keystore.enclaves)
+        alone = kind.alone or (NOTHING,) * len(self._keystore.enclaves)
         refusals = kind.refusals or (NOTHING_REFUSED,) * len(self._keystore.enclaves)
-        rows = zip(self._keystore.enclaves, self._unknown, self._realm_doubts, readers, refusals, strict=True)
-        for enclave, unknown, doubt, read, refused in rows:
+        rows = zip(self._keystore.enclaves, self._unknown, self._realm_doubts, alone, refusals, strict=True)
+        for enclave, unknown, doubt, lone, refused in rows:
             if not may and (unknown or doubt is not None):  # of what it accepts, nothing is certain
                 continue
             if doubt is not None:
@@ -172,6 +172,7 @@ class SystemBuilder:
             else:
                 files = trust_files(enclave)
                 realm = trusts.get(files) or trusts.setdefault(files, self._realm(enclave, number, kind))
+            endpoints = lone.possible if may else lone.certain
             enclaves.append(
                 EnclaveAtom(
                     label=enclave.path,
@@ -180,7 +181,8 @@ class SystemBuilder:
                     identity=None if unknown else self._identity(enclave),
                     permissions=number.get(enclave.permissions.signed.file.place) if enclave.permissions else None,
                     opaque=unknown,
-                    reads_alone=read.possible if may else read.certain,
+                    reads_alone=endpoints.reads,
+                    writes_alone=endpoints.writes,
                     refused_writes=refused.writes,
                     refused_reads=refused.reads,
                 )

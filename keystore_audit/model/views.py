@@ -13,7 +13,7 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.inventory import Document
-from keystore_audit.model.lone_readers import LoneReaders, Read
+from keystore_audit.model.lone_endpoints import Alone, LoneEndpoints
 from keystore_audit.model.lone_refusals import LoneRefusals, Refused
 from keystore_audit.model.profiles import Access, Profile, SubjectComparison, Trust
 from keystore_audit.model.revocation import revoked
@@ -34,13 +34,13 @@ TrustFiles = tuple[CertificateFile | None, CertificateFile | None, GovernanceFil
 class Kind(NamedTuple):
     """Implementations that read a keystore alike, by the rows of one of them.
 
-    `readers`: by enclave, what they let it read by themselves; empty where that is what peers let it read.
+    `alone`: by enclave, what they let it do by themselves; empty where that is what peers concede it.
     `refusals`: by enclave, the endpoints that they refuse it and peers would take; empty where there are none.
     """
 
     trust: Trust
     access: Access
-    readers: tuple[Read, ...] = ()
+    alone: tuple[Alone, ...] = ()
     refusals: tuple[Refused, ...] = ()
 
 
@@ -70,7 +70,7 @@ class Views:
         self._named: dict[SubjectComparison, dict[str, frozenset[int]]] = {}
 
     def kinds(
-        self, profiles: Sequence[Profile], lone: LoneReaders, refusals: LoneRefusals
+        self, profiles: Sequence[Profile], lone: LoneEndpoints, refusals: LoneRefusals
     ) -> dict[Kind, tuple[str, ...]]:
         """The names of the profiles that read this keystore alike, under the rows of one of them."""
         found: dict[object, tuple[Kind, list[str]]] = {}
@@ -85,7 +85,7 @@ class Views:
         trust = kind.trust
         return (
             kind.access,
-            kind.readers,
+            kind.alone,
             kind.refusals,
             trust.pins_signer,
             tuple(self.authorities(enclave, trust) for enclave in self._realms),

@@ -113,6 +113,10 @@ class ByHand:
             or (key is not None and (i := atoms[f].identity) is not None and certificates[i].key == key)
         }
 
+    def written_alone(self, enclave: int, realm: int) -> frozenset[int]:
+        atom = self.system.enclaves[enclave]
+        return atom.writes_alone if atom.realm == realm else frozenset()
+
     def in_clear(self, realm: int) -> frozenset[int]:
         p = self.views[realm].protection
         return frozenset(members(p.governed & ~(p.rtps_encrypts | p.metadata_encrypts | p.data_encrypts)))
@@ -200,7 +204,7 @@ class Flow:
         hand = self.hand
         for mask in hand.acts_as(e):
             realm = self.member(mask)
-            for c in self.writes(mask, realm):
+            for c in self.writes(mask, realm) | hand.system.enclaves[mask].writes_alone:
                 if c in hand.in_clear(realm):
                     yield e, c, OUTSIDER
                 for f in hand.enclaves:
@@ -213,9 +217,16 @@ class Flow:
         for c in self.claim.source.channels:
             for f in self.hand.enclaves:
                 as_whom = self.hand.acts_as(f) if self.relays else {f}
-                if any(c in self.reads(guise, self.member(guise)) for guise in as_whom) or (
-                    self.relays
-                    and any(c in self.hand.powers(guise, realm).learns() for guise in as_whom for realm in self.realms)
+                alone = {c for g in as_whom if self.relays for c in self.hand.system.enclaves[g].reads_alone}
+                if (
+                    any(c in self.reads(guise, self.member(guise)) for guise in as_whom)
+                    or c in alone
+                    or (
+                        self.relays
+                        and any(
+                            c in self.hand.powers(guise, realm).learns() for guise in as_whom for realm in self.realms
+                        )
+                    )
                 ):
                     found.add(f)
             if self.relays and any(c in self.hand.in_clear(realm) for realm in self.realms):
@@ -226,6 +237,9 @@ class Flow:
         """Whether it puts a sample on a channel of the target."""
         for realm in self.realms:
             reached = self.imposes(holder, realm)
+            if self.relays and holder != OUTSIDER:
+                for guise in self.hand.acts_as(holder):
+                    reached |= self.hand.system.enclaves[guise].writes_alone
             if holder != OUTSIDER and not (self.able and realm != self.member(holder)):
                 reached |= self.writes(holder, realm)
             if reached & self.claim.target.channels:
@@ -287,6 +301,6 @@ def violated(hand: ByHand, claim: ClaimAtom) -> bool:
             elif claim.attacker is Attacker.INSIDER:
                 if (powers.overhears - powers.reads) & claim.target.channels:
                     return True
-            elif powers.writes & hand.in_clear(realm) & claim.target.channels:
+            elif (powers.writes | hand.written_alone(e, realm)) & hand.in_clear(realm) & claim.target.channels:
                 return True
     return False

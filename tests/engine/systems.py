@@ -565,21 +565,24 @@ def lively(system: System, seed: int) -> System:
 def with_claims(system: System, seed: int, count: int = 4) -> System:
     """The same system with claims drawn from `seed`, of all kinds; some have an empty place, as in MUST.
 
-    In every third one enclaves read what peers need not concede, in every tenth their own implementations refuse it
+    In every third one enclaves read and write what peers need not concede, in every tenth their own implementations
+    refuse it.
     """
     chance = random.Random(f"claims {seed}")
     claims = tuple(_random_claim(system, chance, number) for number in range(count))
-    enclaves = _reading_alone(system, seed) if seed % 3 == 0 else system.enclaves
+    enclaves = _alone(system, seed) if seed % 3 == 0 else system.enclaves
     enclaves = _refused(enclaves, system, seed) if seed % 10 == 7 else enclaves
     return replace(system, claims=claims, enclaves=enclaves, joins_out_of_date=seed % 10 == 4)
 
 
-def _reading_alone(system: System, seed: int) -> tuple[EnclaveAtom, ...]:
+def _alone(system: System, seed: int) -> tuple[EnclaveAtom, ...]:
     chance = random.Random(f"readers {seed}")
-    return tuple(
-        replace(each, reads_alone=frozenset(c for c in range(len(system.channels)) if chance.random() < 0.2))
-        for each in system.enclaves
-    )
+
+    def some() -> frozenset[int]:
+        return frozenset(c for c in range(len(system.channels)) if chance.random() < 0.2)
+
+    read = [replace(each, reads_alone=some()) for each in system.enclaves]
+    return tuple(replace(each, writes_alone=some()) for each in read)
 
 
 def _refused(enclaves: Sequence[EnclaveAtom], system: System, seed: int) -> tuple[EnclaveAtom, ...]:

@@ -72,6 +72,10 @@ class Definitions:
         """Of an attacker, who gives its keys to anybody."""
         return self.takes(enclave) | self.system.enclaves[enclave].reads_alone
 
+    def shows(self, enclave: int) -> set[int]:
+        """To an attacker, who takes samples from anybody."""
+        return self.able("may_write", enclave, self.member(enclave)) | self.system.enclaves[enclave].writes_alone
+
     def made(self, enclave: int, realm: int) -> set[int]:
         return self.able("may_write", enclave, realm) | self.able("forges", enclave, realm)
 
@@ -97,13 +101,13 @@ class Definitions:
             return {c for g in self.acts_as(f) for c in self.hears(g) & self.injectable(self.member(g))}
         if f == OUTSIDER:
             own = ((g, self.member(g)) for g in self.acts_as(e))
-            return {c for g, realm in own for c in self.able("may_write", g, realm) & self.readable(realm)}
+            return {c for g, realm in own for c in self.shows(g) & self.readable(realm)}
         found = set()
         for one in self.acts_as(e):
             for other in self.acts_as(f):
                 found |= self.hears(other) & self.made(one, self.member(other))
                 at = self.member(one)
-                found |= self.able("may_write", one, at) & self.able("knows", other, at)
+                found |= self.shows(one) & self.able("knows", other, at)
         return found
 
     def hop(self, claim: ClaimAtom, e: int, f: int) -> set[int]:
@@ -128,7 +132,7 @@ class Definitions:
             return {c for realm in self.realms for c in self.readable(realm)}
         found = set()
         for g in self.acts_as(f):
-            found |= self.takes(g)
+            found |= self.hears(g)
             for realm in self.realms:
                 found |= self.able("knows", g, realm)
         return found
@@ -141,6 +145,8 @@ class Definitions:
             return {c for realm in self.realms for c in self.injectable(realm)} if attacking else set()
         found = {c for realm in self.realms for c in self.able("may_write", e, realm)}
         for g in self.acts_as(e) if attacking else ():
+            if claim.attacker is Attacker.RELAYS:
+                found |= self.shows(g)
             for realm in self.realms:
                 found |= self.made(g, realm)
         return found
@@ -178,7 +184,11 @@ def violated(definitions: Definitions, claim: ClaimAtom) -> bool:
             if e not in claim.source.enclaves
         )
     if claim.kind is ClaimKind.ENCRYPTED and claim.attacker is Attacker.OUTSIDER:
-        return any(d.able("may_write", e, r) & d.readable(r) & channels for r, e in pairs)
+        return any(
+            d.able("may_write", e, r) & d.readable(r) & channels
+            or (d.member(e) == r and d.shows(e) & d.readable(r) & channels)
+            for r, e in pairs
+        )
     if claim.kind is ClaimKind.ENCRYPTED:
         return any((d.able("overhears", e, r) - d.able("may_read", e, r)) & channels for r, e in pairs)
     assert claim.kind is ClaimKind.SEPARATE_DOMAINS

@@ -12,7 +12,7 @@ import pytest
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.model.lone_readers import LoneReaders
+from keystore_audit.model.lone_endpoints import LoneEndpoints
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.system import Reading
 from keystore_audit.model.systems import SystemBuilder
@@ -41,7 +41,7 @@ def builder_of(store: Path, at: datetime) -> tuple[SystemBuilder, Callable[[str]
     keystore = read_keystore(store)
     accesses = AccessViews(documents_of(keystore), at, None)
     builder = SystemBuilder(keystore, list(VARIANTS.values()), at, accesses)
-    lone = LoneReaders(keystore, accesses, builder.channels, at)
+    lone = LoneEndpoints(keystore, accesses, builder.channels, at, builder.channels.meets)
 
     def kind(name: str) -> Kind:
         variant = VARIANTS[name]

@@ -297,6 +297,7 @@ class _Facts:
         yield self._map("identity", a.enclaves, a.certificates, [_lone(e.identity) for e in enclaves])
         yield self._map("permissions", a.enclaves, a.documents, [_lone(e.permissions) for e in enclaves])
         yield self._map("reads_alone", a.enclaves, a.channels, [e.reads_alone for e in enclaves])
+        yield self._map("writes_alone", a.enclaves, a.channels, [e.writes_alone for e in enclaves])
         yield self._map("refused_writes", a.enclaves, a.channels, [e.refused_writes for e in enclaves])
         yield self._map("refused_reads", a.enclaves, a.channels, [e.refused_reads for e in enclaves])
 

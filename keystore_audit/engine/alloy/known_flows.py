@@ -53,7 +53,7 @@ class _Shown:
 
     def conditions(self, legs: Sequence[Leg]) -> Iterator[str]:
         """Begins at the source, goes on over participants that may pass data on, and ends at the target."""
-        at, claim = self._at, self._claim
+        at, claim, powers = self._at, self._claim, f"{self._forgers}{self._eavesdroppers}"
         on_the_way = [self._who(leg.receiver) for leg in legs[:-1]]
         if not claim.source.channels:
             yield f"some {self._who(legs[0].sender)} & {at.source}"
@@ -62,9 +62,8 @@ class _Shown:
             if place == 0 and claim.source.channels:
                 yield f"gets{self._suffix}[{self._who(leg.receiver)}, {channel} & {at.first}{self._eavesdroppers}]"
             elif place == len(legs) - 1 and claim.target.channels:
-                yield f"puts{self._suffix}[{self._who(leg.sender)}, {channel} & {at.last}{self._forgers}]"
+                yield f"puts{self._suffix}[{self._who(leg.sender)}, {channel} & {at.last}{powers}]"
             else:
-                powers = f"{self._forgers}{self._eavesdroppers}"
                 yield f"no {channel} & {at.left_out}"
                 yield f"hop{self._suffix}[{self._who(leg.sender)}, {channel}, {self._who(leg.receiver)}{powers}]"
         for participant in on_the_way:

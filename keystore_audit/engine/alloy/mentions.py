@@ -46,12 +46,13 @@ def _matches(rule: RuleAtom, system: System) -> Iterator[tuple[int, int]]:
 
 def surroundings(system: System) -> list[Hashable]:
     """Return what is known of each channel besides what grants say: domain, rules of governance, places of claims,
-    and who reads it alone, or is refused it by its own implementation.
+    who reads or writes it alone, and who is refused it by its own implementation.
     """
-    alone: list[list[int]] = [[] for _ in system.channels]
+    alone: list[list[tuple[int, bool]]] = [[] for _ in system.channels]
     for number, enclave in enumerate(system.enclaves):
-        for channel in enclave.reads_alone:
-            alone[channel].append(number)
+        for writing, channels in enumerate((enclave.reads_alone, enclave.writes_alone)):
+            for channel in channels:
+                alone[channel].append((number, bool(writing)))
     refused: list[list[tuple[int, bool]]] = [[] for _ in system.channels]
     for number, enclave in enumerate(system.enclaves):
         for channels, writes in ((enclave.refused_writes, True), (enclave.refused_reads, False)):

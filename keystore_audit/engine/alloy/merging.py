@@ -153,7 +153,7 @@ def _surplus(system: System) -> _Surplus:
     instead = {channel: told for told, each in remaining for channel in each if channel != told}
     if instead:
         return _Surplus(channels=frozenset(instead), alike=instead)
-    if any(enclave.reads_alone or enclave.refused_writes or enclave.refused_reads for enclave in system.enclaves):
+    if any(e.reads_alone or e.writes_alone or e.refused_writes or e.refused_reads for e in system.enclaves):
         return _Surplus()  # whether enclaves are alike is not asked of this: few keystores have it
     twins = find_twins(system, said)
     enclaves = [enclave for each in twins.classes for enclave in each[KEPT:]]
@@ -256,6 +256,7 @@ class _Restriction:
                     identity=_one(old.enclaves[n].identity, self._certificates),
                     permissions=_one(old.enclaves[n].permissions, self._documents),
                     reads_alone=self._named(old.enclaves[n].reads_alone),
+                    writes_alone=self._named(old.enclaves[n].writes_alone),
                     refused_writes=self._named(old.enclaves[n].refused_writes),
                     refused_reads=self._named(old.enclaves[n].refused_reads),
                 )

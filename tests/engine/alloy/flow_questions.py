@@ -129,6 +129,16 @@ def questions() -> list[Question]:
         b.enclaves[TALKER] = replace(b.enclaves[TALKER], reads_alone=frozenset({OTHER_TOPIC}))
         return b
 
+    def silent(b: Builder) -> Builder:
+        """Nobody publishes by right."""
+        b.rules[:] = [replace(rule, publish=frozenset()) for rule in b.rules]
+        return b
+
+    def wilful(b: Builder) -> Builder:
+        """The third's own implementation lets it write what peers do not take from it."""
+        b.enclaves[THIRD] = replace(b.enclaves[THIRD], writes_alone=frozenset({CHATTER}))
+        return b
+
     def denied(**facts: set[int]) -> Builder:
         """The listener's own implementation refuses it what its peers would take."""
         b = chain()
@@ -136,6 +146,8 @@ def questions() -> list[Question]:
         return b
 
     honest, source, relays = Attacker.HONEST, Attacker.SOURCE, Attacker.RELAYS
+    outsider, encrypted = Attacker.OUTSIDER, ClaimKind.ENCRYPTED
+    clear = {"rtps": sign, "metadata": sign, "data": none}
     shared = {"rtps": ProtectionKind.ENCRYPT, "metadata": ProtectionKind.ENCRYPT}
     return [
         (chain(), claim(at(TALKER), at(THIRD)), True),
@@ -203,6 +215,23 @@ def questions() -> list[Question]:
         (chain(), claim(at(LISTENER), at(TALKER), source), False),
         (stubborn(), claim(at(LISTENER), at(TALKER), source), True),
         (stubborn(), claim(at(LISTENER), at(TALKER), honest), False),
+        # writers that honest peers refuse
+        (chain(), claim(at(THIRD), at(LISTENER)), False),
+        (wilful(chain()), claim(at(THIRD), at(LISTENER)), True),
+        (wilful(chain()), claim(at(THIRD), at(LISTENER), source), False),
+        (wilful(chain()), claim(at(THIRD), at(LISTENER), honest), False),
+        (chain(), claim(at(THIRD), on_channel(CHATTER)), False),
+        (wilful(chain()), claim(at(THIRD), on_channel(CHATTER)), True),
+        (wilful(chain()), claim(at(THIRD), on_channel(CHATTER), source), False),
+        (wilful(chain()), claim(at(TALKER), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH), False),
+        (wilful(silent(weak(**clear))), claim(at(THIRD), OUT), True),
+        (silent(weak(**clear)), claim(at(THIRD), OUT), False),
+        (wilful(silent(weak(**clear))), claim(Place(), on_channel(CHATTER), outsider, kind=encrypted), True),
+        (silent(weak(**clear)), claim(Place(), on_channel(CHATTER), outsider, kind=encrypted), False),
+        # who attacks gets samples of a channel that its own implementation alone lets it read
+        (stubborn(), claim(on_channel(OTHER_TOPIC), at(TALKER)), True),
+        (stubborn(), claim(on_channel(OTHER_TOPIC), at(TALKER), source), False),
+        (chain(), claim(on_channel(OTHER_TOPIC), at(TALKER)), False),
         # participants that honest peers refuse
         (expired(), starting(claim(at(TALKER), at(THIRD), kind=ClaimKind.SEPARATE_DOMAINS)), True),
         (expired(), starting(claim(at(THIRD), at(TALKER), kind=ClaimKind.SEPARATE_DOMAINS)), True),

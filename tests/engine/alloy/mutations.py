@@ -13,6 +13,7 @@ from tests.engine.systems import (
     CHATTER,
     GOVERNANCE,
     IDENTITY_CA,
+    LISTENER,
     LISTENER_IDENTITY,
     OTHER_TOPIC,
     PERMISSIONS_CA,
@@ -118,12 +119,26 @@ def relay(b: Builder) -> None:
     b.rule(0, [0], relay=[OTHER_TOPIC])
 
 
+def no_reader(b: Builder) -> None:
+    """The listener may subscribe to nothing."""
+    b.rules[:] = [replace(rule, subscribe=frozenset()) for rule in b.rules]
+
+
 ELSEWHERE = 2
 
 ALL_NONE = both(
     on("domain_rules", 0, rtps_protection_kind=NONE),
     on("topic_rules", 0, metadata_protection_kind=NONE, data_protection_kind=NONE),
 )
+
+LIVES_OPENLY = both(
+    on("domain_rules", 0, rtps_protection_kind=NONE), on("topic_rules", 0, enable_liveliness_protection=False)
+)
+NAMED_OPENLY = both(
+    on("topic_rules", 0, enable_discovery_protection=False),
+    on("domain_rules", 0, rtps_protection_kind=ProtectionKind.SIGN_WITH_ORIGIN_AUTHENTICATION),
+)
+READS_ALONE = on("enclaves", LISTENER, reads_alone=frozenset({CHATTER}))
 
 AUTHENTICATION = {"identities-chain-to-the-identity-ca"}
 ENCRYPTION = {"outsiders-cannot-read", "outsiders-cannot-inject"}
@@ -307,6 +322,30 @@ MUTATIONS: dict[str, tuple[Change, set[str]]] = {
     "expired grant first": (
         both(expired_first_grant, on("topic_rules", 0, enable_write_access_control=False)),
         {"grants-are-enforced", "nobody-writes-without-a-grant"},
+    ),
+    # endpoints that honest peers refuse
+    "the talker denied and all kinds NONE, but its own implementation lets it write": (
+        both(earlier_deny, ALL_NONE, on("enclaves", TALKER, writes_alone=frozenset({CHATTER}))),
+        {"outsiders-cannot-read", "outsiders-cannot-inject", REPLAY} | INSIDERS,
+    ),
+    "nobody reads, all kinds NONE": (both(no_reader, ALL_NONE), {"outsiders-cannot-read"} | INSIDERS),
+    "nobody reads and all kinds NONE, but the listener's own implementation lets it": (
+        both(no_reader, ALL_NONE, READS_ALONE),
+        {"outsiders-cannot-read", "outsiders-cannot-inject", REPLAY} | INSIDERS,
+    ),
+    "nobody reads, liveliness not asserted in secret": (both(no_reader, LIVES_OPENLY), set()),
+    "liveliness not asserted in secret, and a reader by its own implementation alone": (
+        both(no_reader, LIVES_OPENLY, READS_ALONE),
+        {LIVELINESS},
+    ),
+    "nobody writes or reads, discovery clear": (both(earlier_deny, no_reader, NAMED_OPENLY), set()),
+    "discovery clear, and a reader by its own implementation alone": (
+        both(earlier_deny, no_reader, NAMED_OPENLY, READS_ALONE),
+        {"outsiders-cannot-learn-names"},
+    ),
+    "discovery clear, and a writer by its own implementation alone": (
+        both(earlier_deny, no_reader, NAMED_OPENLY, on("enclaves", TALKER, writes_alone=frozenset({CHATTER}))),
+        {"outsiders-cannot-learn-names"},
     ),
     # what could not be read
     "opaque governance": (

@@ -156,6 +156,27 @@ MUTANTS = {
     "no implementation refuses its own readers": (52, " - refused_reads", ""),
     "no implementation refuses its own writers": (54, " - refused_writes", ""),
     "honest writers give their keys to whoever reads": (48, "takes[receiving] & may_read[sending]", "hears[receiving]"),
+    "who attacks takes samples from those alone that peers let write": (50, " + emits_alone[realm]]", "]"),
+    "nobody puts a sample that peers refuse": (
+        54,
+        " { e: eavesdroppers & Enclave, c: e.acts_as.(emits_alone[realm]) }",
+        " none -> none",
+    ),
+    "honest readers take samples that peers refuse": (
+        55,
+        "{ e: eavesdroppers & Enclave, c: e.acts_as.(emits_alone[realm]) }",
+        "emits_alone[realm]",
+    ),
+    "who attacks gets a sample by right alone": (
+        61,
+        "{ e: eavesdroppers & Enclave, c: e.acts_as.(hears[realm]) }",
+        "{ e: eavesdroppers & Enclave, c: e.acts_as.(takes[realm]) }",
+    ),
+    "honest readers of a channel get what peers refuse them": (
+        62,
+        "takes[realm] + { e: eavesdroppers & Enclave",
+        "hears[realm] + { e: eavesdroppers & Enclave",
+    ),
     "who gets a sample does not pass it on": (
         16,
         "getters[first, eavesdroppers, realm] in inside + through - target",
@@ -166,7 +187,7 @@ MUTANTS = {
         "in inside + through - target\n\t\tno inside",
         "in inside + through\n\t\tno inside",
     ),
-    "nobody puts a sample": (16, "no inside & putters[last, forgers, realm]", ""),
+    "nobody puts a sample": (16, "no inside & putters[last, forgers, eavesdroppers, realm]", ""),
     "nobody is passed over": (2, "in inside + through - (target - source)", "in inside - (target - source)"),
     "everybody is passed over": (
         0,

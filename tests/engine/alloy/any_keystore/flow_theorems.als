@@ -92,11 +92,12 @@ check EncryptedMessagesCutTheOutsiderOff {
 } for 2 but 3 Enclave, 4 Entry, 1 Instant expect 0
 
 /**
- * All access control on, origins authenticated, payloads encrypted, one key each, all read, and nobody reads but what
- * peers let it read: relays do no more than honest.
+ * All access control on, origins authenticated, payloads encrypted, one key each, all read, and nobody reads or writes
+ * but what peers let it: relays do no more than honest.
  */
 check AGoodKeystoreMakesEverybodyHonest {
-	(no opaque and no one_key and no self_granting and no allow_unauthenticated_participants and no reads_alone
+	(no opaque and no one_key and no self_granting and no allow_unauthenticated_participants
+		and no reads_alone + writes_alone
 		and TopicRule in enable_read_access_control & enable_write_access_control
 		and TopicRule.metadata_protection_kind in authenticating_origin & encrypting
 		and TopicRule.data_protection_kind in encrypting and one Realm)

@@ -32,7 +32,7 @@ sig AnyEnclave extends Enclave {
 	in_realm: one Realm,
 	identity: lone Certificate,
 	permissions: lone Document,
-	reads_alone: set Channel,
+	reads_alone, writes_alone: set Channel,
 	refused_writes, refused_reads: set Channel
 }
 sig anonymous in Enclave {}

@@ -1,14 +1,15 @@
-"""Readers that an enclave's own implementation creates although its peers would refuse them.
+"""Endpoints that an enclave's own implementation creates although its peers would refuse them.
 
-Whoever attacks gives its keys to anybody. So what reaches an honest enclave from an attacker is bounded by what its own
-implementation lets it read, not by what honest peers concede; and some implementations let it read more: Fast DDS
-applies rules of other domains to its own endpoints, Cyclone DDS lets a participant start wherever some topic has no
-access control (docs/profiles.md).
+Whoever attacks gives its keys to anybody, and takes samples from anybody. So what gets from an attacker to an honest
+enclave is bounded by what that one's own implementation lets it read, and what gets from an honest enclave to an
+attacker, or to anybody on the network, by what its own lets it write: not by what honest peers concede. Some
+implementations let it do more: Fast DDS applies rules of other domains to its own endpoints, Cyclone DDS lets a
+participant start wherever some topic has no access control (docs/profiles.md).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from typing import NamedTuple
 
@@ -19,31 +20,50 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.decision import WILDCARDS, LocalRights
 from keystore_audit.model.domains import Interval, contains, domain_bits
-from keystore_audit.model.permission import members
+from keystore_audit.model.permission import Meetings, members
 from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.usability import Usabilities
 
 
-class Read(NamedTuple):
-    """Channels that an enclave may read by what its own implementation decides; `certain`: and certainly starts."""
+class Endpoints(NamedTuple):
+    """Channels that an enclave may read and write by what its own implementation decides."""
 
-    possible: frozenset[int]
-    certain: frozenset[int]
-
-
-NOTHING = Read(frozenset(), frozenset())
-"""Of an enclave whose implementation lets it read nothing but what its peers let it read."""
+    reads: frozenset[int]
+    writes: frozenset[int]
 
 
-class LoneReaders:
-    """Of the enclaves of one keystore, from `at` (aware UTC) on."""
+class Alone(NamedTuple):
+    """What an enclave may do by itself where it possibly starts, and where it certainly does."""
 
-    def __init__(self, keystore: Keystore, accesses: AccessViews, channels: Channels, at: datetime) -> None:
+    possible: Endpoints
+    certain: Endpoints
+
+
+_NO_ENDPOINTS = Endpoints(frozenset(), frozenset())
+NOTHING = Alone(_NO_ENDPOINTS, _NO_ENDPOINTS)
+"""Of an enclave whose implementation lets it do nothing but what its peers concede it."""
+
+
+class LoneEndpoints:
+    """Of the enclaves of one keystore, from `at` (aware UTC) on.
+
+    `meets`: by channel, those in which endpoints of its partition are met; empty where partitions are plain names.
+    """
+
+    def __init__(
+        self,
+        keystore: Keystore,
+        accesses: AccessViews,
+        channels: Channels,
+        at: datetime,
+        meets: Sequence[frozenset[int]],
+    ) -> None:
         self._keystore = keystore
         self._accesses = accesses
         self._channels = channels
         self._at = at
+        self._meetings = Meetings(meets)
         self._odd_names = any(
             not channel.infinite and not WILDCARDS.isdisjoint(channel.topic) for channel in channels.channels
         )
@@ -53,7 +73,7 @@ class LoneReaders:
         self._ruled: dict[tuple[str, Access], frozenset[int]] = {}
         self._covers: dict[tuple[tuple[Interval, ...], frozenset[int]], bool] = {}
 
-    def of(self, profile: Profile) -> tuple[Read, ...]:
+    def of(self, profile: Profile) -> tuple[Alone, ...]:
         """By enclave; empty where no enclave may differ from what peers concede it."""
         row = self._accesses.row(profile.access)
         odd_names = self._odd_names and profile.local.reads_names_as_expressions
@@ -68,27 +88,32 @@ class LoneReaders:
         if not differing:  # nearly always
             return ()
         enclaves = enumerate(self._keystore.enclaves)
-        found = tuple(self._read(each, profile) if number in differing else NOTHING for number, each in enclaves)
-        return found if any(each.possible for each in found) else ()
+        found = tuple(self._alone(each, profile) if number in differing else NOTHING for number, each in enclaves)
+        return found if any(any(each.possible) for each in found) else ()
 
-    def _read(self, enclave: Enclave, profile: Profile) -> Read:
+    def _alone(self, enclave: Enclave, profile: Profile) -> Alone:
+        reads, writes = (self._allowed(enclave, profile, each) for each in (Operation.SUBSCRIBE, Operation.PUBLISH))
+        return Alone(*(Endpoints(*sides) for sides in zip(reads, writes, strict=True)))
+
+    def _allowed(self, enclave: Enclave, profile: Profile, operation: Operation) -> tuple[frozenset[int], ...]:
+        """The channels on which it is allowed, in domains in which it possibly and in which it certainly starts."""
         possible, certain = 0, 0
         for at in self._moments(self._grants(enclave, profile.access)):
             local = self._local(at)
-            read = local.allowed(enclave, profile, Operation.SUBSCRIBE)
+            allowed = self._meetings.met(local.allowed(enclave, profile, operation))
             for domain, within in enumerate(local.in_domain):
-                if read & within:
+                if allowed & within:
                     usable = self._in(domain).of(enclave, at, profile).usable
-                    possible |= read & within if usable is not False else 0
-                    certain |= read & within if usable else 0
-        return Read(frozenset(members(possible)), frozenset(members(certain)))
+                    possible |= allowed & within if usable is not False else 0
+                    certain |= allowed & within if usable else 0
+        return frozenset(members(possible)), frozenset(members(certain))
 
     def _grants(self, enclave: Enclave, access: Access) -> tuple[ReadGrant, ...]:
         """What its own document grants, to whomever."""
         return () if enclave.permissions is None else self._accesses.read(enclave.permissions, access).grants or ()
 
     def _may_differ(self, governance: GovernanceFile, grants: Iterable[ReadGrant], access: Access) -> bool:
-        """Whether the enclave might read what peers would not let it read.
+        """Whether the enclave might do what peers would not concede it.
 
         It might not where each rule of its grants is about all domains that the governance covers, and about its own
         endpoints as about those of peers: then peers let it join them all, and rules apply there as they do here.

@@ -1,0 +1,102 @@
+"""What an enclave's own implementation lets it read and write is in its system, whether or not peers concede it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from keystore_audit.keystore.keystore import read_keystore
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.decision import LocalRights
+from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.permission import Permissions, bits, members
+from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.model.system import Reading
+from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.model.usability import Usabilities
+from tests.oracles.vendors import random_keystores, recipe
+
+EVERY = tuple(VARIANTS.values())
+
+
+def alone(permissions: str, root: Path, profile: str) -> tuple[set[tuple[str, str]], set[tuple[str, str]]]:
+    """Names and partitions that /talker reads, and writes, though peers refuse, in the stock governance."""
+    recipe.Recipe(title="", permissions=permissions).build(root)
+    keystore = read_keystore(root)
+    accesses = AccessViews(documents_of(keystore), recipe.NOW, None)
+    [system] = SystemBuilder(keystore, (VARIANTS[profile],), recipe.NOW, accesses).systems()
+    conceded = RealmView(system, 0, Permissions(system)).abilities(0)
+    enclave = system.enclaves[0]
+
+    def named(channels: frozenset[int], conceded: int) -> set[tuple[str, str]]:
+        found = (system.channels[c] for c in channels if not conceded >> c & 1)
+        return {(channel.topic, channel.partition) for channel in found}
+
+    return named(enclave.reads_alone, conceded.may_read), named(enclave.writes_alone, conceded.may_write)
+
+
+@pytest.mark.parametrize(("relayed", "expected"), [("rt/a", {("rt/a", "")}), ("rt/b", set())])
+def test_what_a_relay_takes_from_peers_alone(relayed: str, expected: set[tuple[str, str]], tmp_path: Path) -> None:
+    """Fast DDS: to peers, a rule that lists a topic for relaying in some partitions denies it in all others."""
+    rules = (
+        recipe.allow(recipe.criterion("relay", relayed, partitions=("p",))),
+        recipe.allow(recipe.sub("rt/a")),
+    )
+    assert alone(recipe.of_rules(*rules), tmp_path / "k", "fastdds-3.6") == (expected, set())
+
+
+def test_a_rule_of_another_domain(tmp_path: Path) -> None:
+    """Fast DDS applies it to its own readers and writers; Cyclone DDS does not."""
+    rules = recipe.of_rules(recipe.allow(recipe.sub("rt/a"), recipe.pub("rt/b"), where=recipe.domains(9)))
+    assert alone(rules, tmp_path / "fast", "fastdds-3.6") == ({("rt/a", "")}, {("rt/b", "")})
+    assert alone(rules, tmp_path / "cyclone", "cyclonedds-11") == (set(), set())
+
+
+@pytest.mark.parametrize(("partition", "met"), [("?", True), ("secre?", True), ("open", False)])
+def test_endpoints_that_peers_refuse_are_met_where_their_partitions_are_patterns(
+    partition: str, met: bool, tmp_path: Path
+) -> None:
+    """A rule for `?` admits an endpoint in `*`, which meets every partition."""
+    rules = recipe.of_rules(
+        recipe.allow(recipe.sub("rt/a", partitions=(partition,)), where=recipe.domains(9)),
+        recipe.allow(recipe.pub("rt/b", partitions=(partition,)), where=recipe.domains(9)),
+        recipe.allow(recipe.pub("rt/a", partitions=("secret",)), recipe.sub("rt/b", partitions=("secret",))),
+    )
+    reads, writes = alone(rules, tmp_path / "k", "fastdds-3.6")
+    assert (("rt/a", "secret") in reads, ("rt/b", "secret") in writes) == (met, met)
+
+
+@pytest.mark.parametrize("start", range(0, 240, 40))
+def test_nothing_that_is_read_or_written_is_missing(start: int, tmp_path: Path) -> None:
+    """Of random documents whose rules compete: by the decision about each channel, and whether it starts there."""
+    lone: Counter[Operation] = Counter()
+    for seed in range(start, start + 40):
+        root = tmp_path / str(seed)
+        random_keystores.keystore(seed).build(root)
+        keystore = read_keystore(root)
+        accesses = AccessViews(documents_of(keystore), recipe.NOW, None)
+        builder = SystemBuilder(keystore, EVERY, recipe.NOW, accesses)
+        rights = LocalRights(accesses, builder.channels, recipe.NOW)
+        starts = [Usabilities(each.intervals[0][0], accesses) for each in builder.channels.domains]
+        [enclave] = keystore.enclaves
+        systems = {name: s for s in builder.systems() if s.reading is Reading.MAY for name in s.profiles}
+        for profile in EVERY:
+            system = systems[profile.name]
+            atom, conceded = system.enclaves[0], RealmView(system, 0, Permissions(system)).abilities(0)
+            sides = (
+                (Operation.SUBSCRIBE, conceded.may_read, bits(atom.reads_alone)),
+                (Operation.PUBLISH, conceded.may_write, bits(atom.writes_alone)),
+            )
+            for operation, by_peers, kept in sides:
+                found = bits(
+                    channel
+                    for channel in members(rights.allowed(enclave, profile, operation))
+                    if starts[system.channels[channel].domain].of(enclave, recipe.NOW, profile).usable is not False
+                )
+                assert found & ~by_peers & ~kept == 0, (seed, profile.name, operation)
+                lone[operation] += bool(kept & ~by_peers)
+    assert min(lone[Operation.SUBSCRIBE], lone[Operation.PUBLISH]) >= 10
