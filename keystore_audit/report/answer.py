@@ -96,7 +96,7 @@ _ACCEPT: Final = {
     (Ruling.ALLOW, Ruling.ALLOW): _TAKEN,
     (Ruling.ALLOW, Ruling.DENY): f"{_TAKEN} from whoever holds the enclave's keys and skips its own checks",
     (Ruling.ALLOW, Ruling.UNKNOWN): _TAKEN,
-    (Ruling.DENY, Ruling.ALLOW): f"{_REFUSED}, so nothing comes of it",
+    (Ruling.DENY, Ruling.ALLOW): f"{_REFUSED}, except one that attacks",
     (Ruling.DENY, Ruling.DENY): _REFUSED,
     (Ruling.DENY, Ruling.UNKNOWN): _REFUSED,
     (Ruling.UNKNOWN, Ruling.ALLOW): _OPEN,

@@ -170,7 +170,8 @@ def rule_of_another_domain(_keystore: Keystore, context: Context) -> Iterator[Vi
     """A rule is for some of the governed domains, and Fast DDS applies it in all of them to its own endpoints.
 
     Allow rules give too much there, and deny rules take too much away. Peers look at the domain, so that what is
-    allowed in excess is matched by none of them; what is denied in excess does not work.
+    allowed in excess is matched by none of them that is honest, but by any that attacks: its samples are read, and what
+    it writes is taken. What is denied in excess does not work.
     """
     spoken = frozenset(_without_a_domain(context)) if context.meaning.divergences else frozenset()
     wide = [

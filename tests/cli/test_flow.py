@@ -62,6 +62,10 @@ ALWAYS = {"honest": True, "source": True, "relays": True}
         ("chatter_other_domain", ("/listener", "/talker", "--profile", "fastdds"), {**ALWAYS, "honest": False}),
         ("chatter_other_domain", ("/listener", "/talker", "--profile", "cyclonedds"), NEVER),
         ("chatter_same_domain", ("/listener", "/talker", "--profile", "cyclonedds"), ALWAYS),
+        ("chatter_written_elsewhere", ("/listener", "/talker", "--profile", "fastdds"), {**NEVER, "relays": True}),
+        ("chatter_written_elsewhere", ("/listener", "/talker", "--profile", "cyclonedds"), NEVER),
+        ("chatter_written_elsewhere", ("/listener", "topic:/map", "--profile", "fastdds"), {**NEVER, "relays": True}),
+        ("chatter_written_here", ("/listener", "/talker", "--profile", "fastdds"), ALWAYS),
     ],
 )
 def test_who_has_to_attack(sample: str, ends: tuple[str, ...], expected: dict[str, bool]) -> None:
@@ -105,6 +109,14 @@ def test_each_hop_has_a_name_and_the_line_that_grants_it() -> None:
             "spec",
             "/gateway: with the keys that it holds, since rtps_protection_kind is SIGN",
             ["enclaves/infotainment/permissions.p7s", "enclaves/gateway/permissions.p7s"],
+        ),
+        (
+            "chatter_written_elsewhere",
+            ("/listener", "/talker"),
+            "relays",
+            "fastdds-3.6",
+            "/listener: its own implementation lets it write there; honest peers would not take it, but who attacks",
+            ["enclaves/listener/permissions.p7s", "enclaves/talker/permissions.p7s"],
         ),
         (
             "turtlesim_shared_ca",

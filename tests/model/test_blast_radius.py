@@ -107,6 +107,16 @@ def test_an_enclave_has_its_own_rights_alone() -> None:
     assert radius_of_enclave(healthy_builder().system(), 0, "/nobody") == NOTHING
 
 
+def test_what_an_enclave_writes_though_honest_peers_refuse_it_is_learnt() -> None:
+    """A compromised reader takes it, where the writer's peers concede it the right to read."""
+    b = healthy_builder()
+    b.rules[0] = replace(b.rules[0], publish=frozenset())
+    quiet = radius_of_enclave(b.system(), 0, "/listener")
+    b.enclaves[0] = replace(b.enclaves[0], writes_alone=frozenset({CHATTER}))
+    assert (quiet.learns, radius_of_enclave(b.system(), 0, "/listener").learns) == (False, True)
+    assert radius_of_enclave(b.system(), 0, "/talker").reached == {"/listener"}
+
+
 def test_an_identity_authority_is_everybody_but_signs_no_rights() -> None:
     found = of_key(healthy_builder().system(), IDENTITY_CA)
     assert (found.written, found.read) == (1 << CHATTER, 1 << CHATTER)

@@ -34,6 +34,7 @@ def stories() -> Iterator[Story]:
     yield from _unknown()
     yield from _partitions()
     yield from _domains()
+    yield from _written_domains()
 
 
 def answering(subscribed: str) -> Store:
@@ -251,4 +252,28 @@ def _domains() -> Iterator[Story]:
     )
     yield _story(
         "chatter", "same_domain", "The same, but in domains 0 and 9: whoever publishes /map reaches it.", store(0, 9)
+    )
+
+
+def _written_domains() -> Iterator[Story]:
+    """The talker may read /map in domain 0, and the listener may publish it in one that is not governed."""
+    told = Permissions(grants=(replace(TALKER_GRANT, rules=(Rule(subscribe=("rt/map",)), DISCOVERY)),))
+
+    def store(*domains: int) -> Store:
+        written = Rule(publish=("rt/map",), domains=domains)
+        listener = replace(LISTENER, permissions=Permissions(grants=(replace(LISTENER_GRANT, rules=(written,)),)))
+        return replace(TWO, enclaves=(replace(TALKER, permissions=told), listener))
+
+    yield _story(
+        "chatter",
+        "written_elsewhere",
+        "The listener may publish /map in domain 9 alone, which is not governed. Fast DDS lets it publish in domain 0 "
+        "too: an honest talker refuses that writer, and one that is compromised takes what it writes.",
+        store(9),
+    )
+    yield _story(
+        "chatter",
+        "written_here",
+        "The same, but in domains 0 and 9: an honest talker takes it too.",
+        store(0, 9),
     )
