@@ -16,6 +16,7 @@ from keystore_audit.model.comparison_drafts import Draft, Effect, in_order
 from keystore_audit.model.comparison_grants import WORDS, deciding, given
 from keystore_audit.model.comparison_sides import Pair, Sides, View
 from keystore_audit.model.comparison_trust import ADDED, REMOVED
+from keystore_audit.model.permission import bits
 
 _LAYERS: Final = list(Layer)
 MAX_APART: Final = 4
@@ -301,13 +302,13 @@ def _forged(view: View, enclave: int) -> int:
 def _outside(view: View) -> dict[str, int]:
     """By verb phrase, the channels: as the properties of the engines have it (docs/model.md)."""
     found = dict.fromkeys(("read", "inject samples into", "learn the names of", "replay", "forge the liveliness of"), 0)
-    for realm in view.realms:
+    for index, realm in enumerate(view.realms):
         p = realm.protection
         written, read = 0, 0
-        for number in range(len(view.system.enclaves)):
+        for number, enclave in enumerate(view.system.enclaves):
             able = realm.abilities(number)
-            written |= able.may_write
-            read |= able.may_read
+            written |= able.may_write | (bits(enclave.writes_alone) if enclave.realm == index else 0)
+            read |= able.may_read | (bits(enclave.reads_alone) if enclave.realm == index else 0)
         found["read"] |= realm.readable & written
         found["inject samples into"] |= realm.injectable & read
         found["learn the names of"] |= p.governed & ~(p.rtps_encrypts | p.discovery_hidden) & (written | read)
