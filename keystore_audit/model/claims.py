@@ -15,7 +15,8 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.channels import Channels, Named
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
-from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.expression import Matcher
+from keystore_audit.model.globs import all_matching, matching, nearest
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.semantics import Area
@@ -205,7 +206,7 @@ def _check(claims: Sequence[Claim], systems: Sequence[System], channels: Channel
                     f"{_at(claim, glob)}no permissions document grants anything on the DDS topic {glob!r}."
                 )
         if claim.kind is ClaimKind.SEPARATE_DOMAINS:
-            both = _all_matching(claim.source.enclaves, paths) & _all_matching(claim.target.enclaves, paths)
+            both = all_matching(claim.source.enclaves, paths) & all_matching(claim.target.enclaves, paths)
             if both:
                 raise UsageError(f"{_at(claim)}{min(both)!r} is on both sides.")
         if claim.kind in (ClaimKind.NO_FLOW, ClaimKind.ABLE) and (one := _only_itself(claim, paths)):
@@ -220,8 +221,8 @@ def _only_itself(claim: Claim, paths: Sequence[str]) -> str:
         return "the outsider"
     if claim.source.topics and set(claim.source.topics) == set(claim.target.topics):
         return repr(claim.source.topics[0])
-    found = _all_matching(claim.source.enclaves, paths)
-    same = len(found) == 1 and found == _all_matching(claim.target.enclaves, paths)
+    found = all_matching(claim.source.enclaves, paths)
+    same = len(found) == 1 and found == all_matching(claim.target.enclaves, paths)
     return repr(min(found)) if same else ""
 
 
@@ -235,14 +236,6 @@ def marked(what: Marked, glob: str) -> str:
     return dict(what.marks).get(glob, what.place)
 
 
-def nearest(glob: str, paths: Sequence[str]) -> str:
-    """A hint for a glob that finds nothing, or nothing."""
-    from difflib import get_close_matches  # for mistakes alone
-
-    found = get_close_matches(glob, paths, n=1)
-    return f"; the nearest is {found[0]!r}" if found else ""
-
-
 def granted_channels(systems: Sequence[System]) -> frozenset[int]:
     """Channels that some document, as some implementation reads it, allows something on, or that may be one."""
     everything = frozenset(range(len(systems[0].channels)))
@@ -254,16 +247,6 @@ def granted_channels(systems: Sequence[System]) -> frozenset[int]:
             if rule.allow:
                 granted |= rule.publish | rule.subscribe | rule.relay
     return frozenset(granted)
-
-
-def matching(glob: str, names: Iterable[str]) -> list[str]:
-    """The names that the glob matches."""
-    pattern = parse(glob, Matcher.POSIX)
-    return [name for name in names if pattern.matches(name)]
-
-
-def _all_matching(globs: Iterable[str], names: Sequence[str]) -> set[str]:
-    return {name for glob in globs for name in matching(glob, names)}
 
 
 class _Resolution:
@@ -393,7 +376,7 @@ class _Resolution:
 
     def _enclaves(self, globs: tuple[str, ...], *, unread: bool) -> frozenset[int]:
         """The enclaves that the globs name; `unread`: and those (MAY) of which nobody knows what they are called."""
-        named = _all_matching(globs, self._labels) & self._known
+        named = all_matching(globs, self._labels) & self._known
         return frozenset(
             number
             for number, label in enumerate(self._labels)

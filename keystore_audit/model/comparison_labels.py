@@ -9,10 +9,11 @@ from operator import or_
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import UsageError
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.claims import AMBIENT, Globs, matching
+from keystore_audit.model.claims import AMBIENT, Globs
 from keystore_audit.model.comparison import Layer
 from keystore_audit.model.comparison_drafts import Draft, Effect
 from keystore_audit.model.comparison_sides import Sides
+from keystore_audit.model.globs import matching
 from keystore_audit.model.labels import Labelling
 
 

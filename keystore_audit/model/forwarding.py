@@ -20,10 +20,10 @@ from keystore_audit.model.behaviour import (
 )
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.claim import Attacker, Place
-from keystore_audit.model.claims import matching
 from keystore_audit.model.domains import contains
 from keystore_audit.model.flow import Flows, Lane, Search
 from keystore_audit.model.forwards import Declared, Determinism, Forward, ambient, anywhere, by_default
+from keystore_audit.model.globs import matching
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.own_rights import OwnRights
 from keystore_audit.model.permission import Permissions, bits, members

@@ -12,8 +12,9 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.behaviour import DeterminismAtom, Scheduler
 from keystore_audit.model.channels import Channels, Named
-from keystore_audit.model.claims import AMBIENT, Globs, Marked, Marks, granted_channels, marked, matching, nearest
+from keystore_audit.model.claims import AMBIENT, Globs, Marked, Marks, granted_channels, marked
 from keystore_audit.model.expression import Matcher
+from keystore_audit.model.globs import matching, nearest
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.semantics import DEFAULT_PARTITION, Area
 from keystore_audit.model.system import System

@@ -16,7 +16,8 @@ from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
 from keystore_audit.model.channels import Channels, Named
 from keystore_audit.model.claim import Attacker, ClaimKind
-from keystore_audit.model.claims import Claim, Globs, LabelPair, Marks, marked, matching, named, nearest
+from keystore_audit.model.claims import Claim, Globs, LabelPair, Marks, marked, named
+from keystore_audit.model.globs import matching, nearest
 
 MAX_CLAIMS: Final = 400
 """Claims that labels make: a hundred pairs of labels between which nothing may flow."""

@@ -9,7 +9,8 @@ from keystore_audit.errors import UsageError
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.channels import Channels, Named
 from keystore_audit.model.claim import PlaceAtom
-from keystore_audit.model.claims import Globs, granted_channels, matching, named, nearest, topic_regions, ungranted
+from keystore_audit.model.claims import Globs, granted_channels, named, topic_regions, ungranted
+from keystore_audit.model.globs import matching, nearest
 from keystore_audit.model.system import System
 
 

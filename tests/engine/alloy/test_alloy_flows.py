@@ -153,8 +153,8 @@ MUTANTS = {
         " + { e: in_realm.realm, c: e.reads_alone }",
         "",
     ),
-    "no implementation refuses its own readers": (52, " - refused_reads", ""),
-    "no implementation refuses its own writers": (54, " - refused_writes", ""),
+    "no implementation refuses its own readers": (67, " - refused_reads", ""),
+    "no implementation refuses its own writers": (69, " - refused_writes", ""),
     "honest writers give their keys to whoever reads": (48, "takes[receiving] & may_read[sending]", "hears[receiving]"),
     "who attacks takes samples from those alone that peers let write": (50, " + emits_alone[realm]]", "]"),
     "nobody puts a sample that peers refuse": (

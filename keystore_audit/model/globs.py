@@ -1,0 +1,26 @@
+"""Globs on names, as settings and options have them: what they match, and what was perhaps meant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from keystore_audit.model.expression import Matcher, parse
+
+
+def matching(glob: str, names: Iterable[str]) -> list[str]:
+    """The names that the glob matches."""
+    pattern = parse(glob, Matcher.POSIX)
+    return [name for name in names if pattern.matches(name)]
+
+
+def all_matching(globs: Iterable[str], names: Sequence[str]) -> set[str]:
+    """The names that some of the globs match."""
+    return {name for glob in globs for name in matching(glob, names)}
+
+
+def nearest(glob: str, paths: Sequence[str]) -> str:
+    """A hint for a glob that finds nothing, or nothing."""
+    from difflib import get_close_matches  # for mistakes alone
+
+    found = get_close_matches(glob, paths, n=1)
+    return f"; the nearest is {found[0]!r}" if found else ""
