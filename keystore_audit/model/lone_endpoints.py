@@ -9,8 +9,7 @@ participant start wherever some topic has no access control (docs/profiles.md).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from datetime import datetime
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from keystore_audit.keystore.governance import GovernanceFile
@@ -18,8 +17,9 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels
-from keystore_audit.model.decision import WILDCARDS, LocalRights
+from keystore_audit.model.decision import WILDCARDS
 from keystore_audit.model.domains import Interval, contains, domain_bits
+from keystore_audit.model.local_moments import LocalMoments
 from keystore_audit.model.permission import Meetings, members
 from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.semantics import ReadGrant
@@ -46,7 +46,7 @@ NOTHING = Alone(_NO_ENDPOINTS, _NO_ENDPOINTS)
 
 
 class LoneEndpoints:
-    """Of the enclaves of one keystore, from `at` (aware UTC) on.
+    """Of the enclaves of one keystore, at all the `moments`.
 
     `meets`: by channel, those in which endpoints of its partition are met; empty where partitions are plain names.
     """
@@ -56,19 +56,18 @@ class LoneEndpoints:
         keystore: Keystore,
         accesses: AccessViews,
         channels: Channels,
-        at: datetime,
+        moments: LocalMoments,
         meets: Sequence[frozenset[int]],
     ) -> None:
         self._keystore = keystore
         self._accesses = accesses
         self._channels = channels
-        self._at = at
+        self._moments = moments
         self._meetings = Meetings(meets)
         self._odd_names = any(
             not channel.infinite and not WILDCARDS.isdisjoint(channel.topic) for channel in channels.channels
         )
         self._differing: dict[tuple[Access, bool], set[int]] = {}
-        self._rights: dict[datetime, LocalRights] = {}
         self._usabilities: dict[int, Usabilities] = {}
         self._ruled: dict[tuple[str, Access], frozenset[int]] = {}
         self._covers: dict[tuple[tuple[Interval, ...], frozenset[int]], bool] = {}
@@ -82,7 +81,7 @@ class LoneEndpoints:
                 number
                 for number, enclave in enumerate(self._keystore.enclaves)
                 if enclave.governance is not None
-                and (odd_names or self._may_differ(enclave.governance, self._grants(enclave, row), row))
+                and (odd_names or self._may_differ(enclave.governance, self._moments.grants(enclave, row), row))
             }
         differing = self._differing[row, odd_names]
         if not differing:  # nearly always
@@ -98,8 +97,7 @@ class LoneEndpoints:
     def _allowed(self, enclave: Enclave, profile: Profile, operation: Operation) -> tuple[frozenset[int], ...]:
         """The channels on which it is allowed, in domains in which it possibly and in which it certainly starts."""
         possible, certain = 0, 0
-        for at in self._moments(self._grants(enclave, profile.access)):
-            local = self._local(at)
+        for at, local in self._moments.of(enclave, profile.access):
             allowed = self._meetings.met(local.allowed(enclave, profile, operation))
             for domain, within in enumerate(local.in_domain):
                 if allowed & within:
@@ -108,18 +106,15 @@ class LoneEndpoints:
                     certain |= allowed & within if usable else 0
         return frozenset(members(possible)), frozenset(members(certain))
 
-    def _grants(self, enclave: Enclave, access: Access) -> tuple[ReadGrant, ...]:
-        """What its own document grants, to whomever."""
-        return () if enclave.permissions is None else self._accesses.read(enclave.permissions, access).grants or ()
-
     def _may_differ(self, governance: GovernanceFile, grants: Iterable[ReadGrant], access: Access) -> bool:
         """Whether the enclave might do what peers would not concede it.
 
         It might not where each rule of its grants is about all domains that the governance covers, and about its own
         endpoints as about those of peers: then peers let it join them all, and rules apply there as they do here.
+        It may where any rule of the governance counts, while the first alone says what is protected.
         """
         ruled = self._ruled_by(governance, access)
-        return any(
+        return access.any_governance_rule or any(
             not (grant.default_allow or any(rule.allow for rule in grant.rules))
             or any(rule.of_peers or not self._cover(rule.domains, ruled) for rule in grant.rules)
             for grant in grants
@@ -144,27 +139,9 @@ class LoneEndpoints:
             self._covers[key] = all(contains(domains, witness) for witness in witnesses)
         return self._covers[key]
 
-    def _moments(self, grants: Iterable[ReadGrant]) -> Iterator[datetime]:
-        """The audit instant, and those later ones at which another grant may count."""
-        later = {
-            moment for grant in grants for moment in (grant.not_before, *(_after(grant.not_after))) if moment > self._at
-        }
-        yield self._at
-        yield from sorted(later)
-
-    def _local(self, at: datetime) -> LocalRights:
-        if at not in self._rights:
-            self._rights[at] = LocalRights(self._accesses, self._channels, at)
-        return self._rights[at]
-
     def _in(self, domain: int) -> Usabilities:
         """Who starts in the domains of a class."""
         if domain not in self._usabilities:
             witness = self._channels.domains[domain].intervals[0][0]
             self._usabilities[domain] = Usabilities(witness, self._accesses)
         return self._usabilities[domain]
-
-
-def _after(end: datetime) -> tuple[datetime, ...]:
-    """The first moment after the end of a validity, if there is one."""
-    return () if end > datetime.max.replace(tzinfo=end.tzinfo) - datetime.resolution else (end + datetime.resolution,)

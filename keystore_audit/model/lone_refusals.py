@@ -7,19 +7,15 @@ refuse what they would concede to a peer: to its own endpoints Fast DDS applies 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from datetime import datetime
 from typing import NamedTuple
 
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.channels import Channels
 from keystore_audit.model.decision import LocalRights
+from keystore_audit.model.local_moments import LocalMoments
 from keystore_audit.model.permission import members
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.semantics import ReadGrant
-from keystore_audit.model.validity import END
 
 
 class Refused(NamedTuple):
@@ -33,14 +29,11 @@ NOTHING_REFUSED = Refused(frozenset(), frozenset())
 
 
 class LoneRefusals:
-    """Of the enclaves of one keystore, from `at` (aware UTC) on: what is refused at any moment counts."""
+    """Of the enclaves of one keystore: what is refused at any of the `moments` counts."""
 
-    def __init__(self, keystore: Keystore, accesses: AccessViews, channels: Channels, at: datetime) -> None:
+    def __init__(self, keystore: Keystore, moments: LocalMoments) -> None:
         self._enclaves = keystore.enclaves
-        self._accesses = accesses
-        self._channels = channels
-        self._at = at
-        self._rights: dict[datetime, LocalRights] = {}
+        self._moments = moments
         governances = (enclave.governance for enclave in keystore.enclaves if enclave.governance is not None)
         self._several = len({governance.signed.file.sha256 for governance in governances}) > 1
 
@@ -50,12 +43,11 @@ class LoneRefusals:
         return found if any(each != NOTHING_REFUSED for each in found) else ()
 
     def _refused(self, enclave: Enclave, profile: Profile) -> Refused:
-        grants = self._grants(enclave, profile)
+        grants = self._moments.grants(enclave, profile.access)
         if not any(self._may_refuse(grant, profile) for grant in grants):  # nearly always
             return NOTHING_REFUSED
         writes, reads = 0, 0
-        for at in self._moments(grants):
-            local = self._local(at)
+        for _at, local in self._moments.of(enclave, profile.access):
             writes |= self._conceded_not_allowed(local, enclave, profile, Operation.PUBLISH)
             reads |= self._conceded_not_allowed(local, enclave, profile, Operation.SUBSCRIBE)
         return Refused(frozenset(members(writes)), frozenset(members(reads)))
@@ -73,20 +65,3 @@ class LoneRefusals:
         if not profile.local.binds_domains and len({rule.domains for rule in grant.rules}) > 1:
             return True
         return profile.access.first_rule_decides_topic and self._several  # each asks its own governance
-
-    def _grants(self, enclave: Enclave, profile: Profile) -> tuple[ReadGrant, ...]:
-        """What its own document grants, to whomever."""
-        if enclave.permissions is None:
-            return ()
-        return self._accesses.read(enclave.permissions, profile.access).grants or ()
-
-    def _moments(self, grants: Sequence[ReadGrant]) -> Iterator[datetime]:
-        """The audit instant, and each later one at which another grant may begin to count."""
-        ends = {grant.not_after + datetime.resolution for grant in grants if grant.not_after < END}
-        later = ends | {grant.not_before for grant in grants}
-        yield from (self._at, *sorted(moment for moment in later if moment > self._at))
-
-    def _local(self, at: datetime) -> LocalRights:
-        if at not in self._rights:
-            self._rights[at] = LocalRights(self._accesses, self._channels, at)
-        return self._rights[at]

@@ -26,6 +26,7 @@ from keystore_audit.model.inventory import (
     embedded_authorities,
     instants_of,
 )
+from keystore_audit.model.local_moments import LocalMoments
 from keystore_audit.model.lone_endpoints import NOTHING, LoneEndpoints
 from keystore_audit.model.lone_refusals import NOTHING_REFUSED, LoneRefusals
 from keystore_audit.model.profiles import Access, Profile
@@ -136,8 +137,9 @@ class SystemBuilder:
 
     def kinds(self) -> dict[Kind, tuple[str, ...]]:
         """The names of the profiles that read this keystore alike, under the rows of one of them."""
-        lone = LoneEndpoints(self._keystore, self._accesses, self.channels, self._at, self._meets)
-        refusals = LoneRefusals(self._keystore, self._accesses, self.channels, self._at)
+        moments = LocalMoments(self._accesses, self.channels, self._at)
+        lone = LoneEndpoints(self._keystore, self._accesses, self.channels, moments, self._meets)
+        refusals = LoneRefusals(self._keystore, moments)
         return self._views.kinds(self._profiles, lone, refusals)
 
     def systems(self) -> tuple[System, ...]:

@@ -12,7 +12,9 @@ import pytest
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.local_moments import LocalMoments
 from keystore_audit.model.lone_endpoints import LoneEndpoints
+from keystore_audit.model.lone_refusals import LoneRefusals
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.system import Reading
 from keystore_audit.model.systems import SystemBuilder
@@ -41,11 +43,13 @@ def builder_of(store: Path, at: datetime) -> tuple[SystemBuilder, Callable[[str]
     keystore = read_keystore(store)
     accesses = AccessViews(documents_of(keystore), at, None)
     builder = SystemBuilder(keystore, list(VARIANTS.values()), at, accesses)
-    lone = LoneEndpoints(keystore, accesses, builder.channels, at, builder.channels.meets)
+    moments = LocalMoments(accesses, builder.channels, at)
+    lone = LoneEndpoints(keystore, accesses, builder.channels, moments, builder.channels.meets)
+    refusals = LoneRefusals(keystore, moments)
 
     def kind(name: str) -> Kind:
         variant = VARIANTS[name]
-        return Kind(variant.trust, accesses.row(variant.access), lone.of(variant))
+        return Kind(variant.trust, accesses.row(variant.access), lone.of(variant), refusals.of(variant))
 
     return builder, kind
 

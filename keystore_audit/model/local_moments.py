@@ -1,0 +1,38 @@
+"""What an enclave's own implementation decides, now and at each later instant at which another grant may count."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import datetime
+
+from keystore_audit.keystore.keystore import Enclave
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.channels import Channels
+from keystore_audit.model.decision import LocalRights
+from keystore_audit.model.profiles import Access
+from keystore_audit.model.semantics import ReadGrant
+from keystore_audit.model.validity import END
+
+
+class LocalMoments:
+    """Of the enclaves of one keystore, from `at` (aware UTC) on; each instant is worked out once."""
+
+    def __init__(self, accesses: AccessViews, channels: Channels, at: datetime) -> None:
+        self._accesses = accesses
+        self._channels = channels
+        self._at = at
+        self._rights: dict[datetime, LocalRights] = {}
+
+    def grants(self, enclave: Enclave, access: Access) -> tuple[ReadGrant, ...]:
+        """What its own document grants, to whomever."""
+        return () if enclave.permissions is None else self._accesses.read(enclave.permissions, access).grants or ()
+
+    def of(self, enclave: Enclave, access: Access) -> Iterator[tuple[datetime, LocalRights]]:
+        """The instants, and what is decided then."""
+        grants = self.grants(enclave, access)
+        ends = {grant.not_after + datetime.resolution for grant in grants if grant.not_after < END}
+        later = ends | {grant.not_before for grant in grants}
+        for at in (self._at, *sorted(moment for moment in later if moment > self._at)):
+            if at not in self._rights:
+                self._rights[at] = LocalRights(self._accesses, self._channels, at)
+            yield at, self._rights[at]
