@@ -22,14 +22,17 @@ fun listens_in[realm: Realm]: Enclave -> Channel { overhears[realm] - may_read[r
 
 -- able: what an enclave can do by its own documents alone, as it is meant to, and as a peer that is right would see it
 
-/** Grants that count for each enclave in the permissions document that it holds, as far as the realm obeys it. */
+/** The permissions document that each enclave holds, as far as the realm obeys it. */
+fun own_document[realm: Realm]: Enclave -> Document { permissions :> realm.accepted }
+
+/** Grants that count for each enclave in its own document. */
 fun own_grant[realm: Realm]: Enclave -> Grant {
-	{ e: Enclave, g: e.identity.chosen & (e.permissions & realm.accepted).grant }
+	{ e: Enclave, g: e.identity.chosen & e.(own_document[realm]).grant }
 }
 
 /** Grants by which each enclave joins, of the same document. */
 fun own_admitting[realm: Realm]: Enclave -> Grant {
-	{ e: Enclave, g: e.identity.admitting & (e.permissions & realm.accepted).grant }
+	{ e: Enclave, g: e.identity.admitting & e.(own_document[realm]).grant }
 }
 
 /** Enclaves whose own permissions, or who themselves, could not be read, so that they may have any right. */

@@ -202,8 +202,8 @@ MUTANTS = {
     "a flow never ends": (0, "in inside + through - (target - source)", "in inside + through"),
     "abilities rest on rights of others": (
         36,
-        "e.identity.chosen & (e.permissions & realm.accepted).grant",
-        "e.identity.chosen",
+        "permissions :> realm.accepted",
+        "Enclave -> realm.accepted",
     ),
     "publishers need a grant": (
         37,
