@@ -84,7 +84,8 @@ def objections(
 
 
 def _vouched(system: System) -> bool:
+    """Whether peers may take an enclave for one of theirs, by what was read, now."""
+    views = ((RealmView(system, each.realm, Permissions(system)), n) for n, each in enumerate(system.enclaves))
     return any(
-        RealmView(system, enclave.realm, Permissions(system)).introduced(number, in_force=True)
-        for number, enclave in enumerate(system.enclaves)
+        view.open or system.enclaves[number].opaque or view.introduced(number, in_force=True) for view, number in views
     )
