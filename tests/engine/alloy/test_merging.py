@@ -20,7 +20,7 @@ from tests.engine.alloy.cloning import system_with_twins
 from tests.engine.alloy_batch import decide_batch, decide_claims
 from tests.engine.systems import CHATTER, TALKER, healthy_builder
 
-SYSTEMS = 200
+SYSTEMS = 240
 """Random systems that are decided natively; the seeds are fixed."""
 
 ASKED = 8
@@ -35,10 +35,10 @@ def statuses(system: System) -> dict[str, Status]:
     return {key: answer.status for key, answer in answers(system).items()}
 
 
-@pytest.mark.parametrize("start", range(0, SYSTEMS, 100))
+@pytest.mark.parametrize("start", range(0, SYSTEMS, 120))
 def test_merging_changes_no_answer_and_a_counterexample_is_one_of_the_keystore(start: int) -> None:
     fewer_enclaves = fewer_channels = told = 0
-    for seed in range(start, start + 100):
+    for seed in range(start, start + 120):
         system = system_with_twins(seed)
         merged = merge(system)
         whole, few = answers(system), answers(merged.system)
