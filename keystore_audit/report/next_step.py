@@ -29,7 +29,7 @@ def next_step(report: Report) -> str:
     told = f"{first.code} {first.name}{where}{follow}"
     then = _then(
         len(_besides(first, undecided)),
-        len(_besides(first, [finding for finding in failing if finding not in undecided])),
+        len(_besides(first, [finding for finding in failing if not finding.undecided])),
     )
     return f"Mend first: {told}.{then} `keystore-audit explain {first.code}` says more."
 
@@ -39,17 +39,19 @@ def _first(wanted: Sequence[Finding]) -> Finding:
 
     A cause may be less bad than what follows from it, and worse than what stands above it.
     """
-    marks = {finding.fingerprint: finding for finding in wanted}
-    ranked = []
-    for finding in wanted:
-        causes = [marks[mark] for mark in finding.explained_by if mark in marks] or [finding]
-        ranked += [(cause.code.startswith(OF_THE_AUDIT), finding.severity.rank, cause) for cause in causes]
-    return min(ranked, key=lambda each: (each[0], each[1], wanted.index(each[2])))[2]
+    places = {finding.fingerprint: place for place, finding in enumerate(wanted)}
+    ranked = [
+        (wanted[cause].code.startswith(OF_THE_AUDIT), finding.severity.rank, cause)
+        for place, finding in enumerate(wanted)
+        for cause in [places[mark] for mark in finding.explained_by if mark in places] or [place]
+    ]
+    return wanted[min(ranked)[2]]
 
 
 def _besides(first: Finding, findings: Sequence[Finding]) -> Sequence[Finding]:
     """Those that are left when `first` is mended."""
-    return [finding for finding in findings if finding != first and first.fingerprint not in finding.explained_by]
+    mark = first.fingerprint
+    return [each for each in findings if each.fingerprint != mark and mark not in each.explained_by]
 
 
 def _then(undecided: int, failing: int) -> str:
