@@ -86,11 +86,14 @@ def test_what_is_written_is_what_is_read(tmp_path: Path, entries: list[Acceptanc
     read = read_baseline(path).acceptances
 
     def plain(some: Any) -> list[Acceptance]:
-        bare = [replace(entry, location=Location(path=""), place="") for entry in some]
+        bare = [replace(entry, location=Location(path=""), place="", until_place="") for entry in some]
         return sorted(bare, key=lambda entry: str(entry.fingerprint))
 
     assert plain(read) == plain(entries)
     assert [f"{path}:{entry.location.line}:1" for entry in read] == [entry.place for entry in read]
+    lines = path.read_text("utf-8").split("\n")
+    told = [lines[int(entry.until_place.split(":")[-2]) - 1] for entry in read]
+    assert told == [f"until = {entry.until.isoformat()}" for entry in read]
     assert written(reversed(entries)) == path.read_text("utf-8"), "another order, and other bytes"
     assert written(read) == path.read_text("utf-8")
     _validator().validate(json.loads(json.dumps(tomllib.loads(path.read_text("utf-8")), default=str)))
