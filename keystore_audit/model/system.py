@@ -86,8 +86,8 @@ class EnclaveAtom:
     """An enclave. `opaque`: (MAY only) its identity could not be read, so it may be anybody.
 
     `reads_alone`, `writes_alone`: channels that its own implementation lets it read, and write, where that may be more
-    than peers concede.
-    `refused_writes`, `refused_reads`: channels on which it refuses a writer, or a reader, that peers would take.
+    than peers concede. `refused_writes`, `refused_reads`: those on which it refuses a writer, or a reader, that peers
+    would take.
     """
 
     label: str
@@ -100,6 +100,11 @@ class EnclaveAtom:
     writes_alone: frozenset[int] = frozenset()
     refused_writes: frozenset[int] = frozenset()
     refused_reads: frozenset[int] = frozenset()
+
+    @property
+    def by_itself(self) -> tuple[frozenset[int], ...]:
+        """The channels about which its own implementation decides otherwise than peers, way by way."""
+        return self.reads_alone, self.writes_alone, self.refused_writes, self.refused_reads
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

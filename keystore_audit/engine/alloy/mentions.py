@@ -46,18 +46,13 @@ def _matches(rule: RuleAtom, system: System) -> Iterator[tuple[int, int]]:
 
 def surroundings(system: System) -> list[Hashable]:
     """Return what is known of each channel besides what grants say: domain, rules of governance, places of claims,
-    who reads or writes it alone, and who is refused it by its own implementation.
+    and of which enclaves their own implementation decides about it otherwise than peers.
     """
-    alone: list[list[tuple[int, bool]]] = [[] for _ in system.channels]
+    by_itself: list[list[tuple[int, int]]] = [[] for _ in system.channels]
     for number, enclave in enumerate(system.enclaves):
-        for writing, channels in enumerate((enclave.reads_alone, enclave.writes_alone)):
+        for relation, channels in enumerate(enclave.by_itself):
             for channel in channels:
-                alone[channel].append((number, bool(writing)))
-    refused: list[list[tuple[int, bool]]] = [[] for _ in system.channels]
-    for number, enclave in enumerate(system.enclaves):
-        for channels, writes in ((enclave.refused_writes, True), (enclave.refused_reads, False)):
-            for channel in channels:
-                refused[channel].append((number, writes))
+                by_itself[channel].append((number, relation))
     topic_rules: list[list[int]] = [[] for _ in system.channels]
     for number, rule in enumerate(system.topic_rules):
         for channel in rule.channels:
@@ -66,8 +61,7 @@ def surroundings(system: System) -> list[Hashable]:
         (
             atom.domain,
             tuple(topic_rules[channel]),
-            tuple(alone[channel]),
-            tuple(refused[channel]),
+            tuple(by_itself[channel]),
             tuple(
                 (channel in claim.source.channels, channel in claim.target.channels, channel in claim.left_out)
                 for claim in system.claims

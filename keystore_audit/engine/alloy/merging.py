@@ -153,7 +153,7 @@ def _surplus(system: System) -> _Surplus:
     instead = {channel: told for told, each in remaining for channel in each if channel != told}
     if instead:
         return _Surplus(channels=frozenset(instead), alike=instead)
-    if any(e.reads_alone or e.writes_alone or e.refused_writes or e.refused_reads for e in system.enclaves):
+    if any(any(enclave.by_itself) for enclave in system.enclaves):
         return _Surplus()  # whether enclaves are alike is not asked of this: few keystores have it
     twins = find_twins(system, said)
     enclaves = [enclave for each in twins.classes for enclave in each[KEPT:]]
