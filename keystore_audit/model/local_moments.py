@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from datetime import datetime
+from typing import NamedTuple
 
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.model.access_view import AccessViews
@@ -12,6 +13,16 @@ from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.profiles import Access
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.validity import END
+
+
+class Endpoints(NamedTuple):
+    """Channels on which it decides about readers and writers of the enclave."""
+
+    reads: frozenset[int]
+    writes: frozenset[int]
+
+
+NO_ENDPOINTS = Endpoints(frozenset(), frozenset())
 
 
 class LocalMoments:

@@ -19,29 +19,21 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.decision import WILDCARDS
 from keystore_audit.model.domains import Interval, contains, domain_bits
-from keystore_audit.model.local_moments import LocalMoments
+from keystore_audit.model.local_moments import NO_ENDPOINTS, Endpoints, LocalMoments
 from keystore_audit.model.permission import Meetings, members
 from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.usability import Usabilities
 
 
-class Endpoints(NamedTuple):
-    """Channels that an enclave may read and write by what its own implementation decides."""
-
-    reads: frozenset[int]
-    writes: frozenset[int]
-
-
 class Alone(NamedTuple):
-    """What an enclave may do by itself where it possibly starts, and where it certainly does."""
+    """What its own implementation lets an enclave do where it possibly starts, and where it certainly does."""
 
     possible: Endpoints
     certain: Endpoints
 
 
-_NO_ENDPOINTS = Endpoints(frozenset(), frozenset())
-NOTHING = Alone(_NO_ENDPOINTS, _NO_ENDPOINTS)
+NOTHING = Alone(NO_ENDPOINTS, NO_ENDPOINTS)
 """Of an enclave whose implementation lets it do nothing but what its peers concede it."""
 
 

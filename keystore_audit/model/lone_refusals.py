@@ -7,25 +7,13 @@ refuse what they would concede to a peer: to its own endpoints Fast DDS applies 
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.decision import LocalRights
-from keystore_audit.model.local_moments import LocalMoments
+from keystore_audit.model.local_moments import NO_ENDPOINTS, Endpoints, LocalMoments
 from keystore_audit.model.permission import members
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.semantics import ReadGrant
-
-
-class Refused(NamedTuple):
-    """Channels on which the implementation refuses its own enclave a writer, or a reader, that peers would take."""
-
-    writes: frozenset[int]
-    reads: frozenset[int]
-
-
-NOTHING_REFUSED = Refused(frozenset(), frozenset())
 
 
 class LoneRefusals:
@@ -37,20 +25,20 @@ class LoneRefusals:
         governances = (enclave.governance for enclave in keystore.enclaves if enclave.governance is not None)
         self._several = len({governance.signed.file.sha256 for governance in governances}) > 1
 
-    def of(self, profile: Profile) -> tuple[Refused, ...]:
+    def of(self, profile: Profile) -> tuple[Endpoints, ...]:
         """By enclave; empty where no implementation refuses what peers concede."""
         found = tuple(self._refused(enclave, profile) for enclave in self._enclaves)
-        return found if any(each != NOTHING_REFUSED for each in found) else ()
+        return found if any(any(each) for each in found) else ()
 
-    def _refused(self, enclave: Enclave, profile: Profile) -> Refused:
+    def _refused(self, enclave: Enclave, profile: Profile) -> Endpoints:
         grants = self._moments.grants(enclave, profile.access)
         if not any(self._may_refuse(grant, profile) for grant in grants):  # nearly always
-            return NOTHING_REFUSED
-        writes, reads = 0, 0
+            return NO_ENDPOINTS
+        reads, writes = 0, 0
         for _at, local in self._moments.of(enclave, profile.access):
-            writes |= self._conceded_not_allowed(local, enclave, profile, Operation.PUBLISH)
             reads |= self._conceded_not_allowed(local, enclave, profile, Operation.SUBSCRIBE)
-        return Refused(frozenset(members(writes)), frozenset(members(reads)))
+            writes |= self._conceded_not_allowed(local, enclave, profile, Operation.PUBLISH)
+        return Endpoints(frozenset(members(reads)), frozenset(members(writes)))
 
     @staticmethod
     def _conceded_not_allowed(local: LocalRights, enclave: Enclave, profile: Profile, operation: Operation) -> int:

@@ -26,9 +26,9 @@ from keystore_audit.model.inventory import (
     embedded_authorities,
     instants_of,
 )
-from keystore_audit.model.local_moments import LocalMoments
+from keystore_audit.model.local_moments import NO_ENDPOINTS, LocalMoments
 from keystore_audit.model.lone_endpoints import NOTHING, LoneEndpoints
-from keystore_audit.model.lone_refusals import NOTHING_REFUSED, LoneRefusals
+from keystore_audit.model.lone_refusals import LoneRefusals
 from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.rule_atoms import Atoms, RuleAtoms
 from keystore_audit.model.system import (
@@ -164,7 +164,7 @@ class SystemBuilder:
         trusts: dict[TrustFiles, RealmAtom] = {}
         enclaves: list[EnclaveAtom] = []
         alone = kind.alone or (NOTHING,) * len(self._keystore.enclaves)
-        refusals = kind.refusals or (NOTHING_REFUSED,) * len(self._keystore.enclaves)
+        refusals = kind.refusals or (NO_ENDPOINTS,) * len(self._keystore.enclaves)
         rows = zip(self._keystore.enclaves, self._unknown, self._realm_doubts, alone, refusals, strict=True)
         for enclave, unknown, doubt, lone, refused in rows:
             if not may and (unknown or doubt is not None):  # of what it accepts, nothing is certain

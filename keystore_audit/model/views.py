@@ -13,8 +13,9 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.inventory import Document
+from keystore_audit.model.local_moments import Endpoints
 from keystore_audit.model.lone_endpoints import Alone, LoneEndpoints
-from keystore_audit.model.lone_refusals import LoneRefusals, Refused
+from keystore_audit.model.lone_refusals import LoneRefusals
 from keystore_audit.model.profiles import Access, Profile, SubjectComparison, Trust
 from keystore_audit.model.revocation import revoked
 from keystore_audit.model.subject import matching
@@ -41,7 +42,7 @@ class Kind(NamedTuple):
     trust: Trust
     access: Access
     alone: tuple[Alone, ...] = ()
-    refusals: tuple[Refused, ...] = ()
+    refusals: tuple[Endpoints, ...] = ()
 
 
 def trust_files(enclave: Enclave) -> TrustFiles:
