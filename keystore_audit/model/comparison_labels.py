@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from functools import reduce
-from operator import or_
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import UsageError
@@ -15,6 +13,7 @@ from keystore_audit.model.comparison_drafts import Draft, Effect
 from keystore_audit.model.comparison_sides import Sides
 from keystore_audit.model.globs import matching
 from keystore_audit.model.labels import Labelling
+from keystore_audit.model.permission import union
 
 
 def label_globs(labelling: Labelling, labels: Iterable[str]) -> dict[str, Globs]:
@@ -95,7 +94,7 @@ def _labelled(sides: Sides, label: str, globs: Globs) -> _Labelled:
                     names |= view.accepted(number, operation)
                 usable[path] = usable.get(path, 0) | names
                 theirs |= names if path in paths else 0
-    own, used = 0, reduce(or_, usable.values(), 0)
+    own, used = 0, union(usable.values())
     for glob in globs.topics:
         channels = sides.claimed(glob)
         if not channels & used and not sides.unknown:

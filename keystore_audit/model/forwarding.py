@@ -26,7 +26,7 @@ from keystore_audit.model.forwards import Declared, Determinism, Forward, ambien
 from keystore_audit.model.globs import matching
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.own_rights import OwnRights
-from keystore_audit.model.permission import Permissions, bits, members
+from keystore_audit.model.permission import Permissions, bits, members, union
 from keystore_audit.model.system import System
 
 
@@ -297,14 +297,6 @@ class Forwarding:
                 lane.gets[number] & put & asked for lane, put in zip(self._lanes, puts, strict=True)
             ):
                 yield place
-
-
-def union(sets: Iterable[int]) -> int:
-    """The union of bit sets."""
-    found = 0
-    for each in sets:
-        found |= each
-    return found
 
 
 def _few(inputs: Iterable[InputAtom]) -> Iterator[InputAtom]:

@@ -41,6 +41,14 @@ def members(value: int) -> Iterable[int]:
         value ^= low
 
 
+def union(sets: Iterable[int]) -> int:
+    """The union of these sets."""
+    found = 0
+    for each in sets:
+        found |= each
+    return found
+
+
 _MANY_BITS: Final = 4_096
 """From so many on a set is taken apart byte by byte: a long integer is a new one without each bit."""
 
