@@ -12,8 +12,8 @@ from itertools import islice, permutations
 
 from keystore_audit.aside import Aside
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.attacker import RealmView
-from keystore_audit.model.permission import Decisions, Permissions, bits, members
+from keystore_audit.model.attacker import Abilities, RealmView
+from keystore_audit.model.permission import Decisions, Permissions, members, union
 from keystore_audit.model.system import CertificateAtom, GrantAtom, System
 from keystore_audit.properties import (
     PROPERTIES,
@@ -214,56 +214,44 @@ class _Questions:
     def readable_outside(self) -> Iterator[Witness]:
         """Channels whose payload is readable without any key."""
         for realm, view in enumerate(self._realms):
-            yield from _channels(realm, view.readable and view.readable & self._written_at_all(realm))
+            yield from _channels(realm, view.readable and view.readable & self._written_at_all(view))
 
     def names_outside(self) -> Iterator[Witness]:
         """Channels whose topic name is readable in discovery without any key."""
         for realm, view in enumerate(self._realms):
             p = view.protection
             clear = p.governed & ~(p.rtps_encrypts | p.discovery_hidden)
-            yield from _channels(realm, clear and clear & (self._written_at_all(realm) | self._read_at_all(realm)))
+            yield from _channels(realm, clear and clear & (self._written_at_all(view) | self._read_at_all(view)))
 
     def injectable_outside(self) -> Iterator[Witness]:
         """Channels on which a reader takes samples made without any key."""
         for realm, view in enumerate(self._realms):
-            yield from _channels(realm, view.injectable and view.injectable & self._read_at_all(realm))
+            yield from _channels(realm, view.injectable and view.injectable & self._read_at_all(view))
 
     def replayable_outside(self) -> Iterator[Witness]:
         """Channels on which a reader takes old samples again from somebody without any key."""
         for realm, view in enumerate(self._realms):
             p = view.protection
             clear = view.unauthenticated & ~p.metadata_authenticates
-            yield from _channels(realm, clear and clear & self._read_at_all(realm))
+            yield from _channels(realm, clear and clear & self._read_at_all(view))
 
     def liveliness_outside(self) -> Iterator[Witness]:
         """Channels on which somebody without any key can assert that a writer is alive."""
         for realm, view in enumerate(self._realms):
             clear = view.unauthenticated & ~view.protection.liveliness_authenticates
-            yield from _channels(realm, clear and clear & self._read_at_all(realm))
+            yield from _channels(realm, clear and clear & self._read_at_all(view))
 
-    def _written(self, view: RealmView) -> int:
-        """Channels that some enclave may write."""
-        written = 0
-        for enclave in range(len(self._system.enclaves)):
-            written |= view.abilities(enclave).may_write
-        return written
+    def _every(self, view: RealmView) -> Iterator[Abilities]:
+        """What each enclave can do to the realm's channels."""
+        return map(view.abilities, range(len(self._system.enclaves)))
 
-    def _written_at_all(self, realm: int) -> int:
+    def _written_at_all(self, view: RealmView) -> int:
         """Channels with a writer, though it may be one that honest readers refuse."""
-        written = self._written(self._realms[realm])
-        return written | self._of_members(realm, (atom.writes_alone for atom in self._system.enclaves))
+        return union(able.writes_at_all for able in self._every(view))
 
-    def _read_at_all(self, realm: int) -> int:
+    def _read_at_all(self, view: RealmView) -> int:
         """Channels with a reader, though it may be one that honest writers refuse."""
-        read = self._of_members(realm, (atom.reads_alone for atom in self._system.enclaves))
-        for enclave in range(len(self._system.enclaves)):
-            read |= self._realms[realm].abilities(enclave).may_read
-        return read
-
-    def _of_members(self, realm: int, sets: Iterable[frozenset[int]]) -> int:
-        """The union of these sets, one for each enclave, of the members of the realm."""
-        every = zip(self._system.enclaves, sets, strict=True)
-        return bits(channel for atom, channels in every if atom.realm == realm for channel in channels)
+        return union(able.reads_at_all for able in self._every(view))
 
     def unenforced_grants(self) -> Iterator[Witness]:
         """Channels with a grant that the governance does not make peers ask for."""
@@ -304,7 +292,7 @@ class _Questions:
     def forging_readers(self) -> Iterator[Witness]:
         """Granted readers that can pass for a writer of the topic."""
         for realm, view in enumerate(self._realms):
-            written = self._written(view)
+            written = union(able.may_write for able in self._every(view))
             for enclave in range(len(self._system.enclaves)):
                 reader = view.may_be_granted(enclave, Operation.SUBSCRIBE)
                 forged = view.abilities(enclave).forges & reader & written

@@ -50,14 +50,13 @@ class Claims:
         """Channels of the target whose payload somebody reads who may not."""
         asked = bits(claim.target.channels)
         for realm, view in enumerate(self._realms):
-            for enclave, atom in enumerate(self._system.enclaves):
+            for enclave in range(len(self._system.enclaves)):
                 able = view.abilities(enclave)
                 if claim.attacker is Attacker.INSIDER:
                     for channel in members(able.overhears & ~able.may_read & asked):
                         yield {Role.REALM: realm, Role.ENCLAVE: enclave, Role.CHANNEL: channel}, ()
                 else:
-                    written = able.may_write | (bits(atom.writes_alone) if atom.realm == realm else 0)
-                    for channel in members(written & view.readable & asked):
+                    for channel in members(able.writes_at_all & view.readable & asked):
                         yield {Role.REALM: realm, Role.CHANNEL: channel}, ()
 
     def shared_domains(self, claim: ClaimAtom) -> Iterator[Found]:

@@ -9,7 +9,7 @@ from functools import cached_property
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.permission import Permissions, members
+from keystore_audit.model.permission import Permissions, bits, members
 from keystore_audit.model.protection import Protection, open_protection, protection
 from keystore_audit.model.system import System
 
@@ -22,6 +22,8 @@ class Abilities:
     keys. `may_relay`: peers give it the keys of their submessages. `overhears`: it reads the payload with the keys of
     any participant, or of a relay. `forges`: it holds every key that a writer's samples are authenticated with
     (DDS-Security 1.1, 9.5.3.3: the keys are symmetric, so whoever checks can make, unless the origin is authenticated).
+    `writes_at_all`, `reads_at_all`: with those of its endpoints, if it is of the realm, that honest peers refuse: they
+    are there all the same.
     """
 
     may_write: int
@@ -29,6 +31,8 @@ class Abilities:
     may_relay: int
     overhears: int
     forges: int
+    writes_at_all: int
+    reads_at_all: int
 
     @property
     def knows(self) -> int:
@@ -41,6 +45,7 @@ class RealmView:
 
     def __init__(self, system: System, realm: int, permissions: Permissions) -> None:
         self._system = system
+        self._number = realm
         self._realm = system.realms[realm]
         self._permissions = permissions
         governance = self._realm.governance
@@ -190,10 +195,13 @@ class RealmView:
 
     def presentable(self, enclave: int, operation: Operation) -> int:
         """Channels for which the enclave can present a document that peers take."""
-        atom = self._system.enclaves[enclave]
-        if self._any_opaque or atom.opaque or self.self_granting(enclave):
+        if self._unbounded(enclave):
             return self._permissions.all_channels
         return self._right(enclave, operation, genuine=False)
+
+    def _unbounded(self, enclave: int) -> bool:
+        """Whether it may have any right: by a document that it signs itself, or by one that we could not read."""
+        return self._any_opaque or self._system.enclaves[enclave].opaque or self.self_granting(enclave)
 
     def _right(self, enclave: int, operation: Operation, *, genuine: bool) -> int:
         key = (enclave, operation, genuine)
@@ -207,21 +215,22 @@ class RealmView:
 
     def joined(self, enclave: int) -> int:
         """Domains that the enclave can join."""
+        return self._joined_with(enclave, self.accepted, anything=self._unbounded(enclave))
+
+    def _joined_with(self, enclave: int, documents: frozenset[int], *, anything: bool) -> int:
+        """Domains that it can join with the grants of these documents alone, or with any (`anything`)."""
         if self.open:
             return self._permissions.all_domains
+        p = self.protection
         if not self.authenticated(enclave):
             return 0
-        atom = self._system.enclaves[enclave]
-        if self._any_opaque or atom.opaque or self.self_granting(enclave):
-            return self.protection.ruled
-        return self._joined_with(self._permissions.admitting(atom.identity, self.accepted))
-
-    def _joined_with(self, grants: list[int]) -> int:
-        """Domains that who presents these grants can join."""
-        joined = ~self.protection.join_controlled if grants or not self._system.requires_grant else 0
+        if anything:
+            return p.ruled
+        grants = self._permissions.admitting(self._system.enclaves[enclave].identity, documents)
+        joined = ~p.join_controlled if grants or not self._system.requires_grant else 0
         for grant in grants:
             joined |= self._permissions.joins(grant)
-        return self.protection.ruled & joined
+        return p.ruled & joined
 
     def abilities(self, enclave: int) -> Abilities:
         """What the enclave can do to the realm's channels; worked out once."""
@@ -236,12 +245,16 @@ class RealmView:
         reads = reach & (~p.read_controlled | self.presentable(enclave, Operation.SUBSCRIBE))
         relays = reach & self.presentable(enclave, Operation.RELAY)
         origin = p.rtps_authenticates_origin | p.metadata_authenticates_origin
+        atom = self._system.enclaves[enclave]
+        is_member = atom.realm == self._number
         return Abilities(
             may_write=writes,
             may_read=reads,
             may_relay=relays,
             overhears=reach & ~p.data_encrypts & (~p.metadata_encrypts | relays),
             forges=reach & ~origin & (~p.metadata_authenticates | reads | relays) & (~p.data_authenticates | reads),
+            writes_at_all=writes | bits(atom.writes_alone) if is_member else writes,
+            reads_at_all=reads | bits(atom.reads_alone) if is_member else reads,
         )
 
     def _reach(self, joined: int) -> int:
@@ -255,17 +268,9 @@ class RealmView:
     def rights_with(self, enclave: int, documents: frozenset[int], *, anything: bool) -> tuple[int, int]:
         """What the enclave may write and read with the grants of these documents alone, or with any (`anything`)."""
         p = self.protection
-        identity = self._system.enclaves[enclave].identity
-        grants = self._permissions.chosen(identity, documents)
         published, subscribed = (self._permissions.all_channels,) * 2 if anything else (0, 0)
-        for grant in grants:
+        for grant in self._permissions.chosen(self._system.enclaves[enclave].identity, documents):
             published |= self._permissions.allowed(grant, Operation.PUBLISH)
             subscribed |= self._permissions.allowed(grant, Operation.SUBSCRIBE)
-        if self.open:
-            joined = self._permissions.all_domains
-        elif not self.authenticated(enclave):
-            joined = 0
-        else:
-            joined = p.ruled if anything else self._joined_with(self._permissions.admitting(identity, documents))
-        reach = self._reach(joined)
+        reach = self._reach(self._joined_with(enclave, documents, anything=anything))
         return reach & (~p.write_controlled | published), reach & (~p.read_controlled | subscribed)

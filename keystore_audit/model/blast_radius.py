@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
-from functools import cached_property, reduce
-from operator import or_
+from functools import cached_property
 from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
@@ -25,7 +24,7 @@ from keystore_audit.model.flow import Flows, Search
 from keystore_audit.model.influence import Influence, Lane
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.named import Named, names_of
-from keystore_audit.model.permission import Permissions, bits, members
+from keystore_audit.model.permission import Permissions, bits, members, union
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.system import Reading, System
 from keystore_audit.model.systems import SystemBuilder
@@ -101,7 +100,7 @@ class Radii:
         acting = frozenset(self._flows.acting(enclave))
         written, forged, read = self.abilities(acting)
         mine = bits(acting)
-        others = self._union(number for number in self._everybody if number not in acting)
+        others = self._written(number for number in self._everybody if number not in acting)
         return BlastRadius(
             written=written,
             forged=forged,
@@ -123,13 +122,9 @@ class Radii:
                 read |= able.knows
         return written, forged & ~written, read
 
-    def _union(self, enclaves: Iterable[int]) -> int:
+    def _written(self, enclaves: Iterable[int]) -> int:
         """Channels that some of the enclaves write: by right, or though honest peers refuse it."""
-        written = 0
-        for number in enclaves:
-            able = (view.abilities(number).may_write for view in self._realms)
-            written |= reduce(or_, able, bits(self._system.enclaves[number].writes_alone))
-        return written
+        return union(view.abilities(number).writes_at_all for number in enclaves for view in self._realms)
 
     def acting(self, enclave: int) -> Iterable[int]:
         """The enclaves whose key it has, or may have."""

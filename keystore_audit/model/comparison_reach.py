@@ -16,7 +16,7 @@ from keystore_audit.model.comparison_drafts import Draft, Effect, in_order
 from keystore_audit.model.comparison_grants import WORDS, deciding, given
 from keystore_audit.model.comparison_sides import Pair, Sides, View
 from keystore_audit.model.comparison_trust import ADDED, REMOVED
-from keystore_audit.model.permission import bits
+from keystore_audit.model.permission import union
 
 _LAYERS: Final = list(Layer)
 MAX_APART: Final = 4
@@ -165,16 +165,14 @@ class Reach:
         own = []
         effects: dict[tuple[_Key, tuple[str, ...]], list[tuple[list[str], int]]] = {}
         for (key, channels_of), paths in folds.items():
-            union = 0
-            for _profile, channels in channels_of:
-                union |= channels
+            everywhere = union(channels for _profile, channels in channels_of)
             profiles = in_order((profile for profile, _channels in channels_of), self._sides)
             if key.draft is None:
                 varies = len({channels for _profile, channels in channels_of}) > 1
                 place = next((self._places[key, path] for path in paths if (key, path) in self._places), None)
-                own.append(_unaccounted(key, paths, union, profiles, place, varies=varies))
+                own.append(_unaccounted(key, paths, everywhere, profiles, place, varies=varies))
             else:
-                effects.setdefault((key, profiles), []).append((paths, union))
+                effects.setdefault((key, profiles), []).append((paths, everywhere))
         for (key, profiles), several in effects.items():
             if key.draft is not None:
                 key.draft.effects.extend(_effects(key, several, profiles))
@@ -262,10 +260,8 @@ def _effects(key: _Key, several: list[tuple[list[str], int]], profiles: tuple[st
     """One for each set of channels, or one for all where there are many of those."""
     parts = len(several) > MAX_APART
     if parts:
-        union = 0
-        for _paths, channels in several:
-            union |= channels
-        several = [([path for paths, _channels in several for path in paths], union)]
+        together = union(channels for _paths, channels in several)
+        several = [([path for paths, _channels in several for path in paths], together)]
     for paths, channels in several:
         yield Effect(
             what=key.what,
@@ -286,29 +282,20 @@ def _can(gained: bool) -> str:
 
 
 def _overheard(view: View, enclave: int) -> int:
-    found = 0
-    for realm in view.realms:
-        found |= realm.abilities(enclave).overhears
-    return found
+    return union(realm.abilities(enclave).overhears for realm in view.realms)
 
 
 def _forged(view: View, enclave: int) -> int:
-    found = 0
-    for realm in view.realms:
-        found |= realm.abilities(enclave).forges
-    return found
+    return union(realm.abilities(enclave).forges for realm in view.realms)
 
 
 def _outside(view: View) -> dict[str, int]:
     """By verb phrase, the channels: as the properties of the engines have it (docs/model.md)."""
     found = dict.fromkeys(("read", "inject samples into", "learn the names of", "replay", "forge the liveliness of"), 0)
-    for index, realm in enumerate(view.realms):
+    for realm in view.realms:
         p = realm.protection
-        written, read = 0, 0
-        for number, enclave in enumerate(view.system.enclaves):
-            able = realm.abilities(number)
-            written |= able.may_write | (bits(enclave.writes_alone) if enclave.realm == index else 0)
-            read |= able.may_read | (bits(enclave.reads_alone) if enclave.realm == index else 0)
+        every = [realm.abilities(number) for number in range(len(view.system.enclaves))]
+        written, read = union(able.writes_at_all for able in every), union(able.reads_at_all for able in every)
         found["read"] |= realm.readable & written
         found["inject samples into"] |= realm.injectable & read
         found["learn the names of"] |= p.governed & ~(p.rtps_encrypts | p.discovery_hidden) & (written | read)

@@ -111,8 +111,7 @@ class Flows:
 
     def _honest(self, *, own: bool) -> list[Lane]:
         """By realm of sender and receiver: what may be written and read by right, on both sides."""
-        rights: Sequence[RealmView | OwnRights]
-        rights = [OwnRights(self._system, view) for view in self._realms] if own else self._realms
+        rights: Sequence[RealmView | OwnRights] = self._own if own else self._realms
         everybody = range(len(self._system.enclaves))
         used = sorted(set(self._member))
         lanes = []
@@ -161,21 +160,18 @@ class Flows:
 
     def _hears(self, realm: int) -> list[int]:
         """By enclave: the channels that it reads if whoever writes is ready to give its keys to anybody."""
-        view, alone = self._realms[realm], self._reads_alone
-        return [view.abilities(e).may_read | alone[e] if m == realm else 0 for e, m in enumerate(self._member)]
+        view = self._realms[realm]
+        return [view.abilities(e).reads_at_all if m == realm else 0 for e, m in enumerate(self._member)]
 
     def _shows(self, realm: int) -> list[int]:
         """By enclave: the channels that it writes if whoever reads is ready to take samples from anybody."""
-        view, alone = self._realms[realm], self._writes_alone
-        return [view.abilities(e).may_write | alone[e] if m == realm else 0 for e, m in enumerate(self._member)]
+        view = self._realms[realm]
+        return [view.abilities(e).writes_at_all if m == realm else 0 for e, m in enumerate(self._member)]
 
     @cached_property
-    def _reads_alone(self) -> list[int]:
-        return [bits(enclave.reads_alone) for enclave in self._system.enclaves]
-
-    @cached_property
-    def _writes_alone(self) -> list[int]:
-        return [bits(enclave.writes_alone) for enclave in self._system.enclaves]
+    def _own(self) -> list[OwnRights]:
+        """By realm, what enclaves may do that use their own permissions documents alone."""
+        return [OwnRights(self._system, view) for view in self._realms]
 
     @staticmethod
     def _forged(view: RealmView, enclave: int) -> int:
@@ -229,36 +225,32 @@ class Flows:
 
     def getters(self, search: Search) -> list[int]:
         """By participant: the channels of which it gets samples."""
-        taken = [self._realms[m].abilities(e).may_read for e, m in enumerate(self._member)]
-        if search.own:
-            rights = [OwnRights(self._system, view) for view in self._realms]
-            taken = [rights[m].abilities(e).may_read for e, m in enumerate(self._member)]
         if search.attacker is not Attacker.RELAYS:
-            return [*taken, 0]
-        taken = [one | alone for one, alone in zip(taken, self._reads_alone, strict=True)]
+            rights: Sequence[RealmView | OwnRights] = self._own if search.own else self._realms
+            return [*(rights[m].abilities(e).may_read for e, m in enumerate(self._member)), 0]
+        taken = [0] * self.outsider
         readable = 0
         for view in self._realms:
             readable |= view.readable
-            taken = [one | view.abilities(enclave).knows for enclave, one in enumerate(taken)]
+            able = map(view.abilities, range(self.outsider))
+            taken = [one | each.reads_at_all | each.knows for one, each in zip(taken, able, strict=True)]
         return [*self._as_any(taken), readable]
 
     def putters(self, search: Search) -> list[int]:
         """By participant: the channels on which it can put samples."""
-        put = [0] * self.outsider
         if search.own:
-            rights = [OwnRights(self._system, view) for view in self._realms]
-            put = [rights[m].abilities(e).may_write for e, m in enumerate(self._member)]
-        forged = [0] * self.outsider
+            return [*(self._own[m].abilities(e).may_write for e, m in enumerate(self._member)), 0]
+        put, forged = [0] * self.outsider, [0] * self.outsider
         injectable = 0
+        relays = search.attacker is Attacker.RELAYS  # who reads it attacks too then, and refuses nobody
         for view in self._realms:
-            if not search.own:
-                put = [one | view.abilities(enclave).may_write for enclave, one in enumerate(put)]
-            forged = [one | view.abilities(enclave).forges for enclave, one in enumerate(forged)]
             injectable |= view.injectable
-        if search.attacker is Attacker.RELAYS:  # who reads it attacks too, and refuses nobody
-            put = [one | alone for one, alone in zip(put, self._writes_alone, strict=True)]
+            for enclave in range(self.outsider):
+                able = view.abilities(enclave)
+                put[enclave] |= able.writes_at_all if relays else able.may_write
+                forged[enclave] |= able.forges
         attacked = self._as_any([one | other for one, other in zip(put, forged, strict=True)])
-        if search.attacker is Attacker.RELAYS:
+        if relays:
             return [*attacked, injectable]
         if search.attacker is Attacker.SOURCE:
             for enclave in search.source.enclaves:

@@ -32,4 +32,12 @@ class OwnRights:
         written, read = self._view.rights_with(enclave, documents, anything=anything)
         written &= ~bits(atom.refused_writes)
         read &= ~bits(atom.refused_reads)
-        return Abilities(may_write=written, may_read=read, may_relay=0, overhears=0, forges=0)
+        return Abilities(
+            may_write=written,
+            may_read=read,
+            may_relay=0,
+            overhears=0,
+            forges=0,
+            writes_at_all=written,
+            reads_at_all=read,
+        )

@@ -67,7 +67,7 @@ MUTANTS: dict[str, tuple[Any, str, str, str]] = {
         "False",
     ),
     "documents that were not read grant nothing": (RealmView, "may_be_granted", "self._any_opaque", "False"),
-    "join access control is off": (RealmView, "_joined_with", "~self.protection.join_controlled", "-1"),
+    "join access control is off": (RealmView, "_joined_with", "~p.join_controlled", "-1"),
 }
 """By what is wrong: where (a class or a module), the function, its text, and what stands in its place."""
 
