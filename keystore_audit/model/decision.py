@@ -16,7 +16,7 @@ from keystore_audit.keystore.governance import TopicRule
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.channels import Channels
+from keystore_audit.model.channels import Channels, Point
 from keystore_audit.model.domains import describe, domain_bits
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.permission import bits
@@ -54,10 +54,10 @@ class Step:
 
 
 class _Asked(NamedTuple):
-    """What is asked of one grant. `name`: a topic and a partition; `channel`: what stands for them in the domain."""
+    """What is asked of one grant. `channel`: what stands for the name in the domain."""
 
     operation: Operation
-    name: tuple[str, str]
+    name: Point
     channel: int
 
 
@@ -105,27 +105,17 @@ class LocalRights:
             open_ &= ~decided
         return allowed | open_ if grant.default_allow else allowed
 
-    def decide(
-        self,
-        enclave: Enclave,
-        profile: Profile,
-        operation: Operation,
-        channel: int,
-        name: tuple[str, str] | None = None,
-    ) -> Decision:
+    def decide(self, enclave: Enclave, profile: Profile, operation: Operation, channel: int, name: Point) -> Decision:
         """The decision about one channel.
 
-        `name`: the topic and partition asked about; None: those of the channel, which stands for every name where no
-        governance covers the domain.
+        `name`: what is asked about; the channel stands for every name where no governance covers the domain.
         """
         step = next(step for step in self.steps(enclave, profile, operation) if step.channels >> channel & 1)
         grant = self.grant(enclave, profile)
         if step.decision.allow or grant is None:
             return step.decision
-        atom = self._channels.channels[channel]
-        asked = _Asked(operation, name or (atom.topic, atom.partition), channel)
         near = self._near if step.by_permissions else self._elsewhere
-        more = near(grant, profile, asked)
+        more = near(grant, profile, _Asked(operation, name, channel))
         return Decision(allow=False, reason=step.decision.reason + more, location=step.decision.location)
 
     def steps(self, enclave: Enclave, profile: Profile, operation: Operation) -> Iterator[Step]:
@@ -292,22 +282,25 @@ class LocalRights:
             for rule in allowing:
                 if other is not operation and self._listed(rule, profile, asked, other):
                     return f". Line {rule.line} allows {DONE[other][1]} instead"
+        for rule in allowing:
+            if self._listed(rule, profile, asked, operation, in_any_partition=True):
+                elsewhere = profile.local.binds_domains and not self._domains(rule) >> channel & 1
+                domain = f" of {_domain_of(rule)}" if elsewhere else ""
+                return f". Line {rule.line} allows it in another partition{domain}"
         listed = {text: rule for rule in reversed(allowing) for area in rule.region(operation) for text in area.topics}
         if not listed:
             return f". It may {DONE[operation][0]} nothing"
         text = max(listed, key=lambda text: _likeness(text, topic))
-        if text == topic:
-            rule = listed[text]
-            elsewhere = not self._domains(rule) >> channel & 1
-            return f". Line {rule.line} allows it in {_domain_of(rule) if elsewhere else 'another partition'}"
         return f". The nearest that may be {_PAST[operation]} is {text!r} (line {listed[text].line})"
 
-    def _listed(self, rule: ReadRule, profile: Profile, asked: _Asked, operation: Operation) -> bool:
+    def _listed(
+        self, rule: ReadRule, profile: Profile, asked: _Asked, operation: Operation, *, in_any_partition: bool = False
+    ) -> bool:
         """Whether the rule lists the name for the operation, whatever its domains."""
         matcher = self._accesses.row(profile.access).matcher
         topic, partition = asked.name
         return any(
-            (area.partitions is None or _matched(area.partitions, partition, matcher))
+            (in_any_partition or area.partitions is None or _matched(area.partitions, partition, matcher))
             and _matched(area.topics, topic, matcher)
             for area in rule.region(operation)
         )

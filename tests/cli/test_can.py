@@ -146,6 +146,23 @@ def test_a_line_that_allows_it_comes_not_later_than_the_governance(tmp_path: Pat
     assert "later" not in only["reason"]
 
 
+@pytest.mark.parametrize(
+    ("listed", "domain", "says"),
+    [
+        ("rt/a", 0, "Line 16 allows it in another partition"),
+        ("rt/*", 0, "Line 16 allows it in another partition"),
+        ("rt/a", 5, "Line 16 allows it in another partition of domain 5"),
+        ("rt/ab", 5, "The nearest that may be published is 'rt/ab' (line 16)"),
+    ],
+)
+def test_a_line_that_allows_it_in_another_partition(listed: str, domain: int, says: str, tmp_path: Path) -> None:
+    lab = rule(publish=(listed,), partition="lab").replace("<id>0<", f"<id>{domain}<")
+    store = keystore(tmp_path / "k", {"/c": (rule(publish=("rt/other",)), lab)})
+    _code, document = decisions(store, "/c", "publish", "/a", "--profile", "spec")
+    (only,) = document["decisions"].values()
+    assert only["reason"].partition(". ")[2] == says
+
+
 def test_the_topic_that_stands_in_the_way_is_named(tmp_path: Path) -> None:
     store = keystore(tmp_path / "k", {"/c": (rule(publish=("rq/addRequest",)),)})
     code, document = decisions(store, "/c", "request", "/add")

@@ -59,7 +59,7 @@ def asked(
     has, lacks = [], []
     for at, (operation, topic) in enumerate(channels):
         number = builder.channels.of_point(0, at)
-        if not local.decide(one, VARIANTS[profile], operation, number).allow:
+        if not local.decide(one, VARIANTS[profile], operation, number, (topic, "")).allow:
             lacks.append((operation, topic))
         if _by_rule(open_store, profile, operation, topic):
             has += [(operation, topic)] * _tells(role, operation, topic, listed[operation])
@@ -84,7 +84,8 @@ def _by_rule(store: Keystore, profile: str, operation: Operation, topic: str) ->
     accesses = AccessViews(documents_of(store), AT, None)
     builder = SystemBuilder(store, [VARIANTS[profile]], AT, accesses, [(topic, "")])
     local = LocalRights(accesses, builder.channels, AT)
-    decision = local.decide(store.enclaves[0], VARIANTS[profile], operation, builder.channels.of_point(0, 0))
+    channel = builder.channels.of_point(0, 0)
+    decision = local.decide(store.enclaves[0], VARIANTS[profile], operation, channel, (topic, ""))
     return decision.allow and "first rule" in decision.reason
 
 
