@@ -112,8 +112,15 @@ def signed_by_ca(system: System, realm: int, document: DocumentAtom) -> bool:
 
 
 def opaque_document(system: System) -> DocumentAtom | None:
-    """Return a document that could not be read, which may grant anything."""
-    return next((document for document in system.documents if document.opaque), None)
+    """Return a document that could not be read, which may grant anything: one that governs nothing, if there is one."""
+    governing = {realm.governance for realm in system.realms}
+    opaque = [(number in governing, number) for number, document in enumerate(system.documents) if document.opaque]
+    return system.documents[min(opaque)[1]] if opaque else None
+
+
+def is_unread(system: System, authorities: frozenset[int]) -> bool:
+    """Whether these authorities of a realm stand for whatever is in a CA file that could not be read."""
+    return any(system.certificates[number].opaque for number in authorities)
 
 
 def signs_for_itself(system: System, realm: int, enclave: EnclaveAtom) -> CertificateAtom | None:
@@ -126,14 +133,10 @@ def signs_for_itself(system: System, realm: int, enclave: EnclaveAtom) -> Certif
     return identity if vouched and identity.fit_to_sign else None
 
 
-def holds_authority_key(system: System, realm: int, enclave: EnclaveAtom) -> bool:
-    """Whether the key of an enclave's identity is that of a permissions CA of a realm."""
-    if enclave.identity is None:
-        return False
-    certificates = system.certificates
-    return certificates[enclave.identity].key in {
-        certificates[each].key for each in system.realms[realm].permissions_ca
-    }
+def has_authority_key(system: System, realm: int, certificate: int | None) -> bool:
+    """Whether the key of a certificate is that of a permissions CA of a realm."""
+    keys = {system.certificates[each].key for each in system.realms[realm].permissions_ca}
+    return certificate is not None and system.certificates[certificate].key in keys
 
 
 def in_force(system: System, dated: CertificateAtom | GrantAtom) -> bool:

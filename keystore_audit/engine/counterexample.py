@@ -12,6 +12,7 @@ from keystore_audit.engine import counterexample_identities as identities
 from keystore_audit.engine.causes import Operation
 from keystore_audit.engine.counterexample_case import Case
 from keystore_audit.engine.counterexample_rights import beyond_grants
+from keystore_audit.findings import Location
 from keystore_audit.model.system import System
 from keystore_audit.properties import access_control, encryption, flow
 from keystore_audit.properties.counterexample import Counterexample, Step
@@ -85,20 +86,22 @@ def _unenforced(case: Case) -> Counterexample:
     flag, step = _switched_off(case)
     return Counterexample(
         text=f"The grants on {case.topic} are not asked for: {flag}.",
-        steps=(*step, *case.user_steps("publish", "subscribe")),
+        steps=(*step, *case.granted_steps("publish", "subscribe")),
     )
 
 
 def _switched_off(case: Case) -> tuple[str, tuple[Step, ...]]:
-    """Say which access control is off although there is a grant for it to ask for."""
+    """Say which access control is off: one for which there is a grant to ask for, if all grants could be read."""
     topic_rule, domain_rule = case.topic_rule, case.domain_rule
     if case.is_open or topic_rule is None or domain_rule is None:
         return case.kinds(), case.governance_steps()
-    if not topic_rule.enable_write_access_control and case.user_steps("publish"):
-        return "enable_write_access_control is false", (case.step(topic_rule.location),)
-    if not topic_rule.enable_read_access_control and case.user_steps("subscribe"):
-        return "enable_read_access_control is false", (case.step(topic_rule.location),)
-    return "enable_join_access_control is false", (case.step(domain_rule.location),)
+    controls: tuple[tuple[str, bool, Location, tuple[Operation, ...]], ...] = (
+        ("write", topic_rule.enable_write_access_control, topic_rule.location, ("publish",)),
+        ("read", topic_rule.enable_read_access_control, topic_rule.location, ("subscribe",)),
+        ("join", domain_rule.enable_join_access_control, domain_rule.location, ("publish", "subscribe")),
+    )
+    kind, _is_on, place, _operations = min(controls, key=lambda each: (each[1], not case.granted_steps(*each[3])))
+    return f"enable_{kind}_access_control is false", (case.step(place),)
 
 
 def _insider_writes(case: Case) -> Counterexample:
@@ -119,10 +122,12 @@ def _insider_reads(case: Case) -> Counterexample:
 
 
 def _reader_forges(case: Case) -> Counterexample:
+    right = case.right_steps(case.witness[Role.ENCLAVE], "subscribe")
+    only = "may only subscribe to" if right else "may have a right, which could not be read, only to subscribe to"
     return Counterexample(
-        text=f"{case.enclave.label}, which may only subscribe to {case.topic}, can pass for a publisher of it: readers "
+        text=f"{case.enclave.label}, which {only} {case.topic}, can pass for a publisher of it: readers "
         f"hold the keys of the writer, and no kind tells them apart ({case.kinds()}).",
-        steps=case.right_steps(case.witness[Role.ENCLAVE], "subscribe") + case.governance_steps(),
+        steps=right + case.governance_steps(),
     )
 
 

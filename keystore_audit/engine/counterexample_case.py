@@ -94,17 +94,17 @@ class Case:
         label = self.system.enclaves[enclave].label
         return tuple(self.step(right.location, label) for right in found[:1])
 
+    def granted_steps(self, *operations: Operation) -> tuple[Step, ...]:
+        """Return the line that gives some enclave one of these rights."""
+        every = range(len(self.system.enclaves))
+        found = (self.right_steps(enclave, operation) for operation in operations for enclave in every)
+        return next(filter(None, found), ())
+
     def user_steps(self, *operations: Operation) -> tuple[Step, ...]:
-        """Return the line that gives some enclave one of these rights: why there is anything to protect."""
-        for operation in operations:
-            for enclave in range(len(self.system.enclaves)):
-                if steps := self.right_steps(enclave, operation):
-                    return steps
-        for operation in operations:
-            for number, atom in enumerate(self.system.enclaves):
-                if atom.realm == self.realm and (steps := self.lone_steps(number, operation)):
-                    return steps
-        return ()
+        """Return the line by which there is an endpoint, though honest peers may refuse it: something to protect."""
+        members = [number for number, atom in enumerate(self.system.enclaves) if atom.realm == self.realm]
+        lone = (self.lone_steps(enclave, operation) for operation in operations for enclave in members)
+        return self.granted_steps(*operations) or next(filter(None, lone), ())
 
     def lone_steps(self, enclave: int, operation: Operation) -> tuple[Step, ...]:
         """Return the line by which its own implementation lets an enclave do what honest peers may refuse."""

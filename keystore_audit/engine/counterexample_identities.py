@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Final
 
 from keystore_audit.engine import causes
 from keystore_audit.engine.counterexample_case import Case, step_at
-from keystore_audit.model.system import CertificateAtom, EnclaveAtom, System
+from keystore_audit.model.system import EnclaveAtom, System
 from keystore_audit.properties import authentication
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Role
@@ -45,6 +45,8 @@ def _distrust(system: System, realm_index: int, identity_index: int) -> str:
     """Say why an identity is not vouched for, in force and unrevoked."""
     realm = system.realms[realm_index]
     identity = system.certificates[identity_index]
+    if causes.is_unread(system, realm.identity_ca):
+        return "the identity CA file could not be read"
     issuers = [system.certificates[number] for number in identity.issuers & realm.identity_ca]
     if not issuers:
         return "no certificate of its identity CA has issued it"
@@ -59,26 +61,23 @@ def _distrust(system: System, realm_index: int, identity_index: int) -> str:
 
 def _document(case: Case) -> Counterexample:
     document = case.system.documents[case.witness[Role.DOCUMENT]]
-    signers = [case.system.certificates[number] for number in sorted(document.signers)]
+    signers = sorted(document.signers)
     enclave = case.enclave
+    signer = case.system.certificates[signers[0]].label if signers else ""
     if document.opaque:
         why = "could not be read, so nobody knows who signed it"
     elif not document.intact or not signers:
         why = "bears no signature that these implementations can verify"
-    elif not causes.signed_by_ca(case.system, enclave.realm, document) and _by_key_of_ca(case, signers):
-        why = f"names {signers[0].label} as its signer, which has the permissions CA's key and is another certificate"
-    elif not causes.signed_by_ca(case.system, enclave.realm, document):
-        why = f"is signed by {signers[0].label}, not by the permissions CA alone"
+    elif causes.is_unread(case.system, case.system.realms[enclave.realm].permissions_ca):
+        why = f"is signed by {signer}, and the permissions CA file could not be read"
+    elif causes.signed_by_ca(case.system, enclave.realm, document):
+        why = f"is signed by {signer}, which is not in force"
+    elif all(causes.has_authority_key(case.system, enclave.realm, each) for each in signers):
+        why = f"names {signer} as its signer, which has the permissions CA's key and is another certificate"
     else:
-        why = f"is signed by {signers[0].label}, which is not in force"
+        why = f"is signed by {signer}, not by the permissions CA alone"
     step = step_at(document.location, channel=None, witness=document.label, enclave=enclave.label)
     return Counterexample(text=f"{document.label}, which {enclave.label} uses, {why}.", steps=(step,))
-
-
-def _by_key_of_ca(case: Case, signers: Sequence[CertificateAtom]) -> bool:
-    authorities = case.system.realms[case.enclave.realm].permissions_ca
-    keys = {case.system.certificates[number].key for number in authorities}
-    return all(signer.key in keys for signer in signers)
 
 
 def _shared_key(case: Case) -> Counterexample:
@@ -105,6 +104,10 @@ def _grants_itself(case: Case) -> Counterexample:
     step = identity_step(case.system, enclave)
     if enclave.opaque:
         text = f"The identity of {enclave.label} could not be read: it may be one that signs permissions."
+    elif causes.is_unread(case.system, case.system.realms[case.realm].permissions_ca):
+        text = f"A permissions CA file could not be read: {enclave.label} may be one that signs permissions."
+    elif causes.has_authority_key(case.system, case.realm, enclave.identity):
+        text = f"{enclave.label} can sign itself permissions: its key is that of the permissions CA."
     elif identity := causes.signs_for_itself(case.system, case.realm, enclave):
         text = (
             f"{enclave.label} can sign itself permissions: the permissions CA also issued its identity "
@@ -123,6 +126,10 @@ def _one_authority(case: Case) -> Counterexample:
     certificates = case.system.certificates
     roles = (Role.CERTIFICATE, Role.OTHER_CERTIFICATE)
     one, other = (certificates[case.witness[role]] for role in roles)
+    if one.opaque:
+        step = step_at(one.location, channel=None, witness=one.label, enclave=None)
+        text = "CA files could not be read: identity CA and permissions CA may have one key."
+        return Counterexample(text=text, steps=(step,))
     alike = f"{one.label} is" if one is other else f"{one.label} and {other.label} have one key: it is"
     steps = (step_at(each.location, channel=None, witness=each.label, enclave=None) for each in (one, other))
     return Counterexample(
@@ -141,6 +148,10 @@ def _shared_subject(case: Case) -> Counterexample:
         )
     wanted = {one.identity, other.identity}
     grants = [grant.location for grant in case.system.grants if wanted <= grant.names]
+    if not grants and (document := causes.opaque_document(case.system)):
+        step = step_at(document.location, channel=None, witness=document.label, enclave=None)
+        text = f"{document.label} could not be read: a grant in it may name {one.label} and {other.label} alike."
+        return Counterexample(text=text, steps=(step,))
     named = tuple(step_at(place, channel=None, witness=one.label, enclave=None) for place in grants[:1])
     return Counterexample(
         text=f"A grant names {one.label} and {other.label} alike: each has the rights of both.",

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -12,12 +14,14 @@ from keystore_audit.model.system import Reading, System
 from keystore_audit.properties import BY_ID, PROPERTIES
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Role
+from tests.engine.alloy.mutations import unread_authorities
 from tests.engine.systems import (
     CHATTER,
     GOVERNANCE,
     IDENTITY_CA,
     LISTENER,
     OTHER_TOPIC,
+    PERMISSIONS_CA,
     TALKER,
     TALKER_IDENTITY,
     TALKER_PERMISSIONS,
@@ -26,6 +30,8 @@ from tests.engine.systems import (
     random_system,
     stock,
 )
+
+Flags = Mapping[str, Any]
 
 
 def tell(system: System, identifier: str, **atoms: int) -> Counterexample:
@@ -95,6 +101,58 @@ def test_what_could_not_be_read_is_said_to_be_so() -> None:
         told = tell(b.system(), identifier, realm=0, **atoms)
         assert "could not be read" in told.text
         assert told.steps[0].path == "0.p7s"
+
+
+def test_authorities_that_could_not_be_read_are_said_to_be_so() -> None:
+    b = healthy_builder()
+    unread_authorities(b)
+    for identifier, atoms in {
+        "identities-chain-to-the-identity-ca": {"enclave": TALKER},
+        "documents-signed-by-the-permissions-ca": {"enclave": TALKER, "document": TALKER_PERMISSIONS},
+        "no-enclave-grants-itself-rights": {"enclave": TALKER},
+        "one-ca-for-one-role": dict.fromkeys(("certificate", "other_certificate"), len(b.certificates) - 1),
+    }.items():
+        assert "could not be read" in tell(b.system(), identifier, realm=0, **atoms).text
+
+
+def test_grants_that_could_not_be_read_are_said_to_be_so() -> None:
+    b = healthy_builder()
+    b.documents[TALKER_PERMISSIONS] = replace(b.documents[TALKER_PERMISSIONS], opaque=True)
+    b.rules.clear()
+    atoms = {"realm": 0, "enclave": LISTENER, "other": TALKER, "channel": CHATTER}
+    for identifier in ("no-subject-serves-two-enclaves", "readers-cannot-forge"):
+        assert "could not be read" in tell(b.system(), identifier, **atoms).text
+
+
+@pytest.mark.parametrize(
+    ("topic", "domain", "flag"),
+    [
+        ({}, {"enable_join_access_control": False}, "enable_join_access_control"),
+        ({"enable_read_access_control": False}, {}, "enable_read_access_control"),
+        (
+            {"enable_write_access_control": False},
+            {"enable_join_access_control": False},
+            "enable_join_access_control",
+        ),
+        ({"enable_write_access_control": False}, {}, "enable_write_access_control"),
+    ],
+)
+def test_the_access_control_that_is_off_is_named(topic: Flags, domain: Flags, flag: str) -> None:
+    """Nobody is granted to publish: somebody writes by its own implementation alone, or a grant could not be read."""
+    b = healthy_builder()
+    b.rules[0] = replace(b.rules[0], publish=frozenset())
+    b.enclaves[TALKER] = replace(b.enclaves[TALKER], writes_alone=frozenset({CHATTER}))
+    b.topic_rules[0] = replace(b.topic_rules[0], **topic)
+    b.domain_rules[0] = replace(b.domain_rules[0], **domain)
+    assert f": {flag} is false" in tell(b.system(), "grants-are-enforced", realm=0, channel=CHATTER).text
+
+
+def test_an_enclave_that_has_the_key_of_the_permissions_ca() -> None:
+    b = healthy_builder()
+    key = b.certificates[PERMISSIONS_CA].key
+    b.certificates[TALKER_IDENTITY] = replace(b.certificates[TALKER_IDENTITY], key=key)
+    told = tell(b.system(), "no-enclave-grants-itself-rights", realm=0, enclave=TALKER)
+    assert told.text == "/talker can sign itself permissions: its key is that of the permissions CA."
 
 
 def test_a_permissions_document_of_another_signer_is_named() -> None:
