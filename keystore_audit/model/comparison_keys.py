@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Enclave
@@ -19,17 +19,17 @@ _WORDS = {
 
 def foreign_keys(sides: Sides) -> Iterator[tuple[str, Placed]]:
     """The enclaves of either keystore in whose key files others' keys came or went, with what that is."""
-    holders: dict[str, str] | None = None
+    holders: _Holders | None = None
     for path in sorted({*sides.enclaves[0], *sides.enclaves[1]}):
         old, new = (_foreign(by_path.get(path)) for by_path in sides.enclaves)
         gone, come = old.keys() - new.keys(), new.keys() - old.keys()
         if not gone and not come:
             continue
-        holders = holders or _holders(sides)
+        holders = holders or _Holders(sides)
         direction = direction_of(gains=bool(come), losses=bool(gone))
-        told = [", ".join(sorted({_told(key, holders) for key in keys})) or None for keys in (gone, come)]
+        told = [", ".join(sorted({holders.told(key) for key in keys})) or None for keys in (gone, come)]
         aspect = Aspect(what="private key", old=told[0], new=told[1], direction=direction)
-        whose = [_owners(key, sides) for key in gone | come]
+        whose = [holders.enclaves(key) for key in gone | come]
         fact = Fact(
             "private-key",
             direction,
@@ -56,41 +56,32 @@ def _foreign(enclave: Enclave | None) -> Mapping[str, int | None]:
     return found
 
 
-def _holders(sides: Sides) -> dict[str, str]:
-    """By key the subject of an authority or identity of either keystore."""
-    found: dict[str, str] = {}
-    for by_path in sides.enclaves:
-        for enclave in by_path.values():
-            for file in (enclave.permissions_ca, enclave.identity_ca):
-                for certificate in file.certificates if file is not None else ():
-                    found.setdefault(certificate.key, f"the authority {certificate.subject}")
-    for by_path in sides.enclaves:
-        for enclave in by_path.values():
-            if enclave.certificate is not None and enclave.certificate.first is not None:
-                found.setdefault(enclave.certificate.first.key, enclave.certificate.first.subject)
-    return found
+class _Holders:
+    """Whose the keys are in either keystore: authorities', or enclaves' identities."""
 
+    def __init__(self, sides: Sides) -> None:
+        self._authorities: dict[str, str] = {}
+        self._enclaves: dict[str, dict[str, str]] = {}
+        for by_path in sides.enclaves:
+            for path, enclave in by_path.items():
+                for file in (enclave.permissions_ca, enclave.identity_ca):
+                    for certificate in file.certificates if file is not None else ():
+                        self._authorities.setdefault(certificate.key, certificate.subject)
+                first = enclave.certificate.first if enclave.certificate is not None else None
+                if first is not None:
+                    self._enclaves.setdefault(first.key, {}).setdefault(path, first.subject)
 
-def _owners(key: str, sides: Sides) -> set[str]:
-    """The enclaves of either keystore whose identity has the key; none where it may open anything: an authority's, or
-    one that nobody here is known to have.
-    """
-    owners: set[str] = set()
-    for by_path in sides.enclaves:
-        for path, enclave in by_path.items():
-            for file in (enclave.permissions_ca, enclave.identity_ca):
-                if file is not None and any(certificate.key == key for certificate in file.certificates):
-                    return set()
-            first = enclave.certificate.first if enclave.certificate is not None else None
-            if first is not None and first.key == key:
-                owners.add(path)
-    return owners
+    def told(self, key: str) -> str:
+        """Whose the key is, in words."""
+        if key.startswith("unread "):
+            return "one that could not be read"
+        if key in self._authorities:
+            return f"the authority {self._authorities[key]} (key {key[:12]})"
+        return f"{next(iter(self._enclaves.get(key, {}).values()), 'nobody here')} (key {key[:12]})"
 
-
-def _told(key: str, holders: Mapping[str, str]) -> str:
-    if key.startswith("unread "):
-        return "one that could not be read"
-    return f"{holders.get(key, 'nobody here')} (key {key[:12]})"
+    def enclaves(self, key: str) -> Collection[str]:
+        """Whose it is; none where it may open anything: an authority's, or one that nobody here is known to have."""
+        return () if key in self._authorities else self._enclaves.get(key, {}).keys()
 
 
 def _place(enclave: Enclave | None, lines: Mapping[str, int | None]) -> Location | None:
