@@ -202,26 +202,25 @@ class Usabilities:
         )
 
     def _governed_domains(self, file: GovernanceFile | None, profile: Profile) -> _Governed | None:
-        """The domains in question with the first domain rule that covers each; None where the document says nothing."""
-        rules = self._accesses.read(file, profile.access).domain_rules if file is not None else None
-        if file is None or rules is None:
+        """The domains in question, each with the domain rules that decide; None where the document says nothing."""
+        if file is None or self._accesses.read(file, profile.access).domain_rules is None:
             return None
         key = (file.signed.file.place, self._accesses.row(profile.access))
         if key not in self._governed:
-            every = profile.access.any_governance_rule
-            self._governed[key] = tuple(
-                self._deciding(rules if every else self._accesses.deciding(file, profile.access), every=every)
-            )
+            self._governed[key] = tuple(self._deciding(file, profile))
         return self._governed[key]
 
-    def _deciding(self, rules: Sequence[ReadDomainRule], *, every: bool) -> Iterator[tuple[Interval, ReadDomainRule]]:
-        """The first rule for the domain in question, or for each that they tell apart; `every`: all rules for it."""
+    def _deciding(self, file: GovernanceFile, profile: Profile) -> Iterator[tuple[Interval, ReadDomainRule]]:
+        """The first rule for the domain in question, or for each that they tell apart; all rules where any counts."""
+        every = profile.access.any_governance_rule
+        read, deciding = self._accesses.read(file, profile.access), self._accesses.deciding(file, profile.access)
+        rules = read.domain_rules or () if every else deciding
         asked: Iterable[Interval] = ((self._domain, self._domain),) if self._domain is not None else ()
         if self._domain is None:
-            asked = elementary(rule.domains for rule in rules)
+            asked = elementary(rule.domains for rule in deciding)
         for interval in asked:
             covering = (rule for rule in rules if contains(rule.domains, interval[0]))
-            yield from ((interval, rule) for rule in (covering if every else islice(covering, 1)))
+            yield from ((interval, rule) for rule in islice(covering, None if every else 1))
 
 
 def _chain_refusals(enclave: Enclave, certificate: Certificate, trust: Trust) -> tuple[str, ...]:
