@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from datetime import datetime, timedelta, timezone
+from datetime import datetime
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.engine.native import NativeEngine
@@ -15,7 +15,7 @@ from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import DateReading, Profile
 from keystore_audit.model.system import System
 from keystore_audit.model.usability import Usabilities
-from keystore_audit.model.validity import ANY_ZONE
+from keystore_audit.model.validity import ANY_ZONE, LAST, SECOND
 from keystore_audit.properties import Answer, Status
 
 MAX_MOMENTS = 64
@@ -23,15 +23,6 @@ MAX_MOMENTS = 64
 
 Beyond, the horizon is the last one looked at: earlier than the truth, never later.
 """
-
-_TICK = timedelta(seconds=1)
-"""X.509 dates have a resolution of one second (RFC 5280, 4.1.2.5).
-
-A certificate is void one second after notAfter.
-"""
-
-_LAST = datetime.max.replace(microsecond=0, tzinfo=timezone.utc) - _TICK
-"""Beyond, there is no later second: 99991231235959Z means "no expiration" (RFC 5280, 4.1.2.5)."""
 
 _LOCAL = {DateReading.FASTDDS: "Fast DDS", DateReading.OPENDDS: "OpenDDS"}
 """Who reads dates of grants in the zone of the robot."""
@@ -72,8 +63,8 @@ def horizon(
         if not why:
             enclave = next((label for label in native.changed_rights(moment) if label is not None), None)
             why = f"{enclave}: its grants give it other rights" if enclave is not None else ""
-        if not why and earliest < instant and not local.isdisjoint((instant, instant - _TICK)):
-            why = _near(accesses, profiles, (instant, instant - _TICK))
+        if not why and earliest < instant and not local.isdisjoint((instant, instant - SECOND)):
+            why = _near(accesses, profiles, (instant, instant - SECOND))
         if not why and instant in begins & ends:
             why = "a grant ends as another begins, and some implementation counts neither at that instant"
         if why:
@@ -106,21 +97,21 @@ def _moments(
         instant = system.instants[index]
         if index > system.now:
             found[instant] = 2 * index
-        if instant <= _LAST:
-            found.setdefault(instant + _TICK, 2 * index + 1)
+        if instant <= LAST:
+            found.setdefault(instant + SECOND, 2 * index + 1)
             if instant in excluded:
-                earlier[instant + _TICK] = (
-                    instant if not instant.microsecond else instant.replace(microsecond=0) + _TICK
+                earlier[instant + SECOND] = (
+                    instant if not instant.microsecond else instant.replace(microsecond=0) + SECOND
                 )
         if instant in local:
-            for each in (instant, instant + _TICK) if instant <= _LAST else (instant,):
+            for each in (instant, instant + SECOND) if instant <= LAST else (instant,):
                 earlier[each] = max(at, each - ANY_ZONE)
     for enclave in keystore.enclaves:
         lists = (*(enclave.crl.revocation_lists if enclave.crl else ()), *_in_ca_file(enclave))
         for revocations in lists:
             boundaries = [revocations.this_update] if revocations.this_update > at else []
-            if revocations.next_update is not None and at <= revocations.next_update <= _LAST:
-                boundaries.append(revocations.next_update + _TICK)
+            if revocations.next_update is not None and at <= revocations.next_update <= LAST:
+                boundaries.append(revocations.next_update + SECOND)
             for later in boundaries:
                 before = sum(1 for instant in system.instants if instant <= later)
                 found.setdefault(later, 2 * before - 1)

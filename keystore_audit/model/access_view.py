@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from datetime import datetime, timedelta
+from datetime import datetime
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
@@ -23,12 +23,11 @@ from keystore_audit.model.semantics import (
     read_domain_rules,
     read_grant,
 )
-from keystore_audit.model.validity import Dated, is_in_force, read_date
+from keystore_audit.model.validity import SECOND, Dated, is_in_force, read_date
 
 if TYPE_CHECKING:  # most audits are told no zone
     from zoneinfo import ZoneInfo
 
-_SECOND: Final = timedelta(seconds=1)
 _COUNTING: Final = frozenset("?[")
 """What takes one character, or one octet."""
 
@@ -215,7 +214,7 @@ class AccessViews:
         dated, standard = read_date(text, reading, self._zone), read_date(text, DateReading.XSD, None)
         if dated is None or standard is None or dated.instant != standard.instant:
             return False
-        return not (dated.earliest <= self._at + _SECOND and self._at - _SECOND <= dated.latest)
+        return not (dated.earliest <= self._at + SECOND and self._at - SECOND <= dated.latest)
 
     def _may_be_out_of_date(self, grant: Grant, reading: DateReading) -> bool:
         dates = [read_date(date.text, reading, self._zone) for date in (grant.not_before, grant.not_after)]

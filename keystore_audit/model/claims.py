@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from datetime import datetime, timedelta, timezone
+from datetime import datetime, timedelta
 from functools import cached_property
 from hashlib import sha256
 from typing import TYPE_CHECKING, Final, Protocol
@@ -21,7 +21,7 @@ from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.semantics import Area
 from keystore_audit.model.system import Reading, System
-from keystore_audit.model.validity import ANY_ZONE
+from keystore_audit.model.validity import ANY_ZONE, LAST, SECOND
 
 if TYPE_CHECKING:
     from keystore_audit.model.labels import Labelling
@@ -29,13 +29,6 @@ if TYPE_CHECKING:
 
 AMBIENT: Final = ("rt/clock", "rt/parameter_events", "rt/rosout", "ros_discovery_info")
 """DDS topics that nearly every node has a right to: no flow takes them unless a claim includes them."""
-
-
-_TICK: Final = timedelta(seconds=1)
-"""A validity is over one second after its end."""
-
-_LAST: Final = datetime.max.replace(microsecond=0, tzinfo=timezone.utc) - _TICK
-"""Beyond, there is no later second."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,8 +113,8 @@ def lasting(
     ends = sorted(local)
 
     def end(until: datetime) -> datetime:
-        over = until + _TICK if until in excluded and until <= _LAST else until
-        return max([over, *(date + _TICK for date in ends if date - until <= ANY_ZONE and date <= _LAST)])
+        over = until + SECOND if until in excluded and until <= LAST else until
+        return max([over, *(date + SECOND for date in ends if date - until <= ANY_ZONE and date <= LAST)])
 
     return tuple(claim if claim.until is None else replace(claim, until=end(claim.until)) for claim in claims)
 
@@ -301,7 +294,7 @@ class _Resolution:
         before = instants[self._system.now]
         if usabilities is None or until <= before:
             return frozenset()
-        dates = {each + after for each in instants if before <= each < until for after in (timedelta(0), _TICK)}
+        dates = {each + after for each in instants if before <= each < until for after in (timedelta(0), SECOND)}
         profiles = [VARIANTS[name] for name in self._system.profiles]
         stopped = set()
         for moment in sorted({*dates, until} - {before}):

@@ -7,7 +7,7 @@ control (docs/profiles.md). Two such participants refuse each other, unless one 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from datetime import datetime, timedelta
+from datetime import datetime
 
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.attacker import RealmView
@@ -16,6 +16,7 @@ from keystore_audit.model.permission import Permissions
 from keystore_audit.model.profiles import VARIANTS, JoinCheck
 from keystore_audit.model.system import Reading, System
 from keystore_audit.model.usability import Usabilities
+from keystore_audit.model.validity import SECOND
 
 
 def starts_alone(
@@ -59,4 +60,4 @@ def _later(system: System, until: datetime | None) -> Iterable[datetime]:
     if until is None or until <= now:
         return ()
     dates = {each for each in system.instants if now < each <= until}
-    return sorted(dates | {each + timedelta(seconds=1) for each in dates if each < until})
+    return sorted(dates | {each + SECOND for each in dates if each < until})

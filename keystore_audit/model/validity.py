@@ -26,8 +26,13 @@ END: Final = datetime.max.replace(tzinfo=timezone.utc)
 ANY_ZONE: Final = timedelta(hours=14)
 """How far local time is from UTC at most: Pacific/Kiritimati. To the west it is 12 hours."""
 
+SECOND: Final = timedelta(seconds=1)
+"""What dates of X.509 count (RFC 5280, 4.1.2.5): a certificate is void one second after notAfter."""
+
+LAST: Final = END.replace(microsecond=0) - SECOND
+"""Beyond, there is no later second: 99991231235959Z means "no expiration" (RFC 5280, 4.1.2.5)."""
+
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=timezone.utc)
-_SECOND: Final = timedelta(seconds=1)
 _HOUR: Final = timedelta(hours=1)
 
 _NANOSECONDS: Final = 10**9
@@ -196,12 +201,12 @@ def _nanoseconds(date: re.Match[str]) -> int | None:
     """Since 1970, as `DDS_Security_parse_xml_date` counts them; None where it reports an error."""
     digits, offset = date["fraction"] or "", _offset(date, 12 * _HOUR)
     try:
-        seconds = (_calendar(date, int(date["hour"])) - _EPOCH) // _SECOND
+        seconds = (_calendar(date, int(date["hour"])) - _EPOCH) // SECOND
     except ValueError:
         return None
     if offset is None or len(digits) > _MAX_DIGITS or not 0 <= seconds <= _LAST_NANOSECOND // _NANOSECONDS:
         return None
-    east = offset // _SECOND
+    east = offset // SECOND
     if east > 0 and seconds <= east:
         return None
     fraction = int(digits[:9].ljust(9, "0")) + int(digits[9:10] >= "5")
