@@ -17,9 +17,9 @@ from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, Point
-from keystore_audit.model.domains import describe, domain_bits
+from keystore_audit.model.domains import classes_of, describe
 from keystore_audit.model.expression import Matcher, parse
-from keystore_audit.model.permission import bits
+from keystore_audit.model.permission import bits, union
 from keystore_audit.model.profiles import Access, Local, Profile
 from keystore_audit.model.semantics import ReadDomainRule, ReadGrant, ReadRule, Region
 from keystore_audit.model.subject import names
@@ -255,11 +255,8 @@ class LocalRights:
         """The channels of the domains that the rule is about."""
         known = self._bits.get(rule.domains)
         if known is None:
-            known, ids = 0, domain_bits(rule.domains)
-            for number, domain in enumerate(self._channels.domains):
-                if ids >> domain.intervals[0][0] & 1:
-                    known |= self.in_domain[number]
-            self._bits[rule.domains] = known
+            classes = classes_of(rule.domains, self._channels.domains)
+            known = self._bits[rule.domains] = union(self.in_domain[number] for number in classes)
         return known
 
     def _elsewhere(self, grant: ReadGrant, profile: Profile, asked: _Asked) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from keystore_audit.keystore.governance import DomainRange
 from keystore_audit.model.profiles.access import OpenRange
+from keystore_audit.model.system import DomainAtom
 
 HIGHEST_DOMAIN = 232
 """RTPS 2.5, 9.6.2.3: with the default port numbers no UDP port is left above domain 232."""
@@ -53,6 +54,12 @@ def domain_bits(intervals: Iterable[Interval]) -> int:
     for low, high in intervals:
         found |= (2 << high) - (1 << low)
     return found
+
+
+def classes_of(cover: Iterable[Interval], domains: Iterable[DomainAtom]) -> frozenset[int]:
+    """The classes among `domains` that the cover is about, where it is one of those that made them."""
+    ids = domain_bits(cover)
+    return frozenset(number for number, each in enumerate(domains) if ids >> each.intervals[0][0] & 1)
 
 
 def elementary(covers: Iterable[Sequence[Interval]]) -> tuple[Interval, ...]:

@@ -18,7 +18,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.decision import WILDCARDS
-from keystore_audit.model.domains import Interval, contains, domain_bits
+from keystore_audit.model.domains import Interval, classes_of
 from keystore_audit.model.local_moments import NO_ENDPOINTS, Endpoints, LocalMoments
 from keystore_audit.model.permission import Meetings, members
 from keystore_audit.model.profiles import Access, Profile
@@ -62,7 +62,7 @@ class LoneEndpoints:
         self._differing: dict[tuple[Access, bool], set[int]] = {}
         self._usabilities: dict[int, Usabilities] = {}
         self._ruled: dict[tuple[str, Access], frozenset[int]] = {}
-        self._covers: dict[tuple[tuple[Interval, ...], frozenset[int]], bool] = {}
+        self._covered: dict[tuple[Interval, ...], frozenset[int]] = {}
 
     def of(self, profile: Profile) -> tuple[Alone, ...]:
         """By enclave; empty where no enclave may differ from what peers concede it."""
@@ -108,7 +108,7 @@ class LoneEndpoints:
         ruled = self._ruled_by(governance, access)
         return access.any_governance_rule or any(
             not (grant.default_allow or any(rule.allow for rule in grant.rules))
-            or any(rule.of_peers or not self._cover(rule.domains, ruled) for rule in grant.rules)
+            or any(rule.of_peers or not ruled <= self._classes(rule.domains) for rule in grant.rules)
             for grant in grants
         )
 
@@ -116,20 +116,14 @@ class LoneEndpoints:
         """The domain classes that some rule of the governance is about."""
         key = (governance.signed.file.place, access)
         if key not in self._ruled:
-            ids = 0
-            for rule in self._accesses.deciding(governance, access):
-                ids |= domain_bits(rule.domains)
-            self._ruled[key] = frozenset(
-                number for number, domain in enumerate(self._channels.domains) if ids >> domain.intervals[0][0] & 1
-            )
+            rules = self._accesses.deciding(governance, access)
+            self._ruled[key] = frozenset[int]().union(*(self._classes(rule.domains) for rule in rules))
         return self._ruled[key]
 
-    def _cover(self, domains: tuple[Interval, ...], ruled: frozenset[int]) -> bool:
-        key = (domains, ruled)
-        if key not in self._covers:
-            witnesses = (self._channels.domains[number].intervals[0][0] for number in ruled)
-            self._covers[key] = all(contains(domains, witness) for witness in witnesses)
-        return self._covers[key]
+    def _classes(self, domains: tuple[Interval, ...]) -> frozenset[int]:
+        if domains not in self._covered:
+            self._covered[domains] = classes_of(domains, self._channels.domains)
+        return self._covered[domains]
 
     def _in(self, domain: int) -> Usabilities:
         """Who starts in the domains of a class."""

@@ -9,7 +9,7 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import TopicRule
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.channels import Channels
-from keystore_audit.model.domains import Interval, domain_bits
+from keystore_audit.model.domains import Interval, classes_of
 from keystore_audit.model.profiles import Access
 from keystore_audit.model.semantics import ReadDomainRule, ReadRule, Region
 from keystore_audit.model.system import DomainRuleAtom, GrantAtom, RuleAtom, TopicRuleAtom
@@ -193,10 +193,7 @@ class RuleAtoms:
     def _classes(self, cover: tuple[Interval, ...]) -> frozenset[int]:
         known = self._covered.get(cover)
         if known is None:
-            ids = domain_bits(cover)
-            known = self._covered[cover] = frozenset(
-                n for n, domain in enumerate(self._channels.domains) if ids >> domain.intervals[0][0] & 1
-            )
+            known = self._covered[cover] = classes_of(cover, self._channels.domains)
         return known
 
 
