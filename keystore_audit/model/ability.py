@@ -5,13 +5,13 @@ What is left out makes such a claim harder to keep, never easier.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from typing import Final
 
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.channels import Channels, Named
+from keystore_audit.model.decision import illegal_names
 from keystore_audit.model.domains import contains
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.profiles import VARIANTS, JoinCheck, Profile
@@ -38,7 +38,7 @@ def unusable(
         inside = {n for n, each in enumerate(channels.domains) if contains(each.intervals, domain)}
         found.update(n for n, channel in enumerate(channels.channels) if channel.domain not in inside)
     for legal in {profile.local.topic_names for profile in profiles} - {None}:
-        found.update(_impossible(channels, legal or ""))
+        found.update(illegal_names(channels, legal or ""))
     if usabilities is not None and domain is None:
         at = system.instants[system.now]
         closed = set(_closed(system, channels, keystore.enclaves, usabilities, profiles, at))
@@ -54,14 +54,6 @@ def talks(enclave: Enclave) -> bool:
     first = enclave.certificate.first if enclave.certificate is not None else None
     key = enclave.key.key if enclave.key is not None else None
     return first is None or key is None or first.key == key
-
-
-def _impossible(channels: Channels, legal: str) -> Iterator[int]:
-    """Channels of one name that is not `legal`; of infinitely many names some may be."""
-    pattern = re.compile(legal)
-    for number, channel in enumerate(channels.channels):
-        if not channel.infinite and pattern.fullmatch(channel.topic) is None:
-            yield number
 
 
 def _closed(

@@ -77,11 +77,7 @@ class LocalRights:
         for number, channel in enumerate(channels.channels):
             self.in_domain[channel.domain] |= 1 << number
         self._all = (1 << len(channels.channels)) - 1
-        self._wildcard_names = [
-            number
-            for number, channel in enumerate(channels.channels)
-            if not channel.infinite and not WILDCARDS.isdisjoint(channel.topic)
-        ]
+        self._wildcard_names = wildcard_names(channels)
 
     def allowed(self, enclave: Enclave, profile: Profile, operation: Operation) -> int:
         """The channels on which the operation is allowed, as a bit set."""
@@ -144,18 +140,13 @@ class LocalRights:
         yield Step(self._all, _by_default(grant, operation, place))
 
     def _names(self, profile: Profile) -> Iterator[Step]:
-        """Names that no topic can have. A class of infinitely many names is not one of them for its witness alone."""
+        """Names that no topic can have."""
         legal = profile.local.topic_names
         if legal is None:
             return
         refused = self._bits.get(legal)
         if refused is None:
-            pattern = re.compile(legal)
-            refused = self._bits[legal] = bits(
-                number
-                for number, channel in enumerate(self._channels.channels)
-                if not channel.infinite and pattern.fullmatch(channel.topic) is None
-            )
+            refused = self._bits[legal] = bits(illegal_names(self._channels, legal))
         if refused:
             reason = "the implementation creates no topic of this name"
             yield Step(refused, Decision(allow=False, reason=reason, location=None), by_permissions=False)
@@ -301,6 +292,19 @@ class LocalRights:
             and _matched(area.topics, topic, matcher)
             for area in rule.region(operation)
         )
+
+
+def wildcard_names(channels: Channels) -> list[int]:
+    """The channels of one name that is an expression on Fast DDS."""
+    return [n for n, each in enumerate(channels.channels) if not (each.infinite or WILDCARDS.isdisjoint(each.topic))]
+
+
+def illegal_names(channels: Channels, legal: str) -> Iterator[int]:
+    """The channels of one name that `legal` does not match; of infinitely many names some may be."""
+    pattern = re.compile(legal)
+    for number, channel in enumerate(channels.channels):
+        if not channel.infinite and pattern.fullmatch(channel.topic) is None:
+            yield number
 
 
 _PAST: Final = {Operation.PUBLISH: "published", Operation.SUBSCRIBE: "subscribed to", Operation.RELAY: "relayed"}

@@ -17,7 +17,7 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels
-from keystore_audit.model.decision import WILDCARDS
+from keystore_audit.model.decision import wildcard_names
 from keystore_audit.model.domains import Interval, classes_of
 from keystore_audit.model.local_moments import NO_ENDPOINTS, Endpoints, LocalMoments
 from keystore_audit.model.permission import Meetings, members
@@ -56,9 +56,7 @@ class LoneEndpoints:
         self._channels = channels
         self._moments = moments
         self._meetings = Meetings(meets)
-        self._odd_names = any(
-            not channel.infinite and not WILDCARDS.isdisjoint(channel.topic) for channel in channels.channels
-        )
+        self._odd_names = bool(wildcard_names(channels))
         self._differing: dict[tuple[Access, bool], set[int]] = {}
         self._usabilities: dict[int, Usabilities] = {}
         self._ruled: dict[tuple[str, Access], frozenset[int]] = {}
