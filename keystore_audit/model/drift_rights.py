@@ -13,6 +13,7 @@ from keystore_audit.keystore.governance import GovernanceFile, Text
 from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, Named, build_channels, domain_classes
+from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.domains import HIGHEST_DOMAIN, Interval, contains
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.names import AMBIENT_TOPICS, DISCOVERY_TOPIC
@@ -27,7 +28,6 @@ MAX_RIGHTS: Final = 200
 
 _EVERYWHERE: Final = (0, HIGHEST_DOMAIN)
 _DISCOVERY: Final[Region] = (Area((DISCOVERY_TOPIC,), None),)
-_WILDCARDS: Final = frozenset("*?[\\")
 _DIRECTIONS: Final = (Operation.PUBLISH, Operation.SUBSCRIBE)
 
 
@@ -97,7 +97,7 @@ class Comparison:
         self._place = place
         self._accesses = accesses
         self._domain = domain
-        self._patterns = sorted({key[2] for key in meant.rights if not _WILDCARDS.isdisjoint(key[2])})
+        self._patterns = sorted({key[2] for key in meant.rights if has_wildcard(key[2])})
         self.undefined: list[tuple[Location, str]] = []
 
     def compare(
@@ -278,7 +278,7 @@ class _Sides:
         if key not in self._listed:
             criteria = [each for rule in grant.rules if rule.line == line for each in rule.criteria]
             texts = [text for each in criteria if each.operation is operation for text in each.topics]
-            patterns = [text for text in texts if not _WILDCARDS.isdisjoint(text.text)]
+            patterns = [text for text in texts if has_wildcard(text.text)]
             self._listed[key] = {text.text: text for text in reversed(texts)}, patterns
         return self._listed[key]
 

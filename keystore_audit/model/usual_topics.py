@@ -7,9 +7,9 @@ in `ros2/sros2`, policy/common/node.xml; ros_discovery_info is added by sros2 it
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
+from itertools import takewhile
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
@@ -19,7 +19,7 @@ from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import document_channels
-from keystore_audit.model.coverage import has_wildcard
+from keystore_audit.model.coverage import WILDCARDS, has_wildcard
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.names import (
@@ -32,7 +32,6 @@ from keystore_audit.model.names import (
 )
 from keystore_audit.model.profiles import Profile
 
-_WILDCARD: Final = re.compile(r"[*?\[\\]")
 PUBLISH, SUBSCRIBE = Operation.PUBLISH, Operation.SUBSCRIBE
 Use = tuple[Operation, str]
 
@@ -130,7 +129,7 @@ def _is_of_ros(grant: Grant) -> bool:
 
 
 def _may_begin_a_ros_name(pattern: str) -> bool:
-    head = _WILDCARD.split(pattern, maxsplit=1)[0]
+    head = "".join(takewhile(lambda character: character not in WILDCARDS, pattern))
     prefixes = (f"{prefix}/" for prefix in (TOPIC_PREFIX, REQUEST_PREFIX, REPLY_PREFIX, SERVICE_PREFIX))
     return any(prefix.startswith(head) or head.startswith(prefix) for prefix in prefixes)
 
