@@ -5,7 +5,7 @@ Evidence in, normalised facts out, one for each kind of implementation and readi
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from functools import cached_property
 
@@ -81,6 +81,7 @@ class SystemBuilder:
         self._number = {certificate.sha256: n for n, certificate in enumerate(self._certificates)}
         self._views = Views(keystore, self._documents, self._certificates, accesses, at)
         self._realm_doubts = [realm_doubt(enclave) for enclave in keystore.enclaves]
+        self._unread_places = unread_places(keystore)
         with Aside(self._identified, wanted=aside and len(keystore.enclaves) >= FEW) as identified:
             self._read = {row: self._read_all(row) for row in {accesses.row(profile.access) for profile in profiles}}
             grants = (g for read in self._read.values() for document in read for g in document.grants or ())
@@ -99,7 +100,7 @@ class SystemBuilder:
 
     def _may_be_open(self) -> bool:
         """Whether an enclave's governance, or what is in place of it, may say anything."""
-        if any(self._realm_doubts) or unread_places(self._keystore):
+        if self._opens:
             return True
         governances = {d.place for d in self._documents if isinstance(d.file, GovernanceFile)}
         kinds = {Kind(profile.trust, self._accesses.row(profile.access)) for profile in self._profiles}
@@ -155,11 +156,38 @@ class SystemBuilder:
     def build(self, kind: Kind, *, profiles: tuple[str, ...], reading: Reading) -> System:
         """The system as implementations of this kind read it."""
         may = reading is Reading.MAY
-        trust = kind.trust
         opaque = self._views.opaque(kind)
         documents = [d for d in self._documents if may or d.place not in opaque]
-        number = {document.place: n for n, document in enumerate(documents)}
         atoms = [self._document_atom(document, kind, opaque=document.place in opaque) for document in documents]
+        enclaves, realms = self._enclave_atoms(kind, documents, atoms, may=may)
+        domain_rules, topic_rules, grants, rules = self._typed_atoms(documents, kind)
+        return System(
+            profiles=profiles,
+            pins_signer=kind.trust.pins_signer,
+            skips_grants_out_of_date=kind.access.skips_grants_out_of_date,
+            requires_grant=kind.access.requires_grant,
+            joins_out_of_date=kind.access.joins_out_of_date,
+            reading=reading,
+            instants=self._instants,
+            now=self._instants.index(self._at),
+            certificates=(*self._certificate_atoms, *((self._unread,) if may and self._opens else ())),
+            documents=tuple(atoms),
+            realms=realms,
+            enclaves=enclaves,
+            domains=self.channels.domains,
+            channels=self.channels.channels,
+            domain_rules=domain_rules,
+            topic_rules=topic_rules,
+            grants=grants,
+            rules=rules,
+            meets=self._meets,
+        )
+
+    def _enclave_atoms(
+        self, kind: Kind, documents: Sequence[Document], atoms: list[DocumentAtom], *, may: bool
+    ) -> tuple[tuple[EnclaveAtom, ...], tuple[RealmAtom, ...]]:
+        """The enclaves and their realms. `atoms`: documents; those come to them that open realms rest on."""
+        number = {document.place: n for n, document in enumerate(documents)}
         realms: dict[RealmAtom, int] = {}
         trusts: dict[TrustFiles, RealmAtom] = {}
         enclaves: list[EnclaveAtom] = []
@@ -189,41 +217,23 @@ class SystemBuilder:
                     refused_reads=refused.reads,
                 )
             )
-        if may:
-            for place in unread_places(self._keystore):
-                realm = self._open_realm(atoms, place)
-                enclaves.append(
-                    EnclaveAtom(
-                        label=f"whatever is behind {place}",
-                        location=Location(path=place),
-                        realm=realms.setdefault(realm, len(realms)),
-                        identity=None,
-                        permissions=None,
-                        opaque=True,
-                    )
-                )
-        domain_rules, topic_rules, grants, rules = self._typed_atoms(documents, kind)
-        return System(
-            profiles=profiles,
-            pins_signer=trust.pins_signer,
-            skips_grants_out_of_date=kind.access.skips_grants_out_of_date,
-            requires_grant=kind.access.requires_grant,
-            joins_out_of_date=kind.access.joins_out_of_date,
-            reading=reading,
-            instants=self._instants,
-            now=self._instants.index(self._at),
-            certificates=(*self._certificate_atoms, *((self._unread,) if self._has_unread(realms) else ())),
-            documents=tuple(atoms),
-            realms=tuple(realms),
-            enclaves=tuple(enclaves),
-            domains=self.channels.domains,
-            channels=self.channels.channels,
-            domain_rules=domain_rules,
-            topic_rules=topic_rules,
-            grants=grants,
-            rules=rules,
-            meets=self._meets,
+        enclaves.extend(
+            EnclaveAtom(
+                label=f"whatever is behind {place}",
+                location=Location(path=place),
+                realm=realms.setdefault(self._open_realm(atoms, place), len(realms)),
+                identity=None,
+                permissions=None,
+                opaque=True,
+            )
+            for place in (self._unread_places if may else ())
         )
+        return tuple(enclaves), tuple(realms)
+
+    @property
+    def _opens(self) -> bool:
+        """Whether there are open realms."""
+        return bool(self._unread_places) or any(self._realm_doubts)
 
     def _open_realm(self, atoms: list[DocumentAtom], place: str) -> RealmAtom:
         """(MAY) The realm of an enclave whose trust could not be read.
@@ -235,9 +245,6 @@ class SystemBuilder:
         )
         unread = frozenset({len(self._certificate_atoms)})
         return RealmAtom(identity_ca=unread, permissions_ca=unread, governance=len(atoms) - 1, revoked=frozenset())
-
-    def _has_unread(self, realms: Iterable[RealmAtom]) -> bool:
-        return any(len(self._certificate_atoms) in realm.permissions_ca for realm in realms)
 
     @cached_property
     def _unread(self) -> CertificateAtom:
