@@ -262,6 +262,7 @@ class _Resolution:
         self._labels = [enclave.label for enclave in system.enclaves]
         self._keystore = keystore
         self._usability = usability
+        self._digests: dict[int, str] = {}
 
     @cached_property
     def _elsewhere(self) -> frozenset[int]:
@@ -312,13 +313,17 @@ class _Resolution:
         return replace(self._system, claims=tuple(self._named(self._atom(claim)) for claim in claims))
 
     def _named(self, claim: ClaimAtom) -> ClaimAtom:
-        """With what its channels stand for, where that is more than one name: a digest, since it may be much."""
-        found = []
-        for channel in sorted(claim.source.channels | claim.target.channels):
+        """With what its channels stand for, where that is more than one name."""
+        channels = claim.source.channels | claim.target.channels if claim.kind is not ClaimKind.ABLE else ()
+        return replace(claim, names=tuple((each, self._names(each)) for each in sorted(channels) if self._names(each)))
+
+    def _names(self, channel: int) -> str:
+        """Several names as a digest, since they may be many; nothing for one."""
+        if channel not in self._digests:
             topics = sorted({f"{cell.topic} {cell.infinite}" for cell in self._channels.cells(channel)})
-            if len(topics) > 1:
-                found.append((channel, sha256("\0".join(topics).encode("utf-8", "surrogatepass")).hexdigest()))
-        return replace(claim, names=tuple(found)) if found and claim.kind is not ClaimKind.ABLE else claim
+            digest = sha256("\0".join(topics).encode("utf-8", "surrogatepass")).hexdigest()
+            self._digests[channel] = digest if len(topics) > 1 else ""
+        return self._digests[channel]
 
     def _atom(self, claim: Claim) -> ClaimAtom:
         able = claim.kind is ClaimKind.ABLE
