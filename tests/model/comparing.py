@@ -131,7 +131,7 @@ class Member:
 
 @dataclass(frozen=True, kw_only=True)
 class Store:
-    """A keystore of two authorities."""
+    """A keystore of two authorities. `strays`: documents; `files`: whatever lies there, or in place of what is said."""
 
     members: Mapping[str, Member]
     governance: str = field(default_factory=governance)
@@ -141,6 +141,7 @@ class Store:
     crl_end: datetime = END
     governance_signer: Signed | None = None
     strays: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, bytes] = field(default_factory=dict)
 
     def member(self, path: str, **changed: object) -> Store:
         """The same with another member of this path."""
@@ -157,6 +158,9 @@ class Store:
                 (directory / name).write_bytes(content)
         for name, document in self.strays.items():
             (root / name).write_bytes(_signed(document, self.permissions[0]))
+        for name, content in self.files.items():
+            (root / name).parent.mkdir(exist_ok=True)
+            (root / name).write_bytes(content)
         return root
 
     def _files(self, path: str, member: Member) -> dict[str, bytes]:
@@ -193,16 +197,11 @@ def compared(
     domain: int | None = None,
 ) -> Comparison:
     """What the program finds, both ways round: one has to be the mirror of the other."""
-    there, back = _written(old, root / "old"), _written(new, root / "new")
     chosen: tuple[Profile, ...] = tuple(resolve(profiles))
-    one, other = read_keystore(there), read_keystore(back)
+    one, other = read_keystore(old.write(root / "old")), read_keystore(new.write(root / "new"))
     found = compare(one, other, chosen, AT, domain=domain)
     assert mirrored(found) == shapes(compare(other, one, chosen, AT, domain=domain))
     return found
-
-
-def _written(store: Store, root: Path) -> Path:
-    return store.write(root)
 
 
 Shape = tuple[object, ...]

@@ -10,23 +10,21 @@ from pathlib import Path
 import pytest
 
 from keystore_audit.keystore import stray_identity
-from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.comparison import Comparison, FailOn
-from keystore_audit.model.comparison_run import compare
 from keystore_audit.model.profiles import resolve
 from tests.keystore.builder import Signed, certificate
 from tests.model.comparing import (
     AT,
+    Store,
     authority,
+    compared,
     criterion,
     domain_rule,
     governance,
     grant,
     key,
-    mirrored,
     permissions,
     rule,
-    shapes,
 )
 from tests.model.single_changes import BASE
 
@@ -46,18 +44,9 @@ EXPIRED = {"backup/cert.pem": identity(end=AT - timedelta(days=1)).pem}
 Files = Mapping[str, bytes]
 
 
-def changed(tmp_path: Path, old: Files, new: Files, store: object = GRANTED) -> Comparison:
-    """What differs with these files in each; back it is the mirror."""
-    keystores = []
-    for name, files in (("old", old), ("new", new)):
-        root = store.write(tmp_path / name)  # type: ignore[attr-defined]
-        for path, content in files.items():
-            (root / path).parent.mkdir(exist_ok=True)
-            (root / path).write_bytes(content)
-        keystores.append(read_keystore(root))
-    found, back = (compare(one, other, resolve(()), AT) for one, other in (keystores, keystores[::-1]))
-    assert shapes(back) == mirrored(found)
-    return found
+def changed(tmp_path: Path, old: Files, new: Files, store: Store = GRANTED) -> Comparison:
+    """What differs with these files in each."""
+    return compared(replace(store, files=old), replace(store, files=new), tmp_path)
 
 
 @pytest.mark.parametrize(

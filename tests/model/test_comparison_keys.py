@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,7 @@ from keystore_audit.keystore.traces import MAX_SEARCHED
 from keystore_audit.model.comparison import Comparison, Direction, FailOn
 from keystore_audit.model.comparison_run import compare
 from keystore_audit.model.profiles import resolve
-from tests.model.comparing import AT, authority, compared, key, mirrored, shapes
+from tests.model.comparing import AT, authority, compared, key
 from tests.model.single_changes import BASE, EVERYBODY
 
 IDENTITY, PERMISSIONS = authority("identityCA"), authority("permissionsCA")
@@ -42,56 +43,32 @@ def test_shared_as_before_is_no_change(tmp_path: Path) -> None:
     assert not told(compared(shared, BASE.member("/talker", key="/listener", serial=104), tmp_path), "identity-shared")
 
 
-Leave = Callable[[Path], None]
+Files = Mapping[str, bytes]
 
 
-def left(name: str, content: bytes) -> Leave:
-    def leave(root: Path) -> None:
-        (root / name).parent.mkdir(exist_ok=True)
-        (root / name).write_bytes(content)
-
-    return leave
+def changed(old: Files, new: Files, tmp_path: Path) -> Comparison:
+    """What differs with these files in each."""
+    return compared(replace(BASE, files=old), replace(BASE, files=new), tmp_path)
 
 
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ([], [left("docs/read.me", PERMISSIONS.key_pem)], ("private-key", "gained")),
-        ([left("docs/read.me", PERMISSIONS.key_pem)], [left("read.me", PERMISSIONS.key_pem)], None),
+        ({}, {"docs/read.me": PERMISSIONS.key_pem}, ("private-key", "gained")),
+        ({"docs/read.me": PERMISSIONS.key_pem}, {"read.me": PERMISSIONS.key_pem}, None),
+        ({"docs/read.me": PERMISSIONS.key_pem}, {"docs/read.me": IDENTITY.key_pem}, ("private-key", "mixed")),
         (
-            [left("docs/read.me", PERMISSIONS.key_pem)],
-            [left("docs/read.me", IDENTITY.key_pem)],
-            ("private-key", "mixed"),
-        ),
-        (
-            [left("private/identity_ca.key.pem", IDENTITY.key_pem)],
-            [
-                left("private/identity_ca.key.pem", IDENTITY.key_pem),
-                left("private/permissions_ca.key.pem", PERMISSIONS.key_pem),
-            ],
+            {"private/identity_ca.key.pem": IDENTITY.key_pem},
+            {"private/identity_ca.key.pem": IDENTITY.key_pem, "private/permissions_ca.key.pem": PERMISSIONS.key_pem},
             ("authority-key", "gained"),
         ),
     ],
 )
-def test_private_keys_that_lie_about(
-    old: list[Leave], new: list[Leave], expected: tuple[str, str] | None, tmp_path: Path
-) -> None:
-    keystores = []
-    for name, leaves in (("old", old), ("new", new)):
-        root = BASE.write(tmp_path / name)
-        for leave in leaves:
-            leave(root)
-        keystores.append(read_keystore(root))
-    profiles = resolve(())
-    one, other = keystores
-    there, back = compare(one, other, profiles, AT), compare(other, one, profiles, AT)
-    found = [(each.kind, each.direction.value) for each in there.changes if each.direction is not Direction.INFO]
-    assert found == ([expected] if expected else [])
-    assert bool(there.failing(FailOn.GAINED)) is (expected is not None)
-    turned = {"gained": "lost", "mixed": "mixed"}
-    assert [(change.kind, change.direction.value) for change in back.changes] == [
-        (kind, turned[direction]) for kind, direction in found
-    ]
+def test_private_keys_that_lie_about(old: Files, new: Files, expected: tuple[str, str] | None, tmp_path: Path) -> None:
+    found = changed(old, new, tmp_path)
+    changes = [(each.kind, each.direction.value) for each in found.changes if each.direction is not Direction.INFO]
+    assert changes == ([expected] if expected else [])
+    assert bool(found.failing(FailOn.GAINED)) is (expected is not None)
 
 
 LARGE = b"\n" * 5_000_000
@@ -108,23 +85,16 @@ LARGE = b"\n" * 5_000_000
     ],
 )
 def test_private_keys_in_large_files(old: bytes, new: bytes, expected: str | None, name: str, tmp_path: Path) -> None:
-    keystores = []
-    for side, content in (("old", old), ("new", new)):
-        root = BASE.write(tmp_path / side)
-        left(name, content + LARGE)(root)
-        keystores.append(read_keystore(root))
-    found = compare(*keystores, resolve(()), AT)
-    assert [(each.kind, each.direction.value) for each in found.changes] == (
-        [("private-key", expected)] if expected else []
-    )
+    found = changed({name: old + LARGE}, {name: new + LARGE}, tmp_path)
+    assert told(found, "private-key") == ([("private-key", expected, ())] if expected else [])
+    assert len(found.changes) == (expected is not None)
     assert not found.unknown
 
 
 def test_a_private_key_that_nobody_hashed_is_unknown(tmp_path: Path) -> None:
     keystores = []
     for side, content in (("old", IDENTITY.key_pem), ("new", PERMISSIONS.key_pem)):
-        root = BASE.write(tmp_path / side)
-        left("map.bin", b"a map\n\n" + content)(root)
+        root = replace(BASE, files={"map.bin": b"a map\n\n" + content}).write(tmp_path / side)
         with (root / "map.bin").open("r+b") as sparse:
             sparse.truncate(MAX_SEARCHED + 1)
         keystores.append(read_keystore(root))
@@ -157,13 +127,8 @@ SEALED = key("sealed").private_bytes(Encoding.PEM, PrivateFormat.PKCS8, BestAvai
 def test_other_private_keys_in_an_enclaves_key_file(
     old: tuple[bytes, ...], new: tuple[bytes, ...], expected: str | None, whose: str, tmp_path: Path
 ) -> None:
-    keystores = []
-    for name, keys in (("old", old), ("new", new)):
-        root = BASE.write(tmp_path / name)
-        (root / PATHS["/talker"]).write_bytes(OWN["/talker"] + b"".join(keys))
-        keystores.append(read_keystore(root))
-    found, back = (compare(one, other, resolve(()), AT) for one, other in (keystores, keystores[::-1]))
-    assert shapes(back) == mirrored(found)
+    one, other = ({PATHS["/talker"]: OWN["/talker"] + b"".join(keys)} for keys in (old, new))
+    found = changed(one, other, tmp_path)
     if expected is None:
         assert not found.changes
         return
@@ -177,10 +142,8 @@ def test_other_private_keys_in_an_enclaves_key_file(
 
 
 def test_an_enclave_that_comes_with_anothers_key(tmp_path: Path) -> None:
-    root = BASE.write(tmp_path / "new")
-    (root / PATHS["/talker"]).write_bytes(OWN["/talker"] + PERMISSIONS.key_pem)
-    one, other = read_keystore(BASE.without("/talker").write(tmp_path / "old")), read_keystore(root)
-    found = compare(one, other, resolve(()), AT)
+    new = replace(BASE, files={PATHS["/talker"]: OWN["/talker"] + PERMISSIONS.key_pem})
+    found = compared(BASE.without("/talker"), new, tmp_path)
     assert told(found, "private-key", "enclave-added") == [
         ("enclave-added", "gained", ("/talker",)),
         ("private-key", "gained", ("/talker",)),
