@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from keystore_audit.findings import Location
+from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.model.comparison import Aspect, Direction
 from keystore_audit.model.comparison_dates import Dates, other_dates
 
@@ -28,6 +29,11 @@ class Fact(NamedTuple):
 
 Placed = tuple[Fact, Location | None, Location | None]
 """With where it is written in the old and in the new keystore."""
+
+
+def place_of(certificate: Certificate | None) -> Location | None:
+    """Where it is written."""
+    return None if certificate is None else Location(path=certificate.path, line=certificate.line)
 
 
 def dated(kind: str, what: str, old: Dates, new: Dates) -> Iterator[Fact]:

@@ -9,7 +9,7 @@ from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.comparison import Aspect, Direction, Layer, direction_of
 from keystore_audit.model.comparison_drafts import Draft, in_order
-from keystore_audit.model.comparison_facts import Fact, Placed
+from keystore_audit.model.comparison_facts import Fact, Placed, place_of
 from keystore_audit.model.comparison_sides import Sides
 from keystore_audit.model.inventory import certified_again
 from keystore_audit.model.stray_identity import admitted
@@ -44,16 +44,14 @@ def identities_at_large(sides: Sides) -> Iterator[Draft]:
                 )
 
 
-def _admitted(keystore: Keystore, sides: Sides) -> Mapping[_Identity, Mapping[str, Location]]:
+def _admitted(keystore: Keystore, sides: Sides) -> Mapping[_Identity, Mapping[str, Location | None]]:
     """By identity and profile the place of the certificate."""
-    found: dict[_Identity, dict[str, Location]] = {}
+    found: dict[_Identity, dict[str, Location | None]] = {}
     if keystore.identities.found:  # nearly never
         for profile in sides.profiles:
             for each in admitted(keystore, (profile,), sides.at):
-                certificate = each.certificate
-                place = Location(path=certificate.path, line=certificate.line)
-                identity = certificate.subject, certificate.key
-                found.setdefault(identity, {}).setdefault(profile.name, place)
+                identity = each.certificate.subject, each.certificate.key
+                found.setdefault(identity, {}).setdefault(profile.name, place_of(each.certificate))
     return found
 
 
@@ -72,20 +70,17 @@ def identities_certified_again(sides: Sides) -> Iterator[tuple[str, Placed]]:
         what = f"its identity key {verb.get(direction, 'has other further certificates')}"
         # Whom grants name by these subjects, each implementation says in its own way.
         fact = Fact("identity-certified-again", direction, what, (aspect,), whole=True)
-        yield path, (fact, _first_place(one, gone or one.keys()), _first_place(other, come or other.keys()))
+        places = [found[min(names or found)] if found else None for found, names in ((one, gone), (other, come))]
+        yield path, (fact, places[0], places[1])
 
 
 _Name = tuple[str, str, str]
 """Key, subject and issuer."""
 
 
-def _by_name(certificates: Iterable[Certificate]) -> Mapping[_Name, Certificate]:
-    found: dict[_Name, Certificate] = {}
+def _by_name(certificates: Iterable[Certificate]) -> Mapping[_Name, Location | None]:
+    """By name the place of the first certificate."""
+    found: dict[_Name, Location | None] = {}
     for certificate in certificates:
-        found.setdefault((certificate.key, certificate.subject, certificate.issuer), certificate)
+        found.setdefault((certificate.key, certificate.subject, certificate.issuer), place_of(certificate))
     return found
-
-
-def _first_place(certificates: Mapping[_Name, Certificate], names: Iterable[_Name]) -> Location | None:
-    certificate = next((certificates[name] for name in sorted(names)), None)
-    return None if certificate is None else Location(path=certificate.path, line=certificate.line)

@@ -15,7 +15,7 @@ from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.comparison import Aspect, Direction, Layer, direction_of
 from keystore_audit.model.comparison_dates import Dates, spanned
 from keystore_audit.model.comparison_drafts import Draft
-from keystore_audit.model.comparison_facts import Fact, Placed, dated
+from keystore_audit.model.comparison_facts import Fact, Placed, dated, place_of
 from keystore_audit.model.comparison_form import certificate_form, document_form
 from keystore_audit.model.comparison_identities import identities_at_large, identities_certified_again
 from keystore_audit.model.comparison_keys import foreign_keys
@@ -142,7 +142,7 @@ def _shared_keys(sides: Sides) -> Iterator[tuple[str, Placed]]:
             aspect = Aspect(what="shared with", old=told[0], new=told[1], direction=direction)
             word = "another enclave" if direction is not Direction.LOST else "another enclave no longer"
             fact = Fact("identity-shared", direction, f"its identity has the key of {word}", (aspect,))
-            yield path, (fact, _place(firsts[0]), _place(firsts[1]))
+            yield path, (fact, place_of(firsts[0]), place_of(firsts[1]))
 
 
 def _of_enclaves(sides: Sides) -> Iterator[Draft]:
@@ -185,16 +185,12 @@ def _first(file: CertificateFile | None) -> Certificate | None:
     return file.first if file is not None else None
 
 
-def _place(certificate: Certificate | None) -> Location | None:
-    return None if certificate is None else Location(path=certificate.path, line=certificate.line)
-
-
 def _identity(old: Enclave, new: Enclave, *, reissued: bool) -> Iterator[Placed]:
     """The identity certificate. `reissued`: its CA is another, so that it had to be."""
     one, other = _first(old.certificate), _first(new.certificate)
     if one is None or other is None or one.sha256 == other.sha256:
         return
-    places = _place(one), _place(other)
+    places = place_of(one), place_of(other)
     facts = list(_identity_facts(one, other))
     if not reissued:
         facts += _issuer_facts(old, new)
@@ -250,7 +246,7 @@ def _authorities(old: Enclave, new: Enclave) -> Iterator[Placed]:
         before, after = files[roles[0]]
         if before is not None and after is not None:
             for fact in _authority_facts(" and ".join(roles), roles, before, after):
-                yield fact, _place(before.first), _place(after.first)
+                yield fact, place_of(before.first), place_of(after.first)
 
 
 def _authority_facts(words: str, roles: list[str], before: CertificateFile, after: CertificateFile) -> Iterator[Fact]:
