@@ -122,6 +122,16 @@ class Builder:
         )
         return len(self.realms) - 1
 
+    def unread(self, realm: int) -> None:
+        """The CA files of the realm could not be read, and so neither what they say of documents."""
+        number = self.certificate((), fit_to_sign=False)
+        self.certificates[number] = replace(self.certificates[number], opaque=True)
+        unread = frozenset({number})
+        governance = self.document((), intact=False, opaque=True)
+        self.realms[realm] = RealmAtom(
+            identity_ca=unread, permissions_ca=unread, governance=governance, revoked=frozenset()
+        )
+
     def enclave(
         self,
         realm: int,
@@ -400,20 +410,8 @@ class _Chance:
 
     def unread(self) -> None:
         """A realm whose CA files could not be read: drawn last as well."""
-        b = self.b
-        if not self.opaque or self.random.random() < 0.5:
-            return
-        unread = b.certificate((), fit_to_sign=False)
-        b.certificates[unread] = replace(b.certificates[unread], opaque=True)
-        number = self.random.randrange(len(b.realms))
-        governance = b.document((), intact=False, opaque=True)
-        b.realms[number] = replace(
-            b.realms[number],
-            identity_ca=frozenset({unread}),
-            permissions_ca=frozenset({unread}),
-            governance=governance,
-            revoked=frozenset(),
-        )
+        if self.opaque and self.random.random() >= 0.5:
+            self.b.unread(self.random.randrange(len(self.b.realms)))
 
     def dates(self) -> tuple[int, int]:
         if not self.odd(0.3):
@@ -575,23 +573,22 @@ def with_claims(system: System, seed: int, count: int = 4) -> System:
     return replace(system, claims=claims, enclaves=enclaves, joins_out_of_date=seed % 10 == 4)
 
 
+def _some(system: System, chance: random.Random, share: float) -> frozenset[int]:
+    return frozenset(channel for channel in range(len(system.channels)) if chance.random() < share)
+
+
 def _alone(system: System, seed: int) -> tuple[EnclaveAtom, ...]:
     chance = random.Random(f"readers {seed}")
-
-    def some() -> frozenset[int]:
-        return frozenset(c for c in range(len(system.channels)) if chance.random() < 0.2)
-
-    read = [replace(each, reads_alone=some()) for each in system.enclaves]
-    return tuple(replace(each, writes_alone=some()) for each in read)
+    read = [replace(each, reads_alone=_some(system, chance, 0.2)) for each in system.enclaves]
+    return tuple(replace(each, writes_alone=_some(system, chance, 0.2)) for each in read)
 
 
 def _refused(enclaves: Sequence[EnclaveAtom], system: System, seed: int) -> tuple[EnclaveAtom, ...]:
     chance = random.Random(f"refused {seed}")
-
-    def some() -> frozenset[int]:
-        return frozenset(channel for channel in range(len(system.channels)) if chance.random() < 0.3)
-
-    return tuple(replace(each, refused_writes=some(), refused_reads=some()) for each in enclaves)
+    return tuple(
+        replace(each, refused_writes=_some(system, chance, 0.3), refused_reads=_some(system, chance, 0.3))
+        for each in enclaves
+    )
 
 
 def _random_claim(system: System, chance: random.Random, number: int) -> ClaimAtom:

@@ -14,7 +14,6 @@ from keystore_audit.model.system import Reading, System
 from keystore_audit.properties import BY_ID, PROPERTIES
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Role
-from tests.engine.alloy.mutations import unread_authorities
 from tests.engine.systems import (
     CHATTER,
     GOVERNANCE,
@@ -105,7 +104,7 @@ def test_what_could_not_be_read_is_said_to_be_so() -> None:
 
 def test_authorities_that_could_not_be_read_are_said_to_be_so() -> None:
     b = healthy_builder()
-    unread_authorities(b)
+    b.unread(0)
     for identifier, atoms in {
         "identities-chain-to-the-identity-ca": {"enclave": TALKER},
         "documents-signed-by-the-permissions-ca": {"enclave": TALKER, "document": TALKER_PERMISSIONS},

@@ -239,15 +239,7 @@ def questions() -> list[Question]:
         # endpoints that an enclave's own implementation refuses it
         (denied(refused_reads={CHATTER}), claim(at(TALKER), at(THIRD), honest, kind=ClaimKind.ABLE), True),
         (denied(refused_writes={CHATTER}), claim(at(TALKER), at(THIRD), honest, kind=ClaimKind.ABLE), False),
-        (
-            denied(refused_writes=frozenset({OTHER_TOPIC})),
-            claim(at(TALKER), at(THIRD), honest, kind=ClaimKind.ABLE),
-            True,
-        ),
-        (
-            denied(refused_reads=frozenset({OTHER_TOPIC})),
-            claim(at(TALKER), at(THIRD), honest, kind=ClaimKind.ABLE),
-            False,
-        ),
+        (denied(refused_writes={OTHER_TOPIC}), claim(at(TALKER), at(THIRD), honest, kind=ClaimKind.ABLE), True),
+        (denied(refused_reads={OTHER_TOPIC}), claim(at(TALKER), at(THIRD), honest, kind=ClaimKind.ABLE), False),
         (denied(refused_reads={CHATTER}), claim(at(TALKER), at(THIRD), honest), True),
     ]

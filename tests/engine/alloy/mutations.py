@@ -55,15 +55,6 @@ def may(b: Builder) -> None:
     b.reading = Reading.MAY
 
 
-def unread_authorities(b: Builder) -> None:
-    """The CA files could not be read, and so neither what they say of documents."""
-    unread = b.certificate((), fit_to_sign=False)
-    b.certificates[unread] = replace(b.certificates[unread], opaque=True)
-    governance = b.document((), intact=False, opaque=True)
-    of_it = frozenset({unread})
-    b.realms[0] = replace(b.realms[0], identity_ca=of_it, permissions_ca=of_it, governance=governance)
-
-
 def stray_reader(b: Builder) -> None:
     """An enclave with an identity and no grant at all."""
     identity = b.certificate([IDENTITY_CA])
@@ -364,7 +355,7 @@ MUTATIONS: dict[str, tuple[Change, set[str]]] = {
         | INSIDERS,
     ),
     "opaque authorities": (
-        both(may, unread_authorities),
+        both(may, lambda b: b.unread(0)),
         {prop.id for prop in PROPERTIES}
         - {"no-identity-serves-two-enclaves", "no-subject-serves-two-enclaves", BRIDGES},
     ),
