@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,12 +13,9 @@ from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.hazmat.primitives.serialization.pkcs7 import PKCS7Options, PKCS7SignatureBuilder
 
-from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.comparison import Comparison, FailOn
-from keystore_audit.model.comparison_run import compare
-from keystore_audit.model.profiles import resolve
 from tests.keystore.builder import certificate, signed_document
-from tests.model.comparing import AT, authority, domain_rule, governance, key, mirrored, shapes
+from tests.model.comparing import authority, compared, domain_rule, governance, key
 from tests.model.single_changes import BASE, TALKER, talker
 
 SIGNER = authority("permissionsCA")
@@ -68,16 +66,12 @@ DATES = ("-not_before", "20240101000000Z", "-not_after", "20340101000000Z")
 
 
 def told(file: str, old: Write, new: Write, root: Path) -> Comparison:
-    keystores = []
+    stores = []
     for name, write in (("old", old), ("new", new)):
         scratch = root / f"{name}.made"
         scratch.mkdir()
-        BASE.write(root / name)
-        (root / name / "enclaves/talker" / file).write_bytes(write(scratch))
-        keystores.append(read_keystore(root / name))
-    found, back = (compare(one, other, resolve(()), AT) for one, other in (keystores, keystores[::-1]))
-    assert shapes(back) == mirrored(found)
-    return found
+        stores.append(replace(BASE, files={f"enclaves/talker/{file}": write(scratch)}))
+    return compared(*stores, root)
 
 
 @pytest.mark.parametrize(
@@ -147,12 +141,10 @@ def test_a_key_of_another_kind_is_told_with_it(tmp_path: Path) -> None:
 def test_governance_that_no_enclave_carries(tmp_path: Path) -> None:
     """Signed by the authority of the enclaves, it may take the place of theirs (KA661); by another, it may not."""
     open_domain = governance(domain_rule(rtps_protection_kind="NONE")).encode()
-    keystores = []
-    for name, signer in (("old", authority("nobody")), ("new", SIGNER)):
-        root = BASE.write(tmp_path / name)
-        (root / "old.p7s").write_bytes(signed_document(open_domain, signer))
-        keystores.append(read_keystore(root))
-    found, back = (compare(one, other, resolve(()), AT) for one, other in (keystores, keystores[::-1]))
-    assert shapes(back) == mirrored(found)
+    theirs, strangers = (
+        replace(BASE, files={"old.p7s": signed_document(open_domain, signer)})
+        for signer in (SIGNER, authority("nobody"))
+    )
+    found = compared(strangers, theirs, tmp_path / "two")
     assert [(each.kind, each.direction.value) for each in found.changes] == [("governance-at-large", "changed")]
-    assert not compare(keystores[1], keystores[1], resolve(()), AT).changes
+    assert not compared(theirs, theirs, tmp_path / "one").changes
