@@ -7,15 +7,16 @@ from pathlib import Path
 
 import pytest
 
-from keystore_audit.keystore.keystore import read_keystore
+from keystore_audit.keystore.keystore import Enclave, read_keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.channels import Channels
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.permission import Permissions, bits, members
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.model.system import Reading
+from keystore_audit.model.system import Reading, System
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.usability import Usabilities
 from tests.oracles.vendors import random_keystores, recipe
@@ -70,20 +71,25 @@ def test_endpoints_that_peers_refuse_are_met_where_their_partitions_are_patterns
     assert (("rt/a", "secret") in reads, ("rt/b", "secret") in writes) == (met, met)
 
 
+def random_case(seed: int, root: Path) -> tuple[Enclave, AccessViews, Channels, dict[str, System]]:
+    """An enclave whose rules compete, and by profile what may be read of its keystore."""
+    random_keystores.keystore(seed).build(root / str(seed))
+    keystore = read_keystore(root / str(seed))
+    accesses = AccessViews(documents_of(keystore), recipe.NOW, None)
+    builder = SystemBuilder(keystore, EVERY, recipe.NOW, accesses)
+    [enclave] = keystore.enclaves
+    systems = {name: s for s in builder.systems() if s.reading is Reading.MAY for name in s.profiles}
+    return enclave, accesses, builder.channels, systems
+
+
 @pytest.mark.parametrize("start", range(0, 240, 40))
 def test_nothing_that_is_read_or_written_is_missing(start: int, tmp_path: Path) -> None:
     """Of random documents whose rules compete: by the decision about each channel, and whether it starts there."""
     lone: Counter[Operation] = Counter()
     for seed in range(start, start + 40):
-        root = tmp_path / str(seed)
-        random_keystores.keystore(seed).build(root)
-        keystore = read_keystore(root)
-        accesses = AccessViews(documents_of(keystore), recipe.NOW, None)
-        builder = SystemBuilder(keystore, EVERY, recipe.NOW, accesses)
-        rights = LocalRights(accesses, builder.channels, recipe.NOW)
-        starts = [Usabilities(each.intervals[0][0], accesses) for each in builder.channels.domains]
-        [enclave] = keystore.enclaves
-        systems = {name: s for s in builder.systems() if s.reading is Reading.MAY for name in s.profiles}
+        enclave, accesses, channels, systems = random_case(seed, tmp_path)
+        rights = LocalRights(accesses, channels, recipe.NOW)
+        starts = [Usabilities(each.intervals[0][0], accesses) for each in channels.domains]
         for profile in EVERY:
             system = systems[profile.name]
             atom, conceded = system.enclaves[0], RealmView(system, 0, Permissions(system)).abilities(0)

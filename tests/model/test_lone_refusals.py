@@ -7,17 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.decision import LocalRights
-from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.own_rights import OwnRights
 from keystore_audit.model.permission import Permissions, bits
-from keystore_audit.model.profiles import VARIANTS, Profile
-from keystore_audit.model.system import Reading
-from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.model.profiles import Profile
 from tests.model.comparing import (
     Store,
     criterion,
@@ -29,9 +24,9 @@ from tests.model.comparing import (
     topic_rule,
 )
 from tests.model.test_ability import AFTER, BEFORE, LISTENER, TALKER, holds
-from tests.oracles.vendors import random_keystores, recipe
+from tests.model.test_lone_endpoints import EVERY, random_case
+from tests.oracles.vendors import recipe
 
-EVERY = tuple(VARIANTS.values())
 FAST, CYCLONE = ("fastdds-2.14",), ("cyclonedds-11",)
 STOCK = Store(members={"/e": TALKER, "/f": LISTENER}, governance=governance())
 
@@ -101,14 +96,8 @@ def test_nothing_that_is_refused_is_missing(start: int, tmp_path: Path) -> None:
     """Of random documents whose rules compete: by the decision about each channel."""
     refused = 0
     for seed in range(start, start + 40):
-        root = tmp_path / str(seed)
-        random_keystores.keystore(seed).build(root)
-        keystore = read_keystore(root)
-        accesses = AccessViews(documents_of(keystore), recipe.NOW, None)
-        builder = SystemBuilder(keystore, EVERY, recipe.NOW, accesses)
-        rights = LocalRights(accesses, builder.channels, recipe.NOW)
-        [enclave] = keystore.enclaves
-        systems = {name: s for s in builder.systems() if s.reading is Reading.MAY for name in s.profiles}
+        enclave, accesses, channels, systems = random_case(seed, tmp_path)
+        rights = LocalRights(accesses, channels, recipe.NOW)
         for profile in (each for each in EVERY if each.name != "opendds"):
             system = systems[profile.name]
             if system.has_doubt:
