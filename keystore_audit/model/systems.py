@@ -100,11 +100,9 @@ class SystemBuilder:
 
     def _may_be_open(self) -> bool:
         """Whether an enclave's governance, or what is in place of it, may say anything."""
-        if self._opens:
-            return True
-        governances = {d.place for d in self._documents if isinstance(d.file, GovernanceFile)}
+        governances = [d for d in self._documents if isinstance(d.file, GovernanceFile)]
         kinds = {Kind(profile.trust, self._accesses.row(profile.access)) for profile in self._profiles}
-        return any(governances & self._views.opaque(kind) for kind in kinds)
+        return self._opens or any(self._views.is_opaque(each, kind) for kind in kinds for each in governances)
 
     def _read_all(self, access: Access) -> list[ReadDocument]:
         """The documents as they are read, in order."""

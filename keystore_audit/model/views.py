@@ -121,9 +121,10 @@ class Views:
 
     def opaque(self, kind: Kind) -> frozenset[str]:
         """The places of documents that some enclave may accept although we do not know what they say."""
-        return frozenset(document.place for document in self._documents if self._is_opaque(document, kind))
+        return frozenset(document.place for document in self._documents if self.is_opaque(document, kind))
 
-    def _is_opaque(self, document: Document, kind: Kind) -> bool:
+    def is_opaque(self, document: Document, kind: Kind) -> bool:
+        """Whether this is one of them."""
         if document.file is None:
             return True
         judged = envelope(document.file.signed)
