@@ -53,6 +53,11 @@ class EnclaveFiles:
     pkcs11: Mapping[Role, File]
     unsigned: Mapping[Role, File]
 
+    @property
+    def every(self) -> tuple[File, ...]:
+        """All of them."""
+        return (*self.files.values(), *self.pkcs11.values(), *self.unsigned.values())
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:

@@ -17,6 +17,7 @@ from keystore_audit.dataclass import fields
 from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import CertificateFile
 from keystore_audit.keystore.crl import CrlFile, RevocationList
+from keystore_audit.keystore.files import File
 from keystore_audit.keystore.governance import DomainRule, GovernanceFile, TopicRule
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Grant, PermissionsFile, Rule
@@ -70,46 +71,41 @@ class Contents:
 
     def _at(self, place: Location) -> str:
         if self._files is None:
-            self._files = {**self._unread(), **dict(self._read())}
-        there = self._files.get(place.path)
-        return there(place.line) if there is not None else ""
+            self._files = self._unread()
+            for file, there in self._read():  # under its name in the enclave and the one that a link leads to
+                self._files[file.path] = self._files[file.place] = there
+        known = self._files.get(place.path)
+        return known(place.line) if known is not None else ""
 
     def _unread(self) -> dict[str, _At]:
         """Every file, by its bytes, and of those that could not be read why."""
-        found: dict[str, _At] = {}
-        for path, sha256 in self._keystore.contents:
-            found[path] = _always(sha256)
+        found = {path: _always(sha256) for path, sha256 in self._keystore.contents}
         for enclave in self._keystore.enclaves:
-            for file in (
-                *enclave.files.files.values(),
-                *enclave.files.pkcs11.values(),
-                *enclave.files.unsigned.values(),
-            ):
+            for file in enclave.files.every:
                 found[file.path] = _always(file.sha256 or f"{file.status.value} {file.detail}")
         return found
 
-    def _read(self) -> Iterator[tuple[str, _At]]:
+    def _read(self) -> Iterator[tuple[File, _At]]:
         """The files that were understood, by what they say."""
         keystore = self._keystore
         for authority in keystore.authorities:
-            yield authority.file.place, _certificates(authority)
+            yield authority.file, _certificates(authority)
         for key in keystore.authority_keys:
-            yield key.file.place, _always(_key(key))
+            yield key.file, _always(_key(key))
         for stray in keystore.strays:
             if stray.document is not None:
-                yield stray.place, self._document(stray.document)
+                yield stray.file, self._document(stray.document)
         for enclave in keystore.enclaves:
             for certificates in (enclave.identity_ca, enclave.permissions_ca, enclave.certificate):
                 if certificates is not None:
-                    yield from _each(certificates.file.path, certificates.file.place, _certificates(certificates))
+                    yield certificates.file, _certificates(certificates)
             if enclave.key is not None:
-                yield from _each(enclave.key.file.path, enclave.key.file.place, _always(_key(enclave.key)))
+                yield enclave.key.file, _always(_key(enclave.key))
             if enclave.crl is not None:
-                yield from _each(enclave.crl.file.path, enclave.crl.file.place, _always(_crl(enclave.crl)))
+                yield enclave.crl.file, _always(_crl(enclave.crl))
             for document in (enclave.governance, enclave.permissions):
                 if document is not None:
-                    signed = document.signed.file
-                    yield from _each(signed.path, signed.place, self._document(document))
+                    yield document.signed.file, self._document(document)
 
     def _document(self, document: GovernanceFile | PermissionsFile) -> _At:
         whole = cache(lambda: self._whole(document))  # thousands of places may be in one document
@@ -144,15 +140,16 @@ def _unsigned(document: GovernanceFile | PermissionsFile) -> str:
 
 
 def _certificates(file: CertificateFile) -> _At:
-    def at(line: int | None) -> str:
-        there = [each.sha256 for each in file.certificates if each.line == line]
-        if there:
-            return " ".join(there)
-        every = [*(each.sha256 for each in file.certificates), *map(_revocations, file.revocation_lists)]
-        # What is no certificate stands for itself, byte by byte.
-        return " ".join([*every, *([file.file.sha256 or ""] if file.defects else [])])
+    by_line: dict[int | None, str] = {each.line: each.sha256 for each in file.certificates}
+    whole = cache(lambda: " ".join(_every(file)))
+    return lambda line: by_line.get(line) or whole()
 
-    return at
+
+def _every(file: CertificateFile) -> Iterator[str]:
+    yield from (each.sha256 for each in file.certificates)
+    yield from map(_revocations, file.revocation_lists)
+    if file.defects:  # what is no certificate stands for itself, byte by byte
+        yield file.file.sha256 or ""
 
 
 def _key(key: PrivateKey) -> str:
@@ -168,12 +165,6 @@ def _crl(file: CrlFile) -> str:
 def _revocations(revocations: RevocationList) -> str:
     """What a list revokes: it is issued again every few days."""
     return told((revocations.issuer, tuple(sorted(revocations.revoked)), revocations.delta, *sorted(revocations.scope)))
-
-
-def _each(path: str, place: str, there: _At) -> Iterator[tuple[str, _At]]:
-    """Under the name in the enclave and, where that is a link, under the one that it leads to."""
-    yield path, there
-    yield place, there
 
 
 def _always(said: str) -> _At:
