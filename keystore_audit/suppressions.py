@@ -127,13 +127,13 @@ def uses(
     at: datetime,
     profiles: Collection[str],
     codes: Collection[str] | None = None,
-    carried: Collection[str] | None = None,
+    outside: Mapping[str, Collection[str]] | None = None,
 ) -> tuple[FileOfUses, ...]:
     """What becomes of each acceptance at the instant `at`, by file.
 
     `profiles`: the names of those chosen, which a finding without any of its own is about. `codes`: of the rules that
-    were asked (None: all); an acceptance of another is neither used nor unused. `carried`: where
-    enclaves and their files are (None: not known, where acceptances go by fingerprints).
+    were asked (None: all); an acceptance of another is neither used nor unused. `outside`: by fingerprint,
+    where findings are in what no enclave carries.
     """
     by_code: dict[str, list[Finding]] = {}
     by_fingerprint: dict[str, Finding] = {}
@@ -147,7 +147,7 @@ def uses(
         else:
             found = by_fingerprint.get(acceptance.fingerprint)
             candidates = () if found is None or found.code != acceptance.code else (found,)
-        use = _use(acceptance, candidates, at, profiles, carried)
+        use = _use(acceptance, candidates, at, profiles, outside or {})
         mine = files.setdefault(acceptance.location.path, [])
         if use.fate is not Fate.UNUSED or codes is None or acceptance.code in codes:
             mine.append(use)
@@ -159,9 +159,12 @@ def _use(
     candidates: Sequence[Finding],
     at: datetime,
     profiles: Collection[str],
-    carried: Collection[str] | None,
+    outside: Mapping[str, Collection[str]],
 ) -> Use:
-    refusals = {finding.fingerprint: _refusal(acceptance, finding, profiles, carried) for finding in candidates}
+    refusals = {
+        finding.fingerprint: _refusal(acceptance, finding, profiles, outside.get(finding.fingerprint, ()))
+        for finding in candidates
+    }
     taken = tuple(finding for finding in candidates if refusals[finding.fingerprint] is None)
     if at > acceptance.end:
         return Use(acceptance=acceptance, fate=Fate.ENDED, findings=taken, why=f"until {acceptance.until}")
@@ -177,12 +180,12 @@ def acceptable(finding: Finding) -> bool:
 
 
 def _refusal(
-    acceptance: Acceptance, finding: Finding, profiles: Collection[str], carried: Collection[str] | None
+    acceptance: Acceptance, finding: Finding, profiles: Collection[str], outside: Collection[str]
 ) -> str | None:
     """Why the acceptance does not speak of a finding of its rule; None: it does."""
     if not acceptable(finding):
         return "what it names is undecided, and nothing accepts that"
-    if acceptance.fingerprint is None and not _within(acceptance.where, finding, carried):
+    if acceptance.fingerprint is None and not _within(acceptance.where, finding, outside):
         return (
             "a property is one of the whole keystore: name it by its fingerprint"
             if finding.code.startswith(_FORMAL)
@@ -198,9 +201,11 @@ def _refusal(
     return None
 
 
-def _within(where: tuple[str, ...], finding: Finding, carried: Collection[str] | None) -> bool:
-    """Whether the finding is at these places and nowhere else. That of an enclave may be in what enclaves carry; what
-    lies outside, as a document that it may present, has to be named as well.
+def _within(where: tuple[str, ...], finding: Finding, outside: Collection[str]) -> bool:
+    """Whether the finding is at these places and nowhere else.
+
+    That of an enclave may be in what enclaves carry; what lies `outside`, as a document that it may present, has to be
+    named as well.
     """
     if ALL in where:
         return True
@@ -208,11 +213,11 @@ def _within(where: tuple[str, ...], finding: Finding, carried: Collection[str] |
         return False
     enclaves = [glob for glob in where if glob.startswith("/")]
     paths = [glob for glob in where if not glob.startswith("/")]
-    places = [location.path for location in finding.locations if not location.beside]
     if finding.enclave is not None and _matches(enclaves, finding.enclave):
-        return carried is None or all(path in carried or _matches(paths, path) for path in places)
+        return all(_matches(paths, path) for path in outside)
     if not 0 < len(finding.locations) < MAX_PLACES:  # there may be more of them than a finding lists
         return False
+    places = [location.path for location in finding.locations if not location.beside]
     return bool(places) and all(_matches(paths, path) for path in places)
 
 

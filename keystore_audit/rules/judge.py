@@ -38,6 +38,8 @@ _ALWAYS: Final = "KA9"
 """The family that nothing leaves out: what could not be decided is said in every report."""
 
 _Found = tuple[Rule[Any], Violation]
+_Marked = tuple[Rule[Any], Violation, str]
+"""What was found, with its fingerprint."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,7 +70,7 @@ def judge(
     run.over(chosen, [*run.crashes(), *run.unspoken(), *run.refusals()])
     order = {rule.code: number for number, rule in enumerate(chosen)}
     return Judgement(
-        findings=_accepted(run, chosen, context) if context.acceptances else _findings(run.found, context),
+        findings=_findings(run, chosen, context),
         outcomes=tuple(sorted(run.outcomes, key=lambda outcome: order[outcome.rule])),
     )
 
@@ -201,47 +203,58 @@ class _Run:
                 yield enclave.path, Refusal(enclave=enclave, profiles=reasons)
 
 
-def _accepted(run: _Run, chosen: Sequence[Rule[Any]], context: Context) -> tuple[Finding, ...]:
+def _findings(run: _Run, chosen: Sequence[Rule[Any]], context: Context) -> tuple[Finding, ...]:
     """The findings, those that somebody accepts marked, and what the rules say of how they are accepted."""
+    contents = Contents(context.keystore)
+    marked = _marked(run.found, contents)
+    found = _made(marked)
+    if not context.acceptances:
+        return found
     profiles = [profile.name for profile in context.profiles]
     codes = {rule.code for rule in chosen}
-    found = _findings(run.found, context)
-    files = uses(found, context.acceptances, context.at, profiles, codes, _carried(context.keystore))
+    files = uses(found, context.acceptances, context.at, profiles, codes, _outside(marked, context.keystore))
     run.over(chosen, [(file.path, file) for file in files])
-    return accepted(_findings(run.found, context), files)
+    return accepted(_made([*marked, *_marked(run.found[len(marked) :], contents)]), files)
 
 
-def _carried(keystore: Keystore) -> set[str]:
-    """Where enclaves and what they carry are, by the names in their directories and by those that links lead to."""
+def _outside(marked: Iterable[_Marked], keystore: Keystore) -> dict[str, set[str]]:
+    """By fingerprint, the places of a finding in what no enclave carries; all of them, listed or not."""
     layout = keystore.layout
-    found = {file.place for file in (layout.governance, layout.unsigned_governance) if file is not None}
+    carried = {file.place for file in (layout.governance, layout.unsigned_governance) if file is not None}
     for enclave in keystore.enclaves:
-        files = enclave.files
-        found.add(files.directory)
-        for file in (*files.files.values(), *files.pkcs11.values(), *files.unsigned.values()):
-            found |= {file.path, file.place}
-    return found
+        carried.add(enclave.files.directory)
+        for file in enclave.files.every:  # by their names there, and by those that links lead to
+            carried |= {file.path, file.place}
+    return {
+        mark: {place.path for place in violation.locations if not place.beside} - carried
+        for _rule, violation, mark in marked
+    }
 
 
-def _findings(found: Sequence[_Found], context: Context) -> tuple[Finding, ...]:
-    """Findings with fingerprints of their own, the causes of violated properties named, worst first.
+def _marked(found: Iterable[_Found], contents: Contents) -> list[_Marked]:
+    """What was found, each with a fingerprint of its own.
 
     Those that nothing tells apart are numbered, with how many there are: were one of them mended, the rest would
     otherwise take its place, and with it whoever accepted it.
     """
-    contents = Contents(context.keystore)
-    made = sorted(
-        ((rule, violation, _fingerprint(rule, violation, contents)) for rule, violation in found),
-        key=lambda item: _order(item[0], item[1]),
-    )
-    alike = Counter(mark for _rule, _violation, mark in made)
+    ordered = sorted(found, key=lambda item: _order(*item))
+    marks = [_fingerprint(rule, violation, contents) for rule, violation in ordered]
+    alike = Counter(marks)
     seen: Counter[str] = Counter()
-    named: list[tuple[Rule[Any], Violation, str]] = []
-    for rule, violation, mark in made:
+    marked: list[_Marked] = []
+    for (rule, violation), mark in zip(ordered, marks, strict=True):
         seen[mark] += 1
         number = f"\0{seen[mark]} of {alike[mark]}"
-        named.append((rule, violation, mark if alike[mark] == 1 else _fingerprint(rule, violation, contents, number)))
-    return tuple(_finding(rule, violation, mark, _causes(rule, violation, named)) for rule, violation, mark in named)
+        marked.append((rule, violation, mark if alike[mark] == 1 else _fingerprint(rule, violation, contents, number)))
+    return marked
+
+
+def _made(marked: Iterable[_Marked]) -> tuple[Finding, ...]:
+    """The findings, the causes of violated properties named, worst first."""
+    ordered = sorted(marked, key=lambda item: _order(item[0], item[1]))
+    return tuple(
+        _finding(rule, violation, mark, _causes(rule, violation, ordered)) for rule, violation, mark in ordered
+    )
 
 
 def _fingerprint(rule: Rule[Any], violation: Violation, contents: Contents, number: str = "") -> str:
@@ -267,15 +280,13 @@ def _order(rule: Rule[Any], violation: Violation) -> tuple[object, ...]:
     )
 
 
-def _causes(
-    rule: Rule[Any], violation: Violation, named: Sequence[tuple[Rule[Any], Violation, str]]
-) -> tuple[str, ...]:
+def _causes(rule: Rule[Any], violation: Violation, marked: Sequence[_Marked]) -> tuple[str, ...]:
     """Of a violated property, the findings that explain it under a profile of its own (no profiles: all of them)."""
     if rule.family != "KA7":
         return ()
     return tuple(
         mark
-        for other, cause, mark in named
+        for other, cause, mark in marked
         if rule.name in (other.explains if cause.explains is None else cause.explains)
         and (not cause.profiles or not violation.profiles or {*cause.profiles} & {*violation.profiles})
     )

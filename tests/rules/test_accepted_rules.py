@@ -16,8 +16,10 @@ from keystore_audit.findings import MAX_PLACES, Finding, Location, Result, Sever
 from keystore_audit.keystore.files import Status as FileStatus
 from keystore_audit.rules import RULES
 from keystore_audit.rules.judge import Judgement, judge
+from keystore_audit.rules.registry import Violation
 from keystore_audit.suppressions import Acceptance, Fate, accepted, accepted_by, check_dates, first_end, uses
 from tests.rules.evidence import AT, DAY, absent, certificates, context, enclave, healthy, judged, keystore, pem
+from tests.rules.test_judge import made
 
 PROFILES = ("spec", "fastdds-3.6")
 
@@ -204,18 +206,20 @@ def test_every_place_of_a_finding_must_be_accepted() -> None:
 
 def test_an_enclave_is_no_name_for_what_lies_outside_all_enclaves() -> None:
     """A document that it may present, wherever it comes to lie later."""
-    here, shared, old = (Location(path=path) for path in ("enclaves/talker/cert.pem", "public/ca.pem", "old/p.p7s"))
-    carried = {here.path, shared.path}
+    here, shared, old = "enclaves/talker/cert.pem", "public/identity_ca.cert.pem", "old/p.p7s"
 
-    def taken(where: tuple[str, ...], *places: Location) -> Fate:
-        entry, found = acceptance(where=where), finding(enclave="/talker", locations=places)
-        ((use,),) = (file.uses for file in uses([found], [entry], AT, PROFILES, None, carried))
-        return use.fate
+    def taken(where: tuple[str, ...], *paths: str) -> bool:
+        said = Violation(message="so", locations=tuple(Location(path=path) for path in paths), enclave="/talker")
+        (found,) = judge(context(acceptances=(acceptance(where=where),)), [made("KA205", said)]).findings
+        return found.suppressed is not None
 
-    assert taken(("/talker",), here, shared) is Fate.USED
-    assert taken(("/talker",), here, old) is Fate.UNUSED
-    assert taken(("/talker", "old/*"), here, old) is Fate.USED
-    assert taken(("/listener", "old/*"), here, old) is Fate.UNUSED
+    assert taken(("/talker",), here, shared)
+    assert not taken(("/talker",), here, old)
+    assert taken(("/talker", "old/*"), here, old)
+    assert not taken(("/listener", "old/*"), here, old)
+    many = [f"old/{number}" for number in range(MAX_PLACES)]
+    assert taken(("/talker", "old/*"), *many)
+    assert not taken(("/talker", "old/*"), *many, "other/p.p7s"), "which no finding lists"
 
 
 def test_a_property_is_one_of_the_whole_keystore() -> None:
