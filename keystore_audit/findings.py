@@ -86,6 +86,10 @@ class Finding:
     undecided: bool = False
     suppressed: Suppression | None = None
 
+    def fails(self, gate: Severity | None) -> bool:
+        """Whether it alone fails the gate; None: one that never fails on findings."""
+        return self.suppressed is None and gate is not None and self.severity.at_least(gate)
+
 
 class Result(str, Enum):
     """What came of one rule on one subject.

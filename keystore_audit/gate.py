@@ -45,9 +45,7 @@ def verdict(findings: Sequence[Finding], fail_on: Severity | None, *, complete: 
     """Incomplete outranks fail: what could not be decided is never a pass, and hides nothing that was found."""
     if not complete:
         return Verdict.INCOMPLETE, 4
-    failing = fail_on is not None and any(
-        finding.suppressed is None and finding.severity.at_least(fail_on) for finding in findings
-    )
+    failing = any(finding.fails(fail_on) for finding in findings)
     return (Verdict.FAIL, 1) if failing else (Verdict.PASS, 0)
 
 

@@ -165,7 +165,3 @@ class Report:
         """The profiles that this audit judged under."""
         judged = [entry.profiles for entry in self.enclaves] + [result.profiles for result in self.properties]
         return tuple(dict.fromkeys(name for profiles in judged for name in profiles))
-
-    def fails(self, finding: Finding) -> bool:
-        """Whether `finding` alone fails the gate."""
-        return finding.suppressed is None and self.fail_on is not None and finding.severity.at_least(self.fail_on)

@@ -44,6 +44,7 @@ _Ranked = tuple[tuple[int, bool], Finding]
 def put_findings(page: Page, report: Report, shown: Sequence[Finding]) -> None:
     """Put each enclave's findings, the enclave with the worst one first; the whole keystore is a group too."""
     consequences = Consequences(shown, report.properties)
+    profiles = frozenset(report.judged_profiles)
     groups: dict[str | None, list[_Ranked]] = {}
     for finding in shown:
         if finding.suppressed is None and not consequences.told_elsewhere(finding):
@@ -57,30 +58,29 @@ def put_findings(page: Page, report: Report, shown: Sequence[Finding]) -> None:
     for enclave, ranked in ordered:
         findings = []
         for _, finding in sorted(ranked, key=lambda entry: entry[0]):  # stable: else the report's order
-            minor = not (report.fails(finding) or finding.severity.at_least(Severity.HIGH) or finding.undecided)
+            minor = not (finding.fails(report.fail_on) or finding.severity.at_least(Severity.HIGH) or finding.undecided)
             if enclave and minor and enough[finding.code] >= MAX_EXAMPLES and not consequences.of(finding):
                 elsewhere.setdefault((finding.code, finding.name, finding.severity), []).append(enclave)
             else:
                 findings.append(finding)
         enough.update({finding.code for finding in findings})
         if findings:
-            _group(page, report, enclave, findings, consequences, explained)
+            _group(page, enclave, findings, profiles, consequences, explained)
     _elsewhere(page, elsewhere)
     _suppressed(page, [finding for finding in shown if finding.suppressed is not None])
 
 
 def _group(
     page: Page,
-    report: Report,
     enclave: str | None,
     findings: Sequence[Finding],
+    profiles: frozenset[str],
     consequences: Consequences,
     explained: set[tuple[str, str, str]],
 ) -> None:
     """The findings about one enclave, or about the whole keystore."""
     page.blank()
     page.put((enclave or "The keystore as a whole", "bold underline"))
-    profiles = frozenset(report.judged_profiles)
     told: Counter[str] = Counter()
     for finding in findings:
         told[finding.code] += 1

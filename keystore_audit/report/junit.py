@@ -104,7 +104,7 @@ def _case(suite: etree._Element, report: Report, outcome: Outcome, findings: Seq
     if outcome.outcome is Result.NOT_APPLICABLE:
         etree.SubElement(case, "skipped", message="there is nothing here that the rule is about")
         return
-    deciding = [finding for finding in findings if report.fails(finding)]
+    deciding = [finding for finding in findings if finding.fails(report.fail_on)]
     if outcome.outcome is Result.OPEN:
         _tell(case, "error", findings, "undecided")
     elif deciding:
@@ -113,7 +113,7 @@ def _case(suite: etree._Element, report: Report, outcome: Outcome, findings: Seq
         accepted = findings[0].suppressed
         message = f"accepted until {accepted.until}: {accepted.reason}" if accepted else "accepted"
         etree.SubElement(case, "skipped", message=terminal(message))
-    rest = [finding for finding in findings if not report.fails(finding)]
+    rest = [finding for finding in findings if not finding.fails(report.fail_on)]
     if rest and outcome.outcome is not Result.OPEN:
         etree.SubElement(case, "system-out").text = "\n\n".join(map(_said, rest))
 

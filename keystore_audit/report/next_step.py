@@ -14,23 +14,18 @@ OF_THE_AUDIT: Final = "KA9"
 
 def next_step(report: Report) -> str:
     """Which finding to mend first and how to read more of it; empty where nothing stands in the way."""
-    counted = [finding for finding in report.findings if finding.suppressed is None]
-    failing = [finding for finding in counted if report.fails(finding)] if report.verdict is not Verdict.PASS else []
-    undecided = [finding for finding in counted if finding.undecided] if report.verdict is Verdict.INCOMPLETE else []
-    wanted = undecided if report.verdict is Verdict.INCOMPLETE else failing
-    if not wanted:
+    undecided = [finding for finding in report.findings if finding.undecided]
+    failing = [finding for finding in report.findings if finding.fails(report.fail_on) and not finding.undecided]
+    if report.verdict is Verdict.PASS or not (undecided or failing):
         return ""
-    first = _first(wanted)
+    first = _first(undecided or failing)
     inside = [location for location in first.locations if not location.beside]  # what is asserted elsewhere is no fault
     place = next(iter((*inside, *first.locations)), None)
     where = "" if place is None else f" ({place.path}{'' if place.line is None else f':{place.line}'})"
     more = sum(first.fingerprint in finding.explained_by for finding in report.findings)
     follow = f", from which {more} other{'' if more == 1 else 's'} follow{'s' if more == 1 else ''}" if more else ""
     told = f"{first.code} {first.name}{where}{follow}"
-    then = _then(
-        len(_besides(first, undecided)),
-        len(_besides(first, [finding for finding in failing if not finding.undecided])),
-    )
+    then = _then(_besides(first, undecided), _besides(first, failing))
     return f"Mend first: {told}.{then} `keystore-audit explain {first.code}` says more."
 
 
@@ -48,10 +43,10 @@ def _first(wanted: Sequence[Finding]) -> Finding:
     return wanted[min(ranked)[2]]
 
 
-def _besides(first: Finding, findings: Sequence[Finding]) -> Sequence[Finding]:
-    """Those that are left when `first` is mended."""
+def _besides(first: Finding, findings: Sequence[Finding]) -> int:
+    """How many are left when `first` is mended."""
     mark = first.fingerprint
-    return [each for each in findings if each.fingerprint != mark and mark not in each.explained_by]
+    return sum(each.fingerprint != mark and mark not in each.explained_by for each in findings)
 
 
 def _then(undecided: int, failing: int) -> str:

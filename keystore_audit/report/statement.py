@@ -70,7 +70,7 @@ def _result(report: Report, *, warned: bool) -> str:
 
 def _deciding(report: Report) -> set[str]:
     """Rules with a finding that makes the verdict fail."""
-    return {finding.code for finding in report.findings if report.fails(finding)}
+    return {finding.code for finding in report.findings if finding.fails(report.fail_on)}
 
 
 def _svr(report: Report) -> dict[str, Any]:

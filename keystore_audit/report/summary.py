@@ -72,7 +72,7 @@ class Summary:
 
 def row(path: str, report: Report) -> Row:
     """What is kept of a report."""
-    failing = [finding for finding in report.findings if report.fails(finding)]
+    failing = [finding for finding in report.findings if finding.fails(report.fail_on)]
     causes = [finding for finding in failing if not finding.explained_by] or failing
     reasons = {(finding.code, finding.name, finding.severity) for finding in causes}
     return Row(
