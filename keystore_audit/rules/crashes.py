@@ -6,17 +6,13 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from keystore_audit.findings import Severity
-from keystore_audit.keystore.defect import Defect, Kind
+from keystore_audit.keystore.defect import Kind
 from keystore_audit.rules.context import Context
+from keystore_audit.rules.governance import in_document
 from keystore_audit.rules.registry import Rule, Violation, rule
-from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse
-from keystore_audit.rules.wording import defective, of_kinds
+from keystore_audit.rules.subjects import DocumentUse, PermissionsUse
 
 _CRASHES: Final = "ends the process of the enclave that reads it, its own or a peer's: one signed file stops a robot."
-
-
-def _document_defects(use: DocumentUse) -> tuple[Defect, ...]:
-    return use.document.defects if isinstance(use, (GovernanceUse, PermissionsUse)) else ()
 
 
 @rule(
@@ -34,9 +30,7 @@ def empty_topic_expression(use: DocumentUse, _context: Context) -> Iterator[Viol
     Permissions come from peers too, so that one document which the authority signed takes others down. What an
     implementation without the fault makes of it is unknown.
     """
-    yield from defective(
-        of_kinds(_document_defects(use), Kind.EMPTY_TOPIC), use.enclaves, _CRASHES, undecided=use.may_be_taken
-    )
+    yield from in_document(use, _CRASHES, Kind.EMPTY_TOPIC)
 
 
 @rule(
@@ -53,12 +47,7 @@ def rule_without_domains(use: PermissionsUse, _context: Context) -> Iterator[Vio
 
     Permissions come from peers too, so that one document which the authority signed takes others down.
     """
-    yield from defective(
-        of_kinds(use.document.defects, Kind.RULE_WITHOUT_DOMAINS),
-        use.enclaves,
-        _CRASHES,
-        undecided=use.may_be_taken,
-    )
+    yield from in_document(use, _CRASHES, Kind.RULE_WITHOUT_DOMAINS)
 
 
 @rule(
@@ -76,12 +65,7 @@ def empty_element(use: PermissionsUse, _context: Context) -> Iterator[Violation]
     Others refuse the document. Permissions come from peers too, so that one document which the authority signed takes
     others down.
     """
-    yield from defective(
-        of_kinds(use.document.defects, Kind.EMPTY_ELEMENT),
-        use.enclaves,
-        _CRASHES,
-        undecided=use.may_be_taken,
-    )
+    yield from in_document(use, _CRASHES, Kind.EMPTY_ELEMENT)
 
 
 CRASHES: tuple[Rule[Any], ...] = (empty_topic_expression, rule_without_domains, empty_element)

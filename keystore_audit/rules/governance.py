@@ -16,14 +16,13 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.governance import DomainRule, GovernanceFile, TopicRule
 from keystore_audit.keystore.keystore import Enclave, Keystore
-from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.domains import covered, describe
 from keystore_audit.model.names import DISCOVERY_TOPIC
 from keystore_audit.rules.commands import SIGN_GOVERNANCE
 from keystore_audit.rules.contents import told
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
-from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks
+from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, speaks
 from keystore_audit.rules.wording import defective, of_kinds, paths, places, quoted, sole
 
 CORRECT: Final = (
@@ -31,6 +30,14 @@ CORRECT: Final = (
 )
 
 AMBIGUOUS: Final = (Kind.XML_AMBIGUOUS, Kind.XML_MALFORMED, Kind.VALUE_INVALID)
+DIFFER: Final = "implementations differ in what they make of it."
+
+
+def in_document(use: DocumentUse, says: str, *kinds: Kind) -> Iterator[Violation]:
+    """A violation for the defects of each of these kinds in the XML; undecided as long as somebody may take it."""
+    for kind in kinds if use.document.defects else ():
+        found = of_kinds(use.document.defects, kind)
+        yield from defective(found, use.enclaves, says, undecided=use.may_be_taken)
 
 
 def domain_rules(use: GovernanceUse) -> tuple[DomainRule, ...]:
@@ -118,12 +125,7 @@ def governance_schema_invalid(use: GovernanceUse, _context: Context) -> Iterator
     Fast DDS refuses unknown, missing and reordered elements, Cyclone DDS takes any order, and an empty boolean is false
     there (measured): what it means is unknown, unless nobody takes its signature.
     """
-    yield from defective(
-        of_kinds(use.document.defects, Kind.SCHEMA_INVALID),
-        use.enclaves,
-        "implementations differ in what they make of it.",
-        undecided=use.may_be_taken,
-    )
+    yield from in_document(use, DIFFER, Kind.SCHEMA_INVALID)
 
 
 @rule(
@@ -141,13 +143,7 @@ def governance_ambiguous(use: GovernanceUse, _context: Context) -> Iterator[Viol
     Fast DDS, Cyclone DDS and libxml2 read comments, CDATA, entities and blanks in values differently (measured), so
     that one signed file has several meanings. Which of them a robot takes is not guessed here.
     """
-    for kind in AMBIGUOUS:
-        yield from defective(
-            of_kinds(use.document.defects, kind),
-            use.enclaves,
-            "implementations differ in what they make of it.",
-            undecided=use.may_be_taken,
-        )
+    yield from in_document(use, DIFFER, *AMBIGUOUS)
 
 
 @rule(
@@ -362,10 +358,7 @@ def dds_security_1_0_document(use: DocumentUse, _context: Context) -> Iterator[V
 
     It lacks what 1.1 demands, so that implementations of today refuse it; it is read here in its own terms.
     """
-    document: GovernanceFile | PermissionsFile | None = None
-    if isinstance(use, (GovernanceUse, PermissionsUse)):
-        document = use.document
-    yield from defective(of_kinds(document.defects if document else (), Kind.DDS_SECURITY_1_0), use.enclaves)
+    yield from defective(of_kinds(use.document.defects, Kind.DDS_SECURITY_1_0), use.enclaves)
 
 
 GOVERNANCE: tuple[Rule[Any], ...] = (

@@ -23,11 +23,11 @@ from keystore_audit.rules.certificate import ISSUE_AGAIN, has_usual_subject, usu
 from keystore_audit.rules.commands import CREATE_PERMISSION, SHOW_SUBJECT, SIGN_PERMISSIONS
 from keystore_audit.rules.contents import dated
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.governance import AMBIGUOUS
+from keystore_audit.rules.governance import AMBIGUOUS, DIFFER, in_document
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import PermissionsUse, speaks
 from keystore_audit.rules.unnamed import unnamed
-from keystore_audit.rules.wording import defective, listed, of_kinds, places, quoted, sole
+from keystore_audit.rules.wording import defective, listed, places, quoted, sole
 
 WRITE_AGAIN: Final = (
     f"correct the policy and run {CREATE_PERMISSION}, or correct permissions.xml and sign it with the permissions CA, "
@@ -73,16 +73,6 @@ def about(use: PermissionsUse, grant: Grant, line: int | None, message: str, **m
     )
 
 
-def _ambiguities(use: PermissionsUse) -> Iterator[Violation]:
-    for kind in AMBIGUOUS if use.document.defects else ():
-        yield from defective(
-            of_kinds(use.document.defects, kind),
-            use.enclaves,
-            "implementations differ in what they make of it.",
-            undecided=use.may_be_taken,
-        )
-
-
 @rule(
     "KA501",
     "permissions-schema-invalid",
@@ -98,12 +88,7 @@ def permissions_schema_invalid(use: PermissionsUse, _context: Context) -> Iterat
     Fast DDS refuses unknown and reordered elements, Cyclone DDS takes any order (measured): what it means is unknown,
     unless nobody takes its signature.
     """
-    yield from defective(
-        of_kinds(use.document.defects, Kind.SCHEMA_INVALID),
-        use.enclaves,
-        "implementations differ in what they make of it.",
-        undecided=use.may_be_taken,
-    )
+    yield from in_document(use, DIFFER, Kind.SCHEMA_INVALID)
 
 
 @rule(
@@ -121,26 +106,19 @@ def permissions_ambiguous(use: PermissionsUse, _context: Context) -> Iterator[Vi
     Fast DDS, Cyclone DDS and libxml2 read comments, CDATA, entities and blanks in values differently, and dates beyond
     four-digit years (measured), so that one signed file has several meanings.
     """
-    yield from _ambiguities(use)
-    odd = [
-        date for grant in all_grants(use) for date in (grant.not_before, grant.not_after) if instant_of(date) is None
-    ]
-    if not odd:
-        return
-    yield from defective(
-        (
-            Defect(
-                kind=Kind.VALUE_INVALID,
-                path=use.signed.file.place,
-                line=date.line,
-                detail=f"expected a date as 2026-01-31T00:00:00, got {quoted(date.text)}",
-            )
-            for date in odd
-        ),
-        use.enclaves,
-        "implementations differ in what they make of it.",
-        undecided=use.may_be_taken,
+    yield from in_document(use, DIFFER, *AMBIGUOUS)
+    dates = (date for grant in all_grants(use) for date in (grant.not_before, grant.not_after))
+    odd = (
+        Defect(
+            kind=Kind.VALUE_INVALID,
+            path=use.signed.file.place,
+            line=date.line,
+            detail=f"expected a date as 2026-01-31T00:00:00, got {quoted(date.text)}",
+        )
+        for date in dates
+        if instant_of(date) is None
     )
+    yield from defective(odd, use.enclaves, DIFFER, undecided=use.may_be_taken)
 
 
 @rule(

@@ -106,6 +106,8 @@ class SignedUse:
 class DocumentUse(SignedUse):
     """A signed document and the enclaves that carry it (several, where it is linked)."""
 
+    document: GovernanceFile | PermissionsFile
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StrayUse(SignedUse):
