@@ -81,6 +81,15 @@ def enclave(path: str, *rules: Rule, **grant: object) -> Enclave:
     return Enclave(path=path, certificate=own, permissions=given)
 
 
+def lent(*own: str) -> Store:
+    """The talker's document lets the others publish /a as well; /third may publish these topics by its own."""
+    talker = enclave("/talker", Rule(publish=("rt/chatter",)))
+    others = (Grant(path=path, rules=(Rule(publish=("rt/a",)), DISCOVERY)) for path in ("/listener", "/third"))
+    granted = replace(talker, permissions=Permissions(grants=(*talker.permissions.grants, *others)))
+    listener = enclave("/listener", Rule(subscribe=("rt/chatter",)))
+    return replace(TWO, enclaves=(granted, listener, enclave("/third", Rule(publish=own))))
+
+
 def self_signed(*topics: str) -> Store:
     """One authority for both, and permissions that the talker signed itself."""
     store = rights(*topics)
@@ -179,6 +188,7 @@ WORSE = {
         rights(talker=(DENIED, Rule(publish=("*",), subscribe=("*",)))),
         rights(talker=(Rule(publish=("*",), subscribe=("*",)),)),
     ),
+    "KA512": (lent("rt/a"), lent("rt/b")),
     "KA519": (
         replace(TWO, enclaves=(enclave("/robot"), enclave("/robot/arm", Rule(publish=("rt/a",))))),
         replace(TWO, enclaves=(enclave("/robot"), enclave("/robot/arm", Rule(publish=("rt/a", "rt/cmd_vel"))))),
@@ -221,6 +231,7 @@ def renewed(store: Store) -> Store:
 ALIKE = {
     "KA510": (rights("rt/b*", "rt/a*"), renewed(rights("rt/a*", "rt/b*"))),
     "KA511": (WORSE["KA511"][1], renewed(WORSE["KA511"][1])),
+    "KA512": (lent("rt/a"), renewed(lent("rt/a"))),
     "KA632": (WORSE["KA632"][1], renewed(WORSE["KA632"][1])),
 }
 

@@ -6,7 +6,6 @@ says apply where somebody may take it: what a document says that every implement
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from datetime import datetime
 from typing import Any, Final
@@ -236,7 +235,7 @@ def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator
             locations=places(Location(path=use.signed.file.place, line=grant.line) for grant in others),
             enclave=sole(use.enclaves),
             severity=Severity.HIGH if gaining else None,
-            key="\n".join([hashlib.sha256(use.signed.content or b"").hexdigest(), *sorted(names)]),
+            key="\n".join([*sorted(names), "", *sorted(gaining)]),
         )
 
 
