@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator
 from datetime import date
-from itertools import chain
 from typing import Final
 
 from keystore_audit.dataclass import dataclass, replace
@@ -14,7 +13,7 @@ from keystore_audit.findings import Finding, Location, Severity
 from keystore_audit.model.profiles import DEFAULT
 from keystore_audit.options import Options, Progress
 from keystore_audit.pipeline import audit
-from keystore_audit.report.content import Report, Verdict
+from keystore_audit.report.content import Verdict
 from keystore_audit.settings import MAX_BASELINE_BYTES, Baseline
 from keystore_audit.suppressions import MAX_DAYS, Acceptance, Fate, Use, acceptable, check_dates, uses
 from keystore_audit.text import shorten, terminal
@@ -83,7 +82,8 @@ def create(
     check_dates([entry], options.at, options.settings.max_suppression_days if options.settings else MAX_DAYS)
     report = audit(keystore, replace(options, baseline=None), progress=progress)
     found = [f for f in report.findings if f.severity.at_least(least) and f.suppressed is None]
-    accepted = [_acceptance(entry, finding, _profiles(report)) for finding in found if acceptable(finding)]
+    chosen = frozenset(report.judged_profiles)
+    accepted = [_acceptance(entry, finding, chosen) for finding in found if acceptable(finding)]
     text = written(accepted)
     if len(text.encode()) > MAX_BASELINE_BYTES:
         raise UsageError(f"{len(accepted)} findings are more than a baseline holds: mend some, or see --min-severity.")
@@ -102,7 +102,7 @@ def prune(baseline: Baseline, keystore: str, options: Options, progress: Progres
     """
     report = audit(keystore, replace(options, baseline=None), progress=progress)
     complete = report.verdict is not Verdict.INCOMPLETE
-    files = uses(report.findings, baseline.acceptances, options.at, _profiles(report))
+    files = uses(report.findings, baseline.acceptances, options.at, report.judged_profiles)
     told = [use for file in files for use in file.uses]
     dropped = [use for use in told if use.fate is Fate.ENDED or (use.fate is Fate.UNUSED and complete)]
     kept = [use.acceptance for use in told if use not in dropped]
@@ -139,12 +139,6 @@ def _lines(entry: Acceptance) -> Iterator[str]:
 def _quoted(text: str) -> str:
     """A basic string of TOML: JSON's, but for DEL, which TOML has escaped."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
-def _profiles(report: Report) -> frozenset[str]:
-    """The profiles that the audit judged under: of a keystore without enclaves, those of its properties."""
-    judged = [[*entry.profiles] for entry in report.enclaves] + [[*result.profiles] for result in report.properties]
-    return frozenset(chain.from_iterable(judged))
 
 
 def _acceptance(entry: Acceptance, finding: Finding, chosen: frozenset[str]) -> Acceptance:

@@ -161,7 +161,13 @@ class Report:
         return counts
 
     @property
+    def given_files(self) -> tuple[tuple[str, GivenFile], ...]:
+        """Every file beside the keystore that the audit was made with, each behind what it is."""
+        set_by = (("settings", self.settings), ("baseline", self.baseline))
+        return (*((what, file) for what, file in set_by if file is not None), *self.inputs)
+
+    @property
     def judged_profiles(self) -> tuple[str, ...]:
-        """The profiles that this audit judged under."""
+        """The profiles that this audit judged under: of a keystore without enclaves, those of its properties."""
         judged = [entry.profiles for entry in self.enclaves] + [result.profiles for result in self.properties]
         return tuple(dict.fromkeys(name for profiles in judged for name in profiles))

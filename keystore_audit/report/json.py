@@ -72,9 +72,9 @@ def _report(report: Report) -> dict[str, Any]:
         "schema_version": SCHEMA_VERSION,
         "tool": {"name": TOOL, "version": report.version},
         "keystore": {"path": report.keystore, "layout": report.layout, "digest": report.digest},
-        "settings": _file(report.settings),
-        "baseline": _file(report.baseline),
-        "inputs": [_input(option, file) for option, file in report.inputs],
+        "settings": None if report.settings is None else _file(report.settings),
+        "baseline": None if report.baseline is None else _file(report.baseline),
+        "inputs": [{"option": option, **_file(file)} for option, file in report.inputs],
         "at": instant(report.at),
         "safe_until": None if report.safe_until is None else instant(report.safe_until),
         "verdict": report.verdict.value,
@@ -209,12 +209,8 @@ def _location(location: Location) -> dict[str, Any]:
     return {"path": location.path, "line": location.line, "message": location.message}
 
 
-def _file(file: GivenFile | None) -> dict[str, Any] | None:
-    return None if file is None else {"path": file.path, "sha256": file.sha256}
-
-
-def _input(option: str, file: GivenFile) -> dict[str, Any]:
-    return {"option": option, "path": file.path, "sha256": file.sha256}
+def _file(file: GivenFile) -> dict[str, Any]:
+    return {"path": file.path, "sha256": file.sha256}
 
 
 def _suppression(suppression: Suppression) -> dict[str, Any]:

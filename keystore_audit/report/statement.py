@@ -60,12 +60,15 @@ def _test_result(report: Report) -> dict[str, Any]:
 
 
 def _result(report: Report, *, warned: bool) -> str:
-    """PASSED only for a whole audit of what was hashed, at full strength, without any finding; incomplete counts as
-    failed.
-    """
+    """PASSED only for a sound audit without any finding; incomplete counts as failed."""
     if report.verdict is not Verdict.PASS:
         return "FAILED"
-    return "WARNED" if report.weakened or report.uncovered or warned else "PASSED"
+    return "PASSED" if _sound(report) and not warned else "WARNED"
+
+
+def _sound(report: Report) -> bool:
+    """Whether it passed at full strength, and all that it speaks for was hashed."""
+    return report.verdict is Verdict.PASS and not report.weakened and not report.uncovered
 
 
 def _deciding(report: Report) -> set[str]:
@@ -74,7 +77,6 @@ def _deciding(report: Report) -> set[str]:
 
 
 def _svr(report: Report) -> dict[str, Any]:
-    sound = report.verdict is Verdict.PASS and not report.weakened and not report.uncovered
     return {
         "verifier": {
             "id": f"{VERIFIER}@{report.version}",
@@ -82,7 +84,7 @@ def _svr(report: Report) -> dict[str, Any]:
             "keystoreAudit": _details(report),
         },
         "timeCreated": instant(report.at),
-        "properties": [*_properties(report)] if sound else [],
+        "properties": [*_properties(report)] if _sound(report) else [],
     }
 
 
@@ -96,13 +98,11 @@ def _properties(report: Report) -> Iterable[str]:
 
 def _configuration(report: Report) -> list[dict[str, Any]]:
     """What the gate was set by, as resource descriptors."""
-    set_by = (report.settings, report.baseline, *(file for _option, file in report.inputs))
-    return [{"name": file.path, "digest": {"sha256": file.sha256}} for file in set_by if file is not None]
+    return [{"name": file.path, "digest": {"sha256": file.sha256}} for _what, file in report.given_files]
 
 
 def _details(report: Report) -> dict[str, Any]:
     """What the verdict holds for: extension fields (in-toto attestation framework, parsing rules)."""
-    names = sorted({name for entry in report.enclaves for name in entry.profiles})
     return {
         "version": report.version,
         "at": instant(report.at),
@@ -110,7 +110,7 @@ def _details(report: Report) -> dict[str, Any]:
         "safeUntil": None if report.safe_until is None else instant(report.safe_until),
         "keystoreDigest": report.digest,
         "uncovered": list(report.uncovered),
-        "profiles": names,
+        "profiles": sorted(report.judged_profiles),
         "deployed": report.deployed,
         "domain": report.domain,
         "engines": {run.name: run.version or "" for run in report.engines if run.status is EngineStatus.OK},

@@ -39,12 +39,11 @@ class Sheet:
 
 def sheet(report: Report, prefix: str, least: Severity) -> Sheet:
     """Return the sheet of a report; findings below `least` are hidden."""
-    judged = [entry.profiles for entry in report.enclaves] + [result.profiles for result in report.properties]
     return Sheet(
         report=report,
         prefix=prefix,
         shown=tuple(finding for finding in report.findings if finding.severity.at_least(least)),
-        profiles=tuple(dict.fromkeys(name for profiles in judged for name in profiles)),
+        profiles=report.judged_profiles,
         numbers={entry.path: number for number, entry in enumerate(report.enclaves)},
     )
 

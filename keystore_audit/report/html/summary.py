@@ -160,8 +160,7 @@ def _facts(sheet: Sheet) -> Html:
 
 
 def _files(report: Report) -> Iterator[tuple[str, Html | str]]:
-    set_by = (("settings", report.settings), ("baseline", report.baseline))
-    for label, file in (*((label, file) for label, file in set_by if file is not None), *report.inputs):
+    for label, file in report.given_files:
         yield label, joined([element("div", name(file.path)), digest(file.sha256)])
 
 
