@@ -130,13 +130,13 @@ class _Run:
     def carried_out(self) -> int:
         """Audit all of them, and deliver what there is, also after an interrupt."""
         interrupted = False
-        for wanted in self._each:  # however this run ends, an earlier one's summary does not speak of it
-            places.summary_file(wanted).path.unlink(missing_ok=True)
         began = time.perf_counter()
         quiet = self.given["quiet"] or (self._texts_wanted and delivery.is_terminal())
         with ExitStack() as stack:
             executor = self._executor(stack)
             try:
+                for wanted in self._summaries:  # however this run ends, an earlier one's does not speak of it
+                    output.remove(wanted)
                 watch = stack.enter_context(
                     FleetWatch(len(self.found.keystores), visible=not quiet and sys.stderr.isatty())
                 )
@@ -176,6 +176,10 @@ class _Run:
     @property
     def _each(self) -> list[output.Target]:
         return [wanted for wanted in self.given["targets"] if wanted.each]
+
+    @property
+    def _summaries(self) -> list[output.Target]:
+        return [places.summary_file(wanted) for wanted in self._each if wanted.format == "json"]
 
     @property
     def _together(self) -> list[output.Target]:
@@ -245,7 +249,7 @@ class _Run:
             hint = places.command_meant(path) if audited.exit_code == EXIT_NOTHING_TO_AUDIT else ""
             click.echo(f"keystore-audit: {terminal(audited.error)}{hint}", err=True)
             for wanted in self._each:  # that of an earlier run would look like one of this
-                places.own_file(wanted, self.reports[path]).path.unlink(missing_ok=True)
+                output.remove(places.own_file(wanted, self.reports[path]))
             self.rows[number] = without_report(path, audited.exit_code, audited.error)
             self.texts[number] = ""
         else:
@@ -284,11 +288,10 @@ class _Run:
         for number in sorted(self.texts):  # after an interrupt: those behind one that was not done
             self._show(self.texts[number])
         summary = self._summary(interrupted=interrupted)
-        for wanted in self._each:
-            if wanted.format == "json":
-                output.write(places.summary_file(wanted), render_json(summary, places.FILE_NAMES["json"]))
-            if self.several:
-                self._say_older(wanted)
+        for wanted in self._summaries:
+            output.write(wanted, render_json(summary, places.FILE_NAMES["json"]))
+        for wanted in self._each if self.several else ():
+            self._say_older(wanted)
         if self.given["kind"] == "text":
             self._show_summary(summary)
         reports = [self.whole[number] for number in sorted(self.whole)]

@@ -101,6 +101,14 @@ def write(wanted: Target, text: str) -> None:
         raise Unwritable(_reason(wanted, error)) from error
 
 
+def remove(wanted: Target) -> None:
+    """Remove what an earlier run wrote, if it did; raise Unwritable with the reason."""
+    try:
+        wanted.path.unlink(missing_ok=True)
+    except OSError as error:
+        raise Unwritable(_reason(wanted, error)) from error
+
+
 def write_stdout(text: str) -> None:
     """Write the report to standard output; a reader that has gone away (`| head`) is no error.
 

@@ -98,6 +98,22 @@ def test_no_older_summary_speaks_of_a_run_that_ended_half_way(
     assert f"No report was written to {tmp_path}/all.sarif." in capsys.readouterr().err
 
 
+def test_a_run_that_writes_no_summary_leaves_the_one_that_is_there(tmp_path: Path) -> None:
+    """The reports that it speaks of stay as well."""
+    run = ("-r", robots(tmp_path / "all", 1), *NATIVE, "-o")
+    answer(*run, f"json={tmp_path}/out/")
+    before = summary(tmp_path / "out")
+    answer(*run, f"html={tmp_path}/out/")
+    assert summary(tmp_path / "out") == before
+
+
+def test_a_summary_that_cannot_be_replaced_is_wrong_usage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "out/summary.json").mkdir(parents=True)
+    code, _ = answer("-r", robots(tmp_path / "all", 1), *NATIVE, "-o", f"json={tmp_path}/out/")
+    assert code == 2
+    assert f"Cannot write the json report to {tmp_path}/out/summary.json: " in capsys.readouterr().err
+
+
 def test_reports_of_robots_that_left_are_named_and_stay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     root = robots(tmp_path / "fleet", 3)
     run = ("-r", root, *NATIVE, "-o", f"json={tmp_path}/out/")
