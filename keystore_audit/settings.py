@@ -158,6 +158,7 @@ def _claim(table: Table, forwards: tuple[Forward, ...]) -> Claim | Determinism:
         until=table.instant("until"),
         location=table.location,
         place=table.place(),
+        marks=table.marks,
         **{key: value for key, value in said.items() if key != "statement"},
     )
 
@@ -175,7 +176,6 @@ def _no_flow(table: Table, key: str) -> dict[str, Any]:
         "target": form.place_of("to"),
         "through": through,
         "include_ambient": form.flag("include_ambient"),
-        "marks": form.marks,
         "statement": f"Nothing gets from {_listed(form.texts('from'))} to {_listed(form.texts('to'))}{besides}"
         f"{'' if form.flag('include_ambient') else ', apart from topics that nearly every node uses'}.",
     }
@@ -190,7 +190,6 @@ def _able(table: Table, key: str) -> dict[str, Any]:
         "source": form.place_of("from"),
         "target": form.place_of("to"),
         "include_ambient": form.flag("include_ambient"),
-        "marks": form.marks,
         "statement": f"Data can get from {_listed(form.texts('from'))} to {_listed(form.texts('to'))}, by what "
         "permissions allow; whether governances match (KA416), nodes can be made (KA636) and use it is not asked.",
     }
@@ -205,7 +204,6 @@ def _only_publish(table: Table, key: str) -> dict[str, Any]:
         "source": Globs(enclaves=form.enclaves("enclaves")),
         "target": Globs(topics=form.topics("topic")),
         "include_ambient": True,
-        "marks": form.marks,
         "statement": f"Only {_listed(form.texts('enclaves'))} may publish {_listed(form.texts('topic'))}.",
     }
 
@@ -220,7 +218,6 @@ def _encrypted(table: Table, key: str) -> dict[str, Any]:
         "source": Globs(),
         "target": Globs(topics=form.topics("topic")),
         "include_ambient": True,
-        "marks": form.marks,
         "statement": f"{_listed(form.texts('topic'))} is encrypted against "
         f"{'outsiders' if against == OUTSIDER else 'insiders that may not read it'}.",
     }
@@ -236,7 +233,6 @@ def _never_share_domain(table: Table, key: str) -> dict[str, Any]:
         "source": Globs(enclaves=sides[:1]),
         "target": Globs(enclaves=sides[1:]),
         "include_ambient": True,
-        "marks": table.marks,
         "statement": f"{sides[0]} and {sides[1]} can never join one domain.",
     }
 

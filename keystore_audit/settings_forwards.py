@@ -84,7 +84,7 @@ def read_determinism(table: Table, name: str, severity: Severity, forwards: Sequ
         include_ambient=form.flag("include_ambient"),
         location=table.location,
         place=table.place(),
-        marks=form.marks,
+        marks=table.marks,
     )
 
 

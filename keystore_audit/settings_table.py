@@ -131,7 +131,7 @@ class Table:
 
     @property
     def marks(self) -> tuple[tuple[str, str], ...]:
-        """Each glob on enclaves or DDS topics that was taken from here, with its `FILE:LINE:COLUMN`."""
+        """Each glob on enclaves or DDS topics that was taken from here or below, with its `FILE:LINE:COLUMN`."""
         return tuple(self._marks.items())
 
     @property
@@ -153,7 +153,9 @@ class Table:
         """A table in this one, whose key is there."""
         if not isinstance(self.values[key], dict):
             self.wrong(key, f"expected a table, e.g. {key} = {{ ... }}")
-        return Table(self.file, (*self._path, key), self.values[key])
+        inner = Table(self.file, (*self._path, key), self.values[key])
+        inner._marks = self._marks
+        return inner
 
     def tables(self, key: str) -> Iterator[Table]:
         """The tables of an array of tables; none where the key is absent."""
