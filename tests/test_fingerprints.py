@@ -249,6 +249,17 @@ def test_a_document_that_the_authority_did_not_sign_is_accepted_as_it_is(tmp_pat
     assert after.isdisjoint(prints(before, tmp_path / "before", "KA302"))
 
 
+def test_another_certificate_inside_a_message_is_another_finding(tmp_path: Path) -> None:
+    """What stands at its place is a document, which says the same."""
+
+    def certified(subject: str) -> Store:
+        seal = signed_by(PERMISSIONS_CA, replace(TALKER.certificate, subject=subject)).smime
+        return replace(TWO, enclaves=(replace(TALKER, seal=seal), LISTENER))
+
+    spare, admin = ({*prints(certified(name), tmp_path / name, "KA228")} for name in ("spare", "admin"))
+    assert spare.isdisjoint(admin)
+
+
 @pytest.mark.parametrize("code", ["KA203", "KA205", "KA505", "KA507"])
 def test_a_day_that_passes_makes_no_other_finding(code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(SAMPLES)

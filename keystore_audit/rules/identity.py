@@ -315,7 +315,7 @@ def identity_key_certified_again(keystore: Keystore, _context: Context) -> Itera
                 message=f"The identity key of {enclave.path} is certified {times} more: {also}.",
                 locations=places(Location(path=c.path, line=c.line) for c in (first, *others)),
                 enclave=enclave.path,
-                key=first.key,
+                key="\n".join([first.key, *sorted(other.sha256 for other in others)]),
             )
 
 
