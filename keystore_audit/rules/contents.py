@@ -22,6 +22,7 @@ from keystore_audit.keystore.governance import DomainRule, GovernanceFile, Topic
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Grant, PermissionsFile, Rule
 from keystore_audit.keystore.private_key import PrivateKey
+from keystore_audit.keystore.smime import SignedDocument
 
 _LEFT_OUT: Final = frozenset({"line", "lines", "default_line", "not_before", "not_after"})
 """Where something stands, and how long grants are in force: rules about dates have these in their keys."""
@@ -49,6 +50,11 @@ def told(value: object) -> str:
 def dated(grant: Grant) -> str:
     """Whom the grant names and when it is in force: the key of what is about dates."""
     return f"{grant.subject_name.text} {grant.not_before.text} {grant.not_after.text}"
+
+
+def signed_bytes(signed: SignedDocument) -> str:
+    """What was signed to the letter, whoever signed it and however; of a file without such a text all of it."""
+    return signed.file.sha256 or "" if signed.content is None else hashlib.sha256(signed.content).hexdigest()
 
 
 class Contents:
@@ -121,9 +127,10 @@ class Contents:
 
     def _whole(self, document: GovernanceFile | PermissionsFile) -> str:
         if isinstance(document, GovernanceFile):
-            return _unsigned(document) if document.governance is None else _digest([told(document.governance)])
+            governance = document.governance
+            return signed_bytes(document.signed) if governance is None else _digest([told(governance)])
         permissions = document.permissions
-        return _unsigned(document) if permissions is None else self._told(permissions.grants)
+        return signed_bytes(document.signed) if permissions is None else self._told(permissions.grants)
 
     def _told(self, grants: Iterable[Grant]) -> str:
         """What grants say, each worked out once; they live as long as their keystore, which is kept here."""
@@ -131,12 +138,6 @@ class Contents:
             if id(grant) not in self._grants:
                 self._grants[id(grant)] = _digest([told(grant)])
         return " ".join(self._grants[id(grant)] for grant in grants)
-
-
-def _unsigned(document: GovernanceFile | PermissionsFile) -> str:
-    """The bytes of a document without a single meaning, whoever signed them and however."""
-    content = document.signed.content
-    return document.signed.file.sha256 or "" if content is None else hashlib.sha256(content).hexdigest()
 
 
 def _certificates(file: CertificateFile) -> _At:

@@ -6,7 +6,6 @@ certificate, by somebody else, or not validly at all.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator
 from enum import Enum
 from typing import Any, Final
@@ -20,6 +19,7 @@ from keystore_audit.model.profiles import VARIANTS, Profile
 from keystore_audit.model.trust import Verdict, document_verdict, may_sign, signer_refusal, vouches
 from keystore_audit.rules.acceptance import SPEC, accepting
 from keystore_audit.rules.commands import CREATE_PERMISSION, SIGN_DOCUMENT
+from keystore_audit.rules.contents import signed_bytes
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, SignedUse
@@ -143,7 +143,7 @@ def _violation(use: SignedUse, message: str, signer: Certificate | None, key: st
         locations=places((place, *(location for location in found if location.path != place.path))),
         enclave=sole(use.enclaves),
         # What was signed is part of it, with all of its dates: who accepts this accepts no other document.
-        key=f"{key} {hashlib.sha256(use.signed.content or b'').hexdigest()}",
+        key=f"{key} {signed_bytes(use.signed)}",
         **more,
     )
 
