@@ -60,8 +60,9 @@ def weakened(options: Options, profiles: Sequence[Profile]) -> tuple[str, ...]:
         weakened += [f"--profile {name}" for name in options.profiles]
     if options.expires_within < DEFAULT_NOTICE:
         weakened.append(f"--expires-within {options.expires_within.days}")
-    if options.settings is not None and options.settings.max_suppression_days > MAX_DAYS:
-        weakened.append(f"max_suppression_days = {options.settings.max_suppression_days} in {options.settings.path}")
+    settings = options.settings
+    if settings is not None and settings.max_suppression_days > MAX_DAYS:
+        weakened.append(f"max_suppression_days = {settings.max_suppression_days} in {settings.file.path}")
     if options.settings_passed_over:
         weakened.append(options.settings_passed_over)
     if options.at_given:

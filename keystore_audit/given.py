@@ -9,7 +9,7 @@ from keystore_audit.dataclass import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GivenFile:
-    """A file that was read. `path` as the user gave it, or below that; `sha256` of its bytes, in hexadecimal."""
+    """A file that was read. `path` as it was given or found, or below that; `sha256` of its bytes, in hexadecimal."""
 
     path: str
     sha256: str

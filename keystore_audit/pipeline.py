@@ -51,7 +51,6 @@ if TYPE_CHECKING:
     from keystore_audit.model.drift import Drift
     from keystore_audit.model.observed import Observation
     from keystore_audit.model.wiring import WiredNode
-    from keystore_audit.settings import Baseline, Settings
 
 
 def audit(
@@ -262,8 +261,8 @@ def _report(
         domain=options.domain,
         files=context.keystore.contents,
         uncovered=context.keystore.uncovered,
-        settings=_settings(options.settings),
-        baseline=_settings(options.baseline),
+        settings=options.settings.file if options.settings else None,
+        baseline=options.baseline.file if options.baseline else None,
         inputs=inputs,
     )
 
@@ -292,10 +291,6 @@ def _drift(
     from keystore_audit.model.drift import drift
 
     return drift(keystore, policy, profiles, options.at, accesses, options.domain)
-
-
-def _settings(given: Settings | Baseline | None) -> GivenFile | None:
-    return None if given is None else GivenFile(path=given.path, sha256=given.sha256)
 
 
 def _enclaves(context: Context) -> tuple[EnclaveEntry, ...]:

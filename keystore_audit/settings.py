@@ -10,6 +10,7 @@ from typing import Any, Final
 from keystore_audit.dataclass import dataclass, field
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Severity
+from keystore_audit.given import GivenFile
 from keystore_audit.model.claim import Attacker, ClaimKind
 from keystore_audit.model.claims import Claim, Globs
 from keystore_audit.model.forwards import Declared, Determinism, Forward
@@ -38,14 +39,13 @@ _NAME: Final = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """What a settings file says. `path` as it was given or found; `sha256` of its bytes, in hexadecimal.
+    """What a settings file says.
 
     `claims`: all that it asserts, what `labels` and single writers come to among it.
     `acceptances` may last so many days from the audit instant.
     """
 
-    path: str
-    sha256: str
+    file: GivenFile
     claims: tuple[Claim, ...] = ()
     labels: Labelling | None = None
     declared: Declared = field(default_factory=Declared)
@@ -60,10 +60,9 @@ class Settings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Baseline:
-    """Findings that were accepted one by one. `path` as it was given; `sha256` of its bytes, in hexadecimal."""
+    """Findings that were accepted one by one."""
 
-    path: str
-    sha256: str
+    file: GivenFile
     acceptances: tuple[Acceptance, ...] = ()
 
 
@@ -79,8 +78,7 @@ def read_settings(path: Path, keystores: Iterable[str | Path] = ()) -> Settings:
     labels = read_labels(root)
     claims, declared = _properties(root)
     return Settings(
-        path=file.path,
-        sha256=file.sha256,
+        file=file.given,
         claims=_unique((*claims, *(labels.claims() if labels else ()), *read_single_writers(root)), declared),
         labels=labels,
         declared=declared,
@@ -94,7 +92,7 @@ def read_baseline(path: Path, keystores: Iterable[str | Path] = ()) -> Baseline:
     file = read_table(path, keystores, MAX_BASELINE_BYTES)
     root = file.root
     root.only("accepted")
-    return Baseline(path=file.path, sha256=file.sha256, acceptances=read_accepted(root))
+    return Baseline(file=file.given, acceptances=read_accepted(root))
 
 
 def _properties(root: Table) -> tuple[tuple[Claim, ...], Declared]:

@@ -5,7 +5,6 @@ Whatever is wrong is an errors.UsageError with file, line and column, and says w
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
 import sys
@@ -17,6 +16,7 @@ from typing import Any, Final, NoReturn
 
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
+from keystore_audit.given import GivenFile
 from keystore_audit.model.claims import Globs
 from keystore_audit.settings_positions import Path as KeyPath
 from keystore_audit.settings_positions import Position, positions
@@ -74,7 +74,7 @@ class File:
 
     def __init__(self, path: str, content: bytes) -> None:
         self.path = path
-        self.sha256 = hashlib.sha256(content).hexdigest()
+        self.given = GivenFile.of(path, content)
         try:
             text = content.decode("utf-8")
         except UnicodeDecodeError as error:

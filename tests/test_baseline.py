@@ -20,6 +20,7 @@ from keystore_audit import resources
 from keystore_audit.baseline import create, prune, written
 from keystore_audit.cli import audit as command_line
 from keystore_audit.findings import Location, Severity
+from keystore_audit.given import GivenFile
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
@@ -153,10 +154,10 @@ def test_a_baseline_accepts_what_was_found_and_nothing_of_the_audit_itself(
     incomplete = before.verdict is Verdict.INCOMPLETE
     assert after.verdict is (Verdict.INCOMPLETE if incomplete else Verdict.PASS)
     if baseline.acceptances:
-        assert any(f"accepted by {baseline.path}" in reason for reason in after.weakened)
+        assert any(f"accepted by {baseline.file.path}" in reason for reason in after.weakened)
 
     kept = prune(baseline, str(keystore), options)
-    assert (kept.kept, kept.dropped, kept.text) == (len(baseline.acceptances), (), Path(baseline.path).read_text())
+    assert (kept.kept, kept.dropped, kept.text) == (len(baseline.acceptances), (), Path(baseline.file.path).read_text())
     assert kept.complete is not incomplete
     later = replace(options, at=options.at.replace(year=2028))
     gone = prune(baseline, str(keystore), later)
@@ -183,10 +184,10 @@ def test_entries_that_nothing_matches_stay_while_anything_is_undecided(tmp_path:
         code="KA203", fingerprint="a" * 64, severity=Severity.LOW, causes=frozenset(), reason="r", owner="o",
         until=UNTIL, location=Location(path="b.toml", line=1), place="b.toml:1:1",
     )  # fmt: skip
-    left = prune(Baseline(path="b.toml", sha256="", acceptances=(entry,)), str(keystore), options)
+    left = prune(Baseline(file=GivenFile.of("b.toml", b""), acceptances=(entry,)), str(keystore), options)
     assert (left.kept, left.dropped, left.doubtful, left.complete) == (1, (), 1, False)
     healthy, _expected = as_built(SAMPLES / "healthy/turtlesim.toml", tmp_path / "healthy")
-    left = prune(Baseline(path="b.toml", sha256="", acceptances=(entry,)), str(healthy), options)
+    left = prune(Baseline(file=GivenFile.of("b.toml", b""), acceptances=(entry,)), str(healthy), options)
     assert ([use.acceptance for use in left.dropped], left.kept, left.complete) == ([entry], 0, True)
 
 

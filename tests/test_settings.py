@@ -148,7 +148,7 @@ def test_settings_inside_of_the_keystore_are_refused_also_over_a_link(tmp_path: 
             read_settings(path, [str(keystore)])
     outside = tmp_path / "outside.toml"
     outside.write_text("")
-    assert read_settings(outside, [keystore]).sha256 == hashlib.sha256(b"").hexdigest()
+    assert read_settings(outside, [keystore]).file.sha256 == hashlib.sha256(b"").hexdigest()
 
 
 def test_the_schema_takes_what_is_taken_and_refuses_what_is_refused(tmp_path: Path) -> None:

@@ -37,7 +37,7 @@ profiles = ["spec", "fastdds-3.6"]
     assert settings.max_suppression_days == 400
     assert (placed.code, placed.where, placed.fingerprint, placed.severity) == ("KA205", ("/talker",), None, None)
     assert (placed.reason, placed.owner, placed.until) == ("so", "Ada", date(2026, 12, 4))
-    assert (placed.location.line, placed.location.beside, placed.place) == (2, True, f"{settings.path}:2:1")
+    assert (placed.location.line, placed.location.beside, placed.place) == (2, True, f"{settings.file.path}:2:1")
     assert (printed.where, printed.fingerprint, printed.severity) == ((), PRINT, Severity.CRITICAL)
     assert printed.profiles == {"spec", "fastdds-3.6"}
     assert placed.end == datetime(2026, 12, 4, 23, 59, 59, tzinfo=timezone.utc)
