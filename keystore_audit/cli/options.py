@@ -125,15 +125,10 @@ def rule_meant(word: str, known: Sequence[str]) -> str:
 
     Codes are compared place by place: the letters of all of them are alike. Another family is never meant.
     """
-    family = word.upper()[: len("KA1")]
-    places = {
-        code: sum(a == b for a, b in zip(code, word.upper(), strict=False))
-        for code in known
-        if code.isupper() and code.startswith(family)
-    }
-    code = max(places, key=places.__getitem__, default="")
-    if code and len(family) == len("KA1"):
-        return f" Did you mean {code}?"
+    family = [code for code in known if code[:3] == word.upper()[:3]]
+    if family:
+        nearest = max(family, key=lambda code: sum(a == b for a, b in zip(code, word.upper(), strict=False)))
+        return f" Did you mean {nearest}?"
     names = get_close_matches(word.lower(), [name for name in known if name.islower()], n=1)
     return f" Did you mean {names[0]}?" if names else ""
 

@@ -239,7 +239,7 @@ class _Tree:
             made = "half-made keystore" if half_made else "keystore"
             text = f"{where} is a {made} without any enclave: {_ENCLAVE_WANTED} for each below {where}/enclaves"
         elif keystores and kind is LayoutKind.PARTIAL:
-            shown = ", ".join([*(display(place) for place in keystores[:3]), *(["..."] if keystores[3:] else [])])
+            shown = ", ".join(display(place) for place in keystores[:3]) + (", ..." if keystores[3:] else "")
             of_sros2 = f"holds {len(keystores)} with enclaves/"  # those of older layouts are not looked for
             text = f"{where} is no keystore, but {of_sros2}: name one of them ({shown}), or audit all with --recursive"
         else:
