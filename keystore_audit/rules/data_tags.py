@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from keystore_audit.findings import Severity
+from keystore_audit.keystore.permissions import Criterion, Grant
+from keystore_audit.keystore.permissions import Rule as PermissionsRule
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN, about, all_grants
 from keystore_audit.rules.registry import Rule, Violation, rule
@@ -29,22 +31,24 @@ def data_tags_ignored(use: PermissionsUse, _context: Context) -> Iterator[Violat
     more is allowed than it says, medium where more is denied. Everything else here is decided as implementations do,
     without the tags, under `spec` too.
     """
+    for grant, each, criterion in _tagged(use):
+        verb, operation = "allows" if each.allow else "denies", criterion.operation.value
+        topics = [text.text for text in criterion.topics]
+        yield about(
+            use,
+            grant,
+            criterion.line,
+            f"A rule {verb} {operation} of {listed(map(quoted, topics))} to endpoints with certain data tags "
+            f"alone, and every implementation passes over the tags: it {verb} it to all.",
+            severity=None if each.allow else Severity.MEDIUM,
+            key=f"{grant.subject_name.text} {verb} {operation} {' '.join(topics)}",
+        )
+
+
+def _tagged(use: PermissionsUse) -> Iterator[tuple[Grant, PermissionsRule, Criterion]]:
     for grant in all_grants(use):
         for each in grant.rules:
-            for criterion in each.criteria:
-                if criterion.data_tags:
-                    topics = listed([quoted(text.text) for text in criterion.topics])
-                    verb = "allows" if each.allow else "denies"
-                    yield about(
-                        use,
-                        grant,
-                        criterion.line,
-                        f"It {verb} {criterion.operation.value} of {topics} to endpoints with certain data tags alone, "
-                        f"and every implementation passes over the tags: it {verb} it to all.",
-                        severity=None if each.allow else Severity.MEDIUM,
-                        key=f"{grant.subject_name.text} {verb} {criterion.operation.value} "
-                        + " ".join(text.text for text in criterion.topics),
-                    )
+            yield from ((grant, each, criterion) for criterion in each.criteria if criterion.data_tags)
 
 
 DATA_TAGS: tuple[Rule[Any], ...] = (data_tags_ignored,)

@@ -33,7 +33,7 @@ def test_what_is_limited_to_tags(allows: bool, severity: Severity) -> None:
     (finding,) = spoken(talking(limited, MAP))
     assert (finding.code, finding.severity, finding.locations[0].line) == ("KA638", severity, 42)
     verb = "allows" if allows else "denies"
-    assert finding.message.startswith(f"It {verb} publish of 'rt/map' to endpoints with certain data tags alone")
+    assert finding.message.startswith(f"A rule {verb} publish of 'rt/map' to endpoints with certain data tags alone")
     assert spoken(talking(replace(MAP, allow=allows), MAP)) == ()
 
 
