@@ -102,9 +102,11 @@ def write(wanted: Target, text: str) -> None:
 
 
 def remove(wanted: Target) -> None:
-    """Remove what an earlier run wrote, if it did; raise Unwritable with the reason."""
+    """Remove what an earlier run wrote, if it did, where `write` would write; raise Unwritable with the reason."""
+    path = _resolved(wanted.path)
     try:
-        wanted.path.unlink(missing_ok=True)
+        if not _is_special(path):
+            path.unlink(missing_ok=True)
     except OSError as error:
         raise Unwritable(_reason(wanted, error)) from error
 
