@@ -17,9 +17,9 @@ _SHARED: Final = frozenset(("public", "private"))
 
 _FILES: Final = frozenset(
     (
-        *(f"{role.value}.{extension}" for role in Role for extension in ("pem", "p11", "p7s")),
-        "ca.cert.pem",
-        "ca.key.pem",
+        *(f"{role.value}.{extension}".encode() for role in Role for extension in ("pem", "p11", "p7s")),
+        b"ca.cert.pem",
+        b"ca.key.pem",
     )
 )
 """Files of an enclave, or of the root of a keystore before Foxy."""
@@ -57,7 +57,7 @@ def find_keystores(directory: str) -> Found:
             unseen.append((place, error.strerror or str(error)))
             continue
         names = frozenset(os.fsencode(entry.name) for entry in entries)
-        if starts_by_itself(names) or not (within or _FILES.isdisjoint(entry.name for entry in entries)):
+        if starts_by_itself(names) or (not within and names & _FILES):
             keystores.append(place)
             if not keeps_enclaves_apart(names):
                 continue  # whatever is below is one of its enclaves
