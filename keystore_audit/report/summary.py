@@ -26,6 +26,9 @@ MAX_NAMED: Final = 5
 MAX_PATH: Final = 400
 """Characters of a path on the page."""
 
+MAX_WEAKENED: Final = 10
+"""Reasons why gates were laxer that are named on the page; the others are counted."""
+
 _VERDICTS: Final = {Verdict.INCOMPLETE: "bold magenta", Verdict.FAIL: "bold red", Verdict.PASS: "bold green"}
 """In the order of the page: the worst first."""
 
@@ -39,6 +42,7 @@ class Row:
 
     `verdict` None: there is no report, and `error` says why. `failing`: what fails the gate, each code once, worst
     first, and of violated properties only those without a cause that fails it. `counts`: unsuppressed findings.
+    `weakened`: what made its gate laxer than the default one, raw text.
     """
 
     path: str
@@ -50,6 +54,7 @@ class Row:
     counts: Mapping[Severity, int]
     failing: tuple[Reason, ...] = ()
     safe_until: datetime | None = None
+    weakened: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,6 +89,7 @@ def row(path: str, report: Report) -> Row:
         counts=report.summary,
         failing=tuple(sorted(reasons, key=lambda reason: (reason[2].rank, reason[0]))),
         safe_until=report.safe_until,
+        weakened=report.weakened,
     )
 
 
@@ -122,6 +128,7 @@ def _row(row: Row, report: str) -> dict[str, Any]:
         "digest": row.digest or None,
         "enclaves": row.enclaves,
         "safe_until": None if row.safe_until is None else instant(row.safe_until),
+        "weakened": list(row.weakened),
         "summary": _counts(row.counts),
         "failing": [{"code": code, "name": name, "severity": severity.value} for code, name, severity in row.failing],
     }
@@ -146,12 +153,25 @@ def render_text(summary: Summary, view: View | None = None) -> str:
     for each in summary.rows:
         if each.verdict is None:
             page.labelled("NO REPORT", each.error, indent=0, column=12, style="bold magenta")
+    _weakened(page, summary.rows)
     for verdict, style in _VERDICTS.items():
         if verdict is not Verdict.PASS or view.verbose:
             _entries(page, verdict, style, summary.rows, view)
     _frequent(page, summary.rows)
     _last(page, summary)
     return page.render()
+
+
+def _weakened(page: Page, rows: Sequence[Row]) -> None:
+    """What made gates laxer, and of how many keystores where it is not of all that have a report."""
+    counts = Counter(reason for each in rows for reason in each.weakened)
+    reports = sum(each.verdict is not None for each in rows)
+    for reason, count in counts.most_common(MAX_WEAKENED):
+        of = f" ({_number(count)})" if count < reports else ""
+        said = f"Weakened gate: {shorten(reason, MAX_PATH)}{of}."
+        page.labelled("WARNING", said, indent=0, column=12, style="bold yellow")
+    if len(counts) > MAX_WEAKENED:
+        page.put(f"and {len(counts) - MAX_WEAKENED} more (all are in the JSON summary)", indent=12)
 
 
 def _entries(page: Page, verdict: Verdict, style: str, rows: Sequence[Row], view: View) -> None:

@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,10 @@ import psutil
 import pytest
 
 from keystore_audit import resources
+from keystore_audit.dataclass import replace
+from keystore_audit.findings import Severity
+from keystore_audit.report.content import Verdict
+from keystore_audit.report.summary import Row, Summary, render_text, without_report
 from tests.cli.keystores import AT, answer, keystore, rule
 
 NATIVE = ("--engine", "native", "--at", AT)
@@ -53,10 +58,29 @@ def test_a_report_of_each_and_a_summary_of_all(fleet: Path, tmp_path: Path) -> N
     for row in document["keystores"]:
         report = json.loads((tmp_path / "out" / row["report"]).read_text())
         assert (report["keystore"]["digest"], report["verdict"]) == (row["digest"], row["verdict"])
+        assert report["weakened"] == row["weakened"] == [f"--at {AT}"]
         assert "KA666" in {finding["code"] for finding in report["findings"]}
         assert (tmp_path / "out" / row["report"]).with_name("report.md").exists()
     assert page.splitlines()[-1] == "12 keystores: 0 incomplete, 12 fail, 0 pass; exit code 1"
     assert "and 7 more" in page
+    assert f"Weakened gate: --at {AT}.\n" in page
+
+
+def test_the_page_says_of_how_many_keystores_the_gate_was_weakened() -> None:
+    kept: dict[str, Any] = {"exit_code": 0, "verdict": Verdict.PASS, "counts": dict.fromkeys(Severity, 0)}
+    rows = (
+        Row(path="a", weakened=("--fail-on never", "2 findings accepted by a.toml"), **kept),
+        Row(path="b", weakened=("--fail-on never",), **kept),
+        without_report("c", 3, "nothing there"),
+    )
+    page = render_text(Summary(version="1", at=datetime.now(timezone.utc), exit_code=3, rows=rows, reports={}))
+    told = [line.split(None, 1)[1] for line in page.splitlines() if line.startswith("WARNING")]
+    assert told == ["Weakened gate: --fail-on never.", "Weakened gate: 2 findings accepted by a.toml (1 keystore)."]
+    many = tuple(f"--ignore KA{number}" for number in range(101, 301))
+    crowd = Summary(
+        version="1", at=datetime.now(timezone.utc), exit_code=0, rows=(replace(rows[1], weakened=many),), reports={}
+    )
+    assert "and 190 more (all are in the JSON summary)" in render_text(crowd)
 
 
 def test_no_older_report_stays_where_there_is_none_now(tmp_path: Path) -> None:
