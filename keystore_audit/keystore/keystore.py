@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import TypeVar
+from typing import Final, TypeVar
 
 from cryptography.x509.oid import NameOID
 
@@ -24,6 +24,9 @@ from keystore_audit.keystore.smime import Candidates
 from keystore_audit.keystore.stray import Stray, is_message_by_name, read_strays
 from keystore_audit.keystore.stray_identity import StrayIdentities, read_stray_identities
 from keystore_audit.text import percent_path
+
+MAX_FURTHER_KEYS: Final = 64
+"""Files with private keys in odd places that are parsed: of the rest it is not said whose key they hold."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -61,6 +64,8 @@ class Keystore:
     authority_keys: tuple[PrivateKey, ...]
     private_keys: tuple[File, ...]
     """Every file below the root in which a private key is, whatever its name; without content."""
+    further_keys: tuple[PrivateKey, ...] = ()
+    """Of those that are no enclave's key.pem and no authority's by name, what the first of them hold."""
     digest: str
     contents: tuple[tuple[str, str], ...] = ()
     """Path and SHA-256, in hexadecimal, of every file, by path: of the bytes that were parsed, or searched."""
@@ -109,6 +114,7 @@ def read_keystore(
             authorities=authorities,
             authority_keys=_distinct(reader.private_key(file) for file in layout.authority_keys),
             private_keys=root.holding_private_keys(),
+            further_keys=_further_keys(root, reader, layout, enclaves),
             digest=_digest(records),
             contents=tuple(_contents(records)),
             uncovered=tuple(_uncovered(records)),
@@ -264,6 +270,13 @@ def _identities(root: Root, reader: _Reader, enclaves: Sequence[Enclave]) -> Str
     }
     known = (enclave.certificate.first for enclave in enclaves if enclave.certificate is not None)
     return read_stray_identities(files, keys, (certificate for certificate in known if certificate is not None))
+
+
+def _further_keys(root: Root, reader: _Reader, layout: Layout, enclaves: Sequence[Enclave]) -> tuple[PrivateKey, ...]:
+    known = {enclave.key.file.place for enclave in enclaves if enclave.key is not None}
+    known.update(file.place for file in layout.authority_keys)
+    files = [file for file in root.holding_private_keys() if file.place not in known]
+    return _distinct(reader.private_key(file) for file in files[:MAX_FURTHER_KEYS])
 
 
 def _unread(root: Root, layout: Layout) -> list[File]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.private_key import PrivateKey
 from keystore_audit.rules.certificate import ISSUE_AGAIN
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
@@ -125,8 +126,9 @@ def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> It
     """A private key stands in a file that enclaves carry or that lies beside them, and is not an enclave's key.pem.
 
     `openssl req -x509 -keyout ca.pem -out ca.pem` writes key and certificate into one file; as a CA file it goes on
-    every robot. Whose key it is is not asked: nobody needs one there. A second key in key.pem counts as well. In a
-    tree that goes on a robot (--deployed), so does a key in any other file, as in a backup; KA109 speaks of those that
+    every robot. Whose key it is changes nothing: nobody needs one there. Where a certificate of the keystore has it,
+    the finding names the holder, for the first 64 such files. A second key in key.pem counts as well. In a tree that
+    goes on a robot (--deployed), so does a key in any other file, as in a backup; KA109 speaks of those that
     authorities' names are on. Keys are seen in PEM anywhere in a file, in DER, and as a PKCS #12 file, which is made
     for one. Where the file is too large to be hashed, nobody can tell whether it is the same one tomorrow: undecided.
     """
@@ -134,16 +136,17 @@ def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> It
     carried = {file.place for enclave in keystore.enclaves for file in enclave.files.files.values()}
     folders = {f"{enclave.files.directory}/" for enclave in keystore.enclaves if enclave.files.directory != "."}
     authorities = {file.place for file in keystore.layout.authority_keys}
+    holders = _holders(keystore)
+    held = {key.file.place: _whose(key, holders) for key in keystore.further_keys}
     for file in keystore.private_keys:
         beside = file.place.startswith(("public/", "enclaves/", *folders)) or file.place in carried
         if (beside or (context.deployed and file.place not in authorities)) and file.place not in own:
             yield Violation(
-                message=f"A private key is in {file.place}, which goes on robots.",
+                message=f"A private key is in {file.place}, which goes on robots{held.get(file.place, '')}.",
                 locations=(Location(path=file.place),),
                 undecided=file.sha256 is None,  # which key it is: nobody accepts one and gets another
                 key=f"{file.place} {file.sha256}",
             )
-    holders = _holders(keystore)
     for enclave in keystore.enclaves:
         keys = {other.line: other.key for other in enclave.key.others} if enclave.key is not None else {}
         for defect in enclave.key.defects if enclave.key is not None else ():
@@ -156,6 +159,13 @@ def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> It
                     enclave=enclave.path,
                     key=f"second {defect.path} {keys.get(defect.line or 0)}",
                 )
+
+
+def _whose(key: PrivateKey, holders: Mapping[str, str]) -> str:
+    """`: that of the authority 'CN=CA'`, or several holders; nothing where none is known."""
+    known = dict.fromkeys(holders.get(each or "") for each in (key.key, *(other.key for other in key.others)))
+    named = [holder for holder in known if holder is not None]
+    return f": {'that' if len(named) == 1 else 'those'} of {listed(named)}" if named else ""
 
 
 def _holders(keystore: Keystore) -> dict[str, str]:

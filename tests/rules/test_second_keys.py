@@ -1,4 +1,4 @@
-"""Private keys behind the first one in an enclave's key.pem: whose they are is said, and what that makes possible."""
+"""Private keys behind the first one in key.pem, or in another file: whose they are, and what that makes possible."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from keystore_audit.findings import Severity
+from keystore_audit.keystore.keystore import MAX_FURTHER_KEYS
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from tests.keystore.builder import certificate
@@ -39,3 +40,40 @@ def test_a_second_key_is_named(second: bytes, codes: set[str], whose: str, tmp_p
         assert f"has a second private key{whose}: " in found["KA118"].message
     if "KA109" in found:
         assert "/talker has the private key of the authority" in found["KA109"].message
+
+
+@pytest.mark.parametrize(
+    ("place", "keys", "whose"),
+    [
+        ("enclaves/talker/identity_ca.cert.pem", ("identityCA",), ": that of the authority 'CN=identityCA'"),
+        ("enclaves/listener/cert.pem", ("/talker",), ": that of /talker"),
+        ("enclaves/talker/spare.pem", ("nobody", "permissionsCA"), ": that of the authority 'CN=permissionsCA'"),
+        (
+            "public/both.pem",
+            ("permissionsCA", "identityCA"),
+            ": those of the authority 'CN=permissionsCA', the authority 'CN=identityCA'",
+        ),
+        ("public/notes.pem", ("nobody",), ""),
+    ],
+)
+def test_whose_key_lies_in_another_file_is_said(place: str, keys: tuple[str, ...], whose: str, tmp_path: Path) -> None:
+    root = BASE.write(tmp_path / "keystore")
+    file = root / place
+    file.parent.mkdir(exist_ok=True)
+    pem = b"".join(
+        (authority(each) if each.endswith("CA") else certificate(each, key=key(each))).key_pem for each in keys
+    )
+    file.write_bytes((file.read_bytes() if file.exists() else b"") + pem)
+    report = audit(root, Options(at=AT, engine="native"))
+    (found,) = (each for each in report.findings if each.code == "KA118")
+    assert found.message == f"A private key is in {place}, which goes on robots{whose}."
+
+
+def test_of_many_files_with_keys_only_the_first_are_looked_at(tmp_path: Path) -> None:
+    root = BASE.write(tmp_path / "keystore")
+    (root / "public").mkdir()
+    for number in range(MAX_FURTHER_KEYS + 1):
+        (root / f"public/{number:03}.pem").write_bytes(authority("identityCA").key_pem)
+    found = [each for each in audit(root, Options(at=AT, engine="native")).findings if each.code == "KA118"]
+    assert len(found) == MAX_FURTHER_KEYS + 1
+    assert sum("that of the authority" in each.message for each in found) == MAX_FURTHER_KEYS
