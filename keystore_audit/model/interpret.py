@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from functools import partial
 from typing import TYPE_CHECKING
 
 from keystore_audit.aside import Aside
+from keystore_audit.dataclass import replace
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Enclave, Keystore
@@ -147,26 +148,34 @@ def _unneeded(channel: ChannelAtom) -> tuple[bool, bool]:
 
 
 def _ungoverned(systems: tuple[System, ...]) -> tuple[UngovernedTopics, ...]:
-    """Topics of governed domains that no topic rule matches, one entry for each document and domain class."""
-    if not systems:
-        return ()
-    system = systems[0]
+    """Topics of governed domains that no topic rule matches: of each document and domain class one, and another where
+    implementations read expressions or ranges so differently that it is not the same for all.
+    """
+    known: dict[tuple[int, int], tuple[UngovernedTopics, ...]] = {}
+    found: dict[UngovernedTopics, list[str]] = {}
+    every = 0
+    for system in systems:
+        if system.reading is Reading.MAY:
+            every += len(system.profiles)
+            rules = id(system.domain_rules), id(system.topic_rules)  # one object where they are read alike
+            if rules not in known:
+                known[rules] = tuple(_unmatched(system))
+            for each in known[rules]:
+                found.setdefault(each, []).extend(system.profiles)
+    return tuple(replace(each, profiles=() if len(names) == every else tuple(names)) for each, names in found.items())
+
+
+def _unmatched(system: System) -> Iterator[UngovernedTopics]:
     permissions = Permissions(system)
-    found: list[UngovernedTopics] = []
-    for number in range(len(system.documents)):
-        rules = [rule for rule in system.domain_rules if rule.document == number]
-        if not rules:
-            continue
+    for number in sorted({rule.document for rule in system.domain_rules}):
         said = protection(system, number, permissions)
         for domain in members(said.ruled):
             missing = list(members(permissions.channels_in[domain] & ~said.governed))
             if missing:
                 witness = min(missing, key=lambda n: _unneeded(system.channels[n]))
-                found.append(
-                    UngovernedTopics(
-                        location=next(rule.location for rule in rules if domain in rule.domains),
-                        domains=system.domains[domain].label,
-                        witness=system.channels[witness].topic,
-                    )
+                rules = (r for r in system.domain_rules if r.document == number and domain in r.domains)
+                yield UngovernedTopics(
+                    location=next(rules).location,
+                    domains=system.domains[domain].label,
+                    witness=system.channels[witness].topic,
                 )
-    return tuple(found)

@@ -41,11 +41,15 @@ class Doubt:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UngovernedTopics:
-    """Topics of a governed domain that no topic rule matches; `witness` is one, `domains` for people."""
+    """Topics of a governed domain that no topic rule matches; `witness` is one, `domains` for people.
+
+    `profiles`: those that read it so; empty: all.
+    """
 
     location: Location
     domains: str
     witness: str
+    profiles: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -328,8 +328,9 @@ def _meaning(file: GovernanceFile) -> object:
 def topics_without_rule(use: GovernanceUse, context: Context) -> Iterator[Violation]:
     """Topics of a governed domain match no topic rule, so that nobody can create them.
 
-    Fast DDS and Cyclone DDS refuse them; OpenDDS goes on to the permissions (read in its source). Without
-    ros_discovery_info DDS makes a participant, ROS 2 gives it up, and nothing runs.
+    Fast DDS and Cyclone DDS refuse them; OpenDDS goes on to the permissions, and then finds no protection for their
+    endpoints (read in its source). Without ros_discovery_info DDS makes a participant, ROS 2 gives it up, and nothing
+    runs. Where implementations read the expressions differently, each reading has a finding of its own.
     """
     for topics in context.meaning.ungoverned:
         if topics.location.path == use.signed.file.place:
@@ -340,7 +341,8 @@ def topics_without_rule(use: GovernanceUse, context: Context) -> Iterator[Violat
                 f"{quoted(topics.witness)}: such topics cannot be created{more}.",
                 locations=(topics.location,),
                 enclave=sole(use.enclaves),
-                key=topics.domains,
+                profiles=topics.profiles,
+                key=f"{topics.domains} {topics.witness}" if topics.profiles else topics.domains,
             )
 
 

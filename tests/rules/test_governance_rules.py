@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,6 +16,9 @@ from keystore_audit.keystore.governance import DomainRule, ProtectionKind
 from keystore_audit.model.meaning import UngovernedTopics
 from keystore_audit.rules.governance import domain_rules
 from keystore_audit.rules.subjects import governance_uses
+from tests.cli.keystores import AT, answer, rule
+from tests.cli.keystores import keystore as built
+from tests.keystore.builder import GOVERNANCE
 from tests.rules.evidence import (
     Change,
     allow,
@@ -96,6 +101,28 @@ def test_topics_that_no_rule_matches() -> None:
     found = findings("KA418", judgement)
     assert [finding.locations[0].line for finding in found] == [21]
     assert "'rt/other'" in found[0].message
+
+
+@pytest.mark.parametrize(
+    ("expression", "told"),
+    [
+        ("*", {}),
+        ("rt/*", {(): True}),
+        # A class of characters to POSIX, which holds the r; to Cyclone DDS a set, and a ] behind it.
+        ("[[:lower:]]*", {("fastdds-3.6",): False, ("cyclonedds-11",): True}),
+    ],
+)
+def test_topics_without_a_rule_are_told_for_each_reading(
+    expression: str, told: dict[tuple[str, ...], bool], tmp_path: Path
+) -> None:
+    """`told`: by profiles, whether ros_discovery_info is among them."""
+    text = GOVERNANCE.replace(b"<topic_expression>*<", f"<topic_expression>{expression}<".encode())
+    root = built(tmp_path / "k", {"/talker": (rule(("rt/chatter", "ros_discovery_info")),)}, governance=text)
+    profiles = [part for name in ("fastdds-3.6", "cyclonedds-11") for part in ("--profile", name)]
+    _code, out = answer("audit", root, "--engine", "native", "--format", "json", "--at", AT, *profiles)
+    found = [each for each in json.loads(out)["findings"] if each["code"] == "KA418"]
+    assert {tuple(each["profiles"]): "'ros_discovery_info'" in each["message"] for each in found} == told
+    assert len({each["fingerprint"] for each in found}) == len(told)
 
 
 def test_nothing_is_open_in_a_document_that_nobody_takes() -> None:
