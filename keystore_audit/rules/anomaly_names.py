@@ -201,7 +201,8 @@ def _denies(use: DocumentUse) -> bool:
 def topic_rule_shadowed(use: GovernanceUse, context: Context) -> Iterator[Violation]:
     """Earlier rules match every topic that a topic_rule names: it protects nothing.
 
-    High where it asks for a protection that the rule before it does not give: that protection is not there.
+    High where it asks for a protection that the rule before it does not give: that protection is not there. On OpenDDS
+    it can still switch access control off (KA615).
     """
     yield from folded(
         use,
@@ -217,7 +218,7 @@ def _topics_shadowed(found: Sequence[Anomaly]) -> str:
     topic = f", as to {ros_name(first.point.topic)}" if first.point is not None else ""
     weaker = ", which protects less" if first.serious else ""
     return (
-        f"The rule for topics {quoted(first.texts[0])}{more_like(found)} never applies: the one for "
+        f"The rule for topics {quoted(first.texts[0])}{more_like(found)} protects nothing: the one for "
         f"{quoted(first.other_text)} comes first{topic}{weaker}."
     )
 
@@ -234,14 +235,15 @@ def _topics_shadowed(found: Sequence[Anomaly]) -> str:
 def domain_rule_shadowed(use: GovernanceUse, context: Context) -> Iterator[Violation]:
     """Earlier rules cover every domain of a domain_rule: it protects nothing.
 
-    High where it, or one of its topic rules, asks for a protection that the rule before it does not give.
+    High where it, or one of its topic rules, asks for a protection that the rule before it does not give. On OpenDDS
+    it can still switch access control off, that of joining too (KA615).
     """
     yield from folded(
         use,
         odd(use, context, AnomalyKind.DOMAIN_RULE_SHADOWED),
         lambda anomaly: Severity.HIGH if anomaly.serious else None,
         lambda found: (
-            f"The rule for domain {found[0].other_text}{more_like(found)} never applies: an earlier one covers it"
+            f"The rule for domain {found[0].other_text}{more_like(found)} protects nothing: an earlier one covers it"
             f"{', which protects less' if found[0].serious else ''}."
         ),
         "the rule that applies instead",

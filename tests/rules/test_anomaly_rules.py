@@ -94,6 +94,13 @@ def test_one_cause_makes_one_rule_speak(code: str) -> None:
     assert all(location.path and finding.message.endswith(".") for finding in found for location in finding.locations)
 
 
+@pytest.mark.parametrize("code", ["KA422", "KA423"])
+def test_a_shadowed_rule_protects_nothing_and_may_still_open(code: str) -> None:
+    """Where any rule without access control is enough, as on OpenDDS, it is not true that it never applies."""
+    (found,) = judged(CASES[code][0], "spec", "opendds")
+    assert " protects nothing: " in found.message
+
+
 IN_ORDER = {
     "as ros2 security writes": (allow(["rt/a", "rq/addRequest"], ["rr/addReply"]), allow(["ros_discovery_info"])),
     "everything": (allow(["rt/*", "rq/*Request", "rr/*Reply"], ["rt/*"]), allow(["ros_discovery_info"])),
