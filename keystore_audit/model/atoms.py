@@ -53,21 +53,23 @@ class TopicClass:
 
 
 def classify(
-    patterns: Sequence[Pattern], *, prefer: Iterable[str] = (), budget: int = DEFAULT_BUDGET
+    patterns: Sequence[Pattern], *, prefer: Iterable[str] = (), budget: int = DEFAULT_BUDGET, topics: bool = True
 ) -> tuple[TopicClass, ...]:
     """Return the classes of all non-empty names without NUL, in the order of their witnesses.
 
     `prefer`: names known from elsewhere, taken as witnesses where they fit (a ROS 2 name rather than another, then the
-    shortest). `budget`: states of the automaton that may be built. The patterns may be of different matchers. Equal
-    arguments give equal results. Raises BudgetExceeded where the classes are too many; there is no partial answer.
+    shortest). `budget`: states of the automaton that may be built. `topics`: False for names of another sort, of which
+    ROS 2 prefers none. The patterns may be of different matchers. Equal arguments give equal results. Raises
+    BudgetExceeded where the classes are too many; there is no partial answer.
     """
-    return _Classification(patterns, budget).classes(prefer)
+    return _Classification(patterns, budget, topics=topics).classes(prefer)
 
 
 class _Classification:
     """The classes in the making: patterns by meaning, their automaton, and the names found so far."""
 
-    def __init__(self, patterns: Sequence[Pattern], budget: int) -> None:
+    def __init__(self, patterns: Sequence[Pattern], budget: int, *, topics: bool) -> None:
+        self._topics = topics
         most = max(patterns, key=lambda pattern: len(pattern.pieces), default=None)
         example = f", as {shorten(most.text, _MAX_QUOTED)!r} has" if most is not None else ""
         self._budget = Budget(
@@ -126,7 +128,7 @@ class _Classification:
     def _literal_class(self, name: str, accepted: _Set) -> TopicClass:
         self._verifier.verify(name, accepted)
         members = self._members_of(accepted).union(self._literals[name])
-        return TopicClass(members=members, witness=name, ros=is_ros_dds_name(name), infinite=False)
+        return TopicClass(members=members, witness=name, ros=self._topics and is_ros_dds_name(name), infinite=False)
 
     def _residual_witnesses(self, literal_sets: Mapping[str, _Set]) -> tuple[dict[_Set, str], dict[_Set, str]]:
         """The shortest names that are no literal: ROS 2's for every set that has one, others for the rest.
@@ -134,8 +136,12 @@ class _Classification:
         A set whose shortest name is a literal may hold nothing else, so it is searched again with the literals of
         these sets, and only those, left out.
         """
-        universes = (ros_names(self._alphabet), dds_names(self._alphabet))
+        universes = [dds_names(self._alphabet)]
         results: list[dict[_Set, str]] = []
+        if self._topics:
+            universes.insert(0, ros_names(self._alphabet))
+        else:
+            results.append({})
         for universe in universes:
             names = shortest_names(self._automaton, universe, self._budget)
             if results:

@@ -241,7 +241,7 @@ class _Shapes:
 
     def __init__(self, regions: Iterable[Named]) -> None:
         self._topics = Patterns()
-        self._partitions = Patterns()
+        self._partitions = Patterns(topics=False)
         self._numbers: dict[_Shape, int] = {}
         self._of = {named: self._number(named) for named in dict.fromkeys(regions)}
         self._by_topic: dict[str, tuple[TopicClass, list[tuple[int, frozenset[int] | None]]]] = {}

@@ -61,7 +61,7 @@ def names_of(read: Iterable[tuple[Matcher, ReadDocument]]) -> Names:
     classes = classes_of(topics.patterns)
     others: list[str] = []
     if any(pattern.literal != DEFAULT_PARTITION for pattern in partitions.patterns):
-        others = [each.witness for each in classes_of(partitions.patterns)]
+        others = [each.witness for each in classes_of(partitions.patterns, topics=False)]
     if len(classes) * (1 + len(others)) > MAX_CELLS:
         message = f"{len(classes)} topic classes in {1 + len(others)} partition classes are more than can be shown."
         raise BudgetExceeded(message)

@@ -11,14 +11,18 @@ from keystore_audit.model.expression import Matcher, Pattern, parse
 from keystore_audit.model.partition_patterns import meetings
 from keystore_audit.model.pattern_index import PatternIndex
 
+OTHER_PARTITION: Final = "other"
+"""What a partition is called that no document names: `rt/a`, as a topic would be, reads as if it were one."""
+
 MAX_KEPT: Final = 50_000
 """Expressions whose classes are kept for who asks again; those of more are some 100 MB."""
 
 
 class Patterns:
-    """Expressions of one sort of name, each meaning once."""
+    """Expressions of one sort of name, each meaning once. `topics`: False for those of partitions."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, topics: bool = True) -> None:
+        self._topics = topics
         self.patterns: list[Pattern] = []
         self._by_meaning: dict[object, int] = {}
         self._known: dict[tuple[str, Matcher], int] = {}
@@ -44,7 +48,7 @@ class Patterns:
 
     def classes(self) -> tuple[TopicClass, ...]:
         """The classes of all non-empty names."""
-        return classes_of(self.patterns)
+        return classes_of(self.patterns, topics=self._topics)
 
     def meetings(self, asked: Collection[int]) -> Mapping[int, frozenset[int]]:
         """By class of partitions, of those `asked` about, what it meets: places in `empty` and, behind it, `classes`.
@@ -75,12 +79,19 @@ class Patterns:
         return places
 
 
-def classes_of(patterns: Sequence[Pattern]) -> tuple[TopicClass, ...]:
+def classes_of(patterns: Sequence[Pattern], *, topics: bool = True) -> tuple[TopicClass, ...]:
     """What `atoms.classify` returns or raises: the same for those who ask about the same expressions in turn.
 
-    The systems, the lines on which profiles differ and the ranking of enclaves do, of one keystore.
+    The systems, the lines on which profiles differ and the ranking of enclaves do, of one keystore. `topics`: False
+    where they are of partitions.
     """
-    return _classes(_Expressions(patterns)) if len(patterns) <= MAX_KEPT else classify(patterns)
+    if len(patterns) <= MAX_KEPT:
+        return _classes(_Expressions(patterns), topics)
+    return _classified(patterns, topics=topics)
+
+
+def _classified(patterns: Sequence[Pattern], *, topics: bool) -> tuple[TopicClass, ...]:
+    return classify(patterns, prefer=() if topics else (OTHER_PARTITION,), topics=topics)
 
 
 class _Expressions:
@@ -101,12 +112,12 @@ class _Expressions:
 
 
 @lru_cache(maxsize=4)
-def _classes(expressions: _Expressions) -> tuple[TopicClass, ...]:
-    return classify(expressions.patterns)
+def _classes(expressions: _Expressions, topics: bool) -> tuple[TopicClass, ...]:
+    return _classified(expressions.patterns, topics=topics)
 
 
 @lru_cache(maxsize=1)
 def _meetings(expressions: _Expressions, asked: tuple[int, ...]) -> Mapping[int, frozenset[int]]:
     default = frozenset(number for number, pattern in enumerate(expressions.patterns) if pattern.matches(""))
     empty = TopicClass(members=default, witness="", ros=False, infinite=False)
-    return meetings(expressions.patterns, [empty, *classes_of(expressions.patterns)], asked)
+    return meetings(expressions.patterns, [empty, *classes_of(expressions.patterns, topics=False)], asked)

@@ -139,3 +139,19 @@ def test_expressions_that_mean_the_same_to_all_make_no_class_more() -> None:
     assert len(build_channels(domains, [True], regions).channels) == 3
     odd = [(matcher, (Area(("rt/[^a]",), None),)) for matcher in (Matcher.POSIX, Matcher.CYCLONEDDS)]
     assert len(build_channels(domains, [True], odd).channels) == 4
+
+
+@pytest.mark.parametrize(
+    ("listed", "shown"),
+    [
+        ("lab", {"", "lab", "other"}),
+        ("other", {"", "other", "a"}),  # the rest is called something else then
+        ("o*", {"", "other", "a"}),
+        ("rt/*", {"", "rt/", "other"}),
+    ],
+)
+def test_a_partition_that_no_document_names_is_not_shown_as_a_topic(listed: str, shown: set[str]) -> None:
+    regions = [(Matcher.POSIX, (Area(("rt/chatter",), partitions),)) for partitions in (("",), (listed,), None)]
+    found = build_channels(domain_classes([((0, 0),)]), [True, False], regions).channels
+    assert {channel.partition for channel in found if channel.domain == 0} == shown
+    assert {channel.topic for channel in found if channel.partition} == {"rt/chatter"}
