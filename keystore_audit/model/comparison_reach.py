@@ -26,13 +26,17 @@ _OPERATIONS: Final = (Operation.PUBLISH, Operation.SUBSCRIBE, Operation.RELAY)
 
 
 class _Key(NamedTuple):
-    """A difference that shows. `draft`: what accounts for it. `operation`: None of what keys alone make possible."""
+    """A difference that shows. `draft`: what accounts for it. `operation`: None of what keys alone make possible.
+
+    `own`: of endpoints that the enclave's own implementation makes, whatever its peers accept.
+    """
 
     draft: Draft | None
     layer: Layer
     what: str
     gained: bool
     operation: str | None
+    own: bool = False
 
 
 class Reach:
@@ -62,6 +66,7 @@ class Reach:
         rights = self._causes.of(path)
         written, read = 0, 0  # by right before or after: no more than that shows in what keys make possible
         for operation in _OPERATIONS:
+            told = {True: 0, False: 0}
             before, after = (view.accepted(number, operation) for view, number in zip(views, numbers, strict=True))
             written |= before | after if operation is Operation.PUBLISH else 0
             read |= before | after if operation is Operation.SUBSCRIBE else 0
@@ -71,8 +76,12 @@ class Reach:
                     same = draft.operation == operation.value and draft.direction.gains == gained
                     if draft.layer is Layer.GRANTS and same:
                         left &= ~draft.channels
+                        told[gained] |= draft.channels
+                told[gained] |= channels
                 what = f"{_with(gained)} {WORDS[operation.value]}"
                 self._attribute(pair, Layer.ACCESS, what, gained, left, path, operation.value)
+            if operation is not Operation.RELAY:
+                self._own_endpoints(pair, path, operation, told)
         heard = [_overheard(view, number) for view, number in zip(views, numbers, strict=True)]
         forged = [_forged(view, number) for view, number in zip(views, numbers, strict=True)]
         for what, (before, after), by_right in (
@@ -81,6 +90,29 @@ class Reach:
         ):
             for gained, channels in self._both_ways(before & ~by_right, after & ~by_right):
                 self._attribute(pair, Layer.ATTACKERS, f"{_can(gained)} {what}", gained, channels, path, None)
+
+    def _own_endpoints(self, pair: Pair, path: str, operation: Operation, told: dict[bool, int]) -> None:
+        """The endpoints that its own implementation makes, where no right that is `told` has said so."""
+        before, after = (view.made(view.numbers[path], operation) for view in (pair.old, pair.new))
+        what = f"create a {'writer' if operation is Operation.PUBLISH else 'reader'} of"
+        for gained, channels in self._both_ways(before, after):
+            left = channels & ~told[gained]
+            key = _Key(None, Layer.ACCESS, f"{_can(gained)} {what}", gained, operation.value, own=True)
+            for draft, part in (*self._accounting(path, left, gained=gained), *self._any_rule(path, left, gained)):
+                if part & left:
+                    self._note(pair, key._replace(draft=draft), path, part & left)
+                    left &= ~part
+            if left:
+                self._note(pair, key, path, left)
+                view = pair.new if gained else pair.old
+                place = deciding(view, view.own_grant(path), operation, left)
+                if place is not None:
+                    self._places.setdefault((key, path), place)
+
+    def _any_rule(self, path: str, channels: int, gained: bool) -> Iterator[tuple[Draft, int]]:
+        """Rights of the enclave, in whatever domain: to its own endpoints rules of others may apply as well."""
+        for draft in agreeing(each for each in self._causes.of(path) if each.layer is Layer.GRANTS)[gained]:
+            yield draft, channels
 
     def _outsiders(self, pair: Pair) -> None:
         """What somebody without any key can do."""
@@ -243,7 +275,7 @@ def _unaccounted(
 ) -> Draft:
     return Draft(
         layer=key.layer,
-        kind="accepted" if key.operation else "capability",
+        kind="own-endpoint" if key.own else "accepted" if key.operation else "capability",
         direction=Direction.GAINED if key.gained else Direction.LOST,
         what=key.what,
         enclaves=tuple(paths),

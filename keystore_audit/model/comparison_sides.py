@@ -21,6 +21,7 @@ from keystore_audit.model.domains import Interval, contains
 from keystore_audit.model.doubt import keystore_doubts
 from keystore_audit.model.interpret import usability_by_profile
 from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.own_rights import OwnRights
 from keystore_audit.model.permission import Decisions, Permissions, bits, members
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.system import Reading, RuleAtom, System
@@ -73,6 +74,20 @@ class View:
             else:
                 found |= able.may_read if operation is Operation.SUBSCRIBE else able.may_relay
         return found
+
+    def made(self, enclave: int, operation: Operation) -> int:
+        """The channels on which its own implementation makes a writer (PUBLISH) or a reader of the enclave."""
+        atom = self.system.enclaves[enclave]
+        publishes = operation is Operation.PUBLISH
+        found = bits(atom.writes_alone if publishes else atom.reads_alone)
+        for each in self._own_rights:
+            able = each.abilities(enclave)
+            found |= able.may_write if publishes else able.may_read
+        return found
+
+    @cached_property
+    def _own_rights(self) -> list[OwnRights]:
+        return [OwnRights(self.system, realm) for realm in self.realms]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -29,7 +29,7 @@ MAX_CONSEQUENCES: Final = 6
 TITLES: Final = {
     Layer.TRUST: "Trust and protection",
     Layer.GRANTS: "Grants",
-    Layer.ACCESS: "What peers accept",
+    Layer.ACCESS: "What peers accept, and own endpoints",
     Layer.ATTACKERS: "What attackers can do",
     Layer.INFLUENCE: "Where data can get",
 }

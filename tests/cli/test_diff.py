@@ -207,7 +207,12 @@ def test_changes_alike_but_for_the_enclaves_paths_are_shown_once(diff: Diff, tmp
 def test_domains_and_profiles_narrow_it(diff: Diff) -> None:
     bridged = SAMPLES / "flows/vehicle_bridged_domain"
     assert diff(VEHICLE, bridged)[0] == 1
-    assert diff(VEHICLE, bridged, "--domain", "0")[0] == 0
+    assert diff(VEHICLE, bridged, "--domain", "0", "--profile", "cyclonedds")[0] == 0
+    code, out = diff(VEHICLE, bridged, "--domain", "0", "-f", "json")  # Fast DDS applies rules of domain 1 there too
+    told = {
+        (each["kind"], tuple(sorted({p.split("-")[0] for p in each["profiles"]}))) for each in document(out)["changes"]
+    }
+    assert (code, told) == (1, {("own-endpoint", ("fastdds",))})
     answer = document(diff(VEHICLE, bridged, "--domain", "1", "--profile", "fastdds-2.6", "-f", "json")[1])
     assert (answer["domain"], answer["profiles"]) == (1, ["fastdds-2.6"])
     assert {each["names"]["domains"] for each in answer["changes"]} == {"1"}

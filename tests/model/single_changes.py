@@ -281,4 +281,19 @@ CASES = (
         ),
         (("access", "accepted", "gained", ("/talker",), "publish"),),
     ),
+    Case(
+        "a denial in another domain, which Fast DDS applies to own writers here",
+        talks(rule(criterion("publish", "rt/chatter"), allow=False, domains="<id>9</id>"), TALKER),
+        (("access", "own-endpoint", "lost", ("/talker",), "publish"),),
+    ),
+    Case(
+        "a denial in another domain, which Fast DDS applies to own readers here",
+        talks(rule(criterion("subscribe", "rt/clock"), allow=False, domains="<id>9</id>"), TALKER),
+        (("access", "own-endpoint", "lost", ("/talker",), "subscribe"),),
+    ),
+    Case(
+        "a denial in another domain, behind what it denies",
+        talks(TALKER, rule(criterion("publish", "rt/chatter"), allow=False, domains="<id>9</id>")),
+        (),
+    ),
 )

@@ -177,3 +177,28 @@ def test_what_a_grant_and_peers_say_alike_follows_once(tmp_path: Path) -> None:
     told = [(each.what, each.direction, each.enclaves) for each in change.consequences]
     assert len(set(told)) == len(told)
     assert ("may no longer publish", Direction.LOST, ("/talker",)) in told
+
+
+def test_own_endpoints_by_a_right_elsewhere_follow_from_it(tmp_path: Path) -> None:
+    """Fast DDS applies the rule of domain 9 in domain 0 too, where no honest peer takes what is sent."""
+    new = talks(TALKER, rule(criterion("publish", "rt/more"), domains="<id>9</id>"))
+    (change,) = compared(BASE, new, tmp_path, ("fastdds", "cyclonedds")).changes
+    (effect,) = change.consequences
+    assert (change.kind, change.names and change.names.domains) == ("right", ((9, 9),))
+    assert (effect.what, effect.direction, effect.profiles) == (
+        "can create a writer of",
+        Direction.GAINED,
+        ("fastdds-3.6",),
+    )
+    assert effect.names is not None
+    assert [(name.topic, name.domains) for name in effect.names.shown] == [("rt/more", ((0, 0),))]
+
+
+def test_a_denial_of_own_endpoints_is_told_with_its_grant(tmp_path: Path) -> None:
+    """Nothing else changed, and the documents do not mean the same."""
+    denied = talks(rule(criterion("publish", "rt/chatter"), allow=False, domains="<id>9</id>"), TALKER)
+    (change,) = compared(denied, BASE, tmp_path / "all").changes
+    assert change.what == "can create a writer of"
+    assert all(name.startswith("fastdds") for name in change.profiles)
+    assert change.new == Location(path="enclaves/talker/permissions.p7s", line=9)
+    assert compared(denied, BASE, tmp_path / "one", ("cyclonedds",)).changes[0].kind == "signed-again"
