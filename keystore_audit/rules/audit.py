@@ -167,28 +167,50 @@ def property_undecided(result: PropertyResult, context: Context) -> Iterator[Vio
     """Whether a property holds depends on what could not be read, or no engine gave an answer.
 
     "Holds" and "violated" are said only where both hold, whatever the unread parts are. A disagreement of the
-    engines is engines-disagree, and only that.
+    engines is engines-disagree, and only that. Properties that are undecided for one reason are one finding; each that
+    you assert yourself has its own.
     """
-    profiles = tuple(
-        name for name, answer in result.profiles.items() if answer.status is Status.UNKNOWN and not _disagree(answer)
-    )
-    if not profiles and result.profiles:
+    profiles = _undecided(result)
+    if profiles is None:
         return
-    doubts = context.meaning.doubts
-    if isinstance(result, AlloyResult | AssertedResult) and result.reason:
-        why = result.reason
-    elif any(answer.engines for answer in result.profiles.values()) and doubts:
-        why = f"it depends on what is in {listed(dict.fromkeys(doubt.location.path for doubt in doubts))}"
-    else:
-        why = "no engine gave an answer"
+    why, alike = _why(result, context), [result]
+    if _is_ours(result):
+        same = (profiles, why)
+        alike = [each for each in context.results if _is_ours(each) and (_undecided(each), _why(each, context)) == same]
+    told = result.prop.statement
+    if len(alike) > 1:
+        told = f"{len(alike)} properties, {', '.join(each.prop.id for each in alike)}."
     yield Violation(
-        message=f"Undecided, since {why}: {result.prop.statement}",
-        locations=(*_asserted(result), *places(doubt.location for doubt in doubts)),
+        message=f"Undecided, since {why}: {told}",
+        locations=(*_asserted(result), *places(doubt.location for doubt in context.meaning.doubts)),
         profiles=() if len(profiles) == len(result.profiles) else profiles,
         undecided=True,
-        key=result.prop.id,
+        key="\n".join(each.prop.id for each in alike),
         remedy=_WITH_ALLOY if _without_alloy(result, context) else None,
+        shared=len(alike) > 1,
     )
+
+
+def _is_ours(result: PropertyResult) -> bool:
+    """Whether it is one of the properties that are asked of every keystore."""
+    return type(result) is PropertyResult
+
+
+def _undecided(result: PropertyResult) -> tuple[str, ...] | None:
+    """The profiles under which it is undecided, which may be none at all; None: it is decided."""
+    found = tuple(
+        name for name, answer in result.profiles.items() if answer.status is Status.UNKNOWN and not _disagree(answer)
+    )
+    return found if found or not result.profiles else None
+
+
+def _why(result: PropertyResult, context: Context) -> str:
+    if isinstance(result, AlloyResult | AssertedResult) and result.reason:
+        return result.reason
+    doubts = context.meaning.doubts
+    if any(answer.engines for answer in result.profiles.values()) and doubts:
+        return f"it depends on what is in {listed(dict.fromkeys(doubt.location.path for doubt in doubts))}"
+    return "no engine gave an answer"
 
 
 _WITH_ALLOY: Final = (

@@ -237,7 +237,7 @@ def _marked(found: Iterable[_Found], contents: Contents) -> list[_Marked]:
     Those that nothing tells apart are numbered, with how many there are: were one of them mended, the rest would
     otherwise take its place, and with it whoever accepted it.
     """
-    ordered = sorted(found, key=lambda item: _order(*item))
+    ordered = sorted(_once(found), key=lambda item: _order(*item))
     marks = [_fingerprint(rule, violation, contents) for rule, violation in ordered]
     alike = Counter(marks)
     seen: Counter[str] = Counter()
@@ -255,6 +255,17 @@ def _made(marked: Iterable[_Marked]) -> tuple[Finding, ...]:
     return tuple(
         _finding(rule, violation, mark, _causes(rule, violation, ordered)) for rule, violation, mark in ordered
     )
+
+
+def _once(found: Iterable[_Found]) -> Iterator[_Found]:
+    """What is said of several subjects in the same words, one time."""
+    told: set[tuple[str, Violation]] = set()
+    for rule, violation in found:
+        said = rule.code, violation
+        if not violation.shared or said not in told:
+            yield rule, violation
+        if violation.shared:
+            told.add(said)
 
 
 def _fingerprint(rule: Rule[Any], violation: Violation, contents: Contents, number: str = "") -> str:

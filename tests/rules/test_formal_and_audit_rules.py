@@ -135,6 +135,23 @@ def test_a_property_that_nobody_answered_is_undecided() -> None:
         assert "no engine gave an answer" in found[0].message
 
 
+def test_properties_that_are_undecided_for_one_reason_are_one_finding() -> None:
+    unread = tuple(result(prop.id, spec=answer(UNKNOWN), opendds=answer(UNKNOWN)) for prop in PROPERTIES[:2])
+    elsewhere = result(PROPERTIES[2].id, spec=answer(HOLDS), opendds=answer(UNKNOWN))
+    (asserted,) = CASES["KA740"]["results"]
+    own = replace(asserted, profiles={"spec": answer(UNKNOWN), "opendds": answer(UNKNOWN)})
+    judgement = judged(results=(*unread, elsewhere, own), doubts=(DOUBT,))
+    one, two, three = PROPERTIES[:3]
+    assert {f.message.partition(": ")[2]: f.profiles for f in findings("KA906", judgement)} == {
+        f"2 properties, {one.id}, {two.id}.": (),
+        own.prop.statement: (),
+        three.statement: ("opendds",),
+    }
+    assert len(judgement.findings) == 4  # with KA901
+    opened = {outcome.subject for outcome in judgement.outcomes if outcome.outcome is Result.OPEN}
+    assert opened >= {one.id, two.id, three.id, own.prop.id}
+
+
 def test_what_a_property_depends_on_is_named() -> None:
     undecided = result(PROPERTIES[0].id, spec=answer(UNKNOWN))
     found = findings("KA906", judged(results=(undecided,), doubts=(DOUBT,)))
