@@ -100,6 +100,12 @@ def governance_changes(sides: Sides) -> list[Draft]:
     ]
 
 
+def same_protection(pair: Pair, path: str) -> bool:
+    """Whether the enclave's governance says the same of every name, in whatever domain."""
+    old, new = (_parts(view, _document(view, path)) for view in (pair.old, pair.new))
+    return not any(_differences(old, new, pair.old.decisions.all_channels))
+
+
 def _draft(
     channels: int,
     profiles: tuple[str, ...],

@@ -67,7 +67,7 @@ class Given(NamedTuple):
         return self.subscribe if operation is Operation.SUBSCRIBE else self.relay
 
 
-_NOTHING: Final = Given(0, 0, 0, 0)
+NOTHING: Final = Given(0, 0, 0, 0)
 
 
 def grant_changes(sides: Sides) -> list[Draft]:
@@ -198,10 +198,15 @@ def _both(pair: Pair, grants: tuple[int | None, int | None]) -> tuple[tuple[View
 def given(view: View, grant: int | None) -> Given:
     """What the grant gives its holder; None: nothing."""
     if grant is None:
-        return _NOTHING
+        return NOTHING
     allowed = view.decisions.allowed
     publish, subscribe, relay = (allowed(grant, operation) for operation in _PARTS)
     return Given(publish, subscribe, relay, view.decisions.joins(grant))
+
+
+def either(one: Given, other: Given) -> Given:
+    """What both give together."""
+    return Given(*(mine | theirs for mine, theirs in zip(one, other, strict=True)))
 
 
 def is_refused(sides: Sides, pair: Pair, path: str) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 from datetime import datetime
+from operator import itemgetter
 from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass, field
@@ -17,7 +18,7 @@ from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.comparison import Aspect, Direction, Layer
 from keystore_audit.model.comparison_dates import Dates
 from keystore_audit.model.comparison_drafts import Draft, in_order
-from keystore_audit.model.comparison_grants import WORDS, Given, Right, differing, given
+from keystore_audit.model.comparison_grants import NOTHING, WORDS, Given, Right, differing, either, given
 from keystore_audit.model.comparison_sides import Pair, Sides, View
 from keystore_audit.model.permission import members
 from keystore_audit.model.subject import same_meaning
@@ -27,7 +28,6 @@ SUBJECT: Final = "grant for"
 """What an aspect is called that has one of the subjects."""
 
 MAX_SUBJECTS: Final = 3
-_NOTHING: Final = Given(0, 0, 0, 0)
 _PLAIN: Final = re.compile(r"CN=(?:/[A-Za-z0-9_]+)+")
 """Subjects that name nothing but themselves, under every implementation."""
 
@@ -40,12 +40,15 @@ class _Granted:
     subject of another as well. `where`: the first of them.
     """
 
-    now: Given = _NOTHING
-    ever: Given = _NOTHING
+    now: Given = NOTHING
+    ever: Given = NOTHING
     dates: set[Dates] = field(default_factory=set)
     odd: set[tuple[tuple[str, Given], ...]] = field(default_factory=set)
     where: Location | None = None
     places: set[str] = field(default_factory=set)
+
+
+_Grants = list[tuple[str, Dates, Given]]
 
 
 class _Key(NamedTuple):
@@ -171,10 +174,9 @@ def _texts(view: View, pair: Pair, sides: Sides, side: int) -> Iterator[tuple[st
 def _granted(view: View, pair: Pair, sides: Sides, side: int, skipped: frozenset[str]) -> dict[str, _Granted]:
     """By subject what documents that some peer takes grant it, those `skipped` aside."""
     system = view.system
-    accepted = {document for realm in view.realms for document in realm.accepted}
     by_document: dict[int, list[tuple[str, int]]] = {}
     for text, number in _texts(view, pair, sides, side):
-        if system.grants[number].document in accepted:
+        if system.grants[number].document in view.taken:
             by_document.setdefault(system.grants[number].document, []).append((text, number))
     found: dict[str, _Granted] = {}
     for document, several in by_document.items():
@@ -196,25 +198,54 @@ def _granted(view: View, pair: Pair, sides: Sides, side: int, skipped: frozenset
     return found
 
 
+class SameGrants:
+    """Whether documents have the same grants: for whom, from when to when, and what each of them gives."""
+
+    def __init__(self, sides: Sides) -> None:
+        self._sides = sides
+        self._known: dict[tuple[int, int], dict[int, _Grants]] = {}
+
+    def of(self, pair: Pair, path: str) -> bool:
+        """Whether the enclave's own permissions have, as these profiles read them."""
+        views = pair.old, pair.new
+        documents = [view.system.enclaves[view.numbers[path]].permissions for view in views]
+        one, other = (
+            self._grants(view, pair, side).get(document, []) if document is not None else None
+            for side, (view, document) in enumerate(zip(views, documents, strict=True))
+        )
+        return one is not None and one == other
+
+    def _grants(self, view: View, pair: Pair, side: int) -> dict[int, _Grants]:
+        """By document."""
+        key = side, id(view)
+        if key not in self._known:
+            found = self._known[key] = {}
+            instants = view.system.instants
+            for text, number in _texts(view, pair, self._sides, side):
+                grant = view.system.grants[number]
+                dates = instants[grant.not_before], instants[grant.not_after]
+                found.setdefault(grant.document, []).append((text, dates, given(view, number)))
+            for grants in found.values():
+                if all(_PLAIN.fullmatch(text) for text, _dates, _given in grants):
+                    grants.sort(key=itemgetter(0))  # of those for one subject the first decides, no other order counts
+        return self._known[key]
+
+
 def _add(view: View, granted: _Granted, number: int, *, first: bool) -> None:
     """Add what a grant gives; `first`: no grant before it in its document decides about the subject."""
     grant, instants = view.system.grants[number], view.system.instants
     if grant.not_after < view.system.now or grant.not_after < grant.not_before:
         return
     gives = given(view, number)
-    granted.ever = _either(granted.ever, gives)
+    granted.ever = either(granted.ever, gives)
     granted.dates.add((instants[grant.not_before], instants[grant.not_after]))
     if first and _in_force(view, number):
-        granted.now = _either(granted.now, gives)
+        granted.now = either(granted.now, gives)
 
 
 def _in_force(view: View, number: int) -> bool:
     grant = view.system.grants[number]
     return view.permissions.in_force(grant.not_before, grant.not_after)
-
-
-def _either(one: Given, other: Given) -> Given:
-    return Given(*(mine | theirs for mine, theirs in zip(one, other, strict=True)))
 
 
 def _all(view: View, rights: Given) -> int:

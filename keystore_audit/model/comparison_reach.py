@@ -6,6 +6,7 @@ Each difference is a consequence of the change that accounts for it; a change of
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import reduce
 from typing import Final, NamedTuple
 
 from keystore_audit.findings import Location
@@ -13,12 +14,23 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.comparison import Direction, Layer
 from keystore_audit.model.comparison_causes import Causes, agreeing
 from keystore_audit.model.comparison_drafts import Draft, Effect, in_order
-from keystore_audit.model.comparison_grants import WORDS, deciding, given
+from keystore_audit.model.comparison_grants import (
+    JOIN,
+    NOTHING,
+    WORDS,
+    Right,
+    deciding,
+    differing,
+    either,
+    given,
+    whole,
+)
 from keystore_audit.model.comparison_sides import Pair, Sides, View
 from keystore_audit.model.comparison_trust import ADDED, REMOVED
-from keystore_audit.model.permission import union
+from keystore_audit.model.permission import members, union
 
 _LAYERS: Final = list(Layer)
+PRESENTED: Final = "right-presented"
 MAX_APART: Final = 4
 """Sets of names, each of other enclaves, that stand apart among the consequences of one change."""
 
@@ -54,6 +66,7 @@ class Reach:
             self._outsiders(pair)
             for path in self._sides.compared:
                 self._insider(pair, path)
+                self._presented(pair, path)
             for draft in self._causes.drafts:
                 if draft.kind in (ADDED, REMOVED):
                     self._newcomers(pair, draft)
@@ -114,6 +127,30 @@ class Reach:
         for draft in agreeing(each for each in self._causes.of(path) if each.layer is Layer.GRANTS)[gained]:
             yield draft, channels
 
+    def _presented(self, pair: Pair, path: str) -> None:
+        """What documents that peers take grant an enclave, where neither its own says so nor what they accept.
+
+        That counts as soon as a governance covers the domain, or controls who publishes and subscribes.
+        """
+        views = pair.old, pair.new
+        old, new = (reduce(either, (given(view, each) for each in view.presented(path)), NOTHING) for view in views)
+        for right, channels in differing(self._sides, pair, old, new) if old != new else ():
+            left = channels & ~self._told(pair, path, right)
+            what = f"{'has a' if right.gained else 'no longer has a'} grant to {WORDS[right.operation]}"
+            self._attribute(pair, Layer.GRANTS, what, right.gained, left, path, right.operation)
+
+    def _told(self, pair: Pair, path: str, right: Right) -> int:
+        """Where the right is a change of the enclave's own document, or shows in what peers accept."""
+        told = 0
+        for draft in self._causes.of(path):
+            same = draft.operation == right.operation and draft.direction.gains == right.gained
+            told |= draft.channels if draft.layer is Layer.GRANTS and same else 0
+        if right.operation == JOIN:
+            return told
+        operation = Operation(right.operation)
+        before, after = (view.accepted(view.numbers[path], operation) for view in (pair.old, pair.new))
+        return told | (after & ~before if right.gained else before & ~after)
+
     def _outsiders(self, pair: Pair) -> None:
         """What somebody without any key can do."""
         before, after = _outside(pair.old), _outside(pair.new)
@@ -150,7 +187,7 @@ class Reach:
             key = _Key(None, layer, what, gained, operation)
             self._note(pair, key, path, channels)
             if path is not None and operation is not None and (key, path) not in self._places:
-                place = _granting(pair.new if gained else pair.old, path, Operation(operation), channels)
+                place = _granting(pair.new if gained else pair.old, path, operation, channels)
                 if place is not None:
                     self._places[key, path] = place
 
@@ -259,14 +296,18 @@ class Reach:
                     )
 
 
-def _granting(view: View, path: str, operation: Operation, channels: int) -> Location | None:
-    """The rule of some document, not the enclave's own, that gives it one of the channels."""
+def _granting(view: View, path: str, operation: str, channels: int) -> Location | None:
+    """The rule of some document, not the enclave's own, that gives it one of the channels; for joining, the grant."""
     enclave = view.system.enclaves[view.numbers[path]]
-    for number, grant in enumerate(view.system.grants):
-        if grant.document != enclave.permissions and enclave.identity in grant.names:
-            common = given(view, number).of(operation) & channels
-            if common:
-                return deciding(view, number, operation, common)
+    for number in view.presented(path):
+        if view.system.grants[number].document == enclave.permissions:
+            continue
+        rights = given(view, number)
+        if operation == JOIN:
+            if any(view.decisions.channels_in[domain] & channels for domain in members(rights.joined)):
+                return whole(view, number)
+        elif common := rights.of(Operation(operation)) & channels:
+            return deciding(view, number, Operation(operation), common)
     return None
 
 
@@ -275,7 +316,7 @@ def _unaccounted(
 ) -> Draft:
     return Draft(
         layer=key.layer,
-        kind="own-endpoint" if key.own else "accepted" if key.operation else "capability",
+        kind=_kind(key),
         direction=Direction.GAINED if key.gained else Direction.LOST,
         what=key.what,
         enclaves=tuple(paths),
@@ -286,6 +327,14 @@ def _unaccounted(
         old=None if key.gained else place,
         new=place if key.gained else None,
     )
+
+
+def _kind(key: _Key) -> str:
+    if key.layer is Layer.GRANTS:
+        return PRESENTED
+    if key.own:
+        return "own-endpoint"
+    return "accepted" if key.operation else "capability"
 
 
 def _effects(key: _Key, several: list[tuple[list[str], int]], profiles: tuple[str, ...]) -> Iterator[Effect]:

@@ -50,6 +50,11 @@ class View:
         return [RealmView(self.system, realm, self.permissions) for realm in range(len(self.system.realms))]
 
     @cached_property
+    def taken(self) -> frozenset[int]:
+        """The documents that some peer takes."""
+        return frozenset(document for realm in self.realms for document in realm.accepted)
+
+    @cached_property
     def rules_of(self) -> dict[int, list[RuleAtom]]:
         """The rules of each grant, in order."""
         found: dict[int, list[RuleAtom]] = {}
@@ -63,6 +68,10 @@ class View:
         if enclave.permissions is None:
             return None
         return next(iter(self.permissions.chosen(enclave.identity, frozenset({enclave.permissions}))), None)
+
+    def presented(self, path: str) -> list[int]:
+        """The grants that count of all documents that name the enclave and that some peer takes."""
+        return self.permissions.chosen(self.system.enclaves[self.numbers[path]].identity, self.taken)
 
     def accepted(self, enclave: int, operation: Operation) -> int:
         """The channels on which some peer accepts the operation from the enclave."""

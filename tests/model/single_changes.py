@@ -51,6 +51,14 @@ def by_topic(**flags: str) -> Store:
     return governed(domain_rule(topics=topic_rule(**flags)))
 
 
+def others_grant(*rules: str) -> str:
+    """The listener's permissions have a grant for the talker as well."""
+    return permissions(grant("/listener", LISTENER), grant("/talker", *rules))
+
+
+UNCONTROLLED = governance(domain_rule(topics=topic_rule(enable_write_access_control="false")))
+
+
 class Case(NamedTuple):
     """A keystore beside BASE, and the changes as (layer, kind, direction, enclaves, operation)."""
 
@@ -295,5 +303,23 @@ CASES = (
         "a denial in another domain, behind what it denies",
         talks(TALKER, rule(criterion("publish", "rt/chatter"), allow=False, domains="<id>9</id>")),
         (),
+    ),
+    Case(
+        "a grant for one in the document of another, where nothing is governed",
+        BASE.member("/listener", permissions=others_grant(rule(criterion("publish", "rt/more"), domains="<id>7</id>"))),
+        (("grants", "right-presented", "gained", ("/talker",), "publish"),),
+    ),
+    Case(
+        "a grant for one in the document of another, to join where nothing is governed",
+        BASE.member("/listener", permissions=others_grant(rule(domains="<id>7</id>"))),
+        (("grants", "right-presented", "gained", ("/talker",), "join"),),
+    ),
+    Case(
+        "a grant for one in the document of another, where no rule asks for it",
+        replace(BASE, governance=UNCONTROLLED).member(
+            "/listener", permissions=others_grant(rule(criterion("publish", "rt/more")))
+        ),
+        (("grants", "right-presented", "gained", ("/talker",), "publish"),),
+        replace(BASE, governance=UNCONTROLLED),
     ),
 )

@@ -1,0 +1,139 @@
+"""Signed again: "the same meaning" is said only where every grant and every rule of protection is alike."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from keystore_audit.model.comparison import Comparison, FailOn
+from tests.model.comparing import (
+    Member,
+    Store,
+    authority,
+    compared,
+    criterion,
+    domain_rule,
+    governance,
+    grant,
+    permissions,
+    rule,
+)
+from tests.model.single_changes import BASE, TALKER, talks
+from tests.model.test_comparison_exactly import rules
+
+ONE, ALL = rule(criterion("publish", "rt/chatter")), rule(criterion("publish", "*"))
+OVER = {"end": "2025-01-01T00:00:00"}
+NOW = grant("/talker", TALKER)
+STRANGER = authority("stranger")
+SAME, IDLE = "the same meaning", "counts for nobody"
+
+
+def granted(*grants: str) -> Store:
+    return BASE.member("/talker", permissions=permissions(*grants))
+
+
+def unsigned(*grants: str) -> Store:
+    """Nobody takes the talker's permissions."""
+    return BASE.member("/talker", permissions=permissions(*grants), signer=STRANGER)
+
+
+def ruled(*rules: str) -> Store:
+    return replace(BASE, governance=governance(*rules))
+
+
+OTHER = domain_rule("<id>7</id>")
+REFUSED = domain_rule(allow_unauthenticated_participants="true")
+"""Fast DDS takes no governance that also signs messages."""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (granted(NOW), granted(NOW.replace('"g"', '"h"')), SAME),
+        (granted(NOW), granted(grant("/talker", TALKER, TALKER)), SAME),
+        (granted(NOW, grant("/x", ONE)), granted(grant("/x", ONE), NOW), SAME),
+        # over
+        (granted(NOW, grant("/x", ONE, **OVER)), granted(NOW, grant("/x", ALL, **OVER)), IDLE),
+        (granted(NOW, grant("/x", ONE, **OVER)), granted(NOW, grant("/x", ONE, ONE, **OVER)), SAME),
+        # hidden by another for the same subject; where that one ends first, Fast DDS takes this
+        (granted(NOW, grant("/talker", ONE)), granted(NOW, grant("/talker", ALL)), IDLE),
+        (granted(NOW, grant("/talker", ONE)), granted(NOW, grant("/talker", ONE, ONE)), SAME),
+        (granted(NOW), granted(NOW, grant("/x", rule(criterion("publish", "*"), allow=False))), IDLE),
+        # nobody takes it
+        (unsigned(NOW, grant("/x", ONE)), unsigned(NOW, grant("/x", ALL)), IDLE),
+        (unsigned(NOW, grant("/x", ONE)), unsigned(NOW, grant("/x", ONE, ONE)), SAME),
+        # governance
+        (ruled(domain_rule(), OTHER), ruled(OTHER, domain_rule()), SAME),
+    ],
+)
+def test_the_same_meaning_is_said_where_everything_is_alike(old: Store, new: Store, words: str, tmp_path: Path) -> None:
+    found = compared(old, new, tmp_path)
+    assert [change.kind for change in found.changes] == ["signed-again"]
+    assert words in found.changes[0].what
+
+
+@pytest.mark.parametrize(
+    ("profiles", "kind", "words"), [(("fastdds-2.6",), "signed-again", IDLE), (("spec",), "protection", "governance")]
+)
+def test_a_governance_that_is_refused_says_nothing(
+    profiles: tuple[str, ...], kind: str, words: str, tmp_path: Path
+) -> None:
+    (only,) = compared(ruled(REFUSED), ruled(REFUSED, OTHER), tmp_path, profiles).changes
+    assert only.kind == kind
+    assert words in only.what
+
+
+def test_both_are_told_apart(tmp_path: Path) -> None:
+    more = permissions(grant("/listener", rule(criterion("subscribe", "rt/chatter"))), grant("/x", ALL, **OVER))
+    new = talks(TALKER, TALKER).member("/listener", permissions=more)
+    found = compared(BASE, new, tmp_path)
+    assert sorted((change.enclaves, SAME in change.what) for change in found.changes) == [
+        (("/listener",), False),
+        (("/talker",), True),
+    ]
+
+
+def test_it_is_not_said_of_a_document_that_grants_another_enclave_something(tmp_path: Path) -> None:
+    more = permissions(grant("/listener", rule(criterion("subscribe", "rt/chatter"))), grant("/talker", in_seven()))
+    found = compared(BASE, BASE.member("/listener", permissions=more), tmp_path)
+    (only,) = found.changes
+    assert (only.kind, only.enclaves, only.old) == ("right-presented", ("/talker",), None)
+    assert only.new is not None
+    assert only.new.path == "enclaves/listener/permissions.p7s"
+    assert found.failing(FailOn.GAINED) == (only,)
+
+
+def in_seven() -> str:
+    return rule(criterion("publish", "*"), domains="<id>7</id>")
+
+
+several = st.lists(rules, min_size=1, max_size=3)
+
+
+def _rights(found: Comparison) -> set[tuple[str, str | None]]:
+    """Of grants, and what peers accept; consequences aside."""
+    kinds = ("right", "right-presented", "accepted")
+    return {(each.direction.value, each.operation) for each in found.changes if each.kind in kinds}
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(several, several)
+def test_a_right_in_the_document_of_another_is_told_as_one_in_its_own(before: list[str], after: list[str]) -> None:
+    def own(listed: Sequence[str]) -> Store:
+        return Store(members={"/a": Member(permissions=permissions(grant("/a", *listed)))})
+
+    def others(listed: Sequence[str]) -> Store:
+        talker = Member(permissions=permissions(grant("/talker", ONE), grant("/a", *listed)), serial=101)
+        return Store(members={"/a": Member(permissions=permissions(grant("/x"))), "/talker": talker})
+
+    with tempfile.TemporaryDirectory() as root:
+        expected = compared(own(before), own(after), Path(root, "own"))
+        found = compared(others(before), others(after), Path(root, "others"))
+    assert _rights(found) == _rights(expected)
+    assert bool(found.failing(FailOn.GAINED)) is bool(expected.failing(FailOn.GAINED))
