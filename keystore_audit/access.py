@@ -17,6 +17,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Point
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.effective import EffectiveRights
+from keystore_audit.model.governed_domains import default_domain, governed_domains
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import Profile
@@ -52,6 +53,8 @@ class Access:
         self._at = at
         self._enclaves = {enclave.path: enclave for enclave in reversed(keystore.enclaves)}
         self._accesses = AccessViews(documents_of(keystore), at, zone)
+        self.governed = governed_domains(keystore, profiles, self._accesses)
+        """The domains that some governance covers."""
         points: dict[Point, int] = {}
         for question in questions:
             points.setdefault((question.topic, question.partition), len(points))
@@ -69,11 +72,16 @@ class Access:
             raise UsageError(_unknown_enclave(path, sorted(self._enclaves)))
         return found
 
+    def domain(self, question: Question) -> int:
+        """The domain that it is about."""
+        return default_domain(self.governed) if question.domain is None else question.domain
+
     def answers(self, question: Question) -> Mapping[str, Answer]:
         """By profile. Raises UsageError for an unknown enclave."""
         enclave = self.enclave(question.enclave)
-        channel = self._channels.of_point(question.domain, self._points[question.topic, question.partition])
-        usabilities = self._usabilities.setdefault(question.domain, Usabilities(question.domain, self._accesses))
+        domain = self.domain(question)
+        channel = self._channels.of_point(domain, self._points[question.topic, question.partition])
+        usabilities = self._usabilities.setdefault(domain, Usabilities(domain, self._accesses))
         by_kind: dict[object, Answer] = {}
         answers = {}
         for profile in self._profiles:

@@ -38,10 +38,8 @@ EXPECTED: Final = ("allow", "deny")
 @click.option(
     "--domain",
     type=opt.Number(0, opt.LAST_DOMAIN),
-    default=0,
-    show_default=True,
     metavar="N",
-    help="In which domain.",
+    help="In which domain (default: the lowest that a governance covers).",
 )
 @click.option("--partition", default="", metavar="NAME", help="In which partition (default: the one without a name).")
 @opt.profile_option
@@ -62,7 +60,7 @@ EXPECTED: Final = ("allow", "deny")
     "--expect",
     type=opt.one_of(*EXPECTED),
     metavar="[allow|deny]",
-    help="Exit with 0 only if every answer is this.",
+    help="Exit with 0 only if every answer is this (deny: of each topic that it would send on).",
 )
 @click.option(
     "--batch",
@@ -117,9 +115,10 @@ def _one(keystore: str, enclave: str, operation: str, name: str, given: dict[str
         enclave=enclave,
         operation=operation,
         name=name,
-        domain=given["domain"],
+        domain=access.domain(questions[0]),
         partition=given["partition"],
         dds_names=tuple((each.operation.value, each.topic) for each in questions),
+        governed=access.governed if given["domain"] is None else (),
     )
     render = answer.json if given["kind_of_report"] == "json" else answer.text
     output.write_stdout(render(asked, answers))
@@ -158,10 +157,14 @@ def _access(keystore: str, questions: Sequence[Question], given: dict[str, Any])
 
 def _exit_code(answers: Iterable[Answer], *, effective: bool, expected: str | None) -> int:
     """4 where any answer is unknown, 0 where all are `expected` (none: allow), else 1."""
-    rulings = {(answer.effective if effective else answer.decision).value for answer in answers}
-    if "unknown" in rulings:
+    from keystore_audit.model.question import Ruling
+
+    several = list(answers)
+    rulings = {answer.ruling(effective=effective) for answer in several}
+    found = {answer.denied(effective=effective) for answer in several} if expected == Ruling.DENY.value else rulings
+    if Ruling.UNKNOWN in rulings | found:
         return EXIT_INCOMPLETE
-    return 0 if rulings == {expected or "allow"} else 1
+    return 0 if {each.value for each in found} == {expected or "allow"} else 1
 
 
 def _batch(keystore: str, given: dict[str, Any]) -> int:
@@ -192,7 +195,7 @@ def _batch(keystore: str, given: dict[str, Any]) -> int:
             enclave=each.enclave,
             operation=each.operation.value,
             name=each.topic,
-            domain=each.domain,
+            domain=access.domain(each),
             partition=each.partition,
             dds_names=((each.operation.value, each.topic),),
         )
@@ -218,7 +221,7 @@ def _lines(path: str) -> Iterator[bytes]:
     yield from (line.removesuffix(b"\r") for line in lines)
 
 
-def _parse(line: bytes, domain: int, partition: str) -> Question | str:
+def _parse(line: bytes, domain: int | None, partition: str) -> Question | str:
     """The query, in this domain and partition if it names none, or what is wrong with the line."""
     from keystore_audit.keystore.permissions import Operation
     from keystore_audit.model.question import Question
@@ -230,17 +233,19 @@ def _parse(line: bytes, domain: int, partition: str) -> Question | str:
     if not 3 <= len(fields) <= 5:
         return f"expected 3 to 5 fields with tabs between, found {len(fields)}"
     enclave, operation, name = fields[:3]
-    number = fields[3] if len(fields) > 3 else str(domain)
     if operation not in DDS_OPERATIONS:
         return f"unknown operation {operation!r}; expected publish, subscribe or relay"
     if not name:
         return "the name is empty"
-    if not (number.isascii() and number.isdigit() and len(number) <= 3 and int(number) <= opt.LAST_DOMAIN):
-        return f"{number!r} is no domain of 0 to {opt.LAST_DOMAIN}"
+    if len(fields) > 3:
+        number = fields[3]
+        if not (number.isascii() and number.isdigit() and len(number) <= 3 and int(number) <= opt.LAST_DOMAIN):
+            return f"{number!r} is no domain of 0 to {opt.LAST_DOMAIN}"
+        domain = int(number)
     return Question(
         enclave=enclave,
         operation=Operation(operation),
         topic=name,
-        domain=int(number),
+        domain=domain,
         partition=fields[4] if len(fields) > 4 else partition,
     )

@@ -12,10 +12,10 @@ from datetime import datetime
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.access_view import AccessViews, ReadDocument
+from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.effective import EffectiveRights
-from keystore_audit.model.expression import Matcher
+from keystore_audit.model.governed_domains import default_domain, governed_domains
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.named import Named, names_of
 from keystore_audit.model.permission import bits, members
@@ -132,18 +132,13 @@ def access_table(
     files = [document.file for document in documents_of(keystore) if document.file is not None]
     read = [(row.matcher, accesses.read(file, row)) for row in rows for file in files]
     if domain is None:
-        domain = _lowest_domain(read)
+        domain = default_domain(governed_domains(keystore, profiles, accesses))
     found = names_of(read)
     table = _Table(keystore, profiles, at, accesses, domain, found.names)
     groups = sorted(table.groups(), key=lambda group: len(group.profiles))
     return AccessTable(
         root=keystore.root, at=at, domain=domain, names=found.names, rest=found.rest, groups=tuple(groups)
     )
-
-
-def _lowest_domain(read: Iterable[tuple[Matcher, ReadDocument]]) -> int:
-    covers = [rule.domains for _matcher, document in read for rule in document.domain_rules or ()]
-    return min((low for cover in covers for low, _high in cover), default=0)
 
 
 class _Table:

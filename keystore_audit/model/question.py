@@ -20,13 +20,29 @@ class Ruling(str, Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Question:
-    """May the enclave (its path) do this on a DDS topic, in a domain of 0..232 and a partition ("": the default)?"""
+    """May the enclave (its path) do this on a DDS topic, in a domain of 0..232 and a partition ("": the default)?
+
+    `domain` None: the lowest that some governance covers.
+    """
 
     enclave: str
     operation: Operation
     topic: str
-    domain: int = 0
+    domain: int | None = None
     partition: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Part:
+    """What is answered of one of the DDS topics of a service or an action."""
+
+    operation: Operation
+    topic: str
+    decision: Ruling
+    effective: Ruling
+
+    def __str__(self) -> str:
+        return f"{self.operation.value} {self.topic}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,7 +51,8 @@ class Answer:
 
     `usable`: whether a participant is created in the domain. `decision`: whether its own implementation lets it; deny
     where it is not usable. `effective`: whether some peer in the keystore accepts it. `reason`: of the decision, a
-    sentence without its full stop; `location`: the line that decides, if there is one.
+    sentence without its full stop; `location`: the line that decides, if there is one. `parts`: of a service or an
+    action, whose answer is that to whether all of it may be done.
     """
 
     usable: bool | None
@@ -43,6 +60,21 @@ class Answer:
     effective: Ruling
     reason: str
     location: Location | None
+    parts: tuple[Part, ...] = ()
+
+    def ruling(self, *, effective: bool) -> Ruling:
+        """What peers accept, or the decision."""
+        return self.effective if effective else self.decision
+
+    def denied(self, *, effective: bool) -> Ruling:
+        """The same to whether none of it is done: what is sent counts.
+
+        Servers carry out a request whether or not its sender may read the reply, and clients take a reply.
+        """
+        sent = [part for part in self.parts if part.operation is Operation.PUBLISH]
+        if not sent:
+            return self.ruling(effective=effective)
+        return max((part.effective if effective else part.decision for part in sent), key=_OBSTACLES.index)
 
 
 _OBSTACLES = (Ruling.DENY, Ruling.UNKNOWN, Ruling.ALLOW)
@@ -59,4 +91,8 @@ def joint(questions: Sequence[Question], answers: Sequence[Answer]) -> Answer:
         which = "" if decisive.decision is not Ruling.ALLOW else f"each of the {len(questions)} is allowed, e.g. "
         reason = f"{which}{question.operation.value} {question.topic}: {reason}"
     effective = min((answer.effective for answer in answers), key=_OBSTACLES.index)
-    return replace(decisive, effective=effective, reason=reason)
+    parts = tuple(
+        Part(operation=asked.operation, topic=asked.topic, decision=answer.decision, effective=answer.effective)
+        for asked, answer in zip(questions, answers, strict=True)
+    )
+    return replace(decisive, effective=effective, reason=reason, parts=parts if len(parts) > 1 else ())

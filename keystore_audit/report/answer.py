@@ -7,6 +7,7 @@ from textwrap import fill
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
+from keystore_audit.model.domains import Interval, describe
 from keystore_audit.model.question import Answer, Ruling
 from keystore_audit.report.encoded import encoded
 from keystore_audit.text import terminal
@@ -17,7 +18,10 @@ WIDTH: Final = 80
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Asked:
-    """The question in the user's words; `dds_names`: (operation, topic) of each DDS channel that it takes."""
+    """The question in the user's words; `dds_names`: (operation, topic) of each DDS channel that it takes.
+
+    `governed`: the domains that governances cover, where the user named none.
+    """
 
     enclave: str
     operation: str
@@ -25,6 +29,7 @@ class Asked:
     domain: int
     partition: str
     dds_names: tuple[tuple[str, str], ...]
+    governed: tuple[Interval, ...] = ()
 
 
 def json(asked: Asked, answers: Mapping[str, Answer]) -> str:
@@ -47,7 +52,7 @@ def error(line: int, message: str) -> str:
 
 
 def _described(answer: Answer) -> dict[str, object]:
-    return {
+    described: dict[str, object] = {
         "usable": answer.usable,
         "decision": answer.decision.value,
         "effective": answer.effective.value,
@@ -55,6 +60,17 @@ def _described(answer: Answer) -> dict[str, object]:
         "path": answer.location.path if answer.location else None,
         "line": answer.location.line if answer.location else None,
     }
+    if answer.parts:
+        described["parts"] = [
+            {
+                "operation": part.operation.value,
+                "name": part.topic,
+                "decision": part.decision.value,
+                "effective": part.effective.value,
+            }
+            for part in answer.parts
+        ]
+    return described
 
 
 def text(asked: Asked, answers: Mapping[str, Answer]) -> str:
@@ -63,6 +79,9 @@ def text(asked: Asked, answers: Mapping[str, Answer]) -> str:
     lines = [terminal(f"May {asked.enclave} {asked.operation} {asked.name}? ({where})")]
     if [name for _operation, name in asked.dds_names] != [asked.name]:
         lines += [terminal(f"  in DDS: {operation} {name}") for operation, name in asked.dds_names]
+    if asked.governed not in ((), ((asked.domain, asked.domain),)):
+        lowest = f"Domain {asked.domain} is the lowest that a governance covers ({describe(asked.governed)})"
+        lines.append(_sentence(f"{lowest}; --domain asks about another"))
     if asked.operation == "relay":
         lines.append("  No endpoint is made for relaying: this is what the rules say.")
     groups: dict[Answer, list[str]] = {}
@@ -80,13 +99,30 @@ def _answer(answer: Answer, profiles: str) -> list[str]:
     if answer.location is not None:
         line = f":{answer.location.line}" if answer.location.line is not None else ""
         lines.append(terminal(f"  {answer.location.path}{line}"))
+    allowed = ", ".join(str(part) for part in answer.parts if part.decision is Ruling.ALLOW)
+    if allowed and answer.decision is not Ruling.ALLOW:
+        lines.append(_sentence(f"its own implementation allows a part of it: {allowed}"))
     if answer.usable is not None:
         start = f"its participant {'starts' if answer.usable else 'does not start'}"
         but = "but " if answer.effective is not answer.decision else ""
-        lines.append(_sentence(f"{start}; {but}{_ACCEPT[answer.effective, answer.decision]}"))
+        lines.append(_sentence(f"{start}; {but}{_accept(answer)}"))
     else:
-        lines.append(_sentence(_ACCEPT[answer.effective, answer.decision]))
+        lines.append(_sentence(_accept(answer)))
     return lines
+
+
+def _accept(answer: Answer) -> str:
+    """What peers do; of a service or an action, with the parts that they accept where they do not accept it all."""
+    said = _ACCEPT[answer.effective, answer.decision]
+    if answer.effective is Ruling.ALLOW or not answer.parts:
+        return said
+    taken, open_ = (
+        ", ".join(str(part) for part in answer.parts if part.effective is ruling)
+        for ruling in (Ruling.ALLOW, Ruling.UNKNOWN)
+    )
+    said = said.replace("accepts it", "accepts all of it" if taken or open_ else "accepts any of it")
+    said += f"; some peer accepts {taken}" if taken else ""
+    return said + (f"; whether any peer accepts {open_} cannot be told" if open_ else "")
 
 
 _TAKEN: Final = "some peer accepts it"

@@ -32,6 +32,7 @@ SHARED_CA = SAMPLES / "stock/talker_listener"
 ALLOW, DENY, UNKNOWN = "allow", "deny", "unknown"
 ANSWER_KEYS = ["enclave", "operation", "name", "dds_names", "domain", "partition", "decisions"]
 DECISION_KEYS = ["usable", "decision", "effective", "reason", "path", "line"]
+PART_KEYS = ["operation", "name", "decision", "effective"]
 
 
 def decisions(*args: str | Path) -> tuple[int, dict[str, Any]]:
@@ -40,7 +41,12 @@ def decisions(*args: str | Path) -> tuple[int, dict[str, Any]]:
     assert out.count("\n") == 1
     document = json.loads(out)
     assert list(document) == ANSWER_KEYS
-    assert all(list(each) == DECISION_KEYS for each in document["decisions"].values())
+    names = document["dds_names"]
+    for each in document["decisions"].values():
+        assert list(each) == (DECISION_KEYS if len(names) == 1 else [*DECISION_KEYS, "parts"])
+        parts = each.get("parts", [])
+        assert all(list(part) == PART_KEYS for part in parts)
+        assert [part["name"] for part in parts] == (names if len(names) > 1 else [])
     return code, document
 
 
@@ -107,6 +113,90 @@ def test_expect(words: str, expected: int) -> None:
 @pytest.mark.parametrize("expected", [ALLOW, DENY])
 def test_nothing_unknown_is_expected(expected: str) -> None:
     assert decisions(UNREADABLE, "/listener", "publish", "/chatter", "--expect", expected)[0] == 4
+
+
+ASKS = (rule(publish=("rq/addRequest",)),)
+ASKS_AND_HEARS = (rule(publish=("rq/addRequest",), subscribe=("rr/addReply",)),)
+HEARS = (rule(subscribe=("rr/addReply", "rq/addRequest")),)
+ANSWERS = (rule(publish=("rr/addReply",)),)
+CALLS = (rule(publish=("rq/go/_action/cancel_goalRequest",)),)
+TELLS = (rule(publish=("rt/go/_action/feedback",)),)
+
+
+@pytest.mark.parametrize(
+    ("rules", "words", "code"),
+    [
+        (ASKS, "request /add", 1),
+        (ASKS_AND_HEARS, "request /add", 1),
+        (HEARS, "request /add", 0),
+        (HEARS, "reply /add", 0),
+        (ANSWERS, "request /add", 0),
+        (ANSWERS, "reply /add", 1),
+        (ASKS, "reply /add", 0),
+        (CALLS, "call /go", 1),
+        (CALLS, "execute /go", 0),
+        (TELLS, "call /go", 0),
+        (TELLS, "execute /go", 1),
+    ],
+)
+@pytest.mark.parametrize("effective", [(), ("--effective",)])
+def test_a_service_is_denied_where_nothing_of_it_may_be_sent(
+    rules: tuple[str, ...], words: str, code: int, effective: tuple[str, ...], tmp_path: Path
+) -> None:
+    """Without the right to read the reply the server carries out the request all the same."""
+    store = keystore(tmp_path / "k", {"/c": rules, "/s": (rule(publish=("*",), subscribe=("*",)),)})
+    assert decisions(store, "/c", *words.split(), "--expect", "deny", *effective)[0] == code
+    allowed = rules == ASKS_AND_HEARS and words.startswith("request")
+    for expected in ((), ("--expect", "allow")):
+        assert decisions(store, "/c", *words.split(), *expected, *effective)[0] == (0 if allowed else 1)
+
+
+def test_a_part_that_is_allowed_is_named(tmp_path: Path) -> None:
+    store = keystore(tmp_path / "k", {"/c": ASKS})
+    _code, out = answer("can", store, "/c", "request", "/add", "--at", AT)
+    flat = " ".join(out.split())
+    assert "Its own implementation allows a part of it: publish rq/addRequest." in flat
+    assert "no peer accepts all of it; some peer accepts publish rq/addRequest." in flat
+    _code, out = answer("can", store, "/c", "reply", "/add", "--at", AT)
+    flat = " ".join(out.split())
+    assert "part of it" not in flat
+    assert "no peer accepts any of it." in flat
+
+
+def test_what_is_unknown_of_a_service_is_no_denial() -> None:
+    for expected in (ALLOW, DENY):
+        assert decisions(UNREADABLE, "/listener", "request", "/add", "--expect", expected)[0] == 4
+
+
+@pytest.mark.parametrize(
+    ("governed", "domain", "says"),
+    [
+        ("<id>42</id>", 42, ""),
+        ("<id>42</id><id>7</id>", 7, "Domain 7 is the lowest that a governance covers (7, 42)"),
+        ("<id_range><min>3</min><max>9</max></id_range><id>10</id>", 3, "covers (3-10)"),
+        ("<id>0</id>", 0, ""),
+    ],
+)
+def test_without_a_domain_it_is_about_the_lowest_that_is_governed(
+    governed: str, domain: int, says: str, tmp_path: Path
+) -> None:
+    """As `access`, so that a denial is about a domain where the robots may be."""
+    governance = GOVERNANCE.replace(b"<id>0</id>", governed.encode())
+    own = rule(publish=("rt/x",)).replace("<id>0</id>", f"<id>{domain}</id>")
+    store = keystore(tmp_path / "k", {"/c": (own,)}, governance=governance)
+    code, document = decisions(store, "/c", "publish", "/x", "--effective", "--expect", "deny")
+    assert (code, document["domain"]) == (1, domain)
+    assert json.loads(answer("access", store, "-f", "json", "--at", AT)[1])["domain"] == domain
+    (tmp_path / "queries").write_bytes(b"/c\tpublish\trt/x\n")
+    assert json.loads(answer("can", store, "--batch", tmp_path / "queries", "--at", AT)[1])["domain"] == domain
+    _code, out = answer("can", store, "/c", "publish", "/x", "--at", AT)
+    assert out.startswith(f"May /c publish /x? (domain {domain})\n")
+    assert says in " ".join(out.split())
+    assert ("lowest" in out) is bool(says)
+    _code, named = answer("can", store, "/c", "publish", "/x", "--domain", str(domain), "--at", AT)
+    assert "lowest" not in named
+    if domain:
+        assert decisions(store, "/c", "publish", "/x", "--effective", "--expect", "deny", "--domain", "0")[0] == 0
 
 
 def test_where_no_participant_starts_nothing_is_allowed() -> None:

@@ -1,0 +1,31 @@
+"""Which domains the governances of a keystore cover: what questions are about that name none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.domains import Interval
+from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.profiles import Profile
+
+
+def governed_domains(keystore: Keystore, profiles: Iterable[Profile], accesses: AccessViews) -> tuple[Interval, ...]:
+    """The domains that some governance covers as one of the profiles reads it, ascending and apart."""
+    rows = dict.fromkeys(accesses.row(profile.access) for profile in profiles)
+    files = [document.file for document in documents_of(keystore) if document.file is not None]
+    read = [accesses.read(file, row) for row in rows for file in files]
+    covered = {each for document in read for rule in document.domain_rules or () for each in rule.domains}
+    found: list[Interval] = []
+    for low, high in sorted(covered):
+        if found and low <= found[-1][1] + 1:
+            found[-1] = found[-1][0], max(high, found[-1][1])
+        else:
+            found.append((low, high))
+    return tuple(found)
+
+
+def default_domain(governed: tuple[Interval, ...]) -> int:
+    """The one that is asked about where none is named: the lowest of these, 0 where there is none."""
+    return governed[0][0] if governed else 0
