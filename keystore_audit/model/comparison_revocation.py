@@ -14,7 +14,7 @@ from keystore_audit.model.comparison import Aspect, Direction, direction_of
 from keystore_audit.model.comparison_facts import Fact, Placed, dated
 from keystore_audit.model.comparison_sides import Sides
 from keystore_audit.model.profiles import Trust
-from keystore_audit.model.revocation import list_looked_up, lists_read
+from keystore_audit.model.revocation import list_looked_up, list_unread, lists_read
 from keystore_audit.model.trust import authorities_read
 
 _Label = tuple[str, str]
@@ -42,12 +42,17 @@ class _Side:
 
 
 def revocation_facts(old: Enclave, new: Enclave, sides: Sides) -> Iterator[Placed]:
-    """What lists take back, and until when they count, with the profiles under which that is another."""
+    """What lists take back, and until when they count, with the profiles under which that is another.
+
+    Of a list that is unknown nothing is said: `diff` lists it as such.
+    """
     if _same_files(old, new):
         return
     found: dict[Placed, list[str]] = {}
     known: dict[object, list[Placed]] = {}
     for profile in sides.profiles:
+        if any(list_unread(each, profile.trust) for each in (old, new)):
+            continue
         row = profile.trust.revocation, profile.trust.first_authority_only
         if row not in known:
             known[row] = list(dict.fromkeys(_facts(*_read(old, new, profile.trust, sides.at), sides.at)))

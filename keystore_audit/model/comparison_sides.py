@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from functools import cached_property
 from zoneinfo import ZoneInfo
@@ -18,7 +18,7 @@ from keystore_audit.model.channels import document_channels
 from keystore_audit.model.claims import AMBIENT, named
 from keystore_audit.model.comparison import Name, Names, Unread
 from keystore_audit.model.domains import Interval, contains
-from keystore_audit.model.doubt import keystore_doubts
+from keystore_audit.model.doubt import enclave_doubts, keystore_doubts
 from keystore_audit.model.interpret import usability_by_profile
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.own_rights import OwnRights
@@ -164,7 +164,7 @@ class Sides:
             for alike in pairs.values()
         ]
         self.unknown = tuple(dict.fromkeys(self._unread()))
-        self._doubtful = {each.enclave for each in self.unknown}
+        self._doubtful = frozenset(self._doubted())
 
     def _views(self, keystore: Keystore) -> dict[str, View]:
         """By profile. What could not be read is told apart: it is not compared."""
@@ -181,9 +181,8 @@ class Sides:
         return found
 
     def _unread(self) -> Iterable[Unread]:
-        kinds = {(each.trust, self.accesses.row(each.access)): each for each in self.profiles}
         for side, keystore in zip(("old", "new"), self.keystores, strict=True):
-            for profile in kinds.values():
+            for profile in self._kinds.values():
                 for doubt in keystore_doubts(keystore, profile, self.accesses):
                     yield Unread(side=side, enclave=doubt.enclave, location=doubt.location, reason=doubt.reason)
             for file in keystore.identities.unread:
@@ -193,6 +192,20 @@ class Sides:
                 if file.sha256 is None:
                     reason = "holds a private key, and is too large to be hashed: which one is unknown"
                     yield Unread(side=side, enclave=None, location=Location(path=file.place), reason=reason)
+
+    def _doubted(self) -> Iterator[str]:
+        """The paths of enclaves of which something could not be read on one side: all that share a file."""
+        for keystore in self.keystores:
+            for profile in self._kinds.values():
+                row = self.accesses.row(profile.access)
+                for enclave in keystore.enclaves:
+                    if enclave_doubts(enclave, profile.trust, row, self.accesses):
+                        yield enclave.path
+
+    @cached_property
+    def _kinds(self) -> dict[object, Profile]:
+        """The profiles, one of each kind that reads files alike."""
+        return {(each.trust, self.accesses.row(each.access)): each for each in self.profiles}
 
     @cached_property
     def common(self) -> list[str]:

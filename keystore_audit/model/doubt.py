@@ -19,6 +19,7 @@ from keystore_audit.model.access_view import AccessViews, ReadDocument
 from keystore_audit.model.inventory import permissions_at_large, permissions_cas
 from keystore_audit.model.meaning import Doubt
 from keystore_audit.model.profiles import Access, Profile, Trust
+from keystore_audit.model.revocation import list_unread
 from keystore_audit.model.subject import is_printable
 from keystore_audit.model.trust import MAX_AUTHORITIES, Verdict, document_verdict, is_authority, issue
 
@@ -47,6 +48,9 @@ def enclave_doubts(enclave: Enclave, trust: Trust, access: Access, accesses: Acc
 
 def _enclave_doubts(enclave: Enclave, trust: Trust, access: Access, accesses: AccessViews) -> Iterator[Doubt]:
     yield from _file_doubts(enclave)
+    unread = list_unread(enclave, trust)
+    if unread is not None:
+        yield _doubt(enclave, *unread)
     for document in (enclave.governance, enclave.permissions):
         if document is None:
             continue
@@ -60,7 +64,7 @@ def _enclave_doubts(enclave: Enclave, trust: Trust, access: Access, accesses: Ac
 @lru_cache(maxsize=16_384)
 def _file_doubts(enclave: Enclave) -> tuple[Doubt, ...]:
     """What about its files is in doubt for every implementation alike."""
-    found = [identity_doubt(enclave), realm_doubt(enclave), _key_doubt(enclave), _list_doubt(enclave)]
+    found = [identity_doubt(enclave), realm_doubt(enclave), _key_doubt(enclave)]
     file = enclave.files.files[Role.PERMISSIONS]
     if file.status.unknown:
         found.append(_doubt(enclave, file.path, f"permissions could not be read: {file.detail}"))
@@ -157,13 +161,6 @@ def _key_doubt(enclave: Enclave) -> Doubt | None:
     if file.status.unknown:
         return _doubt(enclave, file.path, f"key could not be read: {file.detail}")
     defects = enclave.key.defects if enclave.key else ()
-    unreadable = next((defect for defect in defects if defect.kind.opaque), None)
-    return None if unreadable is None else _doubt(enclave, unreadable.path, unreadable.detail)
-
-
-def _list_doubt(enclave: Enclave) -> Doubt | None:
-    """Why it is unknown whom the enclave's revocation list takes back; it bears on usability only."""
-    defects = enclave.crl.defects if enclave.crl else ()
     unreadable = next((defect for defect in defects if defect.kind.opaque), None)
     return None if unreadable is None else _doubt(enclave, unreadable.path, unreadable.detail)
 

@@ -11,6 +11,7 @@ from keystore_audit.keystore.crl import RevocationList, crl_signed_by
 from keystore_audit.keystore.distinguished_name import same_name
 from keystore_audit.keystore.issuer import key_identifier_fits
 from keystore_audit.keystore.keystore import Enclave
+from keystore_audit.keystore.layout import Role
 from keystore_audit.model.profiles import RevocationLists, Trust
 from keystore_audit.model.trust import authorities_read, issuers_taken, may_have_issued
 
@@ -20,9 +21,26 @@ NO_IDENTITIES: Final = frozenset(
 """Scopes that hold no identity, or that OpenSSL leaves aside without X509_V_FLAG_EXTENDED_CRL_SUPPORT."""
 
 
-def lists_read(enclave: Enclave, trust: Trust) -> tuple[RevocationList, ...]:
-    """The revocation lists that an implementation reads: the first of `crl.pem`, perhaps those in the CA file."""
+def list_unread(enclave: Enclave, trust: Trust) -> tuple[str, str] | None:
+    """Where and why `crl.pem`, which the implementation reads, is unknown here: it may then revoke anybody, or nobody.
+
+    Lists in the CA file count no more: another may go before them.
+    """
     if trust.revocation is RevocationLists.NONE:
+        return None
+    file = enclave.files.files[Role.CRL]
+    if file.status.unknown:
+        return file.path, f"crl.pem could not be read: {file.detail}"
+    defects = enclave.crl.defects if enclave.crl else ()
+    return next(((defect.path, defect.detail) for defect in defects if defect.kind.opaque), None)
+
+
+def lists_read(enclave: Enclave, trust: Trust) -> tuple[RevocationList, ...]:
+    """The revocation lists that an implementation reads: the first of `crl.pem`, perhaps those in the CA file.
+
+    None where one of them is unknown (`list_unread`).
+    """
+    if trust.revocation is RevocationLists.NONE or list_unread(enclave, trust) is not None:
         return ()
     lists = enclave.crl.revocation_lists[:1] if enclave.crl else ()
     if trust.revocation is RevocationLists.CRL_AND_CA_FILE and enclave.identity_ca is not None:

@@ -72,13 +72,14 @@ class RealmAtom:
 
     A peer's verdict depends on its realm only. `identity_ca`, `permissions_ca`: the certificates of those
     files; `governance`: the document, None where it is missing or (MUST) unreadable; `revoked`: certificates
-    on its CRL.
+    on its CRL; `list_unread`: (MAY only) what is on it is unknown, so that anybody may be revoked.
     """
 
     identity_ca: frozenset[int]
     permissions_ca: frozenset[int]
     governance: int | None
     revoked: frozenset[int]
+    list_unread: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -250,5 +251,6 @@ class System:
 
     @property
     def has_doubt(self) -> bool:
-        """Whether anything in it is opaque, so that the other reading may differ."""
-        return any(d.opaque for d in self.documents) or any(e.opaque for e in self.enclaves)
+        """Whether anything in it is opaque or unread, so that the other reading may differ."""
+        opaque = any(d.opaque for d in self.documents) or any(e.opaque for e in self.enclaves)
+        return opaque or any(realm.list_unread for realm in self.realms)

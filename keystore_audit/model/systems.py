@@ -30,6 +30,7 @@ from keystore_audit.model.local_moments import NO_ENDPOINTS, LocalMoments
 from keystore_audit.model.lone_endpoints import NOTHING, LoneEndpoints
 from keystore_audit.model.lone_refusals import LoneRefusals
 from keystore_audit.model.profiles import Access, Profile
+from keystore_audit.model.revocation import list_unread
 from keystore_audit.model.rule_atoms import Atoms, RuleAtoms
 from keystore_audit.model.system import (
     CertificateAtom,
@@ -199,7 +200,7 @@ class SystemBuilder:
                 realm = self._open_realm(atoms, doubt.location.path)
             else:
                 files = trust_files(enclave)
-                realm = trusts.get(files) or trusts.setdefault(files, self._realm(enclave, number, kind))
+                realm = trusts.get(files) or trusts.setdefault(files, self._realm(enclave, number, kind, may=may))
             endpoints = lone.possible if may else lone.certain
             enclaves.append(
                 EnclaveAtom(
@@ -269,15 +270,17 @@ class SystemBuilder:
             opaque=opaque,
         )
 
-    def _realm(self, enclave: Enclave, number: dict[str, int], kind: Kind) -> RealmAtom:
-        """What the enclave's verdict on peers depends on."""
+    def _realm(self, enclave: Enclave, number: dict[str, int], kind: Kind, *, may: bool) -> RealmAtom:
+        """What the enclave's verdict on peers depends on. (MUST) Of a list that is unknown, anybody may be revoked."""
         place = self._governance_place(enclave)
         identity_ca, permissions_ca, revoked = self._views.authorities(enclave, kind.trust)
+        unread = list_unread(enclave, kind.trust) is not None
         return RealmAtom(
             identity_ca=identity_ca,
             permissions_ca=permissions_ca,
             governance=number.get(place) if place else None,
-            revoked=revoked,
+            revoked=revoked if may or not unread else frozenset(range(len(self._certificates))),
+            list_unread=may and unread,
         )
 
     def _governance_place(self, enclave: Enclave) -> str | None:

@@ -10,6 +10,7 @@ from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.crl import CrlFile
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.inventory import Document
@@ -17,7 +18,7 @@ from keystore_audit.model.local_moments import Endpoints
 from keystore_audit.model.lone_endpoints import Alone, LoneEndpoints
 from keystore_audit.model.lone_refusals import LoneRefusals
 from keystore_audit.model.profiles import Access, Profile, SubjectComparison, Trust
-from keystore_audit.model.revocation import revoked
+from keystore_audit.model.revocation import list_unread, revoked
 from keystore_audit.model.subject import matching
 from keystore_audit.model.trust import (
     Verdict,
@@ -29,7 +30,7 @@ from keystore_audit.model.trust import (
     trusted_authorities,
 )
 
-TrustFiles = tuple[CertificateFile | None, CertificateFile | None, GovernanceFile | None, CrlFile | None]
+TrustFiles = tuple[CertificateFile | None, CertificateFile | None, GovernanceFile | None, CrlFile | None, bool]
 
 
 class Kind(NamedTuple):
@@ -46,8 +47,12 @@ class Kind(NamedTuple):
 
 
 def trust_files(enclave: Enclave) -> TrustFiles:
-    """What the realm of an enclave is made of: files, each one object however many enclaves share it."""
-    return enclave.identity_ca, enclave.permissions_ca, enclave.governance, enclave.crl
+    """What the realm of an enclave is made of: files, each one object however many enclaves share it.
+
+    The last: whether there is a `crl.pem` that was not read.
+    """
+    unread = enclave.files.files[Role.CRL].status.unknown
+    return enclave.identity_ca, enclave.permissions_ca, enclave.governance, enclave.crl, unread
 
 
 class Views:
@@ -90,6 +95,7 @@ class Views:
             kind.refusals,
             trust.pins_signer,
             tuple(self.authorities(enclave, trust) for enclave in self._realms),
+            tuple(list_unread(enclave, trust) is not None for enclave in self._realms),
             tuple(self.names(trust).items()),
             self.opaque(kind),
             () if trust.pins_signer else tuple(self.signers(document, trust) for document in self._documents),
