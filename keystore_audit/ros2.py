@@ -27,9 +27,9 @@ class AuditVerb:
         """Add every option of `keystore-audit audit`, so that `--help` and completion know them."""
         parser.add_argument(KEYSTORES, metavar="KEYSTORE", nargs="+", help="the directory of a keystore")
         for option in _options():
-            more: dict[str, Any] = {"action": "store_true"} if option.is_flag else {"metavar": _metavar(option)}
-            if option.multiple:
-                more["action"] = "append"
+            more: dict[str, Any] = {"action": "store_true"}
+            if not option.is_flag:  # a second value is passed on too: the command itself refuses it where one counts
+                more = {"action": "append", "metavar": _metavar(option)}
             text = (option.help or "").replace("%", "%%")
             parser.add_argument(*option.opts, dest=option.name or "", help=text, **more)
 
@@ -62,5 +62,5 @@ def _given(args: argparse.Namespace) -> Iterator[str]:
         if value is True:
             yield option.opts[-1]
         elif value not in (None, False):
-            for each in value if option.multiple else (value,):
+            for each in value:
                 yield f"{option.opts[-1]}={each}"

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from keystore_audit.cli import once, output
 from keystore_audit.cli import options as opt
-from keystore_audit.cli import output
 from keystore_audit.errors import EXIT_INCOMPLETE
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ MAX_WIDTH: Final = 200
 """A line longer than that is lost to the eye."""
 
 
-@click.command("access", short_help="Show who may do what: enclaves and topics.")
+@click.command("access", cls=once.Command, short_help="Show who may do what: enclaves and topics.")
 @click.argument("keystore", metavar="KEYSTORE", type=opt.keystore_path)
 @click.option(
     "-f",

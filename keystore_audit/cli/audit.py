@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from keystore_audit.cli import delivery, formats, output, places, settings
+from keystore_audit.cli import delivery, formats, once, output, places, settings
 from keystore_audit.cli import options as opt
 from keystore_audit.cli.places import executor_address
 from keystore_audit.cli.progress import Watch
@@ -34,7 +34,12 @@ MAX_JOBS: Final = 1024
 """Processes at a time: more than any machine has use for."""
 
 
-@click.command("audit", short_help="Audit keystores: the default command.", context_settings={"show_default": True})
+@click.command(
+    "audit",
+    cls=once.Command,
+    short_help="Audit keystores: the default command.",
+    context_settings={"show_default": True},
+)
 @click.argument("keystores", metavar="KEYSTORE...", nargs=-1, required=True, type=opt.keystore_path)
 @click.option(
     "-f",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import click
 
-from keystore_audit.cli import audit, output
+from keystore_audit.cli import audit, once, output
 from keystore_audit.cli import options as opt
 from keystore_audit.cli.progress import Watch
 from keystore_audit.errors import EXIT_INCOMPLETE
@@ -61,6 +61,7 @@ def _words(most: int) -> Callable[[str], str]:
 
 @click.group(
     "baseline",
+    cls=once.Group,
     short_help="Accept the findings of today, each until a day.",
     subcommand_metavar="COMMAND",
     invoke_without_command=True,  # click's own answer would be the whole help, as an error

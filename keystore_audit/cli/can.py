@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 from click.core import ParameterSource
 
+from keystore_audit.cli import once, output
 from keystore_audit.cli import options as opt
-from keystore_audit.cli import output
 from keystore_audit.errors import EXIT_INCOMPLETE, BudgetExceeded, UsageError
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ KINDS: Final = ("ros", "dds")
 EXPECTED: Final = ("allow", "deny")
 
 
-@click.command("can", short_help="Say whether an enclave may do something, and which line decides.")
+@click.command("can", cls=once.Command, short_help="Say whether an enclave may do something, and which line decides.")
 @click.argument("keystore", metavar="KEYSTORE", type=opt.keystore_path)
 @click.argument("words", metavar="[ENCLAVE OPERATION NAME]", nargs=-1)
 @click.option(

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from keystore_audit.cli import once, output
 from keystore_audit.cli import options as opt
-from keystore_audit.cli import output
 from keystore_audit.errors import EXIT_INCOMPLETE
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ FORMATS: Final = ("text", "json", "markdown")
 FAIL_ON: Final = ("gained", "any", "none")
 
 
-@click.command("diff", short_help="Say what changed in meaning between two keystores.")
+@click.command("diff", cls=once.Command, short_help="Say what changed in meaning between two keystores.")
 @click.argument("old", metavar="OLD", type=opt.keystore_path)
 @click.argument("new", metavar="NEW", type=opt.keystore_path)
 @click.option(

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from keystore_audit.cli import once
 from keystore_audit.cli import options as opt
 from keystore_audit.cli.progress import Watch
 from keystore_audit.errors import EngineMissing
@@ -15,6 +16,7 @@ from keystore_audit.text import terminal
 
 @click.group(
     "engine",
+    cls=once.Group,
     short_help="Say which engines there are, or install Alloy's.",
     invoke_without_command=True,
     subcommand_metavar="[install]",

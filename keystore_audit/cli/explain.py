@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from keystore_audit.cli import once
+
 if TYPE_CHECKING:
     from keystore_audit.properties import Property
     from keystore_audit.rules.registry import Rule
 
 
-@click.command("explain", short_help="Explain a rule or property.")
+@click.command("explain", cls=once.Command, short_help="Explain a rule or property.")
 @click.argument("word", metavar="CODE-OR-NAME")
 def command(word: str) -> int:
     """Explain a rule or property: why it matters, its clause, and what to do.

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from keystore_audit.cli import once, output
 from keystore_audit.cli import options as opt
-from keystore_audit.cli import output
 from keystore_audit.errors import EXIT_INCOMPLETE
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ ATTACKERS: Final = ("honest", "source", "relays")
 ENGINES: Final = ("native", "auto", "both", "alloy")
 
 
-@click.command("flow", short_help="Say whether data can get from one place to another.")
+@click.command("flow", cls=once.Command, short_help="Say whether data can get from one place to another.")
 @click.argument("keystore", metavar="KEYSTORE", type=opt.keystore_path)
 @click.argument("source", metavar="[FROM", required=False)
 @click.argument("target", metavar="TO]", required=False)

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from keystore_audit.cli import once, output
 from keystore_audit.cli import options as opt
-from keystore_audit.cli import output
 from keystore_audit.errors import UsageError
 from keystore_audit.text import terminal
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from keystore_audit.intent.intent import Intent
 
 
-@click.command("model", short_help="Write the Alloy model of a keystore.")
+@click.command("model", cls=once.Command, short_help="Write the Alloy model of a keystore.")
 @click.argument("keystore", metavar="KEYSTORE", type=opt.keystore_path)
 @click.option(
     "-o",

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from keystore_audit import __version__
-from keystore_audit.cli import EXIT_INTERRUPTED
+from keystore_audit.cli import EXIT_INTERRUPTED, once
 from keystore_audit.cli.session import Session
 from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_USAGE, AuditError
 from keystore_audit.text import terminal
@@ -37,7 +37,7 @@ COMMANDS: Final = (
 """Each is the module of this package of that name, imported only when it is asked for."""
 
 
-class Program(click.Group):
+class Program(once.Group):
     """The commands; a first argument that is none of them belongs to `audit`."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's signature

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import click
 
+from keystore_audit.cli import once
 
-@click.command("rules")
+
+@click.command("rules", cls=once.Command)
 def command() -> int:
     """List the rules: code, severity and name.
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from keystore_audit.cli import once, output
 from keystore_audit.cli import options as opt
-from keystore_audit.cli import output
 from keystore_audit.errors import EXIT_INCOMPLETE, UsageError
 from keystore_audit.text import terminal
 
@@ -22,7 +22,7 @@ PERMISSIONS: Final = "permissions"
 FILE_NAME: Final = "permissions.xml"
 
 
-@click.command("suggest", short_help="Print the least policy for what was observed or launched.")
+@click.command("suggest", cls=once.Command, short_help="Print the least policy for what was observed or launched.")
 @click.argument("keystore", metavar="KEYSTORE", type=opt.keystore_path)
 @opt.observation_options
 @click.option(

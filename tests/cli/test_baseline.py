@@ -103,7 +103,9 @@ def test_wrong_calls_write_nothing(
     stock: Path, tmp_path: Path, changed: tuple[str, str], words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "accepted.toml"
-    assert answer("baseline", "create", stock, "-o", file, *NATIVE, *WHY, *changed) == (2, "")
+    options = {**dict(zip(WHY[::2], WHY[1::2], strict=True)), changed[0]: changed[1]}
+    given = (word for option in options.items() for word in option)
+    assert answer("baseline", "create", stock, "-o", file, *NATIVE, *given) == (2, "")
     assert words in capsys.readouterr().err
     assert not file.exists()
 

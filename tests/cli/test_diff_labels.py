@@ -66,7 +66,8 @@ def compared(tmp_path: Path, new: Store, *arguments: str) -> int:
     settings = tmp_path / "settings.toml"
     settings.write_text(SETTINGS)
     sides = [store.write(tmp_path / name) for name, store in (("old", BASE), ("new", new))]
-    return run(["diff", *map(str, sides), "--at", AT, "--settings", str(settings), *arguments])
+    named = () if "--settings" in arguments else ("--settings", str(settings))
+    return run(["diff", *map(str, sides), "--at", AT, *named, *arguments])
 
 
 @pytest.mark.parametrize(
