@@ -170,6 +170,33 @@ def differing(rule: DomainRule) -> Store:
     return replace(TWO, enclaves=(TALKER, replace(LISTENER, changes={"governance.p7s": signed})))
 
 
+EVERYTHING = Rule(publish=("*",), subscribe=("*",))
+
+
+def granted(*grants: Grant, domains: tuple[int, ...] = (0,)) -> Store:
+    """The talker has these grants, and the governance covers these domains."""
+    given = replace(TALKER, permissions=Permissions(grants=grants))
+    rules = tuple(replace(QUIET, domains=(domain,)) for domain in domains)
+    return replace(TWO, enclaves=(given, LISTENER), governance=Governance(rules=rules))
+
+
+def in_domain_5(*domains: int) -> Store:
+    """The talker may do everything in domain 5; the governance covers these."""
+    rules = (Rule(publish=("rt/chatter",)), DISCOVERY, replace(EVERYTHING, domains=(5,)))
+    return granted(Grant(path="/talker", rules=rules), domains=domains)
+
+
+DATED = Grant(path="/talker", rules=(EVERYTHING,), not_before="2020-01-01T00:00:00", not_after="2100-01-01T00:00:00")
+LATER = replace(DATED, not_before="2099-01-01T00:00:00")
+OVER = replace(DATED, not_after="2021-01-01T00:00:00")
+FIRST = replace(DATED, rules=(Rule(publish=("rt/chatter",)), DISCOVERY))
+EFFECTS = {
+    "begins": (granted(LATER), granted(DATED)),
+    "begins again": (granted(OVER), granted(DATED)),
+    "stands first": (granted(FIRST, DATED), granted(DATED)),
+    "is skipped to": (granted(FIRST, DATED), granted(replace(FIRST, not_after="2021-01-01T00:00:00"), DATED)),
+    "is governed": (in_domain_5(0), in_domain_5(0, 5)),
+}
 DENIED = Rule(publish=("rt/cmd_vel",), allow=False)
 WORSE = {
     "KA109": (holding(Key(label="fingerprints unknown").pem()), holding(PERMISSIONS_CA.key.pem())),
@@ -217,6 +244,20 @@ def test_what_is_worse_at_the_same_place_is_another_finding(code: str, tmp_path:
     before, after = WORSE[code]
     assert not {*prints(before, tmp_path / "before", code)} >= {*prints(after, tmp_path / "after", code)}
     assert {*prints(before, tmp_path / "again", code)} == {*prints(before, tmp_path / "once more", code)}
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_a_grant_that_gets_an_effect_is_another_finding(effect: str, tmp_path: Path) -> None:
+    """It was accepted while nobody asked it."""
+    before, after = ({*prints(store, tmp_path / str(n), "KA511")} for n, store in enumerate(EFFECTS[effect]))
+    assert before.isdisjoint(after)
+
+
+def test_a_grant_that_keeps_its_effect_is_the_same_finding(tmp_path: Path) -> None:
+    """Another domain that it says nothing of, and dates that leave it in force."""
+    stores = granted(DATED), granted(replace(DATED, not_before="2025-01-01T00:00:00"), domains=(0, 9))
+    before, after = ({*prints(store, tmp_path / str(n), "KA511")} for n, store in enumerate(stores))
+    assert before == after
 
 
 def renewed(store: Store) -> Store:

@@ -1,14 +1,16 @@
 """What stands at the places of a finding: who accepts a finding accepts that, and nothing else that comes there.
 
 Without lines, layout and dates of grants: a document that is written or signed again says the same. Of permissions it
-is the grant at the place, of a file of certificates the certificate there, else all of the file.
+is the grant at the place and whether it has an effect, of a file of certificates the certificate there, else all of
+the file.
 """
 
 from __future__ import annotations
 
 import hashlib
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from datetime import datetime
 from enum import Enum
 from functools import cache
 from typing import Any, Final
@@ -23,6 +25,7 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Grant, PermissionsFile, Rule
 from keystore_audit.keystore.private_key import PrivateKey
 from keystore_audit.keystore.smime import SignedDocument
+from keystore_audit.rules.effect import Effects
 
 _LEFT_OUT: Final = frozenset({"line", "lines", "default_line", "not_before", "not_after"})
 """Where something stands, and how long grants are in force: rules about dates have these in their keys."""
@@ -60,10 +63,10 @@ def signed_bytes(signed: SignedDocument) -> str:
 class Contents:
     """What stands where in a keystore, worked out for the files that findings are about."""
 
-    def __init__(self, keystore: Keystore) -> None:
+    def __init__(self, keystore: Keystore, at: datetime) -> None:
         self._keystore = keystore
+        self._effects = Effects(keystore, at)
         self._files: dict[str, _At] | None = None
-        self._grants: dict[int, str] = {}
 
     def at(self, places: Collection[Location]) -> str:
         """A digest of what stands at the places, in whatever order; files that the user named are not asked."""
@@ -114,30 +117,29 @@ class Contents:
                     yield document.signed.file, self._document(document)
 
     def _document(self, document: GovernanceFile | PermissionsFile) -> _At:
-        whole = cache(lambda: self._whole(document))  # thousands of places may be in one document
         permissions = document.permissions if isinstance(document, PermissionsFile) else None
         grants = permissions.grants if permissions is not None else ()
+        said = cache(lambda: self._told(grants))  # thousands of places may be in one document
+        whole = cache(lambda: _whole(document) or " ".join(said()))
         lines = [grant.line or 0 for grant in grants]
 
         def at(line: int | None) -> str:
             end = bisect_right(lines, line) if line is not None else 0
-            return self._told(grants[bisect_left(lines, lines[end - 1]) : end]) if end else whole()
+            return " ".join(said()[bisect_left(lines, lines[end - 1]) : end]) if end else whole()
 
         return at
 
-    def _whole(self, document: GovernanceFile | PermissionsFile) -> str:
-        if isinstance(document, GovernanceFile):
-            governance = document.governance
-            return signed_bytes(document.signed) if governance is None else _digest([told(governance)])
-        permissions = document.permissions
-        return signed_bytes(document.signed) if permissions is None else self._told(permissions.grants)
+    def _told(self, grants: Sequence[Grant]) -> list[str]:
+        """What each of the grants says, and what its effect rests on."""
+        return [_digest([told(grant), effect]) for grant, effect in zip(grants, self._effects.of(grants), strict=True)]
 
-    def _told(self, grants: Iterable[Grant]) -> str:
-        """What grants say, each worked out once; they live as long as their keystore, which is kept here."""
-        for grant in grants:
-            if id(grant) not in self._grants:
-                self._grants[id(grant)] = _digest([told(grant)])
-        return " ".join(self._grants[id(grant)] for grant in grants)
+
+def _whole(document: GovernanceFile | PermissionsFile) -> str:
+    """What a document says as a whole; nothing for grants, each of which is told by itself."""
+    if isinstance(document, GovernanceFile):
+        governance = document.governance
+        return signed_bytes(document.signed) if governance is None else _digest([told(governance)])
+    return signed_bytes(document.signed) if document.permissions is None else ""
 
 
 def _certificates(file: CertificateFile) -> _At:

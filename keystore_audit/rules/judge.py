@@ -205,7 +205,7 @@ class _Run:
 
 def _findings(run: _Run, chosen: Sequence[Rule[Any]], context: Context) -> tuple[Finding, ...]:
     """The findings, those that somebody accepts marked, and what the rules say of how they are accepted."""
-    contents = Contents(context.keystore)
+    contents = Contents(context.keystore, context.at)
     marked = _marked(run.found, contents)
     found = _made(marked)
     if not context.acceptances:

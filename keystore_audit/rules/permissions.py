@@ -7,21 +7,19 @@ says apply where somebody may take it: what a document says that every implement
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from datetime import datetime
 from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Defect, Kind
-from keystore_audit.keystore.governance import Text
 from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.permission import Permissions
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.system import EnclaveAtom
-from keystore_audit.model.validity import DateReading, read_date
 from keystore_audit.rules.certificate import ISSUE_AGAIN, has_usual_subject, usual_subject
 from keystore_audit.rules.commands import CREATE_PERMISSION, SHOW_SUBJECT, SIGN_PERMISSIONS
 from keystore_audit.rules.contents import dated
 from keystore_audit.rules.context import Context
+from keystore_audit.rules.effect import instant_of
 from keystore_audit.rules.governance import AMBIGUOUS, DIFFER, in_document
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import PermissionsUse, speaks
@@ -50,15 +48,6 @@ def own_grants(use: PermissionsUse) -> Iterator[Grant]:
     """The grants that name an enclave which carries the document, second ones too."""
     own = subjects(use)
     return (grant for grant in all_grants(use) if grant.subject_name.text in own)
-
-
-def instant_of(date: Text) -> datetime | None:
-    """The instant that a date of a grant names to the specification, None for years that nobody reads.
-
-    Where implementations read another one, date-read-differently and date-not-portable say so.
-    """
-    dated = read_date(date.text, DateReading.XSD, None)
-    return dated.instant if dated is not None else None
 
 
 def about(use: PermissionsUse, grant: Grant, line: int | None, message: str, **more: Any) -> Violation:

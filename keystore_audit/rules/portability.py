@@ -12,7 +12,8 @@ from keystore_audit.model.profiles import DateReading, Profile
 from keystore_audit.model.substitution import Cause
 from keystore_audit.model.validity import read_date
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.permissions import WRITE_AGAIN, all_grants, instant_of
+from keystore_audit.rules.effect import instant_of
+from keystore_audit.rules.permissions import WRITE_AGAIN, all_grants
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks
 from keystore_audit.rules.wording import implementations, places, quoted, sole

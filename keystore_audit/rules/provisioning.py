@@ -14,7 +14,8 @@ from keystore_audit.keystore.identity import Identity, alike
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.rules.certificate import ISSUE_AGAIN
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.permissions import instant_of, own_grants
+from keystore_audit.rules.effect import instant_of
+from keystore_audit.rules.permissions import own_grants
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import permissions_uses
 from keystore_audit.rules.wording import instant, listed, number, places, quoted

@@ -10,7 +10,8 @@ from keystore_audit.findings import Severity
 from keystore_audit.keystore.permissions import Grant
 from keystore_audit.rules.contents import dated
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.permissions import SIGN_AGAIN, WRITE_AGAIN, about, instant_of, own_grants
+from keystore_audit.rules.effect import instant_of
+from keystore_audit.rules.permissions import SIGN_AGAIN, WRITE_AGAIN, about, own_grants
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import PermissionsUse, speaks
 from keystore_audit.rules.wording import instant, quoted
