@@ -38,9 +38,13 @@ fun read_by_relays[realm: Realm]: Enclave -> Channel {
 	- granted[realm, subscribe_allowed]
 }
 
+/** Channels that an enclave feeds in some realm. */
+fun feeds_somewhere: Enclave -> Channel { Realm.{ realm: Realm, e: Enclave, c: e.(feeds[realm]) } }
+
 /**
- * Channels that an enclave knows, and whose samples it could carry into another domain: it feeds some channel there.
+ * Channels of a realm that an enclave knows, and whose samples it could carry into another domain: it feeds some
+ * channel there, perhaps one of another realm.
  */
 fun carried_across[realm: Realm]: Enclave -> Channel {
-	knows[realm] & feeds[realm].in_domain.(Domain -> Domain - iden).~in_domain
+	knows[realm] & feeds_somewhere.in_domain.(Domain -> Domain - iden).~in_domain
 }

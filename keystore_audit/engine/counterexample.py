@@ -13,6 +13,8 @@ from keystore_audit.engine.causes import Operation
 from keystore_audit.engine.counterexample_case import Case
 from keystore_audit.engine.counterexample_rights import beyond_grants
 from keystore_audit.findings import Location
+from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.permission import Permissions
 from keystore_audit.model.system import System
 from keystore_audit.properties import access_control, encryption, flow
 from keystore_audit.properties.counterexample import Counterexample, Step
@@ -140,13 +142,25 @@ def _relay_reads(case: Case) -> Counterexample:
 
 
 def _bridge(case: Case) -> Counterexample:
-    there = Case(system=case.system, witness={**case.witness, Role.CHANNEL: case.witness[Role.OTHER_CHANNEL]})
-    enclave = case.witness[Role.ENCLAVE]
+    enclave, channel = case.witness[Role.ENCLAVE], case.witness[Role.OTHER_CHANNEL]
+    realm = _feeding(case.system, case.realm, enclave, channel)
+    there = Case(system=case.system, witness={**case.witness, Role.REALM: realm, Role.CHANNEL: channel})
     return Counterexample(
         text=f"{case.enclave.label} can read {case.topic} and write {there.topic}: what is said in the one can get "
         "into the other.",
         steps=(*_way(case, enclave, "subscribe"), *_way(there, enclave, "publish")),
     )
+
+
+def _feeding(system: System, first: int, enclave: int, channel: int) -> int:
+    """The realm in which an enclave feeds a channel: the `first` if it does there."""
+    permissions = Permissions(system)
+    realms: tuple[int, ...] = (first, *range(len(system.realms)))
+    for realm in realms:
+        able = RealmView(system, realm, permissions).abilities(enclave)
+        if (able.may_write | able.forges) >> channel & 1:
+            return realm
+    return first
 
 
 def _way(case: Case, enclave: int, operation: Operation) -> tuple[Step, ...]:

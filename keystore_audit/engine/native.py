@@ -306,14 +306,15 @@ class _Questions:
                 yield from _channels(realm, relayed and relayed & ~view.granted(enclave, Operation.SUBSCRIBE), enclave)
 
     def bridges(self) -> Iterator[Witness]:
-        """Enclaves that read in one class of domains and write in another."""
+        """Enclaves that read in one class of domains and write in another, perhaps among peers that trust otherwise."""
         if len(self._system.domains) < 2:
             return
-        for realm, view in enumerate(self._realms):
-            for enclave in range(len(self._system.enclaves)):
-                able = view.abilities(enclave)
-                written = able.may_write | able.forges
-                read = able.knows
+        for enclave in range(len(self._system.enclaves)):
+            written = 0
+            for view in self._realms:
+                written |= view.abilities(enclave).may_write | view.abilities(enclave).forges
+            for realm, view in enumerate(self._realms):
+                read = view.abilities(enclave).knows
                 for within in self._permissions.channels_in if read and written else ():
                     elsewhere = written & ~within
                     for channel in members(read & within if elsewhere else 0):

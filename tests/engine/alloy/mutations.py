@@ -98,6 +98,15 @@ def second_domain(b: Builder) -> None:
     b.topic_rules[0] = replace(b.topic_rules[0], channels=frozenset({CHATTER, OTHER_TOPIC, ELSEWHERE}))
 
 
+def second_realm(b: Builder) -> None:
+    """A domain that another governance covers, of an enclave that may do nothing."""
+    b.channel(b.domain(1, 1), "rt/elsewhere")
+    governance = b.document([PERMISSIONS_CA])
+    b.topic_rule(b.domain_rule(governance, [1]), [ELSEWHERE])
+    realm = b.realm([IDENTITY_CA], [PERMISSIONS_CA], governance)
+    b.enclave(realm, b.certificate([IDENTITY_CA]), b.document([PERMISSIONS_CA]))
+
+
 def listener_publishes(channel: int, domain: int) -> Change:
     def change(b: Builder) -> None:
         b.rule(1, [domain], publish=[channel])
@@ -245,6 +254,8 @@ MUTATIONS: dict[str, tuple[Change, set[str]]] = {
     ),
     "a second domain": (second_domain, set()),
     "a bridge": (both(second_domain, listener_publishes(ELSEWHERE, 1)), {BRIDGES}),
+    "a second domain under another governance": (second_realm, set()),
+    "a bridge between two governances": (both(second_realm, listener_publishes(ELSEWHERE, 1)), {BRIDGES}),
     "a reader that writes elsewhere in its domain": (
         both(second_domain, listener_publishes(OTHER_TOPIC, 0)),
         set(),
