@@ -8,11 +8,37 @@
 module claims
 open information_flow
 
--- only these publish
+-- only these publish: enclaves, whoever else has a subject that grants name, and anybody who may join without one
 
-/** Channels on which each enclave publishes by a grant of the permissions CA, or writes without one. */
-fun publishes[realm: Realm]: Enclave -> Channel {
+/** Certificates that no enclave here has, and whose holders the realm lets in with a grant, or may (a grant unread). */
+fun elsewhere[realm: Realm]: set Certificate {
+	let known = realm in open_realm implies Certificate else realm.(vouched[identity_ca, Certificate] - revoked),
+		named = some opaque & Document implies Certificate else chosen.(realm.accepted.grant) |
+		(known & named) - Enclave.identity
+}
+
+/** Domains that whoever has such a certificate can join: as `joins`. */
+fun joins_elsewhere[realm: Realm]: Certificate -> Domain {
+	let others = realm.elsewhere, unread = some opaque & Document implies others else none |
+		others -> realm.join_uncontrolled + unread -> realm.governed_domain
+		+ { c: others, d: (c.admitting & realm.accepted.grant).joining & realm.governed_domain }
+}
+
+/** Channels on which peers match a writer of whoever has such a certificate: as `may_write`. */
+fun writes_elsewhere[realm: Realm]: Certificate -> Channel {
+	let others = realm.elsewhere, unread = some opaque & Document implies others else none,
+		rights = { c: others, t: (c.chosen & realm.accepted.grant).publish_allowed } |
+		{ c: others, t: realm.governed & (realm.write_uncontrolled + c.(unread -> Channel + rights + rights.meets)) |
+			t.in_domain in c.(joins_elsewhere[realm]) }
+}
+
+/** Channels that anybody writes who joins the domain without an identity: their readers look into such messages. */
+fun writes_unauthenticated: Realm -> Channel { unguarded & unauthenticated_allowed.~in_domain }
+
+/** Channels on which each of these publishes by a grant of the permissions CA, or writes without one. */
+fun publishes[realm: Realm]: (Enclave + Certificate + Outsider) -> Channel {
 	may_write[realm] + (granted[realm, publish_allowed] - out_of_reach[realm])
+	+ writes_elsewhere[realm] + Outsider -> realm.writes_unauthenticated
 }
 
 -- encrypted against insiders

@@ -15,7 +15,7 @@ from keystore_audit.model.system import Reading, System
 from keystore_audit.properties import PROPERTIES, Answer, Status
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.property import Property
-from keystore_audit.properties.result import AssertedResult, ProfileResult, PropertyResult
+from keystore_audit.properties.result import ANYBODY, AssertedResult, ProfileResult, PropertyResult
 
 Decide = Callable[[System], Mapping[str, Answer]]
 
@@ -91,8 +91,14 @@ def _asserted(
         severity=claim.severity,
         location=claim.location,
         meaning=claim.meaning,
-        forgers=tuple(dict.fromkeys(n for s in systems for n in forgers(s, s.claims[number]))) if only else (),
+        forgers=_forgers(number, systems) if only else None,
     )
+
+
+def _forgers(number: int, systems: Sequence[System]) -> tuple[str, ...]:
+    """Who could forge as some implementation reads the keystore, ANYBODY last."""
+    found = dict.fromkeys(name for system in systems for name in forgers(system, system.claims[number]))
+    return (*(name for name in found if name != ANYBODY), *([ANYBODY] if ANYBODY in found else []))
 
 
 def combine_determinism(

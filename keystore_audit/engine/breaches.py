@@ -125,6 +125,8 @@ def _told(system: System, names: _Names, witness: Witness) -> str:
     for role, atom in sorted(witness.items()):
         if role in (Role.ENCLAVE, Role.OTHER):
             told.append(system.enclaves[atom].label)
+        elif role is Role.CERTIFICATE:
+            told.append(system.certificates[atom].label)
         elif role is Role.CHANNEL:
             channel = system.channels[atom]
             told += [names[atom], channel.partition, system.domains[channel.domain].label]

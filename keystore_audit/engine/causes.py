@@ -70,8 +70,11 @@ def rights(system: System, enclave: int, operation: Operation, channel: int) -> 
     Rights about the channel itself come first, those to be in a partition that is a pattern for it last.
     """
     identity = system.enclaves[enclave].identity
-    if identity is None:
-        return ()
+    return () if identity is None else rights_by(system, identity, operation, channel)
+
+
+def rights_by(system: System, identity: int, operation: Operation, channel: int) -> tuple[Right, ...]:
+    """As `rights`, of whoever has the certificate."""
     meeting = [number for number, others in enumerate(system.meets) if channel in others]
     found = []
     chosen = _chosen(system, identity)

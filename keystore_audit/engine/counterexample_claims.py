@@ -13,13 +13,15 @@ from keystore_audit.engine.counterexample_rights import Way, way
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind
 from keystore_audit.model.claim import Place as ClaimPlace
-from keystore_audit.model.permission import Permissions, members
+from keystore_audit.model.permission import Permissions, bits
 from keystore_audit.model.system import System
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Answer, Hop, Role
+from keystore_audit.properties.result import ANYBODY
+from keystore_audit.text import shorten
 
-MAX_FORGERS: Final = 5
-"""Enclaves named that could forge; the rest are counted."""
+MAX_SUBJECT: Final = 160
+"""Characters of a subject."""
 
 _UNDER: Final = {
     Attacker.HONEST: "even if nobody attacks",
@@ -47,13 +49,36 @@ def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Countere
         return Counterexample(text=f"It is violated, and no example was given{when}.", steps=())
     case = Case(system=system, witness=witness)
     if claim.kind is ClaimKind.ONLY_PUBLISH:
-        enclave = witness[Role.ENCLAVE]
-        return Counterexample(
-            text=f"{case.enclave.label} may publish {case.topic} too{when}.",
-            steps=case.right_steps(enclave, "publish") or case.governance_steps(),
-        )
+        return _publisher(case, when)
     who = "Anybody on the network" if claim.attacker is Attacker.OUTSIDER else f"{case.enclave.label}, which may not,"
     return Counterexample(text=f"{who} can read {case.topic}: {case.kinds()}{when}.", steps=case.governance_steps())
+
+
+def _publisher(case: Case, when: str) -> Counterexample:
+    """Who else may publish: an enclave, whoever has a subject that is no enclave's here, or anybody."""
+    if Role.ENCLAVE in case.witness:
+        return Counterexample(
+            text=f"{case.enclave.label} may publish {case.topic} too{when}.",
+            steps=case.right_steps(case.witness[Role.ENCLAVE], "publish") or case.governance_steps(),
+        )
+    if Role.CERTIFICATE not in case.witness:
+        return Counterexample(
+            text=f"Anybody on the network may join without an identity and publish {case.topic}, since "
+            f"allow_unauthenticated_participants is true: {case.kinds()}{when}.",
+            steps=case.governance_steps(),
+        )
+    identity = case.witness[Role.CERTIFICATE]
+    subject = case.system.certificates[identity]
+    found = causes.rights_by(case.system, identity, "publish", case.witness[Role.CHANNEL])
+    accepted = RealmView(case.system, case.realm, Permissions(case.system)).accepted
+    taken = [each for each in found if any(case.system.documents[number] is each.document for number in accepted)]
+    place = taken[0].location if taken else subject.location
+    where = place.path if place.line is None else f"{place.path}:{place.line}"
+    return Counterexample(
+        text=f"Whoever is {shorten(subject.label, MAX_SUBJECT)}, which is no enclave of this keystore, may publish "
+        f"{case.topic}{when}: peers take the grant in {where} from whoever has that subject.",
+        steps=(case.step(place), *(() if taken else case.governance_steps())),
+    )
 
 
 def _then(system: System, answer: Answer) -> tuple[str, System]:
@@ -161,13 +186,17 @@ def _shared_domain(case: Case, when: str, starts: frozenset[tuple[int, int]]) ->
 
 
 def forgers(system: System, claim: ClaimAtom) -> tuple[str, ...]:
-    """Enclaves that are not among the permitted publishers and could pass for one with the keys that they hold."""
-    permissions = Permissions(system)
-    names = []
-    for realm in range(len(system.realms)):
-        view = RealmView(system, realm, permissions)
+    """Who is not among the permitted publishers and could pass for one with the keys that they hold; ANYBODY last."""
+    permissions, asked = Permissions(system), bits(claim.target.channels)
+    names: dict[str, None] = {}
+    views = [RealmView(system, realm, permissions) for realm in range(len(system.realms))]
+    for view in views:
         for number, enclave in enumerate(system.enclaves):
-            forged = set(members(view.abilities(number).forges)) if number not in claim.source.enclaves else set()
-            if forged & claim.target.channels and enclave.label not in names:
-                names.append(enclave.label)
+            if number not in claim.source.enclaves and view.abilities(number).forges & asked:
+                names[enclave.label] = None
+        for certificate, able in view.elsewhere.items():
+            if able.forges & asked:
+                names[f"whoever is {shorten(system.certificates[certificate].label, MAX_SUBJECT)}"] = None
+    if any(view.injectable & asked for view in views):
+        names[ANYBODY] = None
     return tuple(names)

@@ -38,13 +38,19 @@ class Claims:
             yield _ends(found), found
 
     def foreign_publishers(self, claim: ClaimAtom) -> Iterator[Found]:
-        """Enclaves other than those of the source that may write a channel of the target."""
+        """Whoever else may write a channel of the target: enclaves, who is none here, and anybody without a key."""
         asked = bits(claim.target.channels)
         for realm, view in enumerate(self._realms):
             for enclave in range(len(self._system.enclaves)):
                 if enclave not in claim.source.enclaves:
                     for channel in members(view.abilities(enclave).may_write & asked):
                         yield {Role.REALM: realm, Role.ENCLAVE: enclave, Role.CHANNEL: channel}, ()
+        for realm, view in enumerate(self._realms):
+            for certificate, able in view.elsewhere.items():
+                for channel in members(able.may_write & asked):
+                    yield {Role.REALM: realm, Role.CERTIFICATE: certificate, Role.CHANNEL: channel}, ()
+            for channel in members(view.joining_anybody & asked):
+                yield {Role.REALM: realm, Role.CHANNEL: channel}, ()
 
     def readings(self, claim: ClaimAtom) -> Iterator[Found]:
         """Channels of the target whose payload somebody reads who may not."""

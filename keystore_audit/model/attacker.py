@@ -5,13 +5,17 @@ Everything is asked of a realm: the verdict of a peer depends on nothing else.
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
+from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.permission import Permissions, bits, members
 from keystore_audit.model.protection import Protection, open_protection, protection
 from keystore_audit.model.system import System
+
+_OPERATIONS: Final = (Operation.PUBLISH, Operation.SUBSCRIBE, Operation.RELAY)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,7 +55,7 @@ class RealmView:
         governance = self._realm.governance
         self.open = governance is not None and system.documents[governance].opaque
         self._any_opaque = any(document.opaque for document in system.documents)
-        self._rights: dict[tuple[int, Operation, bool], int] = {}
+        self._rights: dict[tuple[int | None, Operation, bool], int] = {}
         self._self_granting: dict[int, bool] = {}
         self._abilities: dict[int, Abilities] = {}
 
@@ -74,12 +78,12 @@ class RealmView:
 
     def introduced(self, enclave: int, *, in_force: bool = False) -> bool:
         """Whether the identity CA vouches for the enclave's identity."""
-        atom = self._system.enclaves[enclave]
-        return (
-            atom.identity is not None
-            and atom.identity not in self._realm.revoked
-            and self.vouched(self._realm.identity_ca, atom.identity, in_force=in_force)
-        )
+        identity = self._system.enclaves[enclave].identity
+        return identity is not None and self._known(identity, in_force=in_force)
+
+    def _known(self, certificate: int, *, in_force: bool = False) -> bool:
+        pool = self._realm.identity_ca
+        return certificate not in self._realm.revoked and self.vouched(pool, certificate, in_force=in_force)
 
     @cached_property
     def genuine(self) -> frozenset[int]:
@@ -182,7 +186,7 @@ class RealmView:
 
     def granted(self, enclave: int, operation: Operation) -> int:
         """Channels for which the permissions CA gave the enclave the right, or where it is met by one that it gave."""
-        return self._right(enclave, operation, genuine=True)
+        return self._right(self._system.enclaves[enclave].identity, operation, genuine=True)
 
     def may_be_granted(self, enclave: int, operation: Operation) -> int:
         """Channels for which the permissions CA may have given the enclave the right.
@@ -197,18 +201,18 @@ class RealmView:
         """Channels for which the enclave can present a document that peers take."""
         if self._unbounded(enclave):
             return self._permissions.all_channels
-        return self._right(enclave, operation, genuine=False)
+        return self._right(self._system.enclaves[enclave].identity, operation, genuine=False)
 
     def _unbounded(self, enclave: int) -> bool:
         """Whether it may have any right: by a document that it signs itself, or by one that we could not read."""
         return self._any_opaque or self._system.enclaves[enclave].opaque or self.self_granting(enclave)
 
-    def _right(self, enclave: int, operation: Operation, *, genuine: bool) -> int:
-        key = (enclave, operation, genuine)
+    def _right(self, identity: int | None, operation: Operation, *, genuine: bool) -> int:
+        key = (identity, operation, genuine)
         if key not in self._rights:
             documents = self.genuine if genuine else self.accepted
             allowed = 0
-            for grant in self._permissions.chosen(self._system.enclaves[enclave].identity, documents):
+            for grant in self._permissions.chosen(identity, documents):
                 allowed |= self._permissions.allowed(grant, operation)
             self._rights[key] = self._permissions.met(allowed)
         return self._rights[key]
@@ -226,7 +230,11 @@ class RealmView:
             return 0
         if anything:
             return p.ruled
-        grants = self._permissions.admitting(self._system.enclaves[enclave].identity, documents)
+        return self._joined_by(self._permissions.admitting(self._system.enclaves[enclave].identity, documents))
+
+    def _joined_by(self, grants: Collection[int]) -> int:
+        """Domains that somebody of a known identity joins with these grants."""
+        p = self.protection
         joined = ~p.join_controlled if grants or not self._system.requires_grant else 0
         for grant in grants:
             joined |= self._permissions.joins(grant)
@@ -235,26 +243,54 @@ class RealmView:
     def abilities(self, enclave: int) -> Abilities:
         """What the enclave can do to the realm's channels; worked out once."""
         if enclave not in self._abilities:
-            self._abilities[enclave] = self._able(enclave)
+            rights = [self.presentable(enclave, operation) for operation in _OPERATIONS]
+            atom = self._system.enclaves[enclave]
+            alone = (bits(atom.writes_alone), bits(atom.reads_alone)) if atom.realm == self._number else (0, 0)
+            self._abilities[enclave] = self._able(self.joined(enclave), rights, *alone)
         return self._abilities[enclave]
 
-    def _able(self, enclave: int) -> Abilities:
+    @cached_property
+    def elsewhere(self) -> Mapping[int, Abilities]:
+        """By certificate that no enclave here has: what whoever has it can do with the grants that name it."""
+        here = {enclave.identity for enclave in self._system.enclaves}
+        found = {}
+        for number in range(len(self._system.certificates)):
+            if number in here or not (self.open or self._known(number)):
+                continue
+            if self._any_opaque:
+                joined = self._permissions.all_domains if self.open else self.protection.ruled
+                found[number] = self._able(joined, [self._permissions.all_channels] * len(_OPERATIONS))
+            elif self._permissions.chosen(number, self.accepted):
+                joined = self._joined_by(self._permissions.admitting(number, self.accepted))
+                rights = [self._right(number, operation, genuine=False) for operation in _OPERATIONS]
+                found[number] = self._able(joined, rights)
+        return found
+
+    @cached_property
+    def joining_anybody(self) -> int:
+        """Channels on which readers take samples from participants without any identity, who join their domain."""
+        within = 0
+        for domain in members(self.protection.unauthenticated):
+            within |= self._permissions.channels_in[domain]
+        return within & self.injectable
+
+    def _able(self, joined: int, rights: Sequence[int], writes_alone: int = 0, reads_alone: int = 0) -> Abilities:
+        """What somebody can do in these domains with these rights, by operation, and what its implementation adds."""
+        published, subscribed, relayed = rights
         p = self.protection
-        reach = self._reach(self.joined(enclave))
-        writes = reach & (~p.write_controlled | self.presentable(enclave, Operation.PUBLISH))
-        reads = reach & (~p.read_controlled | self.presentable(enclave, Operation.SUBSCRIBE))
-        relays = reach & self.presentable(enclave, Operation.RELAY)
+        reach = self._reach(joined)
+        writes = reach & (~p.write_controlled | published)
+        reads = reach & (~p.read_controlled | subscribed)
+        relays = reach & relayed
         origin = p.rtps_authenticates_origin | p.metadata_authenticates_origin
-        atom = self._system.enclaves[enclave]
-        is_member = atom.realm == self._number
         return Abilities(
             may_write=writes,
             may_read=reads,
             may_relay=relays,
             overhears=reach & ~p.data_encrypts & (~p.metadata_encrypts | relays),
             forges=reach & ~origin & (~p.metadata_authenticates | reads | relays) & (~p.data_authenticates | reads),
-            writes_at_all=writes | bits(atom.writes_alone) if is_member else writes,
-            reads_at_all=reads | bits(atom.reads_alone) if is_member else reads,
+            writes_at_all=writes | writes_alone,
+            reads_at_all=reads | reads_alone,
         )
 
     def _reach(self, joined: int) -> int:

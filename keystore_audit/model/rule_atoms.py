@@ -124,6 +124,7 @@ class RuleAtoms:
                         not_after=self._index[read.not_after],
                         default_allow=read.default_allow,
                         location=Location(path=place, line=read.grant.line),
+                        subject=read.grant.subject_name.text,
                     )
                 )
         return tuple(grants), tuple(rules)

@@ -168,7 +168,7 @@ class TopicRuleAtom:
 class GrantAtom:
     """A `<grant>` of the permissions `document`.
 
-    `names`: certificates whose subject its subject_name matches.
+    `names`: certificates whose subject its subject_name, `subject`, matches.
     """
 
     document: int
@@ -177,6 +177,7 @@ class GrantAtom:
     not_after: int
     default_allow: bool
     location: Location
+    subject: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,6 +20,8 @@ class Role(str, Enum):
     CERTIFICATE = "certificate"
     OTHER_CERTIFICATE = "other_certificate"
     OTHER_CHANNEL = "other_channel"
+    PUBLISHER = "publisher"
+    """An enclave, a certificate that no enclave has, or (none of both) anybody; a witness names what it is."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import Enum
+from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location, Severity
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.property import Property, Status
+
+ANYBODY: Final = "anybody on the network"
+"""Among those who could forge: whoever has no key."""
+
+MAX_FORGERS: Final = 5
+"""Those named who could forge; the rest are counted."""
 
 
 class EngineStatus(str, Enum):
@@ -70,23 +77,38 @@ class PropertyResult:
         """Whether, under every profile, all engines that answered gave the same answer."""
         return all(len(set(result.engines.values())) <= 1 for result in self.profiles.values())
 
+    @property
+    def beside(self) -> str:
+        """What is to be known beside the answer, whichever it is: a sentence, mostly none."""
+        return ""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AssertedResult(PropertyResult):
     """A property that a user asserts, and its answers. `location`: where it is asserted, beside the keystore.
 
-    `meaning`: what is asserted, apart from its name and its words. `forgers`: where only some may publish a topic,
-    enclaves that could pass for one of them with the keys they hold. `reason`: of determinism, why it is unknown, a
-    sentence without its full stop; empty where it is not. `breaches`: all that violates it, a text each, for telling
-    one violation from another; None where that is not known.
+    `meaning`: what is asserted, apart from its name and its words. `forgers`: where only some may publish a topic, who
+    could pass for one of them with the keys they hold, ANYBODY last; None of other properties. `reason`: of
+    determinism, why it is unknown, a sentence without its full stop; empty where it is not. `breaches`: all that
+    violates it, a text each, for telling one violation from another; None where that is not known.
     """
 
     severity: Severity
     location: Location
     meaning: str = ""
-    forgers: tuple[str, ...] = ()
+    forgers: tuple[str, ...] | None = None
     reason: str = ""
     breaches: tuple[str, ...] | None = None
+
+    @property
+    def beside(self) -> str:
+        """Who could pass for a permitted publisher."""
+        named = [who for who in self.forgers or () if who != ANYBODY]
+        more = f" and {len(named) - MAX_FORGERS} more" if len(named) > MAX_FORGERS else ""
+        told = [f"{', '.join(named[:MAX_FORGERS])}{more}, with the keys they hold"] if named else []
+        if self.forgers and ANYBODY in self.forgers:
+            told.append(f"{ANYBODY}, without any key")
+        return f"Could pass for a permitted publisher: {'; '.join(told)}." if told else ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

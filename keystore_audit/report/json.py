@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 from keystore_audit.findings import Finding, Location, Outcome, Result, Severity, Suppression
 from keystore_audit.given import GivenFile
 from keystore_audit.properties.counterexample import Counterexample
-from keystore_audit.properties.result import EngineRun, ProfileResult, PropertyResult
+from keystore_audit.properties.result import AssertedResult, EngineRun, ProfileResult, PropertyResult
 from keystore_audit.report.content import MAX_RANKED, EnclaveEntry, NoReport, Report
 from keystore_audit.report.encoded import encoded, instant
 
@@ -156,11 +156,13 @@ def _enclave(entry: EnclaveEntry) -> dict[str, Any]:
 
 
 def _property(result: PropertyResult) -> dict[str, Any]:
+    forgers = result.forgers if isinstance(result, AssertedResult) else None
     return {
         "id": result.prop.id,
         "statement": result.prop.statement,
         "status": result.status.value,
         "profiles": {name: _answer(answer) for name, answer in result.profiles.items()},
+        **({"forgers": list(forgers)} if forgers is not None else {}),
     }
 
 

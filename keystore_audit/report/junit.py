@@ -28,6 +28,9 @@ FAMILIES: Final[Mapping[str, str]] = {
     "KA9": "the audit itself",
 }
 
+ASSERTED: Final = "KA740"
+"""The rule of what users assert, whose subjects are the names of properties."""
+
 MAX_CASES: Final = 200_000
 """Cases of one report; beyond it (3,000 enclaves) those that passed are left out, and the suite says how many."""
 
@@ -58,10 +61,11 @@ def _keystore(root: etree._Element, report: Report) -> None:
         else:
             left_out += 1
     found = _Findings(report.findings)
+    beside = {(ASSERTED, result.prop.id): result.beside for result in report.properties if result.beside}
     for family, outcomes in sorted(by_family.items()):
         suite = _suite(root, report, f"{family} {FAMILIES[family]}")
         for outcome in outcomes:
-            _case(suite, report, outcome, found.of(outcome))
+            _case(suite, report, outcome, found.of(outcome), beside.get((outcome.rule, outcome.subject), ""))
         _count(suite)
     suite = _suite(root, report, "verdict")
     _verdict(suite, report, left_out)
@@ -99,7 +103,10 @@ class _Findings:
         return self._by_subject.get((outcome.rule, outcome.subject), self._by_rule.get(outcome.rule, []))
 
 
-def _case(suite: etree._Element, report: Report, outcome: Outcome, findings: Sequence[Finding]) -> None:
+def _case(
+    suite: etree._Element, report: Report, outcome: Outcome, findings: Sequence[Finding], beside: str = ""
+) -> None:
+    """`beside`: what is to be known of a property, whether it holds or not."""
     case = etree.SubElement(suite, "testcase", classname=outcome.rule, name=terminal(outcome.subject), time="0")
     if outcome.outcome is Result.NOT_APPLICABLE:
         etree.SubElement(case, "skipped", message="there is nothing here that the rule is about")
@@ -114,8 +121,9 @@ def _case(suite: etree._Element, report: Report, outcome: Outcome, findings: Seq
         message = f"accepted until {accepted.until}: {accepted.reason}" if accepted else "accepted"
         etree.SubElement(case, "skipped", message=terminal(message))
     rest = [finding for finding in findings if not finding.fails(report.fail_on)]
-    if rest and outcome.outcome is not Result.OPEN:
-        etree.SubElement(case, "system-out").text = "\n\n".join(map(_said, rest))
+    told = [_said(finding) for finding in rest] if outcome.outcome is not Result.OPEN else []
+    if told or beside:
+        etree.SubElement(case, "system-out").text = "\n\n".join([*told, *([terminal(beside)] if beside else [])])
 
 
 def _tell(case: etree._Element, tag: str, findings: Sequence[Finding], kind: str) -> None:

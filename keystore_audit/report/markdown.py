@@ -129,6 +129,13 @@ def _head(report: Report) -> Iterator[str]:
         if len(failed) > MAX_PROPERTIES:
             yield f"{len(failed) - MAX_PROPERTIES} more properties do not hold."
             yield ""
+    told = [result for result in report.properties if result.beside]
+    for result in told[:MAX_PROPERTIES]:
+        yield f"{markdown(shorten(result.prop.statement, MAX_NAME))} {markdown(shorten(result.beside, 3 * MAX_NAME))}"
+        yield ""
+    if len(told) > MAX_PROPERTIES:
+        yield f"Of {len(told) - MAX_PROPERTIES} more properties the full report says who could forge."
+        yield ""
 
 
 def _counts(report: Report) -> str:

@@ -208,6 +208,8 @@ def _properties(page: Page, results: Sequence[PropertyResult]) -> None:
             page.labelled(label, engines + inline, indent=2, column=column, style=_STATUS_STYLE[status])
             if not inline:
                 page.put(f"under {', '.join(names)}", indent=12)
+        if result.beside:
+            page.put(result.beside, indent=12)
 
 
 def _answers(profiles: Mapping[str, ProfileResult]) -> list[tuple[tuple[Status, str], list[str]]]:

@@ -12,7 +12,7 @@ from keystore_audit.properties.result import AlloyResult, AssertedResult
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.formal import steps
 from keystore_audit.rules.registry import Rule, Violation, rule
-from keystore_audit.rules.wording import listed, quoted
+from keystore_audit.rules.wording import quoted
 
 
 @rule(
@@ -34,9 +34,9 @@ def asserted_property_violated(result: AssertedResult, context: Context) -> Iter
         return
     example = next((a.counterexample for a in answers.values() if a.counterexample is not None), None)
     said = f" {example.text}" if example else ""
-    forgers = f" With the keys they hold {listed(result.forgers)} could pass for one." if result.forgers else ""
+    beside = f" {result.beside}" if result.beside else ""
     yield Violation(
-        message=f"{quoted(result.prop.id)} is violated: {result.prop.statement}{said}{forgers}",
+        message=f"{quoted(result.prop.id)} is violated: {result.prop.statement}{said}{beside}",
         locations=(replace(result.location, message="asserted here"), *(steps(example) if example else ())),
         severity=result.severity,
         profiles=() if len(answers) == len(result.profiles) else tuple(answers),

@@ -280,13 +280,50 @@ def found_by(hand: ByHand, claim: ClaimAtom, realm: int, one: int, other: int) -
     )
 
 
+def published_elsewhere(s: System, view: RealmView, permissions: Permissions, realm: int) -> set[int]:
+    """What is published in the realm by who is no enclave here, with a grant, and by anybody without an identity."""
+    here, unread = {enclave.identity for enclave in s.enclaves}, any(document.opaque for document in s.documents)
+    p, trust = view.protection, s.realms[realm]
+    found = set()
+    for channel in members(p.governed):
+        domain = s.channels[channel].domain
+        guards = p.metadata_authenticates | p.data_authenticates
+        if p.unauthenticated >> domain & 1 and not guards >> channel & 1:
+            found.add(channel)
+        for number, certificate in enumerate(s.certificates):
+            vouching = (s.certificates[issuer] for issuer in certificate.issuers & trust.identity_ca)
+            known = view.open or (number not in trust.revoked and any(issuer.authority for issuer in vouching))
+            grants = permissions.chosen(number, view.accepted)
+            if number in here or not known or not (grants or unread):
+                continue
+            admitting = permissions.admitting(number, view.accepted)
+            joins = unread or any(permissions.joins(grant) >> domain & 1 for grant in admitting)
+            allowed = (permissions.met(permissions.allowed(grant, Operation.PUBLISH)) for grant in grants)
+            writes = unread or any(each >> channel & 1 for each in allowed)
+            if (joins or not p.join_controlled >> domain & 1) and (writes or not p.write_controlled >> channel & 1):
+                found.add(channel)
+    return found
+
+
+def published_by_others(hand: ByHand) -> set[int]:
+    views = enumerate(hand.views)
+    return {c for realm, view in views for c in published_elsewhere(hand.system, view, hand.permissions, realm)}
+
+
 def violated(hand: ByHand, claim: ClaimAtom) -> bool:
     """Whether the claim is violated at the moment of `hand`."""
-    s = hand.system
     if claim.kind is ClaimKind.NO_FLOW:
         return Flow(hand, claim).shortest() is not None
     if claim.kind is ClaimKind.ABLE:
         return Flow(hand, claim).shortest() is None
+    return violated_by_some(hand, claim)
+
+
+def violated_by_some(hand: ByHand, claim: ClaimAtom) -> bool:
+    """The same of the kinds without flows."""
+    s = hand.system
+    if claim.kind is ClaimKind.ONLY_PUBLISH and claim.target.channels & published_by_others(hand):
+        return True
     for realm in range(len(s.realms)):
         for e in hand.enclaves:
             powers = hand.powers(e, realm)

@@ -564,8 +564,9 @@ def with_claims(system: System, seed: int, count: int = 4) -> System:
     """The same system with claims drawn from `seed`, of all kinds; some have an empty place, as in MUST.
 
     In every third one enclaves read and write what peers need not concede, in every tenth their own implementations
-    refuse it.
+    refuse it. In every fifth one grants name somebody who is no enclave here.
     """
+    system = _named_elsewhere(system, seed) if seed % 5 == 2 else system
     chance = random.Random(f"claims {seed}")
     claims = tuple(_random_claim(system, chance, number) for number in range(count))
     enclaves = _alone(system, seed) if seed % 3 == 0 else system.enclaves
@@ -575,6 +576,28 @@ def with_claims(system: System, seed: int, count: int = 4) -> System:
 
 def _some(system: System, chance: random.Random, share: float) -> frozenset[int]:
     return frozenset(channel for channel in range(len(system.channels)) if chance.random() < share)
+
+
+def _named_elsewhere(system: System, seed: int) -> System:
+    chance = random.Random(f"elsewhere {seed}")
+    number = len(system.certificates)
+    issuers = frozenset[int]().union(*(realm.identity_ca for realm in system.realms))
+    made = replace(
+        system.certificates[0], label="somebody else", issuers=issuers, authority=False, fit_to_sign=False, key=9_999
+    )
+    named = {grant for grant in range(len(system.grants)) if chance.random() < 0.4}
+    return replace(
+        system,
+        certificates=(*system.certificates, made),
+        grants=tuple(
+            replace(grant, names=grant.names | {number}) if place in named else grant
+            for place, grant in enumerate(system.grants)
+        ),
+        realms=tuple(
+            replace(realm, revoked=realm.revoked | {number}) if chance.random() < 0.2 else realm
+            for realm in system.realms
+        ),
+    )
 
 
 def _alone(system: System, seed: int) -> tuple[EnclaveAtom, ...]:

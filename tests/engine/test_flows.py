@@ -18,6 +18,7 @@ from keystore_audit.model.permission import Permissions, members
 from keystore_audit.model.system import Reading, System
 from keystore_audit.properties import Answer, Status
 from keystore_audit.properties.property import Hop
+from tests.engine.flows_by_hand import published_elsewhere
 from tests.engine.systems import (
     CHATTER,
     IDENTITY_CA,
@@ -182,7 +183,7 @@ def violated(definitions: Definitions, claim: ClaimAtom) -> bool:
             (d.able("may_write", e, r) | granted(d, r, e)) & channels
             for r, e in pairs
             if e not in claim.source.enclaves
-        )
+        ) or any(published_elsewhere(d.system, d.view[r], d.permissions, r) & channels for r in d.realms)
     if claim.kind is ClaimKind.ENCRYPTED and claim.attacker is Attacker.OUTSIDER:
         return any(
             d.able("may_write", e, r) & d.readable(r) & channels

@@ -39,7 +39,7 @@ SOME_INSIDE: Final = f"some inside: {PARTICIPANTS} |"
 """How the condition of a claim about flows begins: with the compartment that is looked for."""
 
 _ROLES: Final = {
-    (ClaimKind.ONLY_PUBLISH, None): (Role.REALM, Role.ENCLAVE, Role.CHANNEL),
+    (ClaimKind.ONLY_PUBLISH, None): (Role.REALM, Role.PUBLISHER, Role.CHANNEL),
     (ClaimKind.ENCRYPTED, Attacker.OUTSIDER): (Role.REALM, Role.CHANNEL),
     (ClaimKind.ENCRYPTED, Attacker.INSIDER): (Role.REALM, Role.ENCLAVE, Role.CHANNEL),
     (ClaimKind.SEPARATE_DOMAINS, None): (Role.REALM, Role.ENCLAVE, Role.OTHER, Role.DOMAIN),
@@ -137,8 +137,8 @@ def condition(claim: ClaimAtom, number: int) -> str:
     if claim.kind in FLOWS:
         return f"{SOME_INSIDE} {compartment(claim, number, 'inside')}"
     if claim.kind is ClaimKind.ONLY_PUBLISH:
-        who = f"enclave: Enclave - {at.source}, channel: {at.last}"
-        return f"all realm: Realm, {who} | channel not in enclave.(publishes[realm])"
+        who = f"publisher: Enclave + Certificate + Outsider - {at.source}, channel: {at.last}"
+        return f"all realm: Realm, {who} | channel not in publisher.(publishes[realm])"
     if claim.kind is ClaimKind.SEPARATE_DOMAINS:
         who = f"enclave: Enclave & {at.source}, other: Enclave & {at.target}, domain: Domain"
         if not claim.starts:

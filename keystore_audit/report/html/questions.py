@@ -46,7 +46,11 @@ def properties(sheet: Sheet) -> Html:
 
 def _statement(result: PropertyResult) -> Html:
     identity = element("span", result.prop.id, class_="identity")
-    return joined([" ", shorten(result.prop.statement, MAX_TEXT), " ", identity])
+    return joined([" ", shorten(result.prop.statement, MAX_TEXT), " ", identity, *_beside(result)])
+
+
+def _beside(result: PropertyResult) -> list[Html]:
+    return [element("p", shorten(result.beside, MAX_TEXT), class_="under")] if result.beside else []
 
 
 def _engines(results: Sequence[PropertyResult]) -> Html:
@@ -62,7 +66,9 @@ def _failed(sheet: Sheet, result: PropertyResult) -> Html:
     body = [_answer(sheet, answer, names, len(answers)) for answer, names in answers]
     title = joined([status(result.status), element("strong", shorten(result.prop.statement, MAX_TEXT))])
     identity = element("p", result.prop.id, class_="identity")
-    return folded(title, element("div", identity, lines(body), class_="rule"), open_=True, class_="findings")
+    return folded(
+        title, element("div", identity, lines([*body, *_beside(result)]), class_="rule"), open_=True, class_="findings"
+    )
 
 
 def _answers(profiles: Mapping[str, ProfileResult]) -> list[tuple[ProfileResult, list[str]]]:

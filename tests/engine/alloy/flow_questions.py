@@ -17,6 +17,7 @@ from tests.engine.systems import (
     PERMISSIONS_CA,
     TALKER,
     TALKER_IDENTITY,
+    TALKER_PERMISSIONS,
     Builder,
     healthy_builder,
 )
@@ -76,6 +77,24 @@ def on_channel(*channels: int) -> Place:
 
 
 OUT = Place(outsider=True)
+
+
+def elsewhere(issuers: list[int]) -> Builder:
+    """The talker's document also grants its topic to somebody whose identity is on another robot."""
+    b = chain()
+    grant = b.grant(TALKER_PERMISSIONS, [b.certificate(issuers, label="/ghost")])
+    b.rule(grant, [0], publish=[CHATTER])
+    return b
+
+
+def over(b: Builder) -> Builder:
+    b.grants[-1] = replace(b.grants[-1], not_after=1)
+    return b
+
+
+def unauthenticated(b: Builder) -> Builder:
+    b.domain_rules[0] = replace(b.domain_rules[0], allow_unauthenticated_participants=True)
+    return b
 
 
 def questions() -> list[Question]:
@@ -197,6 +216,26 @@ def questions() -> list[Question]:
         (unasked_writers(), claim(at(TALKER), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH), True),
         (chain(), claim(at(TALKER), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH), False),
         (chain(), claim(at(THIRD), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH), True),
+        # who is no enclave here, with a grant, and who needs no identity
+        (elsewhere([IDENTITY_CA]), claim(at(TALKER), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH), True),
+        (elsewhere([IDENTITY_CA]), claim(at(LISTENER), on_channel(OTHER_TOPIC), kind=ClaimKind.ONLY_PUBLISH), False),
+        (elsewhere([]), claim(at(TALKER), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH), False),
+        (over(elsewhere([IDENTITY_CA])), claim(at(TALKER), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH), False),
+        (
+            unauthenticated(weak(metadata=none, data=none)),
+            claim(at(TALKER), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH),
+            True,
+        ),
+        (
+            unauthenticated(weak(metadata=none, data=sign)),
+            claim(at(TALKER), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH),
+            False,
+        ),
+        (
+            weak(rtps=none, metadata=none, data=none),
+            claim(at(TALKER), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH),
+            False,
+        ),
         (chain(), claim(Place(), on_channel(CHATTER), Attacker.OUTSIDER, kind=ClaimKind.ENCRYPTED), False),
         (weak(rtps=sign, data=none), claim(Place(), on_channel(0), Attacker.INSIDER, kind=ClaimKind.ENCRYPTED), False),
         (
