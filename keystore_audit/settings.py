@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -33,6 +33,8 @@ MAX_BASELINE_BYTES: Final = 10_000_000
 
 MOST_DAYS: Final = 3650
 """Of `max_suppression_days`: ten years, after which nobody knows why."""
+
+_WILDCARD: Final = re.compile(r"[*?\[\\]")
 
 _NAME: Final = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
 
@@ -188,7 +190,7 @@ def _able(table: Table, key: str) -> dict[str, Any]:
         "source": form.place_of("from"),
         "target": form.place_of("to"),
         "include_ambient": form.flag("include_ambient"),
-        "statement": f"Data can get from {_listed(form.texts('from'))} to {_listed(form.texts('to'))}, by what "
+        "statement": f"Data can get from {_each(form.texts('from'))} to {_each(form.texts('to'))}, by what "
         "permissions allow; whether governances match (KA416), nodes can be made (KA636) and use it is not asked.",
     }
 
@@ -246,3 +248,10 @@ _FORMS: Final[Mapping[str, Callable[[Table, str], dict[str, Any]]]] = {
 
 def _listed(words: Iterable[str]) -> str:
     return ", ".join(words)
+
+
+def _each(words: Sequence[str]) -> str:
+    """All of the places, one by one, where they are several; a glob on topics is one place."""
+    told = [f"some topic of {w}" if _WILDCARD.search(w) and not w.startswith("/") else w for w in words]
+    several = len(words) > 1 or any(_WILDCARD.search(word) for word in words if word.startswith("/"))
+    return f"{'each of ' if several else ''}{_listed(told)}"

@@ -86,6 +86,9 @@ def _breaches(system: System, claim: ClaimAtom, budget: _Budget) -> Iterator[str
         asked = claims_at(system, moment, decisions)
         if claim.kind is ClaimKind.NO_FLOW:
             yield from _flows(system, asked, claim, names, product(sources, targets))
+        elif claim.kind is ClaimKind.ABLE and claim.pairs:
+            places = (claim.pairs[number] for number in asked.cut_off(claim))
+            yield from (f"{_named(system, names, one)} -> {_named(system, names, other)}" for one, other in places)
         else:
             yield from (_told(system, names, witness) for witness, _path in asked.violations(claim))
 

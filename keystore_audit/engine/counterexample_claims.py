@@ -10,10 +10,12 @@ from keystore_audit.engine import causes
 from keystore_audit.engine.causes import Operation
 from keystore_audit.engine.counterexample_case import Case, step_at
 from keystore_audit.engine.counterexample_rights import Way, way
+from keystore_audit.engine.native_claims import claims_at
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind
 from keystore_audit.model.claim import Place as ClaimPlace
-from keystore_audit.model.permission import Permissions, bits
+from keystore_audit.model.names import ros_name
+from keystore_audit.model.permission import Decisions, Permissions, bits
 from keystore_audit.model.system import System
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Answer, Hop, Role
@@ -36,7 +38,8 @@ def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Countere
     if claim.kind is ClaimKind.ABLE:
         refused = any(enclave.refused_writes or enclave.refused_reads for enclave in system.enclaves)
         but = ", some of which their own implementations refuse them (`can` says why)" if refused else ""
-        return Counterexample(text=f"Nothing gets there with the rights that enclaves have{but}{when}.", steps=())
+        text = f"Nothing gets {_cut_off(system, claim, answer)} with the rights that enclaves have{but}{when}."
+        return Counterexample(text=text, steps=())
     if answer.path:
         ways = [way for hop in answer.path for way in hop_ways(system, claim, hop)]
         reasons = "".join(f" {why[0].upper()}{why[1:]}." for why in dict.fromkeys(way.why for way in ways if way.why))
@@ -52,6 +55,26 @@ def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Countere
         return _publisher(case, when)
     who = "Anybody on the network" if claim.attacker is Attacker.OUTSIDER else f"{case.enclave.label}, which may not,"
     return Counterexample(text=f"{who} can read {case.topic}: {case.kinds()}{when}.", steps=case.governance_steps())
+
+
+def _cut_off(system: System, claim: ClaimAtom, answer: Answer) -> str:
+    """The first pair of places between which nothing gets, where there are several, and how many more there are."""
+    if len(claim.pairs) < 2:
+        return "there"
+    moment = 2 * system.now if answer.moment is None else answer.moment
+    numbers = list(claims_at(system, moment, Decisions(system)).cut_off(claim))
+    if not numbers:
+        return "there"
+    one, other = (_told_place(system, place) for place in claim.pairs[numbers[0]])
+    more = f" (nor between {len(numbers) - 1} more of {len(claim.pairs)} pairs)" if len(numbers) > 1 else ""
+    return f"from {one} to {other}{more}"
+
+
+def _told_place(system: System, place: ClaimPlace) -> str:
+    names = [system.enclaves[enclave].label for enclave in sorted(place.enclaves)]
+    topics = sorted({system.channels[channel].topic for channel in place.channels}, key=lambda name: (len(name), name))
+    names += [ros_name(topic) for topic in topics[:1]]
+    return names[0] if names else "anybody on the network" if place.outsider else "what is not there, or was not read"
 
 
 def _publisher(case: Case, when: str) -> Counterexample:

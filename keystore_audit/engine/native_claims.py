@@ -83,9 +83,15 @@ class Claims:
                         yield roles, ()
 
     def inabilities(self, claim: ClaimAtom) -> Iterator[Found]:
-        """That nothing gets from source to target while nobody attacks."""
-        if self._flows.shortest(search_of(claim)) is None:
+        """That nothing gets from some source to some target while nobody attacks."""
+        if next(self.cut_off(claim), None) is not None:
             yield {}, ()
+
+    def cut_off(self, claim: ClaimAtom) -> Iterator[int]:
+        """The pairs (by index) of a claim of ability between which nothing gets."""
+        for number, pair in enumerate(claim.each_pair()):
+            if self._flows.shortest(search_of(pair)) is None:
+                yield number
 
 
 def _ends(path: Sequence[Leg]) -> Witness:

@@ -7,20 +7,58 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
+from keystore_audit.errors import UsageError
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.channels import Channels, Named
+from keystore_audit.model.claim import Place
 from keystore_audit.model.decision import illegal_names
 from keystore_audit.model.domains import contains
 from keystore_audit.model.expression import Matcher
+from keystore_audit.model.globs import matching
 from keystore_audit.model.profiles import VARIANTS, JoinCheck, Profile
 from keystore_audit.model.semantics import DEFAULT_PARTITION, Area
 from keystore_audit.model.system import System
 from keystore_audit.model.usability import Usabilities
 
+if TYPE_CHECKING:
+    from keystore_audit.model.claims import Claim, Globs
+
+MAX_PAIRS: Final = 10_000
+"""Pairs of places of one claim: some ten seconds."""
+
 IN_DEFAULT_PARTITION: Final[Named] = (Matcher.POSIX, (Area(topics=("*",), partitions=DEFAULT_PARTITION),))
 """Every topic in the one partition in which the nodes of ROS 2 are."""
+
+
+def pairs(
+    claim: Claim, system: System, channels: Channels, known: Iterable[str], unusable: frozenset[int]
+) -> tuple[tuple[Place, Place], ...]:
+    """From which place data must get to which: from every enclave that globs name, and every topic or glob on topics,
+    to every other. `known`: the paths of all enclaves, some of which the system may lack (MUST).
+
+    Raises errors.UsageError for more than MAX_PAIRS.
+    """
+    number = {enclave.label: index for index, enclave in enumerate(system.enclaves)}
+    paths = sorted(known)
+
+    def places(globs: Globs) -> list[Place]:
+        named = [path for path in paths if any(matching(glob, (path,)) for glob in globs.enclaves)]
+        found = [Place(enclaves=frozenset({number[path]})) for path in named if path in number]
+        if len(found) < len(named):
+            found.append(Place())
+        topics = (channels.regions[Matcher.POSIX, (Area(topics=(t,), partitions=None),)] for t in globs.topics)
+        found += [Place(channels=each - unusable) for each in topics]
+        return [*found, Place(outsider=True)] if globs.outsider else found
+
+    sources, targets = places(claim.source), places(claim.target)
+    if len(sources) * len(targets) > MAX_PAIRS:
+        raise UsageError(
+            f"{claim.place}: {len(sources)} places from which data must get to {len(targets)} are too many pairs "
+            f"(limit {MAX_PAIRS})."
+        )
+    return tuple((one, other) for one in sources for other in targets if one != other or not one.enclaves)
 
 
 def unusable(

@@ -5,10 +5,11 @@ Places are sets of atoms; what a user wrote as globs has become indices here. Ne
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from enum import Enum
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.findings import Location
 
 
@@ -52,7 +53,8 @@ class ClaimAtom:
     `left_out`: ambient channels that no flow takes. `until`: the last instant (index) at which it must hold, None: now
     alone. `location`: where the user wrote it. `starts`: (separate-domains) enclaves with domains in which their own
     implementation starts them, where some peers do not let them in. `names`: by channel of its places that stands for
-    several names, in order, what these are.
+    several names, in order, what these are. `pairs`: (able) from which place data must get to which, each of these; one
+    with nothing in it is an enclave that could not be read. Empty: from some of `source` to some of `target`.
     """
 
     id: str
@@ -66,6 +68,15 @@ class ClaimAtom:
     location: Location
     starts: frozenset[tuple[int, int]] = frozenset()
     names: tuple[tuple[int, str], ...] = ()
+    pairs: tuple[tuple[Place, Place], ...] = ()
+
+    def each_pair(self) -> Iterator[ClaimAtom]:
+        """The same claim of each pair by itself; who may not be passed is no place either, so that it is cut off."""
+        for source, target in self.pairs or ((self.source, self.target),):
+            yield replace(self, source=self._without(source), target=self._without(target), pairs=())
+
+    def _without(self, place: Place) -> Place:
+        return replace(place, enclaves=place.enclaves - self.through) if self.pairs else place
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

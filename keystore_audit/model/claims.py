@@ -349,7 +349,13 @@ class _Resolution:
             until=None if claim.until is None else self._until(claim.until),
             location=claim.location,
             starts=self._starts(claim) if claim.kind is ClaimKind.SEPARATE_DOMAINS else frozenset(),
+            pairs=self._pairs(claim) if able else (),
         )
+
+    def _pairs(self, claim: Claim) -> tuple[tuple[Place, Place], ...]:
+        from keystore_audit.model.ability import pairs  # most settings claim none
+
+        return pairs(claim, self._system, self._channels, self._known, self._elsewhere)
 
     def _starts(self, claim: Claim) -> frozenset[tuple[int, int]]:
         """Where enclaves of a claim of separate domains start although peers do not let them in."""

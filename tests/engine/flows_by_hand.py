@@ -315,7 +315,7 @@ def violated(hand: ByHand, claim: ClaimAtom) -> bool:
     if claim.kind is ClaimKind.NO_FLOW:
         return Flow(hand, claim).shortest() is not None
     if claim.kind is ClaimKind.ABLE:
-        return Flow(hand, claim).shortest() is None
+        return any(Flow(hand, pair).shortest() is None for pair in claim.each_pair())
     return violated_by_some(hand, claim)
 
 

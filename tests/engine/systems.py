@@ -11,6 +11,7 @@ import random
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta, timezone
+from itertools import product
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import ProtectionKind
@@ -637,6 +638,9 @@ def _random_claim(system: System, chance: random.Random, number: int) -> ClaimAt
             target = Place(enclaves=some(system.enclaves, 0.4))
         attacker = chance.choice([Attacker.OUTSIDER, Attacker.INSIDER])
     flows = kind in (ClaimKind.NO_FLOW, ClaimKind.ABLE)
+    pairs: tuple[tuple[Place, Place], ...] = ()
+    if kind is ClaimKind.ABLE and chance.random() < 0.6:
+        pairs = tuple(product(_apart(source), _apart(target)))
     starts = random.Random(f"{number} {sorted(source.enclaves)} {sorted(target.enclaves)}")
     return ClaimAtom(
         id=f"claim-{number}",
@@ -654,4 +658,13 @@ def _random_claim(system: System, chance: random.Random, number: int) -> ClaimAt
             for domain in range(len(system.domains))
             if kind is ClaimKind.SEPARATE_DOMAINS and starts.random() < 0.3
         ),
+        pairs=tuple((one, other) for one, other in pairs if one != other),
     )
+
+
+def _apart(place: Place) -> list[Place]:
+    """Its enclaves one by one, and of its channels those with an even number and the others."""
+    parts = [Place(enclaves=frozenset({enclave})) for enclave in sorted(place.enclaves)]
+    halves = (frozenset(channel for channel in place.channels if channel % 2 == odd) for odd in (0, 1))
+    parts += [Place(channels=half) for half in halves if half]
+    return parts or [place]

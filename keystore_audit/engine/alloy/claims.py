@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 from keystore_audit import text
-from keystore_audit.dataclass import dataclass
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.engine.alloy.atoms import Sort, name_atoms
 from keystore_audit.engine.alloy.relations import Relations, function
 from keystore_audit.engine.alloy.solution import Command
@@ -38,6 +38,8 @@ PARTICIPANTS: Final = "set Enclave + Outsider"
 SOME_INSIDE: Final = f"some inside: {PARTICIPANTS} |"
 """How the condition of a claim about flows begins: with the compartment that is looked for."""
 
+_OR: Final = "\n\t\tor "
+
 _ROLES: Final = {
     (ClaimKind.ONLY_PUBLISH, None): (Role.REALM, Role.PUBLISHER, Role.CHANNEL),
     (ClaimKind.ENCRYPTED, Attacker.OUTSIDER): (Role.REALM, Role.CHANNEL),
@@ -63,6 +65,31 @@ class Places:
     def of(cls, number: int) -> Places:
         """The names for the claim of this index."""
         return cls(**{name: f"{name}_{number}" for name in cls.__slots__})
+
+
+def pair_places(claim: ClaimAtom, number: int) -> list[Places]:
+    """Return the places of each pair of a claim of ability; those of the claim where it is about one pair."""
+    at = Places.of(number)
+    if len(claim.pairs) < 2:
+        return [at]
+    parts = {part: place for place, part in enumerate(_parts(claim))}
+    found = []
+    for one, other in claim.pairs:
+        here, there = parts[one], parts[other]
+        found.append(
+            replace(
+                at,
+                source=f"part_{number}_{here}",
+                first=f"part_channels_{number}_{here}",
+                target=f"part_{number}_{there}",
+                last=f"part_channels_{number}_{there}",
+            )
+        )
+    return found
+
+
+def _parts(claim: ClaimAtom) -> list[Place]:
+    return list(dict.fromkeys(place for pair in claim.pairs for place in pair))
 
 
 def command_of(claim: ClaimAtom, number: int) -> Command:
@@ -122,11 +149,18 @@ def attackers(claim: ClaimAtom, places: Places) -> tuple[str, str]:
 
 
 def compartment(claim: ClaimAtom, number: int, inside: str) -> str:
-    """Return the condition that the participants `inside` are a compartment, for a claim about flows."""
+    """Return the condition that the participants `inside` are a compartment, for a claim about flows.
+
+    Of what must be possible between several pairs of places, one that cuts off some pair.
+    """
+    if claim.kind is ClaimKind.ABLE:
+        found = []
+        for at in pair_places(claim, number):
+            ends = f"{at.source}, {at.first}, {at.target}, {at.last}"
+            found.append(f"cut_off[{inside}, {ends}, {at.through}, Channel - {at.left_out}]")
+        return found[0] if len(found) == 1 else f"({_OR.join(found)})"
     at = Places.of(number)
     places = f"{inside}, {at.source}, {at.first}, {at.target}, {at.last}, {at.through}, Channel - {at.left_out}"
-    if claim.kind is ClaimKind.ABLE:
-        return f"cut_off[{places}]"
     forgers, eavesdroppers = attackers(claim, at)
     return f"separated[{places}, {forgers}, {eavesdroppers}]"
 
@@ -187,6 +221,10 @@ class _Writer:
         yield function(at.last, "set Channel", self._members(channels, claim.target.channels))
         yield function(at.through, "set Enclave", self._members(enclaves, claim.through))
         yield function(at.left_out, "set Channel", self._members(channels, claim.left_out))
+        for part, each in enumerate(_parts(claim) if len(claim.pairs) > 1 else ()):
+            possible = replace(each, enclaves=each.enclaves - claim.through)
+            yield function(f"part_{number}_{part}", PARTICIPANTS, self._participants(possible))
+            yield function(f"part_channels_{number}_{part}", "set Channel", self._members(channels, each.channels))
         if claim.starts:
             rows: list[set[int]] = [set() for _ in enclaves.atoms]
             for enclave, domain in claim.starts:

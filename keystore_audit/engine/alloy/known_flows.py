@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from keystore_audit.engine.alloy.atoms import Atoms, name_atoms
-from keystore_audit.engine.alloy.claims import Places, attackers
+from keystore_audit.engine.alloy.claims import Places, attackers, pair_places
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.claim import ClaimAtom, ClaimKind
 from keystore_audit.model.flow import Flows, Leg, search_of
@@ -29,21 +29,28 @@ def known_flows(system: System, numbers: Sequence[int]) -> dict[int, str]:
     permissions = Permissions(system, None, Decisions(system))
     flows = Flows(system, [RealmView(system, realm, permissions) for realm in range(len(system.realms))])
     atoms = name_atoms(system)
-    found = {number: flows.shortest(search_of(system.claims[number])) for number in numbers}
-    return {number: shown(system.claims[number], number, atoms, legs) for number, legs in found.items() if legs}
+    found = {}
+    for number in numbers:
+        claim = system.claims[number]
+        pairs = [(pair, flows.shortest(search_of(pair))) for pair in claim.each_pair()]
+        if all(legs for _pair, legs in pairs):
+            places = pair_places(claim, number) if claim.kind is ClaimKind.ABLE else [Places.of(number)]
+            conditions = (shown(pair, at, atoms, legs) for (pair, legs), at in zip(pairs, places, strict=True) if legs)
+            found[number] = "\n\tand ".join(conditions)
+    return found
 
 
-def shown(claim: ClaimAtom, number: int, atoms: Atoms, legs: Sequence[Leg]) -> str:
-    """Return the condition that `legs` are a flow between the places of the claim of this index."""
-    return "\n\tand ".join(_Shown(claim, number, atoms).conditions(legs))
+def shown(claim: ClaimAtom, at: Places, atoms: Atoms, legs: Sequence[Leg]) -> str:
+    """Return the condition that `legs` are a flow between the places of the claim, which are written so."""
+    return "\n\tand ".join(_Shown(claim, at, atoms).conditions(legs))
 
 
 class _Shown:
     """Writes the conditions that a flow is one that violates a claim, or that keeps it if it is about what is able."""
 
-    def __init__(self, claim: ClaimAtom, number: int, atoms: Atoms) -> None:
+    def __init__(self, claim: ClaimAtom, at: Places, atoms: Atoms) -> None:
         self._claim = claim
-        self._at = Places.of(number)
+        self._at = at
         self._atoms = atoms
         own = claim.kind is ClaimKind.ABLE
         forgers, eavesdroppers = attackers(claim, self._at)

@@ -53,6 +53,11 @@ def surroundings(system: System) -> list[Hashable]:
         for relation, channels in enumerate(enclave.by_itself):
             for channel in channels:
                 by_itself[channel].append((number, relation))
+    # Topics of a claim of ability are places each, whatever its source and target are together.
+    places = [
+        list(dict.fromkeys(each.channels for pair in claim.pairs for each in pair if each.channels))
+        for claim in system.claims
+    ]
     topic_rules: list[list[int]] = [[] for _ in system.channels]
     for number, rule in enumerate(system.topic_rules):
         for channel in rule.channels:
@@ -63,8 +68,13 @@ def surroundings(system: System) -> list[Hashable]:
             tuple(topic_rules[channel]),
             tuple(by_itself[channel]),
             tuple(
-                (channel in claim.source.channels, channel in claim.target.channels, channel in claim.left_out)
-                for claim in system.claims
+                (
+                    channel in claim.source.channels,
+                    channel in claim.target.channels,
+                    channel in claim.left_out,
+                    *(channel in part for part in parts),
+                )
+                for claim, parts in zip(system.claims, places, strict=True)
             ),
         )
         for channel, atom in enumerate(system.channels)

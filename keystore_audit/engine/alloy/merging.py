@@ -305,6 +305,11 @@ class _Restriction:
             through=_among(claim.through, self._enclaves),
             left_out=self._named(claim.left_out),
             starts=frozenset((self._enclaves[e], domain) for e, domain in claim.starts if e in self._enclaves),
+            pairs=tuple(
+                (self._place(one), self._place(other))
+                for one, other in claim.pairs
+                if (one.enclaves | other.enclaves) <= self._enclaves.keys()
+            ),
         )
 
     def _place(self, place: Place) -> Place:

@@ -11,6 +11,7 @@ import pytest
 from keystore_audit import resources
 from keystore_audit.engine.alloy import claims
 from keystore_audit.engine.alloy.atoms import name_atoms
+from keystore_audit.engine.alloy.claims import Places
 from keystore_audit.engine.alloy.facts import facts
 from keystore_audit.engine.alloy.known_flows import known_flows, shown
 from keystore_audit.engine.alloy.questions import Sheet
@@ -75,7 +76,7 @@ def test_a_flow_that_the_analyzer_agrees_to_leaves_no_compartment(tmp_path: Path
         asked = [f"run Known{number} {{ {text} }} for 0" for number, text in found.items()]
         for number in flows:
             for count, legs in enumerate(ways(system, system.claims[number], chance)):
-                text = shown(system.claims[number], number, atoms, legs)
+                text = shown(system.claims[number], Places.of(number), atoms, legs)
                 asked.append(f"run Tried{number}_{count} {{ {text} }} for 0")
         sheet = Sheet(system, (), (resources.alloy() / "properties.als").read_text())
         texts = {"keystore.als": facts(system), "audit.als": sheet.one_by_one().text + "\n".join(asked)}
