@@ -111,7 +111,7 @@ class Contents:
             if enclave.key is not None:
                 yield enclave.key.file, _always(_key(enclave.key))
             if enclave.crl is not None:
-                yield enclave.crl.file, _always(_crl(enclave.crl))
+                yield enclave.crl.file, _crl(enclave.crl)
             for document in (enclave.governance, enclave.permissions):
                 if document is not None:
                     yield document.signed.file, self._document(document)
@@ -160,9 +160,15 @@ def _key(key: PrivateKey) -> str:
     return f"{key.file.sha256}" if None in keys else " ".join(filter(None, keys))
 
 
-def _crl(file: CrlFile) -> str:
-    said = " ".join(map(_revocations, file.revocation_lists))
-    return f"{said} {file.file.sha256}" if file.defects else said
+def _crl(file: CrlFile) -> _At:
+    """Worked out where it is asked: every enclave has a copy, and each may revoke thousands."""
+
+    @cache
+    def said() -> str:
+        lists = " ".join(map(_revocations, file.revocation_lists))
+        return f"{lists} {file.file.sha256}" if file.defects else lists
+
+    return lambda _line: said()
 
 
 def _revocations(revocations: RevocationList) -> str:
