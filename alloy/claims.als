@@ -43,8 +43,13 @@ fun publishes[realm: Realm]: (Enclave + Certificate + Outsider) -> Channel {
 
 -- encrypted against insiders
 
-/** Channels that each enclave recovers from packets, and is not a reader of. */
-fun listens_in[realm: Realm]: Enclave -> Channel { overhears[realm] - may_read[realm] }
+/** Channels that each enclave recovers from packets, if only as anybody can, and is not a reader of. */
+fun listens_in[realm: Realm]: Enclave -> Channel { overhears[realm] + Enclave -> realm.in_clear - may_read[realm] }
+
+-- never in one domain
+
+/** Domains in which each enclave takes part: as a participant that peers authenticate, or without, as anybody may. */
+fun enters[realm: Realm]: Enclave -> Domain { joins[realm] + Enclave -> realm.unauthenticated_allowed }
 
 -- able: what an enclave can do by its own documents alone, as it is meant to, and as a peer that is right would see it
 

@@ -9,8 +9,12 @@
  *   imposed         one of `forgers` has its sample taken, by any identity whose key it has, or by readers' keys
  *   intercepted     one of `eavesdroppers` recovers a sample that was never meant for it
  *
- * Who forges and who eavesdrops is the attacker, of whom a claim names one. *honest*: nobody does. *source*: those with
- * whom the flow begins forge. *relays*: everybody on the way does both, the outsider too; not `relay`, the right.
+ * Who forges and who eavesdrops is the attacker, of whom a claim names one. *honest*: nobody does, but that the
+ * outsider listens, which nobody can keep it from. *source*: those with whom the flow begins forge. *relays*:
+ * everybody on the way does both, the outsider too; not `relay`, the right.
+ *
+ * A key adds to what its holder can do on the network and takes nothing away: an enclave that forges or eavesdrops
+ * does so without any key as well, wherever the outsider could.
  *
  * That data cannot get from one place to another has a certificate: a compartment, a set of participants that holds
  * the beginning, that no hop leads out of, and that the end is not in. The Analyzer looks for one. If there is one, no
@@ -62,9 +66,9 @@ fun receives[sending, receiving: Realm]: Enclave -> Channel { takes[receiving] &
 
 -- imposed
 
-/** Channels on which members of the realm take the samples of `forgers`, and the outsider's if it is one. */
+/** Channels on which members of the realm take the samples of `forgers`: with their keys, or as those of anybody. */
 fun imposes[forgers: set Enclave + Outsider, realm: Realm]: (Enclave + Outsider) -> Channel {
-	{ e: forgers & Enclave, c: e.acts_as.(feeds[realm]) } + (forgers & Outsider) -> realm.unguarded
+	{ e: forgers & Enclave, c: e.acts_as.(feeds[realm]) } + forgers -> realm.unguarded
 }
 
 /**
@@ -89,20 +93,21 @@ fun obtains[eavesdroppers: set Enclave + Outsider, realm: Realm]: Enclave -> Cha
 fun emits_alone[realm: Realm]: Enclave -> Channel { { e: in_realm.realm, c: e.writes_alone } }
 
 /**
- * Channels on which each participant writes as a member of the realm: by right, or though honest readers refuse it,
- * since whoever attacks takes the samples of anybody.
+ * Channels of which samples of each participant are on the network, protected as the realm says: what it writes as a
+ * member, by right, or though honest readers refuse it, since whoever attacks takes the samples of anybody; and what it
+ * imposes.
  */
-fun exposes[forgers: set Enclave + Outsider, realm: Realm]: Enclave -> Channel {
-	in_any_guise[forgers, emits[realm] + emits_alone[realm]]
+fun exposes[forgers: set Enclave + Outsider, realm: Realm]: (Enclave + Outsider) -> Channel {
+	in_any_guise[forgers, emits[realm] + emits_alone[realm]] + imposes[forgers, realm]
 }
 
 /**
- * Channels of which `eavesdroppers` learn what members of the realm write, and the outsider if it is one: from packets,
- * or because the realm gives them its keys, as a reader's. What their own realm would have them refuse binds honest
- * readers alone (`receives`, `takes`).
+ * Channels of which `eavesdroppers` learn what is on the network as the realm protects it: from packets that anybody
+ * can read, with their keys, or because the realm gives them its own, as a reader's. What their own realm would have
+ * them refuse binds honest readers alone (`receives`, `takes`).
  */
 fun intercepts[eavesdroppers: set Enclave + Outsider, realm: Realm]: (Enclave + Outsider) -> Channel {
-	{ e: eavesdroppers & Enclave, c: e.acts_as.(knows[realm]) } + (eavesdroppers & Outsider) -> realm.in_clear
+	{ e: eavesdroppers & Enclave, c: e.acts_as.(knows[realm]) } + eavesdroppers -> realm.in_clear
 }
 
 -- one hop

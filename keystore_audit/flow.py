@@ -29,11 +29,14 @@ from keystore_audit.settings import place
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlowQuestion:
-    """From where to where, as places are written in settings; `through`: globs on enclaves that do not count."""
+    """From where to where, as places are written in settings; `through`: globs on enclaves that do not count.
+
+    `attackers`: None for each under whom there can be a flow at all.
+    """
 
     source: str
     target: str
-    attackers: tuple[Attacker, ...] = ATTACKERS
+    attackers: tuple[Attacker, ...] | None = None
     through: tuple[str, ...] = ()
     include_ambient: bool = False
 
@@ -100,7 +103,7 @@ def find_flow(
     return FlowAnswer(
         question=question,
         at=at,
-        results=tuple(zip(question.attackers, results, strict=True)),
+        results=tuple((claim.attacker, result) for claim, result in zip(claims, results, strict=True)),
         engines=runs,
         doubts=tuple(dict.fromkeys(doubts)),
     )
@@ -126,6 +129,7 @@ def _decide(
 def questions(question: FlowQuestion) -> tuple[Claim, ...]:
     """That there is no flow, under each attacker. Raises errors.UsageError for places that are none."""
     source, target = place(question.source), place(question.target)
+    possible = [each for each in ATTACKERS if not (source.outsider and each is Attacker.HONEST)]
     return tuple(
         Claim(
             id=f"no-flow-{attacker.value}",
@@ -139,5 +143,5 @@ def questions(question: FlowQuestion) -> tuple[Claim, ...]:
             location=Location(path="", beside=True),
             place="",
         )
-        for attacker in question.attackers
+        for attacker in (possible if question.attackers is None else question.attackers)
     )

@@ -131,7 +131,7 @@ class Table:
 
     @property
     def marks(self) -> tuple[tuple[str, str], ...]:
-        """Each glob on enclaves or DDS topics that was taken from here or below, with its `FILE:LINE:COLUMN`."""
+        """Each glob on enclaves or DDS topics, or "outsider", that was taken from here or below, with its place."""
         return tuple(self._marks.items())
 
     @property
@@ -248,7 +248,7 @@ class Table:
             found = globs(self.texts(key))
         except ValueError as error:
             self.wrong(key, str(error))
-        self._marked(key, found.enclaves or found.topics)
+        self._marked(key, found.enclaves or found.topics or (OUTSIDER,))
         return found
 
     def _marked(self, key: str, globs: tuple[str, ...]) -> tuple[str, ...]:

@@ -33,7 +33,7 @@ ENGINES: Final = ("native", "auto", "both", "alloy")
     "--attacker",
     type=opt.one_of(*ATTACKERS),
     metavar="[honest|source|relays]",
-    help="Who attacks: nobody, the source, or all on the way (default: each in turn).",
+    help="Who attacks: nobody, the source, or all on the way (default: each in turn; from outsider not nobody).",
 )
 @click.option(
     "--through",
@@ -98,7 +98,7 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
         raise click.UsageError("Expected FROM and TO, or --from-compromised.")
     from keystore_audit.aside import processors
     from keystore_audit.flow import Engines, FlowQuestion, find_flow
-    from keystore_audit.model.claim import ATTACKERS, Attacker
+    from keystore_audit.model.claim import Attacker
     from keystore_audit.model.profiles import resolve
     from keystore_audit.properties.property import Status
 
@@ -106,7 +106,7 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
     question = FlowQuestion(
         source=source,
         target=target,
-        attackers=(Attacker(given["attacker"]),) if given["attacker"] else ATTACKERS,
+        attackers=(Attacker(given["attacker"]),) if given["attacker"] else None,
         through=given["through"],
         include_ambient=given["include_ambient"],
     )

@@ -50,7 +50,7 @@ def _outsider_learns(case: Case) -> Counterexample:
 
 def _outsider_injects(case: Case) -> Counterexample:
     return Counterexample(
-        text=f"Anybody on the network can send samples on {case.topic}: {case.kinds()}{_unauthenticated(case)}.",
+        text=f"Anybody on the network can send samples on {case.topic}: {case.kinds()}{case.open_door()}.",
         steps=case.governance_steps() + case.user_steps("subscribe"),
     )
 
@@ -58,7 +58,7 @@ def _outsider_injects(case: Case) -> Counterexample:
 def _outsider_replays(case: Case) -> Counterexample:
     return Counterexample(
         text=f"Anybody on the network can send recorded samples of {case.topic} again, and forge the messages that "
-        f"say what was sent: {case.kinds()}{_unauthenticated(case)}.",
+        f"say what was sent: {case.kinds()}{case.open_door()}.",
         steps=case.governance_steps() + case.user_steps("subscribe"),
     )
 
@@ -72,16 +72,9 @@ def _outsider_asserts(case: Case) -> Counterexample:
     else:
         why = "liveliness_protection_kind is NONE, and whole messages are not authenticated"
     return Counterexample(
-        text=f"Anybody on the network can say that a writer of {case.topic} is alive: {why}{_unauthenticated(case)}.",
+        text=f"Anybody on the network can say that a writer of {case.topic} is alive: {why}{case.open_door()}.",
         steps=case.governance_steps() + case.user_steps("subscribe"),
     )
-
-
-def _unauthenticated(case: Case) -> str:
-    rule = case.domain_rule
-    if rule is None or not rule.allow_unauthenticated_participants:
-        return ""
-    return ", and messages of unauthenticated participants are allowed in the clear"
 
 
 def _unenforced(case: Case) -> Counterexample:

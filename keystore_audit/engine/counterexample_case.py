@@ -121,6 +121,13 @@ class Case:
             f"data_protection_kind {self.topic_rule.data_protection_kind.value}"
         )
 
+    def open_door(self) -> str:
+        """Return that the domain's rule lets in whom nobody authenticates, where it does, as the end of a sentence."""
+        rule = self.domain_rule
+        if rule is None or not rule.allow_unauthenticated_participants:
+            return ""
+        return ", and messages of unauthenticated participants are allowed in the clear"
+
 
 def step_at(location: Location | None, *, channel: str | None, witness: str, enclave: str | None) -> Step:
     """A step whose line is there, if there is one."""

@@ -9,14 +9,14 @@ from keystore_audit.dataclass import replace
 from keystore_audit.engine import causes
 from keystore_audit.engine.causes import Operation
 from keystore_audit.engine.counterexample_case import Case, step_at
-from keystore_audit.engine.counterexample_rights import Way, way
+from keystore_audit.engine.counterexample_rights import Way, as_anybody, way
 from keystore_audit.engine.native_claims import claims_at
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind
 from keystore_audit.model.claim import Place as ClaimPlace
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.permission import Decisions, Permissions, bits
-from keystore_audit.model.system import System
+from keystore_audit.model.system import DomainRuleAtom, System
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Answer, Hop, Role
 from keystore_audit.properties.result import ANYBODY
@@ -176,17 +176,18 @@ def hop_ways(system: System, claim: ClaimAtom, hop: Hop) -> tuple[Way, ...]:
             who = system.enclaves[enclave].label
             ways.append(replace(found, why=f"{who}: {found.why}" if found.why else ""))
         elif not place.channels:
-            verb = "can send it" if operation == "publish" else "can read it"
-            ways.append(Way(why=f"anybody on the network {verb}: {case.kinds()}", steps=case.governance_steps()))
+            ways.extend(filter(None, [as_anybody(case, operation, None)]))
     return tuple(ways)
 
 
 def _shows_it(case: Case, claim: ClaimAtom, hop: Hop) -> bool:
-    """Whether the sender need only make a writer, since who gets the sample attacks, and is not deceived by keys."""
-    if claim.attacker is not Attacker.RELAYS or hop.sender is None:
+    """Whether the sender need only make a writer: who gets the sample listens, or attacks, and asks for no right."""
+    if hop.sender is None:
         return False
     if hop.receiver is None and not claim.target.channels:
         return True
+    if claim.attacker is not Attacker.RELAYS:
+        return False
     forged = RealmView(case.system, case.realm, Permissions(case.system)).abilities(hop.sender).forges
     return not forged >> hop.channel & 1
 
@@ -196,7 +197,8 @@ def _shared_domain(case: Case, when: str, starts: frozenset[tuple[int, int]]) ->
     domain = case.system.domains[case.witness[Role.DOMAIN]].label
     rule = causes.domain_rule(case.system, case.realm, case.witness[Role.DOMAIN])
     step = step_at(None if rule is None else rule.location, channel=domain, witness=domain, enclave=None)
-    text = f"{one.label} and {other.label} can both join {domain}{when}."
+    anybody = ", where anybody is let in without an identity" if _lets_anybody_in(case, rule) else ""
+    text = f"{one.label} and {other.label} can both join {domain}{when}{anybody}."
     alone = [role for role in (Role.ENCLAVE, Role.OTHER) if (case.witness[role], case.witness[Role.DOMAIN]) in starts]
     if alone:
         starting = case.system.enclaves[case.witness[alone[0]]].label
@@ -206,6 +208,10 @@ def _shared_domain(case: Case, when: str, starts: frozenset[tuple[int, int]]) ->
             f"its permissions{when}: it refuses nobody who may be there, and who attacks takes it."
         )
     return Counterexample(text=text, steps=(step,))
+
+
+def _lets_anybody_in(case: Case, rule: DomainRuleAtom | None) -> bool:
+    return case.is_open or (rule is not None and rule.allow_unauthenticated_participants)
 
 
 def forgers(system: System, claim: ClaimAtom) -> tuple[str, ...]:

@@ -10,6 +10,8 @@ from keystore_audit.engine import counterexample_identities as identities
 from keystore_audit.engine.causes import Operation
 from keystore_audit.engine.counterexample_case import Case
 from keystore_audit.findings import Location
+from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.permission import Permissions
 from keystore_audit.properties.counterexample import Step
 from keystore_audit.properties.property import Role
 
@@ -50,7 +52,27 @@ def way(case: Case, enclave: int, operation: Operation, *, alone: bool) -> Way:
             if other is not None:
                 who = system.enclaves[number].label
                 return replace(other, why=f"it has the key of {who}" + (f": {other.why}" if other.why else ""))
-    return by_keys(case)
+    return as_anybody(case, operation, enclave) or by_keys(case)
+
+
+def as_anybody(case: Case, operation: Operation, enclave: int | None) -> Way | None:
+    """Without any key, as members of the realm of `case` protect the channel; else, where the enclave (None: nobody's)
+    has no keys for it there, as those of another realm do; None: nowhere.
+    """
+    channel = case.witness[Role.CHANNEL]
+    permissions = Permissions(case.system)
+    for realm in (case.realm, *(n for n in range(len(case.system.realms)) if n != case.realm)):
+        view = RealmView(case.system, realm, permissions)
+        if (view.injectable if operation == "publish" else view.readable) >> channel & 1:
+            there = replace(case, witness={**case.witness, Role.REALM: realm})
+            verb, besides = ("send", there.open_door()) if operation == "publish" else ("read", "")
+            why = f"anybody on the network can {verb} it: {there.kinds()}{besides}"
+            return Way(why=why, steps=there.governance_steps())
+        if realm == case.realm and enclave is not None:
+            able = view.abilities(enclave)
+            if (able.forges if operation == "publish" else able.overhears) >> channel & 1:
+                return None
+    return None
 
 
 def beyond_grants(case: Case, operation: Operation) -> Way:

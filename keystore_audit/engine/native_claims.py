@@ -59,7 +59,8 @@ class Claims:
             for enclave in range(len(self._system.enclaves)):
                 able = view.abilities(enclave)
                 if claim.attacker is Attacker.INSIDER:
-                    for channel in members(able.overhears & ~able.may_read & asked):
+                    recovered = able.overhears | view.readable  # if only as anybody can
+                    for channel in members(recovered & ~able.may_read & asked):
                         yield {Role.REALM: realm, Role.ENCLAVE: enclave, Role.CHANNEL: channel}, ()
                 else:
                     for channel in members(able.writes_at_all & view.readable & asked):
@@ -68,15 +69,16 @@ class Claims:
     def shared_domains(self, claim: ClaimAtom) -> Iterator[Found]:
         """Domains that an enclave of the source and one of the target can join, or the one can and the other starts in.
 
-        Who attacks takes whomever it finds there.
+        Who attacks takes whomever it finds there, and joins without its identity where anybody may.
         """
         alone: dict[int, int] = {}
         for enclave, domain in claim.starts:
             alone[enclave] = alone.get(enclave, 0) | 1 << domain
         for realm, view in enumerate(self._realms):
+            anybody = view.protection.unauthenticated
             for one in sorted(claim.source.enclaves):
                 for other in sorted(claim.target.enclaves):
-                    here, there = view.joined(one), view.joined(other)
+                    here, there = view.joined(one) | anybody, view.joined(other) | anybody
                     both = (here | alone.get(one, 0)) & (there | alone.get(other, 0))
                     for domain in members(both & (here | there)):
                         roles = {Role.REALM: realm, Role.ENCLAVE: one, Role.OTHER: other, Role.DOMAIN: domain}

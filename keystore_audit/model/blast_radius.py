@@ -50,9 +50,9 @@ class BlastRadius:
     """What the holder of keys can do. Sets of channels are bit sets; enclaves go by their paths.
 
     `written`: topics that peers take its samples on by right. `forged`: others, on which it passes for a writer.
-    `read`: topics whose payload it reads. `passes_for`: enclaves that peers cannot tell it from. `reached_alone`:
-    enclaves that its data can get to as long as everybody else stays honest; `reached`: if all on the way are
-    compromised too. `learns`: it reads what somebody else may write.
+    `read`: topics whose payload it reads. In these two is what anybody on the network can. `passes_for`: enclaves that
+    peers cannot tell it from. `reached_alone`: enclaves that its data can get to as long as everybody else stays
+    honest; `reached`: if all on the way are compromised too. `learns`: it reads what somebody else may write.
     """
 
     written: int
@@ -112,8 +112,9 @@ class Radii:
         )
 
     def abilities(self, acting: Iterable[int]) -> tuple[int, int, int]:
-        """Channels that the enclaves write by right, forge besides, and read."""
-        written, forged, read = 0, 0, 0
+        """Channels that the enclaves write by right, forge besides, and read, if only as anybody on the network can."""
+        written = 0
+        forged, read = self._flows.injectable, self._flows.readable
         for number in acting:
             for view in self._realms:
                 able = view.abilities(number)

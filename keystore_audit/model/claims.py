@@ -208,6 +208,11 @@ def _check(claims: Sequence[Claim], systems: Sequence[System], channels: Channel
                 raise UsageError(f"{_at(claim)}{min(both)!r} is on both sides.")
         if claim.kind in (ClaimKind.NO_FLOW, ClaimKind.ABLE) and (one := _only_itself(claim, paths)):
             raise UsageError(f"{_at(claim)}{one} is on both sides, and nothing else.")
+        if claim.kind is ClaimKind.NO_FLOW and claim.source.outsider and claim.attacker is Attacker.HONEST:
+            raise UsageError(
+                f"{_at(claim, 'outsider')}nothing can get from the outsider as long as nobody attacks (attacker "
+                "honest): without a key, to send is to attack. Expected attacker source or relays."
+            )
 
 
 def _only_itself(claim: Claim, paths: Sequence[str]) -> str:

@@ -16,7 +16,7 @@ from keystore_audit.dataclass import dataclass
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.own_rights import OwnRights
-from keystore_audit.model.permission import bits, members
+from keystore_audit.model.permission import bits, members, union
 from keystore_audit.model.system import System
 
 
@@ -105,11 +105,13 @@ class Flows:
         key = (Attacker.HONEST if search.attacker is Attacker.SOURCE else search.attacker, search.own)
         if key not in self._lanes:
             relays = search.attacker is Attacker.RELAYS
-            self._lanes[key] = self._attacked() if relays else self._honest(own=search.own)
+            self._lanes[key] = self._attacked() if relays else self.by_right(own=search.own)
+            if not relays and not search.own:
+                self._lanes[key].append(self._listened())
         lanes = self._lanes[key]
         return [*lanes, *self._of_sources(search.source)] if search.attacker is Attacker.SOURCE else lanes
 
-    def _honest(self, *, own: bool) -> list[Lane]:
+    def by_right(self, *, own: bool = False) -> list[Lane]:
         """By realm of sender and receiver: what may be written and read by right, on both sides."""
         rights: Sequence[RealmView | OwnRights] = self._own if own else self._realms
         everybody = range(len(self._system.enclaves))
@@ -129,34 +131,62 @@ class Flows:
                 lanes.append(Lane([*sent, 0], [*shared, 0]))
         return lanes
 
-    def _attacked(self) -> list[Lane]:
-        """Everybody sends and takes as anybody whose key it has, with all that keys allow, and so does the outsider."""
-        lanes = []
+    def _listened(self) -> Lane:
+        """Whoever is on the network listens, and honest enclaves do not hide what their governance leaves in clear."""
+        puts = [0] * (self.outsider + 1)
         for realm in sorted(set(self._member)):
-            view = self._realms[realm]
-            forged = [self._forged(view, enclave) for enclave in range(self.outsider)]
-            lanes.append(Lane([*self._as_any(forged), view.injectable], [*self._as_any(self._hears(realm)), 0]))
-            written = self._shows(realm)
-            heard = [view.abilities(enclave).knows for enclave in range(self.outsider)]
-            lanes.append(Lane([*self._as_any(written), 0], [*self._as_any(heard), view.readable]))
+            readable = self._realms[realm].readable
+            puts = [one | each & readable for one, each in zip(puts, [*self._shows(realm), 0], strict=True)]
+        return Lane(puts, [*([0] * self.outsider), self.readable])
+
+    def _attacked(self) -> list[Lane]:
+        """Everybody sends and takes as anybody whose key it has, with all that keys allow, and so does the outsider.
+
+        What is made so is on the network as well as what is written by right, for whoever listens.
+        """
+        everybody = range(self.outsider)
+        lanes = []
+        for realm, view in enumerate(self._realms):
+            made = self._joined(self._as_any([self._forged(view, enclave) for enclave in everybody]), view.injectable)
+            lanes.append(Lane(made, [*self._as_any(self._hears(realm)), 0]))
+            shown = [*self._as_any(self._shows(realm)), 0]
+            known = self._as_any([view.abilities(enclave).knows for enclave in everybody])
+            sent = [one | other for one, other in zip(made, shown, strict=True)]
+            lanes.append(Lane(sent, self._joined(known, view.readable)))
         return lanes
 
     def _of_sources(self, source: Place) -> list[Lane]:
-        """The source attacks, honest enclaves take."""
+        """The source attacks, honest enclaves take, and whoever is on the network listens."""
         lanes = []
-        for realm in sorted(set(self._member)):
-            view = self._realms[realm]
-            taken = self._hears(realm)
-            if source.enclaves:
-                puts = [0] * (self.outsider + 1)
-                for enclave in source.enclaves:
-                    for each in self.acting(enclave):
-                        puts[enclave] |= self._forged(view, each)
-                lanes.append(Lane(puts, [*taken, 0]))
+        for realm, view in enumerate(self._realms):
+            shown = self._shows(realm)
+            made, sent = [0] * (self.outsider + 1), [0] * (self.outsider + 1)
+            for enclave in source.enclaves:
+                made[enclave] = view.injectable
+                for each in self.acting(enclave):
+                    made[enclave] |= self._forged(view, each)
+                    sent[enclave] |= shown[each]
+                sent[enclave] |= made[enclave]
             if source.outsider:
-                puts = [*([0] * self.outsider), view.injectable]
-                lanes.append(Lane(puts, [*taken, 0]))
+                made[self.outsider] = view.injectable
+            lanes.append(Lane(made, [*self._hears(realm), 0]))
+            lanes.append(Lane(sent, [*([0] * self.outsider), view.readable]))
         return lanes
+
+    @staticmethod
+    def _joined(enclaves: Sequence[int], anybody: int) -> list[int]:
+        """By participant: what attacking enclaves can, and what anybody on the network can, whom a key only adds to."""
+        return [*(one | anybody for one in enclaves), anybody]
+
+    @cached_property
+    def readable(self) -> int:
+        """Channels that some realm leaves in clear."""
+        return union(view.readable for view in self._realms)
+
+    @cached_property
+    def injectable(self) -> int:
+        """Channels on which readers of some realm take samples from anybody."""
+        return union(view.injectable for view in self._realms)
 
     def _hears(self, realm: int) -> list[int]:
         """By enclave: the channels that it reads if whoever writes is ready to give its keys to anybody."""
@@ -225,37 +255,36 @@ class Flows:
 
     def getters(self, search: Search) -> list[int]:
         """By participant: the channels of which it gets samples."""
+        if search.own:
+            return [*(self._own[m].abilities(e).may_read for e, m in enumerate(self._member)), 0]
         if search.attacker is not Attacker.RELAYS:
-            rights: Sequence[RealmView | OwnRights] = self._own if search.own else self._realms
-            return [*(rights[m].abilities(e).may_read for e, m in enumerate(self._member)), 0]
+            return [*(self._realms[m].abilities(e).may_read for e, m in enumerate(self._member)), self.readable]
         taken = [0] * self.outsider
-        readable = 0
         for view in self._realms:
-            readable |= view.readable
             able = map(view.abilities, range(self.outsider))
             taken = [one | each.reads_at_all | each.knows for one, each in zip(taken, able, strict=True)]
-        return [*self._as_any(taken), readable]
+        return self._joined(self._as_any(taken), self.readable)
 
     def putters(self, search: Search) -> list[int]:
         """By participant: the channels on which it can put samples."""
         if search.own:
             return [*(self._own[m].abilities(e).may_write for e, m in enumerate(self._member)), 0]
         put, forged = [0] * self.outsider, [0] * self.outsider
-        injectable = 0
         relays = search.attacker is Attacker.RELAYS  # who reads it attacks too then, and refuses nobody
         for view in self._realms:
-            injectable |= view.injectable
             for enclave in range(self.outsider):
                 able = view.abilities(enclave)
                 put[enclave] |= able.writes_at_all if relays else able.may_write
                 forged[enclave] |= able.forges
         attacked = self._as_any([one | other for one, other in zip(put, forged, strict=True)])
+        attacked = self._joined(attacked, self.injectable)
         if relays:
-            return [*attacked, injectable]
+            return attacked
+        put.append(0)
         if search.attacker is Attacker.SOURCE:
-            for enclave in search.source.enclaves:
-                put[enclave] = attacked[enclave]
-        return [*put, injectable if search.attacker is Attacker.SOURCE and search.source.outsider else 0]
+            for node in (*search.source.enclaves, *([self.outsider] if search.source.outsider else [])):
+                put[node] = attacked[node]
+        return put
 
 
 class _Walk:

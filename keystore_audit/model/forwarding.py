@@ -19,9 +19,8 @@ from keystore_audit.model.behaviour import (
     Spread,
 )
 from keystore_audit.model.channels import Channels
-from keystore_audit.model.claim import Attacker, Place
 from keystore_audit.model.domains import contains
-from keystore_audit.model.flow import Flows, Lane, Search
+from keystore_audit.model.flow import Flows, Lane
 from keystore_audit.model.forwards import Declared, Determinism, Forward, ambient, anywhere, by_default
 from keystore_audit.model.globs import matching
 from keystore_audit.model.meaning import Usability
@@ -65,8 +64,7 @@ class Forwarding:
         ]
         views = [RealmView(system, realm, permissions) for realm in range(len(system.realms))]
         self._own = [OwnRights(system, view) for view in views]
-        nowhere = Search(attacker=Attacker.HONEST, source=Place(), target=Place())
-        self._lanes = Flows(system, views).lanes(nowhere)
+        self._lanes = Flows(system, views).by_right()
         regions = channels.regions
         topics = {t for f in declared.forwards for t in (*f.sources, *f.targets)}
         topics |= {t for claim in declared.claims for t in (*claim.low, *claim.high.topics)}

@@ -12,7 +12,7 @@ from typing import Final
 from keystore_audit.dataclass import dataclass
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.claim import Attacker, Place
-from keystore_audit.model.flow import Flows, Search
+from keystore_audit.model.flow import Flows, Lane, Search
 from keystore_audit.model.permission import Permissions, members
 from keystore_audit.model.system import System
 from keystore_audit.model.window import Window
@@ -25,8 +25,8 @@ ANYBODY: Final = None
 class Hop:
     """Names (places in the access table) on which the same peers are at the other end.
 
-    `peers`: paths of enclaves, ANYBODY last. `by_right`: peers grant it; else it takes keys that a compromised sender
-    or receiver holds.
+    `peers`: paths of enclaves, ANYBODY last. `by_right`: peers grant it; else it takes a compromised sender or
+    receiver, with the keys that it holds or as anybody on the network.
     """
 
     peers: tuple[str | None, ...]
@@ -48,8 +48,8 @@ def neighbourhoods(system: System, window: Window, left_out: int, limit: int) ->
     permissions = Permissions(system)
     flows = Flows(system, [RealmView(system, realm, permissions) for realm in range(len(system.realms))])
     kept = window.all & ~left_out if window.governed else 0
-    honest = _Lanes(flows, Attacker.HONEST, window, kept)
-    attacked = _Lanes(flows, Attacker.RELAYS, window, kept)
+    honest = _Lanes(flows.by_right(), window, kept)
+    attacked = _Lanes(flows.lanes(Search(attacker=Attacker.RELAYS, source=Place(), target=Place())), window, kept)
     labels: list[str | None] = [*(enclave.label for enclave in system.enclaves), ANYBODY]
     found = []
     for node, enclave in enumerate(system.enclaves[:limit]):
@@ -70,12 +70,12 @@ def _beyond(able: Mapping[int, int], rightly: Mapping[int, int]) -> dict[int, in
 class _Lanes:
     """Who puts what into the lanes of a flow and gets what out of them, in names of the window."""
 
-    def __init__(self, flows: Flows, attacker: Attacker, window: Window, kept: int) -> None:
+    def __init__(self, lanes: Iterable[Lane], window: Window, kept: int) -> None:
         self._puts: dict[int, list[tuple[int, int]]] = {}
         self._gets: dict[int, list[tuple[int, int]]] = {}
         self._putting: list[list[tuple[int, int]]] = []
         self._getting: list[list[tuple[int, int]]] = []
-        for number, lane in enumerate(flows.lanes(Search(attacker=attacker, source=Place(), target=Place()))):
+        for number, lane in enumerate(lanes):
             self._putting.append(_there(lane.puts, window, kept))
             self._getting.append(_there(lane.gets, window, kept))
             for node, names in self._putting[-1]:

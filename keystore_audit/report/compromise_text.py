@@ -68,7 +68,7 @@ def _said(ground: Ground, enclaves: int, radius: BlastRadius) -> Iterator[str]:
         return
     for verb, channels in (
         ("writes {} by right", radius.written),
-        ("forges {} more with the keys that it holds", radius.forged),
+        ("forges {} more without a right", radius.forged),
         ("reads {}", radius.read),
     ):
         number = ground.count(channels)

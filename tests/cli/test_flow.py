@@ -54,8 +54,16 @@ ALWAYS = {"honest": True, "source": True, "relays": True}
         ("turtlesim_healthy", ("/random", "/turtlesim", "--through", "/multiplexer"), NEVER),
         ("turtlesim_healthy", ("/random", "topic:/move_turtle"), ALWAYS),
         ("turtlesim_healthy", ("topic:/low_priority", "/turtlesim", "--through", "/multi*"), NEVER),
-        ("turtlesim_healthy", ("outsider", "/*"), NEVER),
+        ("turtlesim_healthy", ("outsider", "/*"), {"source": False, "relays": False}),
         ("turtlesim_healthy", ("/*", "outsider"), NEVER),
+        ("../rules/KA412-payload-in-clear/bad", ("/talker", "outsider"), ALWAYS),
+        ("../rules/KA412-payload-in-clear/bad", ("topic:/chatter", "outsider"), ALWAYS),
+        ("../rules/KA412-payload-in-clear/good", ("/talker", "outsider"), NEVER),
+        (
+            "../rules/KA414-samples-unauthenticated/bad",
+            ("outsider", "topic:/chatter"),
+            {"source": True, "relays": True},
+        ),
         ("turtlesim_random_moves_turtle", ("/random", "/turtlesim", "--through", "/multiplexer"), ALWAYS),
         ("chatter_partition_pattern", ("/listener", "/talker", "--profile", "spec"), ALWAYS),
         ("chatter_partition_named", ("/listener", "/talker", "--profile", "spec"), NEVER),
@@ -184,6 +192,7 @@ def test_an_enclave_that_cannot_be_read_leaves_it_open(doubt: str) -> None:
         (("/motor", "/brake", "--through", "/brak"), "'/brak' names no enclave"),
         (("/motor", "/moto?"), "'/motor' is on both sides, and nothing else"),
         (("outsider", "outsider"), "the outsider is on both sides"),
+        (("outsider", "/motor", "--attacker", "honest"), "nothing can get from the outsider as long as nobody attacks"),
         (("topic:/motor_limit", "topic:/motor_limit"), "'rt/motor_limit' is on both sides"),
         (("/motor", "/brake", "--attacker", "all"), "not one of honest, source, relays"),
     ],
@@ -248,6 +257,10 @@ def test_settings_inside_of_the_keystore_are_refused(tmp_path: Path) -> None:
         ('only_publish = { topic = "/move_turtle", enclaves = "/keybord" }\n', "4:42: '/keybord' names no enclave"),
         ('deterministic = { low = "/move_turtl", high = "/random" }\n', "4:19: no permissions document grants"),
         ('deterministic = { low = "/low_priority", high = "/randm" }\n', "4:42: '/randm' names no enclave"),
+        (
+            'no_flow = { from = "outsider", to = "/turtlesim", attacker = "honest" }\n',
+            "4:13: nothing can get from the outsider as long as nobody attacks",
+        ),
     ],
 )
 def test_what_names_nothing_is_told_where_it_stands(tmp_path: Path, text: str, said: str) -> None:

@@ -121,6 +121,9 @@ class ByHand:
         p = self.views[realm].protection
         return frozenset(members(p.governed & ~(p.rtps_encrypts | p.metadata_encrypts | p.data_encrypts)))
 
+    def lets_anybody_in(self, realm: int) -> frozenset[int]:
+        return frozenset(members(self.views[realm].protection.unauthenticated))
+
     def unguarded(self, realm: int) -> frozenset[int]:
         p, found = self.views[realm].protection, set()
         for channel in members(p.governed):
@@ -163,10 +166,8 @@ class Flow:
         """Channels on which an attacker has its samples taken in the realm."""
         if holder not in self.forgers:
             return set()
-        if holder == OUTSIDER:
-            return set(self.hand.unguarded(realm))
-        found: set[int] = set()
-        for guise in self.hand.acts_as(holder):
+        found = set(self.hand.unguarded(realm))  # as anybody on the network
+        for guise in self.hand.acts_as(holder) if holder != OUTSIDER else ():
             powers = self.hand.powers(guise, realm)
             found |= powers.writes | powers.forges
         return found
@@ -180,9 +181,9 @@ class Flow:
         for f in self.hand.enclaves:
             yield from self._by_right(f)
             yield from self._imposed(f)
-        if self.relays:
-            for e in self.hand.enclaves:
-                yield from self._intercepted(e)
+        if not self.able:
+            for realm in self.realms:
+                yield from self._intercepted(realm)
 
     def _by_right(self, f: int) -> Iterator[tuple[int, int, int]]:
         home = self.member(f)
@@ -200,15 +201,21 @@ class Flow:
                 for c in self.imposes(holder, realm) & heard:
                     yield holder, c, f
 
-    def _intercepted(self, e: int) -> Iterator[tuple[int, int, int]]:
+    def _intercepted(self, realm: int) -> Iterator[tuple[int, int, int]]:
+        """What is on the network as the realm protects it: the outsider listens whoever attacks."""
         hand = self.hand
-        for mask in hand.acts_as(e):
-            realm = self.member(mask)
-            for c in self.writes(mask, realm) | hand.system.enclaves[mask].writes_alone:
+        for e in (*hand.enclaves, OUTSIDER):
+            sent = self.imposes(e, realm)
+            for mask in () if e == OUTSIDER else hand.acts_as(e) if e in self.forgers else {e}:
+                if self.member(mask) == realm:
+                    sent |= self.writes(mask, realm) | hand.system.enclaves[mask].writes_alone
+            for c in sent:
                 if c in hand.in_clear(realm):
                     yield e, c, OUTSIDER
-                for f in hand.enclaves:
-                    if any(c in hand.powers(guise, realm).learns() for guise in hand.acts_as(f)):
+                for f in hand.enclaves if self.relays else ():
+                    if c in hand.in_clear(realm) or any(
+                        c in hand.powers(guise, realm).learns() for guise in hand.acts_as(f)
+                    ):
                         yield e, c, f
 
     def gets(self) -> set[int]:
@@ -224,12 +231,14 @@ class Flow:
                     or (
                         self.relays
                         and any(
-                            c in self.hand.powers(guise, realm).learns() for guise in as_whom for realm in self.realms
+                            c in self.hand.in_clear(realm) or c in self.hand.powers(guise, realm).learns()
+                            for guise in as_whom
+                            for realm in self.realms
                         )
                     )
                 ):
                     found.add(f)
-            if self.relays and any(c in self.hand.in_clear(realm) for realm in self.realms):
+            if not self.able and any(c in self.hand.in_clear(realm) for realm in self.realms):
                 found.add(OUTSIDER)
         return found
 
@@ -271,7 +280,7 @@ class Flow:
 
 def found_by(hand: ByHand, claim: ClaimAtom, realm: int, one: int, other: int) -> bool:
     """Whether both may be in one domain: peers let both in, or one, and the other starts there."""
-    here, there = (hand.powers(each, realm).joins for each in (one, other))
+    here, there = (hand.powers(each, realm).joins | hand.lets_anybody_in(realm) for each in (one, other))
     return any(
         (domain in there or (other, domain) in claim.starts)
         if domain in here
@@ -336,7 +345,7 @@ def violated_by_some(hand: ByHand, claim: ClaimAtom) -> bool:
                 ):
                     return True
             elif claim.attacker is Attacker.INSIDER:
-                if (powers.overhears - powers.reads) & claim.target.channels:
+                if ((powers.overhears | hand.in_clear(realm)) - powers.reads) & claim.target.channels:
                     return True
             elif (powers.writes | hand.written_alone(e, realm)) & hand.in_clear(realm) & claim.target.channels:
                 return True

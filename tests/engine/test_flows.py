@@ -90,26 +90,41 @@ class Definitions:
         messages = {*members(p.rtps_authenticates)} - free
         return {*members(p.governed & ~(p.metadata_authenticates | p.data_authenticates))} - messages
 
+    def sniffed(self, e: int) -> set[int]:
+        """What anybody on the network reads of who is honest."""
+        return set() if e == OUTSIDER else self.shows(e) & self.readable(self.member(e))
+
+    def attacking(self, e: int, realm: int) -> set[int]:
+        """What is on the network of who attacks, as the realm protects it."""
+        found = self.injectable(realm)
+        for g in self.acts_as(e) if e != OUTSIDER else ():
+            found = found | self.made(g, realm) | (self.shows(g) if self.member(g) == realm else set())
+        return found
+
     def honest(self, e: int, f: int) -> set[int]:
-        if OUTSIDER in (e, f):
+        if f == OUTSIDER:
+            return self.sniffed(e)
+        if e == OUTSIDER:
             return set()
         there, here = self.member(f), self.member(e)
         return self.able("may_write", e, there) & self.takes(f) & self.able("may_read", f, here)
 
     def attacked(self, e: int, f: int) -> set[int]:
         """Hops under relays."""
-        if e == OUTSIDER:
-            return {c for g in self.acts_as(f) for c in self.hears(g) & self.injectable(self.member(g))}
-        if f == OUTSIDER:
-            own = ((g, self.member(g)) for g in self.acts_as(e))
-            return {c for g, realm in own for c in self.shows(g) & self.readable(realm)}
         found = set()
-        for one in self.acts_as(e):
-            for other in self.acts_as(f):
-                found |= self.hears(other) & self.made(one, self.member(other))
-                at = self.member(one)
-                found |= self.shows(one) & self.able("knows", other, at)
+        for realm in self.realms:
+            sent = self.attacking(e, realm)
+            found |= sent & self.readable(realm)
+            for g in self.acts_as(f) if f != OUTSIDER else ():
+                found |= sent & self.able("knows", g, realm)
+                if self.member(g) == realm:
+                    found |= self.forced(e, realm) & self.hears(g)
         return found
+
+    def forced(self, e: int, realm: int) -> set[int]:
+        """What honest members of the realm take of who attacks, if they read it."""
+        made = (self.made(g, realm) for g in (self.acts_as(e) if e != OUTSIDER else ()))
+        return self.injectable(realm).union(*made)
 
     def hop(self, claim: ClaimAtom, e: int, f: int) -> set[int]:
         if e == f:
@@ -118,20 +133,22 @@ class Definitions:
             found = self.attacked(e, f)
         else:
             found = self.honest(e, f)
-            if claim.attacker is Attacker.SOURCE and f != OUTSIDER:
-                if e == OUTSIDER and claim.source.outsider:
-                    found = self.hears(f) & self.injectable(self.member(f))
-                elif e in claim.source.enclaves:
-                    made = {c for g in self.acts_as(e) for c in self.made(g, self.member(f))}
-                    found = found | (made & self.hears(f))
+            attacking = claim.source.outsider if e == OUTSIDER else e in claim.source.enclaves
+            if claim.attacker is Attacker.SOURCE and attacking:
+                if f == OUTSIDER:
+                    for realm in self.realms:
+                        found = found | (self.attacking(e, realm) & self.readable(realm))
+                else:
+                    found = found | (self.forced(e, self.member(f)) & self.hears(f))
         return found - claim.left_out
 
     def got(self, claim: ClaimAtom, f: int) -> set[int]:
-        if claim.attacker is not Attacker.RELAYS:
-            return set() if f == OUTSIDER else self.takes(f)
+        readable = {c for realm in self.realms for c in self.readable(realm)}
         if f == OUTSIDER:
-            return {c for realm in self.realms for c in self.readable(realm)}
-        found = set()
+            return readable
+        if claim.attacker is not Attacker.RELAYS:
+            return self.takes(f)
+        found = readable
         for g in self.acts_as(f):
             found |= self.hears(g)
             for realm in self.realms:
@@ -142,9 +159,10 @@ class Definitions:
         attacking = claim.attacker is Attacker.RELAYS
         if claim.attacker is Attacker.SOURCE:
             attacking = claim.source.outsider if e == OUTSIDER else e in claim.source.enclaves
+        found = {c for realm in self.realms for c in self.injectable(realm)} if attacking else set()
         if e == OUTSIDER:
-            return {c for realm in self.realms for c in self.injectable(realm)} if attacking else set()
-        found = {c for realm in self.realms for c in self.able("may_write", e, realm)}
+            return found
+        found |= {c for realm in self.realms for c in self.able("may_write", e, realm)}
         for g in self.acts_as(e) if attacking else ():
             if claim.attacker is Attacker.RELAYS:
                 found |= self.shows(g)
@@ -191,11 +209,13 @@ def violated(definitions: Definitions, claim: ClaimAtom) -> bool:
             for r, e in pairs
         )
     if claim.kind is ClaimKind.ENCRYPTED:
-        return any((d.able("overhears", e, r) - d.able("may_read", e, r)) & channels for r, e in pairs)
+        return any(
+            ((d.able("overhears", e, r) | d.readable(r)) - d.able("may_read", e, r)) & channels for r, e in pairs
+        )
     assert claim.kind is ClaimKind.SEPARATE_DOMAINS
 
     def there(realm: int, enclave: int) -> set[int]:
-        return {*members(d.view[realm].joined(enclave))}
+        return {*members(d.view[realm].joined(enclave) | d.view[realm].protection.unauthenticated)}
 
     def starting(enclave: int) -> set[int]:
         return {domain for each, domain in claim.starts if each == enclave}

@@ -11,6 +11,7 @@ import pytest
 
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
+from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model import blast_radius, stolen_key
 from keystore_audit.model.access_view import AccessViews
@@ -80,8 +81,10 @@ def test_rights_are_those_of_all_that_have_the_key(start: int) -> None:
         for enclave in know.everybody:
             every = [(e, realm) for e in know.acts_as(enclave) for realm in know.realms]
             written = {c for e, realm in every for c in know.able("may_write", e, realm)}
-            forged = {c for e, realm in every for c in know.able("forges", e, realm)} - written
+            forged = {c for e, realm in every for c in know.able("forges", e, realm)}
+            forged = forged.union(*map(know.injectable, know.realms)) - written
             read = {c for e, r in every for what in ("may_read", "overhears") for c in know.able(what, e, r)}
+            read = read.union(*map(know.readable, know.realms))
             told = radii.of(enclave)
             assert ({*members(told.written)}, {*members(told.forged)}, {*members(told.read)}) == (written, forged, read)
             assert told.passes_for == {system.enclaves[e].label for e in know.acts_as(enclave) - {enclave}}
@@ -115,6 +118,21 @@ def test_what_an_enclave_writes_though_honest_peers_refuse_it_is_learnt() -> Non
     b.enclaves[0] = replace(b.enclaves[0], writes_alone=frozenset({CHATTER}))
     assert (quiet.learns, radius_of_enclave(b.system(), 0, "/listener").learns) == (False, True)
     assert radius_of_enclave(b.system(), 0, "/talker").reached == {"/listener"}
+
+
+@pytest.mark.parametrize("kind", [ProtectionKind.NONE, ProtectionKind.ENCRYPT])
+def test_who_is_let_in_nowhere_does_what_anybody_can_on_the_network(kind: ProtectionKind) -> None:
+    b = healthy_builder()
+    b.grants[0] = replace(b.grants[0], not_after=1)
+    plain = {f"{layer}_protection_kind": ProtectionKind.NONE for layer in ("metadata", "data")}
+    b.topic_rules[0] = replace(b.topic_rules[0], **plain)
+    b.domain_rules[0] = replace(b.domain_rules[0], rtps_protection_kind=kind)
+    found = radius_of_enclave(b.system(), 0, "/talker")
+    if kind is ProtectionKind.ENCRYPT:
+        assert found == NOTHING
+        return
+    assert (found.written, found.forged, found.read) == (0, CHANNELS, CHANNELS)
+    assert found.reached_alone == {"/listener"}
 
 
 def test_an_identity_authority_is_everybody_but_signs_no_rights() -> None:

@@ -142,10 +142,10 @@ def text_of(claim: ClaimAtom, number: int) -> str:
 
 
 def attackers(claim: ClaimAtom, places: Places) -> tuple[str, str]:
-    """Return who forges and who eavesdrops in the flows of `claim`."""
+    """Return who forges and who eavesdrops in the flows of `claim`. Nothing keeps the outsider from listening."""
     if claim.attacker is Attacker.RELAYS:
         return "Enclave + Outsider", "Enclave + Outsider"
-    return (places.source if claim.attacker is Attacker.SOURCE else "none"), "none"
+    return (places.source if claim.attacker is Attacker.SOURCE else "none"), "Outsider"
 
 
 def compartment(claim: ClaimAtom, number: int, inside: str) -> str:
@@ -176,9 +176,9 @@ def condition(claim: ClaimAtom, number: int) -> str:
     if claim.kind is ClaimKind.SEPARATE_DOMAINS:
         who = f"enclave: Enclave & {at.source}, other: Enclave & {at.target}, domain: Domain"
         if not claim.starts:
-            return f"all realm: Realm, {who} |\n\t\tdomain not in enclave.(joins[realm]) & other.(joins[realm])"
-        there = f"enclave.(joins[realm] + {at.starts}) & other.(joins[realm] + {at.starts})"
-        return f"all realm: Realm, {who} |\n\t\tdomain not in {there} & (enclave + other).(joins[realm])"
+            return f"all realm: Realm, {who} |\n\t\tdomain not in enclave.(enters[realm]) & other.(enters[realm])"
+        there = f"enclave.(enters[realm] + {at.starts}) & other.(enters[realm] + {at.starts})"
+        return f"all realm: Realm, {who} |\n\t\tdomain not in {there} & (enclave + other).(enters[realm])"
     if claim.attacker is Attacker.INSIDER:
         who = f"enclave: Enclave, channel: {at.last}"
         return f"all realm: Realm, {who} | channel not in enclave.(listens_in[realm])"

@@ -92,7 +92,30 @@ def over(b: Builder) -> Builder:
     return b
 
 
+def weak(**kinds: ProtectionKind) -> Builder:
+    b = chain()
+    rtps = kinds.pop("rtps", b.domain_rules[0].rtps_protection_kind)
+    b.domain_rules[0] = replace(b.domain_rules[0], rtps_protection_kind=rtps)
+    b.topic_rules[0] = replace(b.topic_rules[0], **{f"{k}_protection_kind": v for k, v in kinds.items()})
+    return b
+
+
+def shut_out(**kinds: ProtectionKind) -> Builder:
+    """The third's grant is out of date, so that peers let it into no domain."""
+    b = weak(**kinds)
+    b.grants[THIRD] = replace(b.grants[THIRD], not_after=1)
+    return b
+
+
+def with_readers(b: Builder) -> Builder:
+    """Whoever joins may read everything."""
+    for grant in (TALKER, LISTENER):
+        b.rule(grant, [0], subscribe=[CHATTER, OTHER_TOPIC])
+    return b
+
+
 def unauthenticated(b: Builder) -> Builder:
+    """Participants without an identity are let in."""
     b.domain_rules[0] = replace(b.domain_rules[0], allow_unauthenticated_participants=True)
     return b
 
@@ -100,13 +123,6 @@ def unauthenticated(b: Builder) -> Builder:
 def questions() -> list[Question]:
     """One change flips each answer; the base is a chain from talker over listener to a third."""
     none, sign = ProtectionKind.NONE, ProtectionKind.SIGN
-
-    def weak(**kinds: ProtectionKind) -> Builder:
-        b = chain()
-        rtps = kinds.pop("rtps", b.domain_rules[0].rtps_protection_kind)
-        b.domain_rules[0] = replace(b.domain_rules[0], rtps_protection_kind=rtps)
-        b.topic_rules[0] = replace(b.topic_rules[0], **{f"{k}_protection_kind": v for k, v in kinds.items()})
-        return b
 
     def with_second_reader(b: Builder) -> Builder:
         b.rule(0, [0], subscribe=[OTHER_TOPIC])
@@ -167,6 +183,7 @@ def questions() -> list[Question]:
     honest, source, relays = Attacker.HONEST, Attacker.SOURCE, Attacker.RELAYS
     outsider, encrypted = Attacker.OUTSIDER, ClaimKind.ENCRYPTED
     clear = {"rtps": sign, "metadata": sign, "data": none}
+    open_to_all = {"rtps": none, "metadata": none, "data": none}
     shared = {"rtps": ProtectionKind.ENCRYPT, "metadata": ProtectionKind.ENCRYPT}
     return [
         (chain(), claim(at(TALKER), at(THIRD)), True),
@@ -198,7 +215,7 @@ def questions() -> list[Question]:
         # the outsider
         (chain(), claim(at(TALKER), OUT), False),
         (weak(rtps=none, metadata=sign, data=none), claim(at(TALKER), OUT), True),
-        (weak(rtps=none, metadata=sign, data=none), claim(at(TALKER), OUT, honest), False),
+        (weak(rtps=none, metadata=sign, data=none), claim(at(TALKER), OUT, honest), True),
         (weak(rtps=none, metadata=none, data=none), claim(OUT, at(THIRD)), True),
         (weak(rtps=none, metadata=none, data=none), claim(OUT, at(THIRD), source), True),
         (weak(rtps=none, metadata=none, data=none), claim(OUT, at(THIRD), honest), False),
@@ -263,8 +280,8 @@ def questions() -> list[Question]:
         (wilful(chain()), claim(at(THIRD), on_channel(CHATTER)), True),
         (wilful(chain()), claim(at(THIRD), on_channel(CHATTER), source), False),
         (wilful(chain()), claim(at(TALKER), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH), False),
-        (wilful(silent(weak(**clear))), claim(at(THIRD), OUT), True),
-        (silent(weak(**clear)), claim(at(THIRD), OUT), False),
+        (wilful(silent(weak(**clear))), claim(at(THIRD), OUT, left_out=(OTHER_TOPIC,)), True),
+        (silent(weak(**clear)), claim(at(THIRD), OUT, left_out=(OTHER_TOPIC,)), False),
         (wilful(silent(weak(**clear))), claim(Place(), on_channel(CHATTER), outsider, kind=encrypted), True),
         (silent(weak(**clear)), claim(Place(), on_channel(CHATTER), outsider, kind=encrypted), False),
         # who attacks gets samples of a channel that its own implementation alone lets it read
@@ -281,4 +298,39 @@ def questions() -> list[Question]:
         (denied(refused_writes={OTHER_TOPIC}), claim(at(TALKER), at(THIRD), honest, kind=ClaimKind.ABLE), True),
         (denied(refused_reads={OTHER_TOPIC}), claim(at(TALKER), at(THIRD), honest, kind=ClaimKind.ABLE), False),
         (denied(refused_reads={CHATTER}), claim(at(TALKER), at(THIRD), honest), True),
+        # whoever is on the network listens, whoever attacks
+        (weak(rtps=none, metadata=sign, data=none), claim(at(TALKER), OUT, source), True),
+        (weak(rtps=none, data=none), claim(at(TALKER), OUT, honest), False),
+        (weak(rtps=none, metadata=sign, data=none), claim(on_channel(CHATTER), OUT, honest), True),
+        (weak(rtps=none, data=none), claim(on_channel(CHATTER), OUT, honest), False),
+        # what is forged is on the network too
+        (silent(weak(**clear)), claim(at(THIRD), OUT), True),
+        (silent(weak(**clear)), claim(at(THIRD), OUT, source), True),
+        (silent(weak(**clear)), claim(at(THIRD), OUT, honest), False),
+        # an enclave that peers let into no domain does what anybody does who is on the network
+        (shut_out(**open_to_all), claim(at(THIRD), at(LISTENER)), True),
+        (shut_out(**open_to_all), claim(at(THIRD), at(LISTENER), source), True),
+        (shut_out(**open_to_all), claim(at(THIRD), at(LISTENER), honest), False),
+        (shut_out(**{**open_to_all, "rtps": sign}), claim(at(THIRD), at(LISTENER)), False),
+        (shut_out(**open_to_all), claim(at(THIRD), on_channel(CHATTER), source), True),
+        (shut_out(**open_to_all), claim(at(THIRD), on_channel(CHATTER), honest), False),
+        (shut_out(**{**open_to_all, "rtps": sign}), claim(at(THIRD), on_channel(CHATTER)), False),
+        (shut_out(**clear), claim(at(TALKER), at(THIRD)), True),
+        (shut_out(**clear), claim(at(TALKER), at(THIRD), source), False),
+        (shut_out(**{**clear, "rtps": ProtectionKind.ENCRYPT}), claim(at(TALKER), at(THIRD)), False),
+        (shut_out(**clear), claim(on_channel(CHATTER), at(THIRD)), True),
+        (shut_out(**clear), claim(on_channel(CHATTER), at(THIRD), source), False),
+        (
+            with_readers(shut_out(**clear)),
+            claim(Place(), on_channel(CHATTER), Attacker.INSIDER, kind=encrypted),
+            True,
+        ),
+        (
+            with_readers(shut_out(**{**clear, "rtps": ProtectionKind.ENCRYPT})),
+            claim(Place(), on_channel(CHATTER), Attacker.INSIDER, kind=encrypted),
+            False,
+        ),
+        (unauthenticated(shut_out()), claim(at(TALKER), at(THIRD), kind=ClaimKind.SEPARATE_DOMAINS), True),
+        (unauthenticated(shut_out()), claim(at(THIRD), at(TALKER), kind=ClaimKind.SEPARATE_DOMAINS), True),
+        (shut_out(), claim(at(TALKER), at(THIRD), kind=ClaimKind.SEPARATE_DOMAINS), False),
     ]

@@ -46,22 +46,33 @@ check WhatIsReachedIsACompartment {
 check AttackersOnlyAdd {
 	all inside, source, target: set Enclave + Outsider, first, last: set Channel, through: set Enclave {
 		separated[inside, source, first, target, last, through, Channel, everybody, everybody]
-			implies separated[inside, source, first, target, last, through, Channel, source, nobody]
-		separated[inside, source, first, target, last, through, Channel, source, nobody]
-			implies separated[inside, source, first, target, last, through, Channel, nobody, nobody]
+			implies separated[inside, source, first, target, last, through, Channel, source, Outsider]
+		separated[inside, source, first, target, last, through, Channel, source, Outsider]
+			implies separated[inside, source, first, target, last, through, Channel, nobody, Outsider]
+	}
+} for 2 but 3 Enclave, 4 Entry, 1 Instant expect 0
+
+/** A key takes nothing away: what the outsider sends or gets, any enclave does that attacks as it does. */
+check AKeyTakesNothingAway {
+	all e: Enclave, c: Channel {
+		Outsider.(hops[c, everybody, everybody]) - e in e.(hops[c, everybody, everybody])
+		hops[c, everybody, everybody].Outsider - e in hops[c, everybody, everybody].e
+		Outsider.(hops[c, Outsider, Outsider]) - e in e.(hops[c, e, Outsider])
+		puts[Outsider, c, Outsider, Outsider] implies puts[e, c, e, Outsider]
+		gets[Outsider, c, Outsider] implies gets[e, c, everybody]
 	}
 } for 2 but 3 Enclave, 4 Entry, 1 Instant expect 0
 
 /**
  * Nobody but a forger, an eavesdropper or the outsider is at an end of a hop without having joined its domain, or
- * reading there by what its own implementation alone allows.
+ * reading there by what its own implementation alone allows. Who joined no domain gets what is in clear at most.
  */
 check HopsNeedAJoinedDomain {
 	all a, b: Enclave, c: Channel | hop[a, c, b, nobody, nobody]
 		implies some sending, receiving: Realm |
 			c.in_domain in a.(joins[receiving]) & b.(joins[receiving]) & b.(joins[sending])
 	all c: Channel | some hops[c, everybody, everybody] :> Enclave
-		implies c in Enclave.reads_alone or some realm: Realm | c.in_domain in Enclave.(joins[realm])
+		implies c in Enclave.reads_alone + Realm.in_clear or some realm: Realm | c.in_domain in Enclave.(joins[realm])
 } for 2 but 3 Enclave, 4 Entry, 1 Instant expect 0
 
 /** Where nothing is governed, nothing flows. */
