@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from keystore_audit.dataclass import replace
 from keystore_audit.engine.horizon import Horizon
 from keystore_audit.findings import Finding, Result, Severity
-from keystore_audit.model.profiles import DEFAULT, Profile
+from keystore_audit.intent.environment import DOMAIN, Environment
+from keystore_audit.model.profiles import DEFAULT, Profile, running
 from keystore_audit.options import DEFAULT_NOTICE, Options
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineStatus
@@ -68,6 +69,23 @@ def weakened(options: Options, profiles: Sequence[Profile]) -> tuple[str, ...]:
     if options.at_given:
         weakened.append(f"--at {options.at:%Y-%m-%dT%H:%M:%SZ}")
     return tuple(weakened)
+
+
+def passed_over(options: Options, profiles: Sequence[Profile], environment: Environment | None) -> tuple[str, ...]:
+    """What the robots start with by the file of their variables and other options say otherwise, which count."""
+    if environment is None:
+        return ()
+    found = []
+    domain = environment.value(DOMAIN)
+    if domain and environment.domain != options.domain and options.domain is not None:
+        found.append(f"--domain {options.domain} in place of {DOMAIN}={domain} in {environment.file.path}")
+    named = environment.value("ROS_DISTRO"), environment.value("RMW_IMPLEMENTATION")
+    missing = set(running(*named)) - {profile.name for profile in profiles} if any(named) else ()
+    if missing:
+        found.append(
+            f"--profile leaves out {', '.join(sorted(missing))}, with which {environment.file.path} starts robots"
+        )
+    return tuple(found)
 
 
 def while_accepted(safe: Horizon, judgement: Judgement, fail_on: Severity | None) -> Horizon:

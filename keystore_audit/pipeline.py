@@ -15,7 +15,7 @@ from keystore_audit.engine.engines import run_engines
 from keystore_audit.engine.horizon import Horizon, horizon
 from keystore_audit.engine.label_answers import with_label_answers
 from keystore_audit.engine.native import NativeEngine
-from keystore_audit.gate import acceptances, complete, verdict, weakened, while_accepted
+from keystore_audit.gate import acceptances, complete, passed_over, verdict, weakened, while_accepted
 from keystore_audit.given import GivenFile
 from keystore_audit.intent.environment import Environment, read_environment
 from keystore_audit.intent.intent import Intent, Origin
@@ -248,7 +248,11 @@ def _report(
         verdict=outcome,
         exit_code=exit_code,
         fail_on=options.fail_on,
-        weakened=(*weakened(options, context.profiles), *accepted_by(judgement.findings)),
+        weakened=(
+            *weakened(options, context.profiles),
+            *passed_over(options, context.profiles, context.environment),
+            *accepted_by(judgement.findings),
+        ),
         assumptions=(*ASSUMPTIONS, *_in_zone(options)),
         engines=context.engines,
         engines_agree=agree if len(answered) > 1 else None,
