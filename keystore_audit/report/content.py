@@ -38,6 +38,10 @@ NOT_CHECKED: Final = (
         "Robots of several DDS implementations together: each profile is judged as if all ran it, and what one lets "
         "out and another takes in may be more than either alone."
     ),
+    (
+        "Who may write the files and directories (modes, owners): whoever can on a robot puts authorities and "
+        "documents of his own in their place."
+    ),
     "Flows that no settings ask about, and flows by timing, acknowledgements or matching.",
 )
 """What this version does not look at."""
