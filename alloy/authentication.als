@@ -40,14 +40,20 @@ fun one_key: Enclave -> Enclave { identity.public_key.~(identity.public_key) - i
 /** Pairs of enclaves whose identities one grant names, so that neither can have rights that the other has not. */
 fun one_subject: Enclave -> Enclave { identity.~subject_name.subject_name.~identity - iden }
 
-/** Enclaves that each can pass for; one that we could not read, for anybody. */
-fun shares_identity: Enclave -> Enclave { one_key + (opaque & Enclave) -> Enclave }
+/** Enclaves that each can pass for; one that we could not read, for anybody. Of two, one may be at large. */
+fun shares_identity: Enclave -> Enclave { one_key - AtLarge -> AtLarge + (opaque & Enclave) -> Enclave }
+
+/** Pairs of an enclave and an identity at large, either first, whose key is that of another enclave. */
+fun held_by_another: Enclave -> Enclave {
+	let held = { e: Enclave - AtLarge, large: AtLarge | some large.one_key - AtLarge - e } | held + ~held
+}
 
 /**
  * Enclaves that each shares its rights with; one that we could not read, with anybody. Permissions that we could not
- * read may have a grant that names two.
+ * read may have a grant that names two. An identity at large that no enclave has shares nothing with enclaves.
  */
 fun shares_subject: Enclave -> Enclave {
-	one_subject - Enclave -> (opaque & Enclave) + (opaque & Enclave) -> Enclave
+	one_subject - (AtLarge -> Enclave + Enclave -> AtLarge - held_by_another)
+	- Enclave -> (opaque & Enclave) + (opaque & Enclave) -> Enclave
 	+ (some (opaque & Document) - Realm.governance implies Enclave -> Enclave - iden else none -> none)
 }

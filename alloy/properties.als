@@ -18,7 +18,8 @@ assert OnlyAuthenticatedParticipantsJoin {
 /** Every enclave's identity is vouched for by its identity CA, in force and not revoked. */
 assert IdentitiesChainToTheIdentityCa {
 	all enclave: Enclave |
-		enclave not in opaque and (some enclave.identity implies enclave in enclave.in_realm.introduced_in_force)
+		enclave not in opaque
+		and (some (enclave - AtLarge).identity implies enclave in enclave.in_realm.introduced_in_force)
 }
 
 /** Every governance and permissions document is signed by the permissions CA itself, in force. */

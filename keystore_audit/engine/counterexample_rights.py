@@ -44,15 +44,16 @@ def way(case: Case, enclave: int, operation: Operation, *, alone: bool) -> Way:
     """
     own = _as_itself(case, enclave, operation) or (_alone(case, enclave, operation) if alone else None)
     if own is not None:
-        return own
+        return _shown(case, enclave, own)
     system = case.system
     for number in range(len(system.enclaves)):
         if number != enclave and _same_key(case, enclave, number):
             other = _as_itself(case, number, operation)
             if other is not None:
                 who = system.enclaves[number].label
-                return replace(other, why=f"it has the key of {who}" + (f": {other.why}" if other.why else ""))
-    return as_anybody(case, operation, enclave) or by_keys(case)
+                why = f"it has the key of {who}" + (f": {other.why}" if other.why else "")
+                return _shown(case, number, replace(other, why=why))
+    return as_anybody(case, operation, enclave) or _shown(case, enclave, by_keys(case))
 
 
 def as_anybody(case: Case, operation: Operation, enclave: int | None) -> Way | None:
@@ -78,7 +79,17 @@ def as_anybody(case: Case, operation: Operation, enclave: int | None) -> Way | N
 def beyond_grants(case: Case, operation: Operation) -> Way:
     """How the enclave of `case` does what the permissions CA did not grant it: by a flag, a concession, or keys."""
     enclave = case.witness[Role.ENCLAVE]
-    return _uncontrolled(case, enclave, operation) or _conceded(case, enclave, operation) or by_keys(case)
+    found = _uncontrolled(case, enclave, operation) or _conceded(case, enclave, operation) or by_keys(case)
+    return _shown(case, enclave, found)
+
+
+def _shown(case: Case, enclave: int, found: Way) -> Way:
+    """With the certificate that makes it a participant, where it is no enclave."""
+    atom = case.system.enclaves[enclave]
+    step = identities.identity_step(case.system, atom)
+    if not atom.at_large or step in found.steps:
+        return found
+    return replace(found, steps=(*found.steps, step))
 
 
 def by_keys(case: Case) -> Way:

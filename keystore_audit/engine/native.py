@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
-from itertools import islice, permutations
+from itertools import islice
 
 from keystore_audit.aside import Aside
+from keystore_audit.engine.native_identities import shared_identities, shared_subjects
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.attacker import Abilities, RealmView
 from keystore_audit.model.permission import Decisions, Permissions, members, union
@@ -146,7 +147,7 @@ class _Questions:
         """Enclaves whose identity nobody vouches for now."""
         for enclave, atom in enumerate(self._system.enclaves):
             known = atom.identity is None or self._realms[atom.realm].introduced(enclave, in_force=True)
-            if atom.opaque or not known:
+            if atom.opaque or not (known or atom.at_large):
                 yield {Role.ENCLAVE: enclave}
 
     def unsigned_documents(self) -> Iterator[Witness]:
@@ -162,19 +163,8 @@ class _Questions:
                     yield {Role.ENCLAVE: enclave, Role.DOCUMENT: document}
 
     def shared_identities(self) -> Iterator[Witness]:
-        """Pairs of enclaves with one identity key; an opaque enclave may be any other, even one that is not here."""
-        holders: dict[int, list[int]] = {}
-        for enclave, atom in enumerate(self._system.enclaves):
-            if atom.identity is not None:
-                holders.setdefault(self._system.certificates[atom.identity].key, []).append(enclave)
-        for sharing in holders.values():
-            for one in sharing:
-                for other in sharing:
-                    if one != other:
-                        yield {Role.ENCLAVE: one, Role.OTHER: other}
-        for one, atom in enumerate(self._system.enclaves):
-            if atom.opaque:
-                yield {Role.ENCLAVE: one, Role.OTHER: one}
+        """Pairs of enclaves with one identity key."""
+        return shared_identities(self._system)
 
     def self_granted_rights(self) -> Iterator[Witness]:
         """Enclaves that peers take permissions from which the permissions CA did not sign."""
@@ -194,22 +184,8 @@ class _Questions:
                         yield {Role.REALM: realm, Role.CERTIFICATE: one, Role.OTHER_CERTIFICATE: other}
 
     def shared_subjects(self) -> Iterator[Witness]:
-        """Pairs of enclaves that one grant names; an opaque enclave may have any subject, a document any grant."""
-        governances = {realm.governance for realm in self._system.realms}
-        if any(d.opaque and number not in governances for number, d in enumerate(self._system.documents)):
-            for one, other in permutations(range(len(self._system.enclaves)), 2):
-                yield {Role.ENCLAVE: one, Role.OTHER: other}
-        holders: dict[int, list[int]] = {}
-        for enclave, atom in enumerate(self._system.enclaves):
-            if atom.opaque:
-                yield {Role.ENCLAVE: enclave, Role.OTHER: enclave}
-            elif atom.identity is not None:
-                holders.setdefault(atom.identity, []).append(enclave)
-        for names in dict.fromkeys(grant.names for grant in self._system.grants):
-            named = [enclave for certificate in sorted(names) for enclave in holders.get(certificate, ())]
-            if len(named) > 1:
-                for one, other in permutations(named, 2):
-                    yield {Role.ENCLAVE: one, Role.OTHER: other}
+        """Pairs of enclaves that one grant names."""
+        return shared_subjects(self._system)
 
     def readable_outside(self) -> Iterator[Witness]:
         """Channels whose payload is readable without any key."""

@@ -62,7 +62,7 @@ class AccessViews:
 
     def __init__(self, documents: Iterable[Document], at: datetime, zone: ZoneInfo | None) -> None:
         self._files = [document.file for document in documents if document.file is not None]
-        self._at = at
+        self.at = at
         self._zone = zone
         self._rows: dict[Access, Access] = {}
         self._kept: dict[tuple[object, ...], Access] = {}
@@ -98,7 +98,7 @@ class AccessViews:
 
     def of_document(self, file: Typed) -> AccessViews:
         """The views of this document alone: of what it gives an occasion for."""
-        return AccessViews((Document(file.signed.file.place, file),), self._at, self._zone)
+        return AccessViews((Document(file.signed.file.place, file),), self.at, self._zone)
 
     def unclear_name(self, topic: str, partition: str, profile: Profile) -> str | None:
         """Why it cannot be told which expressions an implementation takes to match these names; None: it can."""
@@ -214,12 +214,12 @@ class AccessViews:
         dated, standard = read_date(text, reading, self._zone), read_date(text, DateReading.XSD, None)
         if dated is None or standard is None or dated.instant != standard.instant:
             return False
-        return not (dated.earliest <= self._at + SECOND and self._at - SECOND <= dated.latest)
+        return not (dated.earliest <= self.at + SECOND and self.at - SECOND <= dated.latest)
 
     def _may_be_out_of_date(self, grant: Grant, reading: DateReading) -> bool:
         dates = [read_date(date.text, reading, self._zone) for date in (grant.not_before, grant.not_after)]
         start, end = dates
-        return start is None or end is None or is_in_force(start, end, self._at, reading) is not True
+        return start is None or end is None or is_in_force(start, end, self.at, reading) is not True
 
     @staticmethod
     def _beyond(ranges: Iterable[DomainRange], highest: int) -> bool:
@@ -279,9 +279,9 @@ class AccessViews:
                 if access.dates is DateReading.XSD:  # the specification says nothing of such a date
                     return ReadDocument(doubt=(f"{date.text!r} is no date of the years 1 to 9999", date.line))
                 return ReadDocument(refusal=f"{date.text!r} is no date")
-            in_force = is_in_force(not_before, not_after, self._at, access.dates)
+            in_force = is_in_force(not_before, not_after, self.at, access.dates)
             if in_force is None:
-                date = grant.not_before if not_before.local and not_before.latest > self._at else grant.not_after
+                date = grant.not_before if not_before.local and not_before.latest > self.at else grant.not_after
                 reason = "is read in the robot's zone (--time-zone), which decides whether the grant counts now"
                 return ReadDocument(doubt=(f"{date.text!r} {reason}", date.line))
             grants.append(read_grant(grant, *self._bounds(not_before, not_after, in_force=in_force), access))
@@ -291,11 +291,9 @@ class AccessViews:
         """The validity, both ends included; implementations differ in the second at which it ends."""
         start, end = not_before.instant, not_after.instant
         if in_force:
-            return min(start, self._at), max(end, self._at)
-        if start <= self._at <= end:
-            return (
-                (self._at + datetime.resolution, end) if start == self._at else (start, self._at - datetime.resolution)
-            )
+            return min(start, self.at), max(end, self.at)
+        if start <= self.at <= end:
+            return (self.at + datetime.resolution, end) if start == self.at else (start, self.at - datetime.resolution)
         return start, end
 
 

@@ -51,8 +51,9 @@ class BlastRadius:
 
     `written`: topics that peers take its samples on by right. `forged`: others, on which it passes for a writer.
     `read`: topics whose payload it reads. In these two is what anybody on the network can. `passes_for`: enclaves that
-    peers cannot tell it from. `reached_alone`: enclaves that its data can get to as long as everybody else stays
-    honest; `reached`: if all on the way are compromised too. `learns`: it reads what somebody else may write.
+    peers cannot tell it from, and identities at large, by their labels. `reached_alone`: enclaves that its data can get
+    to as long as everybody else stays honest; `reached`: if all on the way are compromised too. `learns`: it reads what
+    somebody else may write.
     """
 
     written: int
@@ -90,6 +91,7 @@ class Radii:
         self._flows = Flows(system, self._realms)
         self._kept = ~left_out
         self._everybody = range(len(system.enclaves))
+        self._enclaves = bits(number for number, enclave in enumerate(system.enclaves) if not enclave.at_large)
 
     def authenticated(self, enclave: int) -> bool:
         """Whether some enclave takes it for one of its own."""
@@ -143,7 +145,7 @@ class Radii:
         return self._to_enclaves(found | self._by_right[enclave])
 
     def _to_enclaves(self, participants: int) -> int:
-        return participants & ~(1 << self._flows.outsider)
+        return participants & self._enclaves
 
     @cached_property
     def _attacked(self) -> list[int]:
@@ -339,7 +341,7 @@ def rankings(known: Ground) -> tuple[Ranking, ...]:
 def _ranked(known: Ground, system: System) -> Iterator[Ranked]:
     radii, endless = Radii(system, known.left_out), known.endless
     for number, enclave in enumerate(system.enclaves):
-        if not enclave.label.startswith("/"):  # whatever is behind a link that leads away
+        if enclave.at_large or not enclave.label.startswith("/"):  # whatever is behind a link that leads away
             continue
         acting = bits(radii.acting(number))
         written, forged, read = radii.abilities(members(acting))

@@ -18,6 +18,7 @@ from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.globs import all_matching, matching, nearest
 from keystore_audit.model.meaning import Usability
+from keystore_audit.model.named_enclaves import at_large, named_enclaves, with_all_certificates
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.semantics import Area
 from keystore_audit.model.system import Reading, System
@@ -336,7 +337,8 @@ class _Resolution:
 
     def _atom(self, claim: Claim) -> ClaimAtom:
         able = claim.kind is ClaimKind.ABLE
-        away = self._stopped if able else frozenset()  # who does not start is no place and no way
+        # Who does not start is no place and no way, nor who is no enclave.
+        away = self._stopped | at_large(self._system) if able else frozenset()
         if able and claim.until is not None:
             away |= self._stopping(claim.until)
         left_out = frozenset() if claim.include_ambient else self._channels.regions[named(AMBIENT)]
@@ -347,8 +349,8 @@ class _Resolution:
             attacker=claim.attacker,
             source=self._sole(claim)
             if claim.source == Globs()
-            else self._place(claim.source, away, unread=not allowed, able=able),
-            target=self._place(claim.target, away, able=able),
+            else self._place(claim, claim.source, away, unread=not allowed),
+            target=self._place(claim, claim.target, away),
             through=self._enclaves(claim.through, unread=False) | away,
             left_out=left_out | self._elsewhere if able else left_out,
             until=None if claim.until is None else self._until(claim.until),
@@ -377,24 +379,21 @@ class _Resolution:
             return Place()
         from keystore_audit.model.single_writer import some_writer  # most settings ask for none
 
-        return Place(enclaves=some_writer(self._system, self._place(claim.target, frozenset()).channels))
+        return Place(enclaves=some_writer(self._system, self._place(claim, claim.target, frozenset()).channels))
 
-    def _place(self, globs: Globs, away: frozenset[int], *, unread: bool = True, able: bool = False) -> Place:
+    def _place(self, claim: Claim, globs: Globs, away: frozenset[int], *, unread: bool = True) -> Place:
         channels = self._channels.regions[named(globs.topics)] if globs.topics else frozenset()
+        enclaves = self._enclaves(globs.enclaves, unread=unread) - away
+        if claim.kind is ClaimKind.SEPARATE_DOMAINS:  # who may be together somewhere, by whatever certificate
+            enclaves = with_all_certificates(self._system, enclaves)
         return Place(
-            enclaves=self._enclaves(globs.enclaves, unread=unread) - away,
-            channels=channels - self._elsewhere if able else channels,
+            enclaves=enclaves,
+            channels=channels - self._elsewhere if claim.kind is ClaimKind.ABLE else channels,
             outsider=globs.outsider,
         )
 
     def _enclaves(self, globs: tuple[str, ...], *, unread: bool) -> frozenset[int]:
-        """The enclaves that the globs name; `unread`: and those (MAY) of which nobody knows what they are called."""
-        named = all_matching(globs, self._labels) & self._known
-        return frozenset(
-            number
-            for number, label in enumerate(self._labels)
-            if label in named or (unread and globs and label not in self._known)
-        )
+        return named_enclaves(self._system, globs, self._known, unread=unread)
 
     def _until(self, until: datetime) -> int:
         """The last instant at which the claim must hold; one that has passed is asked about now."""

@@ -185,9 +185,6 @@ class Sides:
             for profile in self._kinds.values():
                 for doubt in keystore_doubts(keystore, profile, self.accesses):
                     yield Unread(side=side, enclave=doubt.enclave, location=doubt.location, reason=doubt.reason)
-            for file in keystore.identities.unread:
-                reason = "holds certificates outside enclaves, more than are read: whom peers let in is unknown"
-                yield Unread(side=side, enclave=None, location=Location(path=file.place), reason=reason)
             for file in keystore.private_keys:
                 if file.sha256 is None:
                     reason = "holds a private key, and is too large to be hashed: which one is unknown"

@@ -16,7 +16,7 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews, ReadDocument
-from keystore_audit.model.inventory import permissions_at_large, permissions_cas
+from keystore_audit.model.inventory import AtLarge, identities_at_large, permissions_at_large, permissions_cas
 from keystore_audit.model.meaning import Doubt
 from keystore_audit.model.profiles import Access, Profile, Trust
 from keystore_audit.model.revocation import list_unread
@@ -29,13 +29,18 @@ def keystore_doubts(keystore: Keystore, profile: Profile, accesses: AccessViews)
     seen: set[tuple[str, int | None]] = set()
     for file in (*keystore.layout.directory_links, *keystore.layout.unreadable_directories):
         yield Doubt(enclave=None, location=Location(path=file.path), reason=file.detail)
+    for file in keystore.identities.unread:
+        reason = "holds certificates outside enclaves, more than are read: whom peers let in is unknown"
+        yield Doubt(enclave=None, location=Location(path=file.place), reason=reason)
     for enclave in keystore.enclaves:
         for doubt in enclave_doubts(enclave, profile.trust, accesses.row(profile.access), accesses):
             place = (doubt.location.path, doubt.location.line)
             if place not in seen:
                 seen.add(place)
                 yield doubt
-    for doubt in _stray_doubts(keystore, profile.trust, accesses.row(profile.access), accesses):
+    strays = _stray_doubts(keystore, profile.trust, accesses.row(profile.access), accesses)
+    at_large = filter(None, map(at_large_doubt, identities_at_large(keystore, accesses.at)))
+    for doubt in (*strays, *at_large):
         if (doubt.location.path, doubt.location.line) not in seen:
             yield doubt
 
@@ -102,25 +107,36 @@ def identity_doubt(enclave: Enclave) -> Doubt | None:
     first = enclave.certificate.first if enclave.certificate else None
     if doubt is not None or first is None:
         return doubt
-    authorities = enclave.identity_ca.certificates if enclave.identity_ca else ()
-    if not is_printable(first):
-        reason = f"the subject {first.subject!r} has attributes that implementations print in ways of their own"
-        return Doubt(enclave=enclave.path, location=Location(path=first.path, line=first.line), reason=reason)
-    constrained = _constrained(enclave, (first, *authorities))
+    return _doubt_of(enclave.path, first, enclave.identity_ca.certificates if enclave.identity_ca else ())
+
+
+def at_large_doubt(identity: AtLarge) -> Doubt | None:
+    """The same of an identity that is no enclave's own."""
+    return _doubt_of(None, identity.certificate, identity.authorities)
+
+
+def _doubt_of(enclave: str | None, certificate: Certificate, authorities: tuple[Certificate, ...]) -> Doubt | None:
+    """Why it is unknown who has the certificate, or whether these authorities vouch for it."""
+    place = Location(path=certificate.path, line=certificate.line)
+    if not is_printable(certificate):
+        reason = f"the subject {certificate.subject!r} has attributes that implementations print in ways of their own"
+        return Doubt(enclave=enclave, location=place, reason=reason)
+    constrained = _constrained(enclave, (certificate, *authorities))
     if constrained is not None:
         return constrained
-    issues = [issue(authority, first) for authority in authorities if is_authority(authority)]
+    issues = [issue(authority, certificate) for authority in authorities if is_authority(authority)]
     if Issue.UNSUPPORTED not in issues or Issue.ISSUED in issues:
         return None
-    reason = f"whether the identity CA issued the certificate cannot be told ({first.signature_algorithm})"
-    return Doubt(enclave=enclave.path, location=Location(path=first.path, line=first.line), reason=reason)
+    reason = f"whether the identity CA issued the certificate cannot be told ({certificate.signature_algorithm})"
+    return Doubt(enclave=enclave, location=place, reason=reason)
 
 
-def _constrained(enclave: Enclave, certificates: Iterable[Certificate]) -> Doubt | None:
+def _constrained(enclave: str | None, certificates: Iterable[Certificate]) -> Doubt | None:
     for certificate in certificates:
         if certificate.constraints:
             reason = f"the certificate has extensions ({', '.join(certificate.constraints)}) that implementations weigh"
-            return _doubt(enclave, certificate.path, f"{reason} and this audit does not")
+            location = Location(path=certificate.path)
+            return Doubt(enclave=enclave, location=location, reason=f"{reason} and this audit does not")
     return None
 
 
@@ -141,7 +157,7 @@ def realm_doubt(enclave: Enclave) -> Doubt | None:
         if read is not None and len(read.certificates) > MAX_AUTHORITIES:
             reason = f"{len(read.certificates)} certificates are more than chains are looked for among"
             return _doubt(enclave, read.file.place, f"{reason} (limit {MAX_AUTHORITIES})")
-    constrained = _constrained(enclave, enclave.permissions_ca.certificates if enclave.permissions_ca else ())
+    constrained = _constrained(enclave.path, enclave.permissions_ca.certificates if enclave.permissions_ca else ())
     if constrained is not None:
         return constrained
     file = enclave.files.files[Role.GOVERNANCE]

@@ -24,6 +24,7 @@ from keystore_audit.model.flow import Flows, Lane
 from keystore_audit.model.forwards import Declared, Determinism, Forward, ambient, anywhere, by_default
 from keystore_audit.model.globs import matching
 from keystore_audit.model.meaning import Usability
+from keystore_audit.model.named_enclaves import means_everybody
 from keystore_audit.model.own_rights import OwnRights
 from keystore_audit.model.permission import Permissions, bits, members, union
 from keystore_audit.model.system import System
@@ -194,8 +195,7 @@ class Forwarding:
         )
 
     def _differs(self, claim: Determinism, enclave: int, tainted: frozenset[int]) -> Differs:
-        label = self.system.enclaves[enclave].label
-        if any(matching(glob, [label]) for glob in claim.high.enclaves):
+        if enclave in self._high(claim):
             return Differs.ALWAYS
         return Differs.PERHAPS if enclave in tainted else Differs.NEVER
 
@@ -238,9 +238,11 @@ class Forwarding:
             )
 
     def _high(self, claim: Determinism) -> frozenset[int]:
-        labels = (enclave.label for enclave in self.system.enclaves)
         return frozenset(
-            n for n, label in enumerate(labels) if any(matching(glob, [label]) for glob in claim.high.enclaves)
+            n
+            for n, enclave in enumerate(self.system.enclaves)
+            for glob in claim.high.enclaves
+            if (means_everybody(glob) if enclave.at_large else matching(glob, [enclave.label]))
         )
 
     def _spread(self, claim: Determinism) -> Spread:

@@ -16,7 +16,7 @@ from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.keystore.stray import Stray
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.semantics import ReadGrant
-from keystore_audit.model.trust import Verdict, document_verdict, envelope, is_authority
+from keystore_audit.model.trust import Verdict, document_verdict, envelope, is_authority, may_have_issued
 
 _TRUSTS: Final = tuple(dict.fromkeys(profile.trust for profile in VARIANTS.values()))
 
@@ -75,8 +75,8 @@ def embedded_authorities(documents: Iterable[Document]) -> Iterator[Certificate]
             yield from (certificate for certificate in document.file.signed.embedded if is_authority(certificate))
 
 
-def certificates_of(keystore: Keystore, documents: Iterable[Document]) -> tuple[Certificate, ...]:
-    """Every distinct certificate that plays a part: identities, authorities and signers, by place."""
+def certificates_of(keystore: Keystore, documents: Iterable[Document], at: datetime) -> tuple[Certificate, ...]:
+    """Every distinct certificate that plays a part `at` an instant: identities, authorities and signers, by place."""
     found: dict[str, Certificate] = {}
     for enclave in keystore.enclaves:
         for file in (enclave.identity_ca, enclave.permissions_ca):
@@ -89,6 +89,8 @@ def certificates_of(keystore: Keystore, documents: Iterable[Document]) -> tuple[
             found.setdefault(signer.sha256, signer)
     for certificate in embedded_authorities(documents):
         found.setdefault(certificate.sha256, certificate)
+    for identity in identities_at_large(keystore, at):
+        found.setdefault(identity.certificate.sha256, identity.certificate)
     return tuple(sorted(found.values(), key=lambda c: (c.path, c.line, c.sha256)))
 
 
@@ -123,3 +125,53 @@ def _every_certificate(keystore: Keystore) -> Iterator[Certificate]:
             yield from document.signed.embedded if document is not None else ()
     for file in keystore.authorities:
         yield from file.certificates
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AtLarge:
+    """An identity that is no enclave's own, and that the identity CA of some enclave vouches for: `authorities`.
+
+    `holders`: the enclaves whose key it has. None: its private key lies in the tree, and nobody is known to have it.
+    """
+
+    certificate: Certificate
+    authorities: tuple[Certificate, ...]
+    holders: tuple[Enclave, ...]
+
+
+def identities_at_large(keystore: Keystore, at: datetime) -> tuple[AtLarge, ...]:
+    """By whose certificates somebody may join `at` an instant (aware UTC) or later, beside the enclaves, by place.
+
+    Whoever has the key is a participant with what grants give the subject (measured on Cyclone DDS and Fast DDS).
+    Authorities are none of these: what their keys open is asked by itself.
+    """
+    files = dict.fromkeys(file for e in keystore.enclaves for file in (e.identity_ca, e.permissions_ca) if file)
+    authorities = {certificate.sha256: certificate for file in files for certificate in file.certificates}
+    found = {
+        certificate.sha256: certificate
+        for _enclave, others in certified_again(keystore)
+        for certificate in others
+        if certificate.sha256 not in authorities
+    }
+    keys = {certificate.key for certificate in authorities.values()}
+    for stray in keystore.identities.found:
+        if stray.certificate.key not in keys:
+            found.setdefault(stray.certificate.sha256, stray.certificate)
+    if not found:  # nearly always
+        return ()
+    trusted = dict.fromkeys(e.identity_ca for e in keystore.enclaves if e.identity_ca)
+    vouching = [c for c in dict.fromkeys(c for file in trusted for c in file.certificates) if is_authority(c)]
+    holders: dict[str, list[Enclave]] = {}
+    for enclave in keystore.enclaves:
+        if enclave.certificate is not None and enclave.certificate.first is not None:
+            holders.setdefault(enclave.certificate.first.key, []).append(enclave)
+    known = (
+        AtLarge(
+            certificate=each,
+            authorities=tuple(authority for authority in vouching if may_have_issued(authority, each)),
+            holders=tuple(holders.get(each.key, ())),
+        )
+        for each in sorted(found.values(), key=lambda c: (c.path, c.line, c.sha256))
+        if at <= each.not_after
+    )
+    return tuple(identity for identity in known if identity.authorities)

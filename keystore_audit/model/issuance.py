@@ -54,7 +54,7 @@ class Issuance:
 
 def issuance(keystore: Keystore, system: System) -> Issuance:
     """Of the keystore whose `system` this is (its certificates are all systems')."""
-    certificates = certificates_of(keystore, documents_of(keystore))
+    certificates = certificates_of(keystore, documents_of(keystore), system.instants[system.now])
     issued: list[list[int]] = [[] for _ in certificates]
     roots = [True] * len(certificates)
     for number, atom in enumerate(system.certificates):

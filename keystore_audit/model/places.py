@@ -11,6 +11,7 @@ from keystore_audit.model.channels import Channels, Named
 from keystore_audit.model.claim import PlaceAtom
 from keystore_audit.model.claims import Globs, granted_channels, named, topic_regions, ungranted
 from keystore_audit.model.globs import matching, nearest
+from keystore_audit.model.named_enclaves import at_large, means_everybody, named_enclaves
 from keystore_audit.model.system import System
 
 
@@ -57,13 +58,16 @@ def _check(places: Sequence[NamedPlace], systems: Sequence[System], channels: Ch
 
 
 def _atom(place: NamedPlace, system: System, channels: Channels, known: set[str]) -> PlaceAtom:
-    """`known`: the paths of enclaves; a label that is none (MAY) is of an enclave that may be called anything."""
-    labels = [enclave.label for enclave in system.enclaves]
-    of_name = {label for glob in place.globs.enclaves for label in matching(glob, labels)} & known
-    unread = bool(place.globs.enclaves) and any(label not in known for label in labels)
+    """`known`: the paths of enclaves; a label that is none is (MAY) of an enclave that may be called anything, or of an
+    identity at large.
+    """
+    globs = place.globs.enclaves
+    enclaves = named_enclaves(system, globs, known, unread=False)
+    if any(map(means_everybody, globs)):
+        enclaves |= at_large(system)
     return PlaceAtom(
         name=place.name,
-        enclaves=frozenset(n for n, label in enumerate(labels) if label in of_name) if place.globs.enclaves else None,
+        enclaves=enclaves if globs else None,
         channels=channels.regions[named(place.globs.topics)] if place.globs.topics else None,
-        unread=unread,
+        unread=bool(globs) and any(e.label not in known and (e.opaque or not e.at_large) for e in system.enclaves),
     )

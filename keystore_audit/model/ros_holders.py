@@ -119,12 +119,17 @@ class Holders:
         self._known: dict[tuple[str, tuple[Placed, ...], tuple[Placed, ...]], Holder] = {}
 
     def of(self, system: System, row: Access) -> tuple[Holder, ...]:
-        """The enclaves of the system, whose documents implementations of the row read; equal ones are one object."""
+        """The enclaves of the system, whose documents implementations of the row read; equal ones are one object.
+
+        Nodes are in enclaves: identities at large are no holders.
+        """
         permissions = Permissions(system)
         realms = [RealmView(system, realm, permissions) for realm in range(len(system.realms))]
         placed = list(self._grants(system, row))
         return tuple(
-            self._holder(number, enclave, realms, permissions, placed) for number, enclave in enumerate(system.enclaves)
+            self._holder(number, enclave, realms, permissions, placed)
+            for number, enclave in enumerate(system.enclaves)
+            if not enclave.at_large
         )
 
     def _holder(

@@ -75,7 +75,7 @@ class _System:
         named = [
             number
             for number, enclave in enumerate(self._system.enclaves)
-            if not enclave.opaque and self._permissions.chosen(enclave.identity, self._strays)
+            if not (enclave.opaque or enclave.at_large) and self._permissions.chosen(enclave.identity, self._strays)
         ]
         for realm in range(len(self._system.realms)) if named else ():
             view = RealmView(self._system, realm, self._permissions)

@@ -86,6 +86,7 @@ class RealmAtom:
 class EnclaveAtom:
     """An enclave. `opaque`: (MAY only) its identity could not be read, so it may be anybody.
 
+    `at_large`: no enclave of the keystore, but an identity beside those of its enclaves, in whoever's hands.
     `reads_alone`, `writes_alone`: channels that its own implementation lets it read, and write, where that may be more
     than peers concede. `refused_writes`, `refused_reads`: those on which it refuses a writer, or a reader, that peers
     would take.
@@ -97,6 +98,7 @@ class EnclaveAtom:
     identity: int | None
     permissions: int | None
     opaque: bool
+    at_large: bool = False
     reads_alone: frozenset[int] = frozenset()
     writes_alone: frozenset[int] = frozenset()
     refused_writes: frozenset[int] = frozenset()

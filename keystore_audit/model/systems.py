@@ -16,14 +16,16 @@ from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.issuer import fit_to_sign
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.access_view import AccessViews, ReadDocument
+from keystore_audit.model.at_large import Candidate, at_large_atoms, unread_atoms
 from keystore_audit.model.channels import Channels, Named, Point, document_channels
 from keystore_audit.model.claims import Claim, claim_regions
-from keystore_audit.model.doubt import identity_doubt, realm_doubt
+from keystore_audit.model.doubt import at_large_doubt, identity_doubt, realm_doubt
 from keystore_audit.model.inventory import (
     Document,
     certificates_of,
     documents_of,
     embedded_authorities,
+    identities_at_large,
     instants_of,
 )
 from keystore_audit.model.local_moments import NO_ENDPOINTS, LocalMoments
@@ -78,7 +80,7 @@ class SystemBuilder:
         self._at = at
         self._documents = documents_of(keystore)
         self._accesses = accesses
-        self._certificates = certificates_of(keystore, self._documents)
+        self._certificates = certificates_of(keystore, self._documents, at)
         self._number = {certificate.sha256: n for n, certificate in enumerate(self._certificates)}
         self._views = Views(keystore, self._documents, self._certificates, accesses, at)
         self._realm_doubts = [realm_doubt(enclave) for enclave in keystore.enclaves]
@@ -227,6 +229,11 @@ class SystemBuilder:
             )
             for place in (self._unread_places if may else ())
         )
+        at_large = (each for each in self._at_large if may or not each.doubted)
+        names = self._views.names(kind.trust)
+        enclaves += list(at_large_atoms(at_large, enclaves, tuple(realms), self._certificate_atoms, names))
+        if may:
+            enclaves += unread_atoms([file.place for file in self._keystore.identities.unread], tuple(realms))
         return tuple(enclaves), tuple(realms)
 
     @property
@@ -295,6 +302,18 @@ class SystemBuilder:
         """By the digest of a governance document: the first place, in order, where it is."""
         read = [d for d in self._documents if isinstance(d.file, GovernanceFile)]
         return {d.file.signed.file.sha256: d.place for d in reversed(read) if d.file is not None}
+
+    @cached_property
+    def _at_large(self) -> tuple[Candidate, ...]:
+        """The identities that are no enclave's own."""
+        return tuple(
+            Candidate(
+                certificate=each.certificate,
+                number=self._number[each.certificate.sha256],
+                doubted=at_large_doubt(each) is not None,
+            )
+            for each in identities_at_large(self._keystore, self._at)
+        )
 
     def _identity(self, enclave: Enclave) -> int | None:
         first = enclave.certificate.first if enclave.certificate else None

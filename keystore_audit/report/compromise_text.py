@@ -74,8 +74,13 @@ def _said(ground: Ground, enclaves: int, radius: BlastRadius) -> Iterator[str]:
         number = ground.count(channels)
         counted = verb.format(f"{number} DDS topic{'' if number == 1 else 's'}" if number else "no topic")
         yield f"{counted}: {topic_words(ground.topics(channels))}" if number else counted
-    posed = sorted(radius.passes_for)
-    yield f"passes for {len(posed)} of {enclaves} enclaves: {some(posed)}" if posed else "passes for no other enclave"
+    at_large = {enclave.label for system in ground.systems for enclave in system.enclaves if enclave.at_large}
+    posed, others = sorted(radius.passes_for - at_large), sorted(radius.passes_for & at_large)
+    if posed or not others:
+        whom = f"{len(posed)} of {enclaves} enclaves: {some(posed)}" if posed else "no other enclave"
+        yield f"passes for {whom}"
+    if others:
+        yield f"passes for {some(others)}{' too' if posed else ''}"
     if not radius.reached:
         yield "reaches no enclave"
         return

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from itertools import groupby
 from typing import Final
 
 from keystore_audit import text
-from keystore_audit.dataclass import dataclass
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.findings import Location
 from keystore_audit.model.system import ChannelAtom, System
 from keystore_audit.properties.property import Role
@@ -41,11 +42,15 @@ _ANSWER: Final = re.compile(r"(?:[\w$]+/)*([A-Z]{1,2})(\d{1,9})(?:_[A-Za-z0-9_]*
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Atom:
-    """`name`: the identifier; `label` and `place`: raw text of what it stands for and where that is."""
+    """`name`: the identifier; `label` and `place`: raw text of what it stands for and where that is.
+
+    `sig`: the one below that of its sort that it belongs to; empty for none.
+    """
 
     name: str
     label: str
     place: str
+    sig: str = ""
 
     @property
     def comment(self) -> str:
@@ -111,7 +116,7 @@ def name_atoms(system: System) -> Atoms:
         instants=make_sort("Instant", "I", [("", instant.isoformat()) for instant in system.instants]),
         documents=make_sort("Document", "P", [(d.label, _place(d.location)) for d in system.documents]),
         realms=make_sort("Realm", "R", [("", _members(system, realm)) for realm in range(len(system.realms))]),
-        enclaves=make_sort("Enclave", "E", [(e.label, _place(e.location)) for e in system.enclaves]),
+        enclaves=_enclaves(system),
         domains=make_sort("Domain", "D", [("", _intervals(d.intervals)) for d in system.domains]),
         channels=make_sort("Channel", "T", [_channel(system, channel) for channel in system.channels]),
         domain_rules=make_sort("DomainRule", "DR", [("", _place(rule.location)) for rule in system.domain_rules]),
@@ -120,6 +125,13 @@ def name_atoms(system: System) -> Atoms:
         rules=make_sort("Rule", "PR", [("", _place(rule.location)) for rule in system.rules]),
         key_index={key: index for index, key in enumerate(keys)},
     )
+
+
+def _enclaves(system: System) -> Sort:
+    """Those at large have a sig of their own."""
+    sort = make_sort("Enclave", "E", [(e.label, _place(e.location)) for e in system.enclaves])
+    atoms = zip(sort.atoms, system.enclaves, strict=True)
+    return replace(sort, atoms=tuple(replace(atom, sig="AtLarge") if e.at_large else atom for atom, e in atoms))
 
 
 def declare(sort: Sort) -> str:
@@ -143,14 +155,16 @@ def declare_apart(sort: Sort) -> list[tuple[str, str]]:
 
 def _groups(sort: Sort) -> Iterator[tuple[str, tuple[str, ...], Sequence[Atom]]]:
     """The sig above each group, its declaration if it needs one, and the atoms of the group."""
-    if len(sort.atoms) <= GROUP:
-        if sort.atoms:
-            yield sort.sig, (), sort.atoms
-        return
-    for number, start in enumerate(range(0, len(sort.atoms), GROUP)):
-        parent = f"{sort.sig}_{number}"
-        head = f"private abstract sig {parent} extends {sort.sig} {{}}"
-        yield parent, (head,), sort.atoms[start : start + GROUP]
+    number = 0
+    for below, members in groupby(sort.atoms, key=lambda atom: atom.sig):
+        sig, atoms = below or sort.sig, list(members)
+        if len(atoms) <= GROUP:
+            yield sig, (), atoms
+            continue
+        for start in range(0, len(atoms), GROUP):
+            parent = f"{sort.sig}_{number}"
+            number += 1
+            yield parent, (f"private abstract sig {parent} extends {sig} {{}}",), atoms[start : start + GROUP]
 
 
 def index_of(answer: str, role: Role) -> int | None:

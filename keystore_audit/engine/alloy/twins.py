@@ -135,7 +135,7 @@ class _Twins:
         identity = self._candidates[enclave]
         certificate = self._system.certificates[identity]
         return (
-            self._system.enclaves[enclave].realm,
+            (self._system.enclaves[enclave].realm, self._system.enclaves[enclave].at_large),
             frozenset(OWN if issuer == identity else issuer for issuer in certificate.issuers),
             (certificate.authority, certificate.fit_to_sign, certificate.not_before, certificate.not_after),
             tuple(identity in realm.revoked for realm in self._system.realms),

@@ -1,0 +1,64 @@
+"""The native engine about identities that serve two enclaves: by a key, or by a subject that a grant names.
+
+One of two may be at large, no enclave but a certificate beside theirs: of an enclave's key, it is that enclave's too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import permutations
+
+from keystore_audit.model.system import System
+from keystore_audit.properties.property import Role, Witness
+
+
+def shared_identities(system: System) -> Iterator[Witness]:
+    """Pairs of enclaves with one identity key; an opaque enclave may be any other, even one that is not here."""
+    for sharing in _holders(system).values():
+        for one, other in permutations(sharing, 2):
+            if not (system.enclaves[one].at_large and system.enclaves[other].at_large):
+                yield {Role.ENCLAVE: one, Role.OTHER: other}
+    for one, atom in enumerate(system.enclaves):
+        if atom.opaque:
+            yield {Role.ENCLAVE: one, Role.OTHER: one}
+
+
+def shared_subjects(system: System) -> Iterator[Witness]:
+    """Pairs of enclaves that one grant names; an opaque enclave may have any subject, a document any grant."""
+    governances = {realm.governance for realm in system.realms}
+    if any(d.opaque and number not in governances for number, d in enumerate(system.documents)):
+        for one, other in permutations(range(len(system.enclaves)), 2):
+            yield {Role.ENCLAVE: one, Role.OTHER: other}
+    by_certificate: dict[int, list[int]] = {}
+    for enclave, atom in enumerate(system.enclaves):
+        if atom.opaque:
+            yield {Role.ENCLAVE: enclave, Role.OTHER: enclave}
+        elif atom.identity is not None:
+            by_certificate.setdefault(atom.identity, []).append(enclave)
+    holders = _holders(system)
+    for names in dict.fromkeys(grant.names for grant in system.grants):
+        named = [enclave for certificate in sorted(names) for enclave in by_certificate.get(certificate, ())]
+        for one, other in permutations(named, 2):
+            if _serve_two(system, holders, one, other):
+                yield {Role.ENCLAVE: one, Role.OTHER: other}
+
+
+def _holders(system: System) -> dict[int, list[int]]:
+    """By identity key, who has it."""
+    holders: dict[int, list[int]] = {}
+    for enclave, atom in enumerate(system.enclaves):
+        if atom.identity is not None:
+            holders.setdefault(system.certificates[atom.identity].key, []).append(enclave)
+    return holders
+
+
+def _serve_two(system: System, holders: Mapping[int, Sequence[int]], one: int, other: int) -> bool:
+    """Whether two enclaves have these identities: one at large is that of each enclave that has its key."""
+    first, second = sorted((one, other), key=lambda enclave: system.enclaves[enclave].at_large)
+    identity = system.enclaves[second].identity
+    if not system.enclaves[second].at_large or identity is None:
+        return True
+    sharing = holders[system.certificates[identity].key]
+    return not system.enclaves[first].at_large and any(
+        enclave != first and not system.enclaves[enclave].at_large for enclave in sharing
+    )

@@ -1,0 +1,128 @@
+"""Identities that are no enclave's own (`inventory.identities_at_large`) as participants of a system.
+
+Whoever has such a certificate's key joins under it, with the grants of its subject, and peers cannot tell. Nothing of
+that is unknown, so they are in both readings. MAY has to have them, or a flow over them would be missing. MUST has to
+have them as well: peers let them in for certain, and else a doubt about something else would make unknown of what they
+do. That nothing good rests on them, which is a matter of claims, is seen to there (`model.claims`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Final
+
+from keystore_audit.dataclass import dataclass
+from keystore_audit.errors import BudgetExceeded
+from keystore_audit.findings import Location
+from keystore_audit.keystore.certificate import Certificate
+from keystore_audit.model.system import CertificateAtom, EnclaveAtom, RealmAtom
+
+MAX_AT_LARGE: Final = 2_000
+"""Participants that are no enclaves; in large keystores each costs as much as an enclave does."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Candidate:
+    """An identity at large by the index of its certificate. `doubted`: whether peers take it for whom is unknown."""
+
+    certificate: Certificate
+    number: int
+    doubted: bool
+
+
+def at_large_atoms(
+    candidates: Iterable[Candidate],
+    enclaves: Sequence[EnclaveAtom],
+    realms: Sequence[RealmAtom],
+    certificates: Sequence[CertificateAtom],
+    names: Mapping[str, frozenset[int]],
+) -> Iterator[EnclaveAtom]:
+    """The identities that a realm lets in, in its realm if that is the holder's; else in each that lets them in.
+
+    Whose realm it is matters for what it takes itself: a holder has its own files, of others nobody knows which they
+    use. `names`: the certificates that subjects of grants mean. One that is like an enclave's own, or like another,
+    in all that peers look at adds nothing and is left out: a certificate that was renewed, for instance. Raises
+    errors.BudgetExceeded.
+    """
+    candidates = tuple(candidates)
+    if not candidates:  # nearly always
+        return
+    told = _Told(realms, certificates, names)
+    known: set[object] = set()
+    homes: dict[int, set[int]] = {}
+    for enclave in enclaves:
+        if enclave.identity is not None:
+            known.add(told.of(enclave.identity))
+            homes.setdefault(certificates[enclave.identity].key, set()).add(enclave.realm)
+    count = 0
+    for each in candidates:
+        about = told.of(each.number)
+        if about in known and not each.doubted:
+            continue
+        known.add(about)
+        admitting = [number for number, realm in enumerate(realms) if _admits(realm, each.number, certificates)]
+        at_home = [realm for realm in admitting if realm in homes.get(certificates[each.number].key, ())]
+        for realm in at_home or admitting:
+            count += 1
+            if count > MAX_AT_LARGE:
+                raise BudgetExceeded(
+                    f"More than {MAX_AT_LARGE} identities that are no enclave's own are more than can be told apart, "
+                    f"{each.certificate.path}:{each.certificate.line} among them."
+                )
+            yield EnclaveAtom(
+                label=f"{each.certificate.subject} ({each.certificate.path}, no enclave)",
+                location=certificates[each.number].location,
+                realm=realm,
+                identity=None if each.doubted else each.number,
+                permissions=None,
+                opaque=each.doubted,
+                at_large=True,
+            )
+
+
+def unread_atoms(places: Sequence[str], realms: Sequence[RealmAtom]) -> Iterator[EnclaveAtom]:
+    """(MAY) Identities in files outside enclaves that were not read: one stands for all, in each realm."""
+    for realm in range(len(realms)) if places else ():
+        yield EnclaveAtom(
+            label=f"whoever is in {places[0]}{f' and {len(places) - 1} more files' if len(places) > 1 else ''}",
+            location=Location(path=places[0]),
+            realm=realm,
+            identity=None,
+            permissions=None,
+            opaque=True,
+            at_large=True,
+        )
+
+
+def _admits(realm: RealmAtom, number: int, certificates: Sequence[CertificateAtom]) -> bool:
+    issuers = certificates[number].issuers & realm.identity_ca
+    return number not in realm.revoked and any(certificates[issuer].authority for issuer in issuers)
+
+
+class _Told:
+    """All that a peer looks at in a certificate, dates apart; equal for certificates that serve alike."""
+
+    def __init__(
+        self,
+        realms: Sequence[RealmAtom],
+        certificates: Sequence[CertificateAtom],
+        names: Mapping[str, frozenset[int]],
+    ) -> None:
+        self._certificates = certificates
+        self._revoked: dict[int, list[int]] = {}
+        for number, realm in enumerate(realms):
+            for certificate in realm.revoked:
+                self._revoked.setdefault(certificate, []).append(number)
+        self._named: dict[int, list[str]] = {}
+        for text, named in names.items():
+            for certificate in named:
+                self._named.setdefault(certificate, []).append(text)
+
+    def of(self, number: int) -> object:
+        """All of one."""
+        atom = self._certificates[number]
+        return (
+            (atom.key, atom.issuers, atom.authority, atom.fit_to_sign),
+            tuple(self._revoked.get(number, ())),
+            tuple(self._named.get(number, ())),
+        )

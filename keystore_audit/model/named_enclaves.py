@@ -1,0 +1,47 @@
+"""Which participants of a system users mean who name enclaves by globs.
+
+Identities at large have no path, so that no pattern of paths catches them, whatever their subject says. They are meant
+where everybody is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+
+from keystore_audit.model.globs import all_matching
+from keystore_audit.model.system import System
+
+
+def means_everybody(glob: str) -> bool:
+    """Whether it matches whatever an enclave may be called."""
+    return glob.rstrip("*") == "/" != glob
+
+
+def named_enclaves(system: System, globs: Collection[str], known: Collection[str], *, unread: bool) -> frozenset[int]:
+    """The enclaves that the globs name; `known`: the paths of all that could be read.
+
+    `unread`: and those (MAY) of which nobody knows what they are called, and identities at large where everybody is
+    meant.
+    """
+    named = all_matching(globs, [enclave.label for enclave in system.enclaves]).intersection(known)
+    everybody = any(map(means_everybody, globs))
+    return frozenset(
+        number
+        for number, enclave in enumerate(system.enclaves)
+        if enclave.label in named
+        or (unread and globs and enclave.label not in known and (everybody or enclave.opaque or not enclave.at_large))
+    )
+
+
+def at_large(system: System) -> frozenset[int]:
+    """The participants that are no enclaves."""
+    return frozenset(number for number, enclave in enumerate(system.enclaves) if enclave.at_large)
+
+
+def with_all_certificates(system: System, enclaves: Iterable[int]) -> frozenset[int]:
+    """The enclaves, and the identities at large whose keys they have."""
+    enclaves = frozenset(enclaves)
+    atoms = [system.enclaves[number] for number in enclaves]
+    keys = {system.certificates[atom.identity].key for atom in atoms if atom.identity is not None}
+    identities = ((number, system.enclaves[number].identity) for number in at_large(system))
+    return enclaves | {n for n, each in identities if each is not None and system.certificates[each].key in keys}

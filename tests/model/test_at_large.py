@@ -1,0 +1,327 @@
+"""Identities that are no enclave's own are participants: what flows, claims and blast radii say of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from datetime import timedelta
+from pathlib import Path
+
+import pytest
+from cryptography import x509
+from cryptography.x509.oid import NameOID
+
+from keystore_audit.compromise import find_blast_radius
+from keystore_audit.engine.native import NativeEngine
+from keystore_audit.errors import BudgetExceeded, UsageError
+from keystore_audit.findings import Location
+from keystore_audit.flow import FlowQuestion, find_flow
+from keystore_audit.keystore import stray_identity
+from keystore_audit.keystore.keystore import read_keystore
+from keystore_audit.model import at_large
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.claim import Attacker, ClaimKind
+from keystore_audit.model.claims import Claim, Globs
+from keystore_audit.model.interpret import interpret
+from keystore_audit.model.inventory import documents_of, identities_at_large
+from keystore_audit.model.places import NamedPlace
+from keystore_audit.model.profiles import resolve
+from keystore_audit.model.system import EnclaveAtom, Reading, System
+from keystore_audit.model.usability import Usabilities
+from keystore_audit.properties import Status
+from tests.engine.alloy_batch import compare_batch
+from tests.engine.test_agreement import holding
+from tests.keystore.builder import Signed, certificate
+from tests.model.comparing import (
+    AT,
+    Member,
+    Store,
+    authority,
+    criterion,
+    domain_rule,
+    governance,
+    grant,
+    key,
+    permissions,
+    rule,
+)
+
+IDENTITY = authority("identityCA")
+TALKER = Member(permissions=permissions(grant("/talker", rule(criterion("publish", "rt/chatter")))), serial=101)
+LISTENER = Member(permissions=permissions(grant("/listener", rule(criterion("subscribe", "rt/chatter")))), serial=102)
+MOTOR = Member(permissions=permissions(grant("/motor", rule(criterion("subscribe", "rt/motor")))), serial=103)
+ADMIN_RULE = rule(criterion("publish", "rt/motor"), criterion("subscribe", "rt/chatter"))
+STORE = Store(
+    members={"/listener": LISTENER, "/motor": MOTOR, "/talker": TALKER},
+    strays={"old.p7s": permissions(grant("/admin", ADMIN_RULE))},
+)
+EVERY = tuple(profile.name for profile in resolve(()))
+Files = Mapping[str, bytes]
+
+
+def identity(subject: str | x509.Name, of: str, issuer: Signed = IDENTITY, **more: object) -> Signed:
+    """Another certificate of the key of that name: an enclave's is called like it."""
+    return certificate(subject, issuer, key=key(of), **more)  # type: ignore[arg-type]
+
+
+AGAIN = identity("/listener", "/talker")
+ADMIN = identity("/admin", "admin")
+HELD: Files = {"public/x_ca.cert.pem": AGAIN.pem}
+LYING_ABOUT: Files = {"backup/cert.pem": ADMIN.pem, "backup/key.pem": ADMIN.key_pem}
+NOBODYS: Files = {"backup/cert.pem": ADMIN.pem}
+"""Without the private key."""
+
+
+def written(root: Path, files: Files, store: Store = STORE) -> Path:
+    store.write(root)
+    for path, content in files.items():
+        (root / path).parent.mkdir(exist_ok=True)
+        (root / path).write_bytes(content)
+    return root
+
+
+def understood(root: Path, claims: tuple[Claim, ...] = (), places: tuple[NamedPlace, ...] = ()) -> tuple[System, ...]:
+    keystore = read_keystore(root)
+    accesses = AccessViews(documents_of(keystore), AT, None)
+    found = interpret(keystore, resolve(()), AT, accesses, Usabilities(None, accesses), claims=claims, places=places)
+    if found.over_budget is not None:
+        raise BudgetExceeded(found.over_budget)
+    return found.systems
+
+
+def added(system: System) -> list[EnclaveAtom]:
+    return [enclave for enclave in system.enclaves if enclave.at_large]
+
+
+def flows(root: Path, source: str, target: str) -> dict[Attacker, Status]:
+    found = find_flow(root, FlowQuestion(source=source, target=target), profiles=resolve(()), at=AT)
+    return {attacker: result.status for attacker, result in found.results}
+
+
+def statuses(**changed: Status) -> dict[Attacker, Status]:
+    return {
+        each: changed.get(each.name.lower(), Status.HOLDS)
+        for each in (Attacker.HONEST, Attacker.SOURCE, Attacker.RELAYS)
+    }
+
+
+def test_what_it_is_called_and_where(tmp_path: Path) -> None:
+    for system in understood(written(tmp_path, {**HELD, **LYING_ABOUT})):
+        assert [(each.label, each.location) for each in added(system)] == [
+            ("CN=/admin (backup/cert.pem, no enclave)", Location(path="backup/cert.pem", line=1)),
+            ("CN=/listener (public/x_ca.cert.pem, no enclave)", Location(path="public/x_ca.cert.pem", line=1)),
+        ]
+        assert [each.realm for each in system.enclaves] == [0] * 5
+
+
+def test_who_has_the_key(tmp_path: Path) -> None:
+    found = identities_at_large(read_keystore(written(tmp_path, {**HELD, **LYING_ABOUT})), AT)
+    assert [(e.certificate.subject, [h.path for h in e.holders]) for e in found] == [
+        ("CN=/admin", []),
+        ("CN=/listener", ["/talker"]),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("files", "count"),
+    [
+        ({}, 0),
+        (HELD, 1),
+        (LYING_ABOUT, 1),
+        (NOBODYS, 0),
+        ({"public/x_ca.cert.pem": identity("/listener", "/talker", authority("other")).pem}, 0),
+        ({"public/x_ca.cert.pem": identity("/listener", "/talker", end=AT - timedelta(days=1)).pem}, 0),
+        ({"public/x_ca.cert.pem": identity("/listener", "/talker", start=AT + timedelta(days=1)).pem}, 1),
+        ({"public/x_ca.cert.pem": identity("/talker", "/talker", serial=9).pem}, 0),
+        ({"public/x_ca.cert.pem": AGAIN.pem + identity("/listener", "/talker", serial=9).pem}, 1),
+        ({"public/x_ca.cert.pem": AGAIN.pem + identity("/admin", "/talker").pem}, 2),
+    ],
+)
+def test_whom_peers_would_let_in_by_other_rights_than_an_enclaves(files: Files, count: int, tmp_path: Path) -> None:
+    """One that expired, one of a stranger, and one that was renewed add nothing."""
+    for system in understood(written(tmp_path, files)):
+        assert len(added(system)) == count
+        assert len(system.enclaves) == 3 + count
+
+
+def test_one_that_is_revoked_is_let_in_by_nobody(tmp_path: Path) -> None:
+    files = {"public/x_ca.cert.pem": identity("/listener", "/talker", serial=77).pem}
+    for number, serials in enumerate(((78,), (77,))):
+        systems = understood(written(tmp_path / str(number), files, replace(STORE, revoked=serials)))
+        assert {len(added(system)) for system in systems if "spec" in system.profiles} == {1 - number}
+
+
+def test_a_second_certificate_of_a_key_is_a_way(tmp_path: Path) -> None:
+    """Whoever has /talker can read as /listener; the flow needs an attack."""
+    without, with_it = written(tmp_path / "a", {}), written(tmp_path / "b", HELD)
+    assert flows(without, "topic:/chatter", "/talker") == statuses()
+    assert flows(with_it, "topic:/chatter", "/talker") == statuses(relays=Status.VIOLATED)
+
+
+def test_an_identity_whose_key_lies_about_is_a_way(tmp_path: Path) -> None:
+    without, with_it = written(tmp_path / "a", NOBODYS), written(tmp_path / "b", LYING_ABOUT)
+    assert flows(without, "/talker", "/motor") == statuses()
+    every = Status.VIOLATED
+    assert flows(with_it, "/talker", "/motor") == statuses(honest=every, source=every, relays=every)
+
+
+@pytest.mark.parametrize(("source", "flow"), [("/*", True), ("/**", True), ("/?*", False), ("/listener", False)])
+def test_it_is_meant_where_everybody_is(source: str, flow: bool, tmp_path: Path) -> None:
+    root = written(tmp_path, LYING_ABOUT, replace(STORE, members={"/listener": LISTENER, "/motor": MOTOR}))
+    assert flows(root, source, "/motor")[Attacker.HONEST] is (Status.VIOLATED if flow else Status.HOLDS)
+    with pytest.raises(UsageError, match="names no enclave"):
+        flows(root, "/*admin*", "/motor")
+
+
+def claim(kind: ClaimKind, source: Globs, target: Globs, **more: object) -> Claim:
+    return Claim(
+        id="x",
+        statement="X.",
+        kind=kind,
+        attacker=Attacker.RELAYS,
+        source=source,
+        target=target,
+        location=Location(path="c.toml"),
+        place="c.toml:1:1",
+        **more,  # type: ignore[arg-type]
+    )
+
+
+def decided(root: Path, asked: Claim) -> set[Status]:
+    return {answers["x"].status for answers in NativeEngine(understood(root, (asked,))).answers}
+
+
+def decided_by_the_letter(root: Path, asked: Claim) -> Status:
+    """Under the specification alone."""
+    systems = understood(root, (asked,))
+    answers = zip(systems, NativeEngine(systems).answers, strict=True)
+    return next(each["x"].status for system, each in answers if "spec" in system.profiles)
+
+
+@pytest.mark.alloy
+@pytest.mark.xdist_group("alloy")
+def test_both_engines_say_so(tmp_path: Path) -> None:
+    """Of each claim the answer flips with one file."""
+    heard = claim(ClaimKind.NO_FLOW, Globs(topics=("rt/chatter",)), Globs(enclaves=("/talker",)))
+    moved = claim(ClaimKind.NO_FLOW, Globs(enclaves=("/talker",)), Globs(enclaves=("/motor",)))
+    moves = claim(ClaimKind.ONLY_PUBLISH, Globs(enclaves=("/talker",)), Globs(topics=("rt/motor",)))
+    claims = tuple(replace(each, id=name) for name, each in (("heard", heard), ("moved", moved), ("moves", moves)))
+    for name, files, violated in (
+        ("none", NOBODYS, set()),
+        ("held", HELD, {"heard"}),
+        ("lying-about", LYING_ABOUT, {"moved", "moves"}),
+    ):
+        systems = understood(written(tmp_path / name, files), claims)[:2]
+        native = NativeEngine(systems).answers
+        found = compare_batch(systems, [holding(answers) for answers in native])
+        for ours, theirs in zip(native, found, strict=True):
+            assert theirs.differing == ()
+            assert {each for each, status in theirs.claims.items() if status is Status.VIOLATED} == violated
+            assert {each.id for each in claims if ours[each.id].status is Status.VIOLATED} == violated
+
+
+def test_it_publishes_though_another_alone_may(tmp_path: Path) -> None:
+    rights = {"x.p7s": permissions(grant("/admin", rule(criterion("publish", "rt/chatter"))))}
+    store = replace(STORE, strays=rights)
+    for by, expected in ((("/talker",), Status.VIOLATED), (("/*",), Status.VIOLATED), ((), Status.VIOLATED)):
+        asked = claim(ClaimKind.ONLY_PUBLISH, Globs(enclaves=by), Globs(topics=("rt/chatter",)))
+        name = str(len("".join(by)))
+        assert decided(written(tmp_path / name, LYING_ABOUT, store), asked) == {expected}
+        assert decided(written(tmp_path / f"{name}n", NOBODYS, store), asked) == {Status.HOLDS}
+
+
+def test_nothing_that_must_be_possible_rests_on_it(tmp_path: Path) -> None:
+    """Data gets from /talker to /motor by /admin; by an enclave of the same rights it does what it must."""
+    asked = claim(ClaimKind.ABLE, Globs(enclaves=("/talker",)), Globs(enclaves=("/motor",)))
+    admin = Member(permissions=permissions(grant("/admin", ADMIN_RULE)), serial=104)
+    assert decided(written(tmp_path / "a", LYING_ABOUT), asked) == {Status.VIOLATED}
+    everybody = claim(ClaimKind.ABLE, Globs(enclaves=("/*",)), Globs(enclaves=("/motor",)))
+    assert decided(written(tmp_path / "b", LYING_ABOUT), everybody) == {Status.VIOLATED}
+    with_admin = replace(STORE, members={**STORE.members, "/admin": admin}, strays={})
+    assert decided(written(tmp_path / "c", {}, with_admin), asked) == {Status.HOLDS}
+
+
+def test_an_enclave_is_where_any_of_its_certificates_is(tmp_path: Path) -> None:
+    there = rule(criterion("subscribe", "rt/far"), domains="<id>7</id>")
+    rules = domain_rule("<id>0</id><id>7</id>")
+    members = {**STORE.members, "/far": Member(permissions=permissions(grant("/far", there)), serial=105)}
+    store = replace(STORE, members=members, governance=governance(rules))
+    asked = claim(ClaimKind.SEPARATE_DOMAINS, Globs(enclaves=("/talker",)), Globs(enclaves=("/far",)))
+    far = {"public/x_ca.cert.pem": identity("/far", "/talker").pem}
+    assert decided_by_the_letter(written(tmp_path / "a", {}, store), asked) is Status.HOLDS
+    assert decided_by_the_letter(written(tmp_path / "b", far, store), asked) is Status.VIOLATED
+
+
+def test_a_name_for_everybody_is_one_for_it_too(tmp_path: Path) -> None:
+    root = written(tmp_path, LYING_ABOUT)
+    for glob, more in (("/*", 1), ("/[a-z]*", 0)):
+        named = NamedPlace(name="them", globs=Globs(enclaves=(glob,)), place="c.toml:1:1")
+        for system in understood(root, places=(named,)):
+            (atom,) = system.places
+            assert atom.enclaves is not None
+            assert (len(atom.enclaves), atom.unread) == (3 + more, False)
+
+
+def test_what_is_lost_with_a_key_that_was_certified_twice(tmp_path: Path) -> None:
+    radii = []
+    for number, files in enumerate(({}, HELD)):
+        (answer,) = find_blast_radius(
+            written(tmp_path / str(number), files), "/talker", profiles=resolve(()), at=AT
+        ).keys
+        radii.append({each.radius for each in answer.alone.values()})
+    ((without,), (with_it,)) = radii
+    assert (without.read, without.passes_for) == (0, frozenset())
+    assert with_it.read
+    assert with_it.passes_for == {"CN=/listener (public/x_ca.cert.pem, no enclave)"}
+    assert with_it.reached == without.reached == {"/listener"}
+
+
+def test_it_is_in_both_readings(tmp_path: Path) -> None:
+    """Something else could not be read: what follows from the identity is certain all the same."""
+    root = written(tmp_path, HELD)
+    (root / "enclaves/away").symlink_to("/", target_is_directory=True)
+    systems = understood(root)
+    assert {system.reading for system in systems} == {Reading.MAY, Reading.MUST}
+    assert all(len(added(system)) == 1 for system in systems)
+
+
+def test_one_whose_subject_cannot_be_told_may_be_anybody(tmp_path: Path) -> None:
+    subject = x509.Name([x509.NameAttribute(NameOID.INN, "1")])
+    root = written(tmp_path, {"public/x_ca.cert.pem": identity(subject, "/talker").pem})
+    systems = understood(root)
+    found = {system.reading: [(each.opaque, each.identity) for each in added(system)] for system in systems}
+    assert found == {Reading.MAY: [(True, None)], Reading.MUST: []}
+    answer = find_flow(root, FlowQuestion(source="topic:/chatter", target="/motor"), profiles=resolve(()), at=AT)
+    assert answer.status is Status.UNKNOWN
+    assert Location(path="public/x_ca.cert.pem", line=1) in answer.doubts
+
+
+def test_what_was_not_read_may_be_anybody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stray_identity, "MAX_BYTES", 10)
+    root = written(tmp_path, {"backup/cert.pem": identity("/admin", "admin", authority("other")).pem})
+    found = {system.reading: [(each.label, each.opaque) for each in added(system)] for system in understood(root)}
+    assert found == {Reading.MAY: [("whoever is in backup/cert.pem", True)], Reading.MUST: []}
+    answer = find_flow(root, FlowQuestion(source="/talker", target="/motor"), profiles=resolve(()), at=AT)
+    assert answer.status is Status.UNKNOWN
+    assert answer.doubts == (Location(path="backup/cert.pem"),)
+
+
+def test_realms(tmp_path: Path) -> None:
+    """Of a key that an enclave has, the enclave's realm; else every one that lets it in."""
+    own = governance(domain_rule(rtps_protection_kind="ENCRYPT"))
+    store = replace(STORE, members={**STORE.members, "/talker": replace(TALKER, governance=own)})
+    for system in understood(written(tmp_path, {**HELD, **LYING_ABOUT}, store)):
+        assert len(system.realms) == 2
+        talker = next(each for each in system.enclaves if each.label == "/talker")
+        again = [each for each in added(system) if "listener" in each.label]
+        assert [each.realm for each in again] == [talker.realm]
+        assert sorted(each.realm for each in added(system) if "admin" in each.label) == [0, 1]
+
+
+def test_too_many_are_no_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    root = written(tmp_path, {**HELD, **LYING_ABOUT})
+    monkeypatch.setattr(at_large, "MAX_AT_LARGE", 2)
+    assert understood(root)
+    monkeypatch.setattr(at_large, "MAX_AT_LARGE", 1)
+    with pytest.raises(BudgetExceeded, match="More than 1 identities"):
+        understood(root)
