@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.issuer import Issue
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
-from keystore_audit.model.inventory import certified_again
+from keystore_audit.model.inventory import certified_again, identities_at_large
 from keystore_audit.model.profiles import VARIANTS, Profile
 from keystore_audit.model.trust import chain_refusal, is_authority, issue, may_have_issued, vouches
 from keystore_audit.rules.certificate import ISSUE_AGAIN, RENEW_AUTHORITY, has_usual_subject, usual_subject, what
@@ -18,6 +18,9 @@ from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import CertificateUse
 from keystore_audit.rules.wording import implementations, instant, paths, places, quoted, sole
+
+_SHARED: Final = ("no-identity-serves-two-enclaves", "no-subject-serves-two-enclaves")
+"""What is violated where an enclave has the key of another identity."""
 
 
 def is_identity(use: CertificateUse, _context: Context) -> bool:
@@ -232,7 +235,7 @@ def subject_differs_from_enclave(use: CertificateUse, context: Context) -> Itera
     on=Keystore,
     clause="DDS-Security 1.1, 9.3.1 (a participant's identity is its key)",
     remedy="Give each enclave a key and certificate of its own. " + ISSUE_AGAIN,
-    explains=("no-identity-serves-two-enclaves", "no-subject-serves-two-enclaves"),
+    explains=_SHARED,
 )
 def identity_shared_by_enclaves(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     """Enclaves have one identity key between them: whoever takes one of them is all of them.
@@ -298,14 +301,17 @@ def subject_shared_by_certificates(keystore: Keystore, _context: Context) -> Ite
     on=Keystore,
     clause="DDS-Security 1.1, 9.3.1 (who has the key of a certificate is its subject); measured",
     remedy="Give each certificate a key of its own. " + ISSUE_AGAIN,
+    explains=_SHARED,
 )
-def identity_key_certified_again(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+def identity_key_certified_again(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """The key of an enclave's identity has another certificate in this keystore, by which the enclave may go as well.
 
     A second certificate in cert.pem or inside a message is read by no run time there, and serves whoever has the key:
-    as another identity, with the grants of its subject, or as a signer (measured on Cyclone DDS and Fast DDS). What was
+    as another identity, with the grants of its subject, or as a signer (measured on Cyclone DDS and Fast DDS). Where
+    the identity CA of an enclave vouches for it, flows and properties count it among the participants. What was
     certified elsewhere is not seen.
     """
+    joining = {identity.certificate.sha256 for identity in identities_at_large(keystore, context.at)}
     for enclave, others in certified_again(keystore):
         first = enclave.certificate.first if enclave.certificate else None
         if first is not None:
@@ -316,6 +322,7 @@ def identity_key_certified_again(keystore: Keystore, _context: Context) -> Itera
                 locations=places(Location(path=c.path, line=c.line) for c in (first, *others)),
                 enclave=enclave.path,
                 key="\n".join([first.key, *sorted(other.sha256 for other in others)]),
+                explains=frozenset(_SHARED if any(other.sha256 in joining for other in others) else ()),
             )
 
 

@@ -218,10 +218,10 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
     """A certificate outside the enclaves, its private key somewhere in the tree, and peers that let it in.
 
     Whoever has the tree can start it: a run time needs no more than a folder of six files, and may get them from
-    anywhere. It is no enclave here, so properties and flows are decided without it. Medium where an enclave has the
-    same subject, since it has no rights then that this enclave has not. Grants that begin later count, and a governance
-    with join access control off, where no grant is needed. Keys with a password and in other forms than PEM are not
-    seen, nor are certificates without a key in the tree.
+    anywhere. It is no enclave here; flows and properties count it among the participants. Medium where an enclave has
+    the same subject, since it has no rights then that this enclave has not. Grants that begin later count, and a
+    governance with join access control off, where no grant is needed. Keys with a password and in other forms than PEM
+    are not seen, nor are certificates without a key in the tree.
     """
     found = admitted(keystore, context.profiles, context.at)
     for same in (False, True):
