@@ -5,11 +5,12 @@ Evidence in, normalised facts out, one for each kind of implementation and readi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from datetime import datetime
 from functools import cached_property
 
 from keystore_audit.aside import FEW, Aside
+from keystore_audit.dataclass import replace
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import GovernanceFile
@@ -171,7 +172,7 @@ class SystemBuilder:
             reading=reading,
             instants=self._instants,
             now=self._instants.index(self._at),
-            certificates=(*self._certificate_atoms, *((self._unread,) if may and self._opens else ())),
+            certificates=(*self._in_use(enclaves, atoms), *((self._unread,) if may and self._opens else ())),
             documents=tuple(atoms),
             realms=realms,
             enclaves=enclaves,
@@ -235,6 +236,15 @@ class SystemBuilder:
         if may:
             enclaves += unread_atoms([file.place for file in self._keystore.identities.unread], tuple(realms))
         return tuple(enclaves), tuple(realms)
+
+    def _in_use(self, enclaves: Iterable[EnclaveAtom], documents: Iterable[DocumentAtom]) -> Iterable[CertificateAtom]:
+        """The certificates. One at large that adds nothing has no issuer, so that it is not taken for a stranger's."""
+        if not self._at_large:  # nearly always
+            return self._certificate_atoms
+        used = {enclave.identity for enclave in enclaves}.union(*(document.signers for document in documents))
+        idle = {each.number for each in self._at_large} - used
+        atoms = enumerate(self._certificate_atoms)
+        return [replace(atom, issuers=frozenset()) if number in idle else atom for number, atom in atoms]
 
     @property
     def _opens(self) -> bool:
