@@ -51,9 +51,6 @@ fun of_strangers[realm: Realm]: Enclave -> Channel { (Enclave - in_realm.realm) 
 /** Channels that each member of a realm subscribes to by right. */
 fun takes[realm: Realm]: Enclave -> Channel { may_read[realm] - of_strangers[realm] }
 
-/** Channels that each member of a realm writes by right of this realm. */
-fun emits[realm: Realm]: Enclave -> Channel { may_write[realm] - of_strangers[realm] }
-
 -- by right: members of two realms each ask for the rights of the other
 -- Of a reader its own realm is asked too. Of a writer it is not: what a realm forbids its own is no protection for
 -- others.
@@ -93,12 +90,12 @@ fun obtains[eavesdroppers: set Enclave + Outsider, realm: Realm]: Enclave -> Cha
 fun emits_alone[realm: Realm]: Enclave -> Channel { { e: in_realm.realm, c: e.writes_alone } }
 
 /**
- * Channels of which samples of each participant are on the network, protected as the realm says: what it writes as a
- * member, by right, or though honest readers refuse it, since whoever attacks takes the samples of anybody; and what it
+ * Channels of which samples of each participant are on the network, protected as the realm says: what it writes by
+ * right, or, as a member, though honest readers refuse it, since who listens or attacks asks for no right; and what it
  * imposes.
  */
 fun exposes[forgers: set Enclave + Outsider, realm: Realm]: (Enclave + Outsider) -> Channel {
-	in_any_guise[forgers, emits[realm] + emits_alone[realm]] + imposes[forgers, realm]
+	in_any_guise[forgers, may_write[realm] + emits_alone[realm]] + imposes[forgers, realm]
 }
 
 /**

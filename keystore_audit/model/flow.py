@@ -134,9 +134,10 @@ class Flows:
     def _listened(self) -> Lane:
         """Whoever is on the network listens, and honest enclaves do not hide what their governance leaves in clear."""
         puts = [0] * (self.outsider + 1)
-        for realm in sorted(set(self._member)):
-            readable = self._realms[realm].readable
-            puts = [one | each & readable for one, each in zip(puts, [*self._shows(realm), 0], strict=True)]
+        for realm, view in enumerate(self._realms):
+            if view.readable:
+                for enclave, shown in enumerate(self._shows(realm)):
+                    puts[enclave] |= shown & view.readable
         return Lane(puts, [*([0] * self.outsider), self.readable])
 
     def _attacked(self) -> list[Lane]:
@@ -165,8 +166,7 @@ class Flows:
                 made[enclave] = view.injectable
                 for each in self.acting(enclave):
                     made[enclave] |= self._forged(view, each)
-                    sent[enclave] |= shown[each]
-                sent[enclave] |= made[enclave]
+                    sent[enclave] |= shown[each] | made[enclave]
             if source.outsider:
                 made[self.outsider] = view.injectable
             lanes.append(Lane(made, [*self._hears(realm), 0]))
@@ -194,9 +194,8 @@ class Flows:
         return [view.abilities(e).reads_at_all if m == realm else 0 for e, m in enumerate(self._member)]
 
     def _shows(self, realm: int) -> list[int]:
-        """By enclave: the channels that it writes if whoever reads is ready to take samples from anybody."""
-        view = self._realms[realm]
-        return [view.abilities(e).writes_at_all if m == realm else 0 for e, m in enumerate(self._member)]
+        """By enclave: the channels that it writes for the realm, by right, or for those who ask for none."""
+        return [self._realms[realm].abilities(enclave).writes_at_all for enclave in range(self.outsider)]
 
     @cached_property
     def _own(self) -> list[OwnRights]:

@@ -207,8 +207,7 @@ class Flow:
         for e in (*hand.enclaves, OUTSIDER):
             sent = self.imposes(e, realm)
             for mask in () if e == OUTSIDER else hand.acts_as(e) if e in self.forgers else {e}:
-                if self.member(mask) == realm:
-                    sent |= self.writes(mask, realm) | hand.system.enclaves[mask].writes_alone
+                sent |= self.writes(mask, realm) | hand.written_alone(mask, realm)
             for c in sent:
                 if c in hand.in_clear(realm):
                     yield e, c, OUTSIDER

@@ -9,11 +9,16 @@ from typing import Any
 import pytest
 
 from keystore_audit.engine.counterexample import describe
+from keystore_audit.engine.counterexample_claims import describe_claim, hop_ways
+from keystore_audit.engine.native import NativeEngine
 from keystore_audit.findings import Location
+from keystore_audit.keystore.governance import ProtectionKind
+from keystore_audit.model.claim import Attacker
 from keystore_audit.model.system import Reading, System
 from keystore_audit.properties import BY_ID, PROPERTIES
 from keystore_audit.properties.counterexample import Counterexample, Step
-from keystore_audit.properties.property import Role
+from keystore_audit.properties.property import Role, Status
+from tests.engine.alloy.flow_questions import THIRD, at, claim, shut_out
 from tests.engine.systems import (
     CHATTER,
     GOVERNANCE,
@@ -28,6 +33,7 @@ from tests.engine.systems import (
     healthy_builder,
     random_system,
     stock,
+    with_claims,
 )
 
 Flags = Mapping[str, Any]
@@ -195,3 +201,32 @@ def test_an_endpoint_that_honest_peers_refuse_is_named_where_there_is_no_other()
     b.enclaves[TALKER] = replace(b.enclaves[TALKER], writes_alone=frozenset({CHATTER}))
     last = tell(b.system(), "outsiders-cannot-read", **asked).steps[-1]
     assert (last.enclave, last.line) == ("/talker", b.rules[0].location.line)
+
+
+@pytest.mark.parametrize(("rtps", "why"), [("NONE", "anybody on the network can send it"), ("SIGN", "")])
+def test_an_attacker_that_is_let_in_nowhere_sends_as_anybody_can(rtps: str, why: str) -> None:
+    none = ProtectionKind.NONE
+    b = shut_out(rtps=ProtectionKind(rtps), metadata=none, data=none)
+    asked = claim(at(THIRD), at(LISTENER), Attacker.SOURCE)
+    system = replace(b.system(), claims=(asked,))
+    answer = NativeEngine([system]).answers[0][asked.id]
+    assert (answer.status is Status.VIOLATED) == bool(why)
+    if why:
+        told = describe_claim(system, asked, answer)
+        assert f"/third: {why}: rtps_protection_kind is NONE" in told.text
+        assert {step.path for step in told.steps} >= {b.topic_rules[0].location.path}
+
+
+def test_every_hop_is_explained() -> None:
+    """By a line for each end, whoever attacks and however many realms there are."""
+    told = 0
+    for seed in range(240):
+        system = with_claims(random_system(seed), seed, 6)
+        for asked, answer in ((each, NativeEngine([system]).answers[0][each.id]) for each in system.claims):
+            for hop in answer.path:
+                ends = (hop.sender is not None or not asked.source.channels) + (
+                    hop.receiver is not None or not asked.target.channels
+                )
+                assert len(hop_ways(system, asked, hop)) == ends, (seed, asked.id, hop)
+                told += 1
+    assert told > 100

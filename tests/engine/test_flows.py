@@ -92,7 +92,10 @@ class Definitions:
 
     def sniffed(self, e: int) -> set[int]:
         """What anybody on the network reads of who is honest."""
-        return set() if e == OUTSIDER else self.shows(e) & self.readable(self.member(e))
+        if e == OUTSIDER:
+            return set()
+        found = self.shows(e) & self.readable(self.member(e))
+        return found.union(*(self.able("may_write", e, realm) & self.readable(realm) for realm in self.realms))
 
     def attacking(self, e: int, realm: int) -> set[int]:
         """What is on the network of who attacks, as the realm protects it."""

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 
 import pytest
 
+from keystore_audit.engine.native_claims import claims_at
 from keystore_audit.model.attacker import RealmView
-from keystore_audit.model.claim import Attacker, Place
+from keystore_audit.model.claim import Attacker, ClaimKind, Place
 from keystore_audit.model.flow import Flows, Search
-from keystore_audit.model.permission import Permissions
+from keystore_audit.model.permission import Decisions, Permissions
 from keystore_audit.model.system import System
 from tests.engine.systems import random_system, with_claims
 
@@ -46,3 +48,29 @@ def test_a_key_takes_nothing_away(start: int) -> None:
 def _flows_of(system: System) -> Flows:
     permissions = Permissions(system)
     return Flows(system, [RealmView(system, realm, permissions) for realm in range(len(system.realms))])
+
+
+@pytest.mark.parametrize("start", range(0, 200, 50))
+def test_what_honest_enclaves_let_the_outsider_hear_is_what_is_not_encrypted(start: int) -> None:
+    """Topic by topic, over any number of realms."""
+    told = {True: 0, False: 0}
+    for seed in range(start, start + 50):
+        system = with_claims(random_system(seed), seed, 1)
+        claims = claims_at(system, 2 * system.now, Decisions(system))
+        everybody, channels = Place(enclaves=frozenset(range(len(system.enclaves)))), range(len(system.channels))
+        for channel in channels:
+            heard = replace(
+                system.claims[0],
+                kind=ClaimKind.NO_FLOW,
+                attacker=Attacker.HONEST,
+                source=everybody,
+                target=Place(outsider=True),
+                through=frozenset(),
+                left_out=frozenset(channels) - {channel},
+            )
+            topic = Place(channels=frozenset({channel}))
+            encrypted = replace(heard, kind=ClaimKind.ENCRYPTED, attacker=Attacker.OUTSIDER, target=topic)
+            found = [claims.violation(each) is not None for each in (heard, encrypted)]
+            assert found[0] == found[1], (seed, channel)
+            told[found[0]] += 1
+    assert min(told.values()) > 10
