@@ -43,8 +43,10 @@ fun publishes[realm: Realm]: (Enclave + Certificate + Outsider) -> Channel {
 
 -- encrypted against insiders
 
-/** Channels that each enclave recovers from packets, if only as anybody can, and is not a reader of. */
-fun listens_in[realm: Realm]: Enclave -> Channel { overhears[realm] + Enclave -> realm.in_clear - may_read[realm] }
+/** Channels that each enclave learns as anybody whose key it has, or as anybody can, and is not itself a reader of. */
+fun listens_in[realm: Realm]: Enclave -> Channel {
+	in_any_guise[Enclave, knows[realm]] + Enclave -> realm.in_clear - may_read[realm]
+}
 
 -- never in one domain
 

@@ -14,6 +14,7 @@ from keystore_audit.engine.native_claims import claims_at
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind
 from keystore_audit.model.claim import Place as ClaimPlace
+from keystore_audit.model.flow import Flows
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.permission import Decisions, Permissions, bits
 from keystore_audit.model.system import DomainRuleAtom, System
@@ -53,8 +54,22 @@ def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Countere
     case = Case(system=system, witness=witness)
     if claim.kind is ClaimKind.ONLY_PUBLISH:
         return _publisher(case, when)
-    who = "Anybody on the network" if claim.attacker is Attacker.OUTSIDER else f"{case.enclave.label}, which may not,"
-    return Counterexample(text=f"{who} can read {case.topic}: {case.kinds()}{when}.", steps=case.governance_steps())
+    return _reading(case, claim.attacker, when)
+
+
+def _reading(case: Case, attacker: Attacker, when: str) -> Counterexample:
+    """Who reads a topic that is not encrypted against it, or (an insider) with the key of somebody who may."""
+    if attacker is Attacker.OUTSIDER:
+        text = f"Anybody on the network can read {case.topic}: {case.kinds()}{when}."
+        return Counterexample(text=text, steps=case.governance_steps())
+    enclave = case.witness[Role.ENCLAVE]
+    view = RealmView(case.system, case.realm, Permissions(case.system))
+    packets = view.abilities(enclave).overhears | view.readable
+    found = Way(why=case.kinds(), steps=case.governance_steps())
+    if not packets >> case.witness[Role.CHANNEL] & 1:
+        found = way(case, enclave, "subscribe", alone=False)
+    text = f"{case.enclave.label}, which may not, can read {case.topic}: {found.why}{when}."
+    return Counterexample(text=text, steps=found.steps)
 
 
 def _cut_off(system: System, claim: ClaimAtom, answer: Answer) -> str:
@@ -219,9 +234,14 @@ def forgers(system: System, claim: ClaimAtom) -> tuple[str, ...]:
     permissions, asked = Permissions(system), bits(claim.target.channels)
     names: dict[str, None] = {}
     views = [RealmView(system, realm, permissions) for realm in range(len(system.realms))]
+    flows = Flows(system, views)
     for view in views:
         for number, enclave in enumerate(system.enclaves):
-            if number not in claim.source.enclaves and view.abilities(number).forges & asked:
+            forged = view.abilities(number).forges
+            for other in flows.acting(number) if number not in claim.source.enclaves else ():
+                able = view.abilities(other)
+                forged |= able.forges | able.may_write if other != number else 0
+            if number not in claim.source.enclaves and forged & asked:
                 names[enclave.label] = None
         for certificate, able in view.elsewhere.items():
             if able.forges & asked:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind
 from keystore_audit.model.flow import Flows, Leg, search_of
-from keystore_audit.model.permission import Decisions, Permissions, bits, members
+from keystore_audit.model.permission import Decisions, Permissions, bits, members, union
 from keystore_audit.model.system import System
 from keystore_audit.properties.property import Answer, Hop, Role, Status, Witness
 
@@ -59,7 +59,8 @@ class Claims:
             for enclave in range(len(self._system.enclaves)):
                 able = view.abilities(enclave)
                 if claim.attacker is Attacker.INSIDER:
-                    recovered = able.overhears | view.readable  # if only as anybody can
+                    learnt = union(view.abilities(each).knows for each in self._flows.acting(enclave))
+                    recovered = learnt | view.readable  # if only as anybody can
                     for channel in members(recovered & ~able.may_read & asked):
                         yield {Role.REALM: realm, Role.ENCLAVE: enclave, Role.CHANNEL: channel}, ()
                 else:

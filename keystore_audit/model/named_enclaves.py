@@ -39,9 +39,16 @@ def at_large(system: System) -> frozenset[int]:
 
 
 def with_all_certificates(system: System, enclaves: Iterable[int]) -> frozenset[int]:
-    """The enclaves, and the identities at large whose keys they have."""
+    """The enclaves, and the others as which they can join: enclaves and identities at large that have their keys.
+
+    Of those that could not be read (MAY) nobody knows whose key they have.
+    """
     enclaves = frozenset(enclaves)
     atoms = [system.enclaves[number] for number in enclaves]
     keys = {system.certificates[atom.identity].key for atom in atoms if atom.identity is not None}
-    identities = ((number, system.enclaves[number].identity) for number in at_large(system))
-    return enclaves | {n for n, each in identities if each is not None and system.certificates[each].key in keys}
+    sharing = {
+        number
+        for number, atom in enumerate(system.enclaves)
+        if atom.opaque or (atom.identity is not None and system.certificates[atom.identity].key in keys)
+    }
+    return enclaves | sharing if enclaves else enclaves

@@ -344,7 +344,8 @@ def violated_by_some(hand: ByHand, claim: ClaimAtom) -> bool:
                 ):
                     return True
             elif claim.attacker is Attacker.INSIDER:
-                if ((powers.overhears | hand.in_clear(realm)) - powers.reads) & claim.target.channels:
+                learnt = hand.in_clear(realm).union(*(hand.powers(f, realm).learns() for f in hand.acts_as(e)))
+                if (learnt - powers.reads) & claim.target.channels:
                     return True
             elif (powers.writes | hand.written_alone(e, realm)) & hand.in_clear(realm) & claim.target.channels:
                 return True

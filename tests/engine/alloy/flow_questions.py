@@ -330,6 +330,9 @@ def questions() -> list[Question]:
             claim(Place(), on_channel(CHATTER), Attacker.INSIDER, kind=encrypted),
             False,
         ),
+        # who has a reader's key reads as that one
+        (chain(), claim(Place(), on_channel(OTHER_TOPIC), Attacker.INSIDER, kind=encrypted), False),
+        (one_key(), claim(Place(), on_channel(OTHER_TOPIC), Attacker.INSIDER, kind=encrypted), True),
         (unauthenticated(shut_out()), claim(at(TALKER), at(THIRD), kind=ClaimKind.SEPARATE_DOMAINS), True),
         (unauthenticated(shut_out()), claim(at(THIRD), at(TALKER), kind=ClaimKind.SEPARATE_DOMAINS), True),
         (shut_out(), claim(at(TALKER), at(THIRD), kind=ClaimKind.SEPARATE_DOMAINS), False),
