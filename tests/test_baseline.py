@@ -29,6 +29,7 @@ from keystore_audit.settings import Baseline, read_baseline
 from keystore_audit.suppressions import Acceptance, Fate, acceptable, accepted, uses
 from keystore_audit.text import terminal
 from tests.test_samples import SAMPLES, as_built, name
+from tools.samples.expectation import with_engine
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -125,7 +126,7 @@ DIVERSE = (
 
 def given_options(expectation: Path, keystore: Path) -> Options:
     expected = tomllib.loads(expectation.read_text("utf-8"))
-    words = ["--engine", "native", "--at", expected["at"], *expected["options"], str(keystore)]
+    words = [*with_engine(expected["options"]), "--at", expected["at"], str(keystore)]
     return command_line.chosen(command_line.command.make_context("audit", words).params, [str(keystore)])
 
 

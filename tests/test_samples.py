@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from keystore_audit.cli.program import run as program
-from tools.samples.expectation import finding_line
+from tools.samples.expectation import finding_line, with_engine
 from tools.samples.store import copy_with_modes
 
 if sys.version_info >= (3, 11):
@@ -55,7 +55,7 @@ def test_a_sample_gives_exactly_its_findings(
 ) -> None:
     keystore, expected = as_built(expectation, tmp_path / "keystore")
     monkeypatch.chdir(SAMPLES)
-    options = ["--engine", "native", "--at", expected["at"], *expected["options"]]
+    options = [*with_engine(expected["options"]), "--at", expected["at"]]
     code = program(["audit", "--format", "json", *options, str(keystore)])
     report = json.loads(capsys.readouterr().out)
     found = rows(report)
@@ -82,7 +82,7 @@ Analyzer about the properties of all samples, as the default profiles read them.
 @pytest.mark.parametrize("expectation", WITH_ALLOY, ids=name)
 def test_both_engines_agree_on_a_sample(expectation: Path, tmp_path: Path) -> None:
     keystore, expected = as_built(expectation, tmp_path / "keystore")
-    code, report = run(keystore, "--engine", "both", "--at", expected["at"], *expected["options"])
+    code, report = run(keystore, *with_engine(expected["options"], "both"), "--at", expected["at"])
     assert report["engines"]["alloy"]["status"] == "ok"
     assert report["engines"]["native"]["status"] == "ok"
     assert report["engines_agree"] is True

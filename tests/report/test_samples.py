@@ -31,6 +31,7 @@ from keystore_audit.report.sarif import _rule
 from keystore_audit.report.text import View
 from tests.report.sarif_schema import schema
 from tests.test_samples import EXPECTATIONS, SAMPLES, as_built, name
+from tools.samples.expectation import with_engine
 
 Audited = tuple[Report, Path]
 
@@ -40,7 +41,7 @@ def audited(expectation: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     """The sample's report by its own options, made in this process, and where its files are."""
     monkeypatch.chdir(SAMPLES)
     keystore, expected = as_built(expectation, tmp_path / "keystore")
-    words = ["--engine", "native", "--at", expected["at"], *expected["options"], str(keystore)]
+    words = [*with_engine(expected["options"]), "--at", expected["at"], str(keystore)]
     given = command_line.command.make_context("audit", words).params
     return audit(str(keystore), command_line.chosen(given, [str(keystore)])), keystore
 

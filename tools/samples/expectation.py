@@ -6,7 +6,7 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,7 @@ def audit(sample: Path) -> Mapping[str, Any]:
 
 def audit_directory(directory: Path, *, at: str, options: tuple[str, ...] = ()) -> Mapping[str, Any]:
     """Run the native audit on `directory`; raises ValueError where the tool does not answer with a report."""
-    arguments = ["--engine", "native", "--format", "json", "--at", at, *options, str(directory)]
+    arguments = [*with_engine(options), "--format", "json", "--at", at, str(directory)]
     command = [sys.executable, "-m", "keystore_audit", "audit", *arguments]
     run = subprocess.run(command, capture_output=True, check=False, text=True, timeout=120, cwd=SAMPLES)
     try:
@@ -39,6 +39,11 @@ def audit_directory(directory: Path, *, at: str, options: tuple[str, ...] = ()) 
     except ValueError as error:
         raise ValueError(f"{directory}: no report, exit {run.returncode}: {run.stderr[-2000:]}") from error
     return {"exit_code": run.returncode, "findings": sorted(finding_line(f) for f in report["findings"])}
+
+
+def with_engine(options: Sequence[str], engine: str = "native") -> list[str]:
+    """Return the options, with who decides where they name nobody."""
+    return [*options] if "--engine" in options else ["--engine", engine, *options]
 
 
 def finding_line(finding: Mapping[str, Any]) -> str:
