@@ -4,16 +4,18 @@ come up when one before them ends, where grants out of date are passed over.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from datetime import datetime
+from functools import reduce
 from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
 from keystore_audit.model.comparison import Direction, Layer, direction_of
 from keystore_audit.model.comparison_drafts import Draft, in_order
-from keystore_audit.model.comparison_grants import Given, given, is_refused
+from keystore_audit.model.comparison_grants import NOTHING, Given, differing, either, given, is_refused
 from keystore_audit.model.comparison_sides import Pair, Sides, View
+from keystore_audit.model.permission import bits
 from keystore_audit.model.system import GrantAtom
 
 KIND: Final = "later-rights"
@@ -26,16 +28,12 @@ _WORDS: Final = {
 }
 
 
-_Parts = tuple[int, int, int]
-"""Channels on which one may publish, subscribe, relay."""
-
-
 class _Later(NamedTuple):
-    """A grant by what it says: when, and channels by operation."""
+    """A grant by what it says: when, and what it gives."""
 
     begins: datetime
     ends: datetime
-    parts: _Parts
+    gives: Given
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,17 +41,18 @@ class _Side:
     """Those of an enclave in one keystore; `where`: the first of them. `now`: what its own grant in force gives."""
 
     grants: frozenset[_Later]
-    now: _Parts
+    now: Given
     where: Location | None
 
     @property
-    def ever(self) -> _Parts:
+    def ever(self) -> Given:
         """What it may do now or later."""
-        return _union((self.now, *self.soon))
+        return either(self.now, self.soon)
 
     @property
-    def soon(self) -> list[_Parts]:
-        return [grant.parts for grant in self.grants]
+    def soon(self) -> Given:
+        """What these give together."""
+        return reduce(either, (grant.gives for grant in self.grants), NOTHING)
 
 
 def later_changes(sides: Sides, told: frozenset[str]) -> list[Draft]:
@@ -100,8 +99,8 @@ def _differences(sides: Sides, pair: Pair) -> Iterator[tuple[str, Direction, int
         new = _side(pair.new, later[1], path, sides.mask)
         if old.grants == new.grants:
             continue
-        gained = _beyond(_union(new.soon), old.ever)
-        lost = _beyond(_union(old.soon), new.ever)
+        gained = _beyond(sides, pair, new.soon, old.ever)
+        lost = _beyond(sides, pair, old.soon, new.ever)
         yield path, direction_of(gains=bool(gained), losses=bool(lost)), gained | lost, old.where, new.where
 
 
@@ -131,25 +130,23 @@ def _side(view: View, later: list[int], path: str, mask: int) -> _Side:
     for number in later:
         grant = system.grants[number]
         if grant.document in documents and enclave.identity in grant.names:
-            parts = _parts(given(view, number), mask)
+            gives = _within(view, given(view, number), mask)
             begins, ends = system.instants[grant.not_before], system.instants[grant.not_after]
-            if any(parts) and begins <= ends:
-                found.add(_Later(begins, ends, parts))
+            if any(gives) and begins <= ends:
+                found.add(_Later(begins, ends, gives))
                 where = where or grant.location
-    return _Side(frozenset(found), _parts(given(view, view.own_grant(path)), mask), where)
+    return _Side(frozenset(found), _within(view, given(view, view.own_grant(path)), mask), where)
 
 
-def _parts(rights: Given, mask: int) -> _Parts:
-    return rights.publish & mask, rights.subscribe & mask, rights.relay & mask
+def _within(view: View, rights: Given, mask: int) -> Given:
+    """Those of the channels that count, and of domains with such channels."""
+    domains = bits(number for number, channels in enumerate(view.decisions.channels_in) if channels & mask)
+    return Given(rights.publish & mask, rights.subscribe & mask, rights.relay & mask, rights.joined & domains)
 
 
-def _union(several: Iterable[_Parts]) -> _Parts:
-    publish = subscribe = relay = 0
-    for one in several:
-        publish, subscribe, relay = publish | one[0], subscribe | one[1], relay | one[2]
-    return publish, subscribe, relay
-
-
-def _beyond(one: _Parts, other: _Parts) -> int:
-    """The channels on which some operation is given by one and not by the other."""
-    return (one[0] & ~other[0]) | (one[1] & ~other[1]) | (one[2] & ~other[2])
+def _beyond(sides: Sides, pair: Pair, one: Given, other: Given) -> int:
+    """The channels on which something is given by one and not by the other."""
+    found = 0
+    for _right, channels in differing(sides, pair, other, either(other, one)):
+        found |= channels
+    return found

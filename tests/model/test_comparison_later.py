@@ -14,7 +14,7 @@ from keystore_audit.model.comparison import Comparison, FailOn
 from keystore_audit.model.comparison_run import compare
 from keystore_audit.model.profiles import resolve
 from tests.model.comparing import AT, Store, compared, criterion, grant, permissions, rule
-from tests.model.single_changes import BASE
+from tests.model.single_changes import BASE, LISTENER
 
 NOW = {"end": "2029-12-31T00:00:00"}
 NEXT = {"start": "2030-01-01T00:00:00"}
@@ -33,6 +33,15 @@ ALONE = granted(grant("/talker", ONE, **NOW))
 RENEWED = granted(grant("/talker", ONE, **NOW), grant("/talker", ONE, **NEXT))
 WIDER = granted(grant("/talker", ONE, **NOW), grant("/talker", ALL, **NEXT))
 
+SEVENTH = rule(domains="<id>7</id>")
+JOINS = granted(grant("/talker", ONE, **NOW), grant("/talker", SEVENTH, **NEXT))
+JOINS_TOO = granted(grant("/talker", ONE, **NOW), grant("/talker", ONE, SEVENTH, **NEXT))
+"""It lets the talker join a domain, and do nothing there."""
+
+ELSEWHERE = ALONE.member(
+    "/listener", permissions=permissions(grant("/listener", LISTENER), grant("/talker", SEVENTH, **NEXT))
+)
+
 BEHIND = granted(grant("/talker", ONE, **NOW), grant("/talker", ALL))
 """Fast DDS passes over the first grant once it has ended."""
 
@@ -46,6 +55,10 @@ BEHIND = granted(grant("/talker", ONE, **NOW), grant("/talker", ALL))
         (ALONE, RENEWED, "changed"),
         (ALONE, BEHIND, "gained"),
         (BEHIND, ALONE, "lost"),
+        (ALONE, JOINS, "gained"),
+        (RENEWED, JOINS_TOO, "gained"),
+        (JOINS, ALONE, "lost"),
+        (ALONE, ELSEWHERE, "gained"),
         (ALONE, replace(ALONE, strays={"old.p7s": permissions(grant("/talker", ALL, **NEXT))}), "gained"),
     ],
 )
