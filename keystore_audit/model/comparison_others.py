@@ -179,6 +179,7 @@ def _granted(view: View, pair: Pair, sides: Sides, side: int, skipped: frozenset
         if system.grants[number].document in view.taken:
             by_document.setdefault(system.grants[number].document, []).append((text, number))
     found: dict[str, _Granted] = {}
+    unguarded = _unguarded(pair.old) & _unguarded(pair.new)  # elsewhere the change of protection says so
     for document, several in by_document.items():
         theirs = [(text, number) for text, number in several if text not in skipped]
         if not theirs:  # nearly always
@@ -192,7 +193,7 @@ def _granted(view: View, pair: Pair, sides: Sides, side: int, skipped: frozenset
             each.where = each.where or system.grants[number].location
             each.places.add(system.documents[document].label)
             each.odd |= {order} if order else set()
-            _add(view, each, number, first=text not in decided)
+            _add(view, each, number, unguarded, first=text not in decided)
             if not system.skips_grants_out_of_date or _in_force(view, number):
                 decided.add(text)
     return found
@@ -231,12 +232,21 @@ class SameGrants:
         return self._known[key]
 
 
-def _add(view: View, granted: _Granted, number: int, *, first: bool) -> None:
+def _unguarded(view: View) -> int:
+    """The domains that peers let everybody join whom some grant names, whatever it gives."""
+    found = 0
+    for realm in view.realms if view.system.requires_grant else ():
+        found |= realm.protection.ruled & ~realm.protection.join_controlled
+    return found
+
+
+def _add(view: View, granted: _Granted, number: int, unguarded: int, *, first: bool) -> None:
     """Add what a grant gives; `first`: no grant before it in its document decides about the subject."""
     grant, instants = view.system.grants[number], view.system.instants
     if grant.not_after < view.system.now or grant.not_after < grant.not_before:
         return
     gives = given(view, number)
+    gives = gives._replace(joined=gives.joined | unguarded)
     granted.ever = either(granted.ever, gives)
     granted.dates.add((instants[grant.not_before], instants[grant.not_after]))
     if first and _in_force(view, number):

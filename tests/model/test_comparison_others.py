@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from keystore_audit.model.comparison import Change, Comparison, FailOn
 from keystore_audit.report.diff_words import sentence
-from tests.model.comparing import Member, Store, compared, criterion, grant, permissions, rule
+from tests.model.comparing import Member, Store, compared, criterion, domain_rule, governance, grant, permissions, rule
 from tests.model.single_changes import BASE, LISTENER, TALKER, talker
 from tests.model.test_comparison_exactly import rules
 
@@ -89,6 +89,20 @@ def right(direction: str, *operations: str) -> Told:
 )  # fmt: skip
 def test_grants_for_others(old: Store, new: Store, expected: Told, tmp_path: Path) -> None:
     assert told(compared(old, new, tmp_path)) == sorted(expected, key=repr)
+
+
+@pytest.mark.parametrize(("guarded", "expected"), [("false", right("gained", "join")), ("true", [AGAIN])])
+def test_a_grant_of_nothing_lets_in_where_joining_is_not_controlled(
+    guarded: str, expected: Told, tmp_path: Path
+) -> None:
+    """Fast DDS asks for a grant all the same, whatever it gives."""
+    nothing = grant("/ghost", rule(criterion("publish", "*"), allow=False))
+    ruled = governance(domain_rule(enable_join_access_control=guarded))
+    old, new = (replace(each, governance=ruled) for each in (beside(), beside(nothing)))
+    found = compared(old, new, tmp_path)
+    assert told(found) == expected
+    joining = [profile for change in found.changes if change.operation for profile in change.profiles]
+    assert all(profile.startswith("fastdds") for profile in joining)
 
 
 def test_it_stops_a_release_and_says_who_and_where(tmp_path: Path) -> None:
