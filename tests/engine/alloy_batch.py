@@ -196,6 +196,9 @@ def otherwise(
 
 
 def _number(atom: str) -> int:
+    """Its index; that of the outsider, who has none, is -1."""
+    if atom.endswith("Outsider$0"):
+        return -1
     return int(re.search(r"[A-Z]{1,2}(\d+)\w*\$0$", atom)[1])  # type: ignore[index]
 
 

@@ -193,7 +193,10 @@ def test_witnesses_of_a_joint_command_are_violations(tmp_path: Path, analyzer: E
         for name, answer in decision.answers.items():
             for witness in answer.witnesses:
                 declared, body = conditions[name].removeprefix("all ").split("|", 1)
-                places = [f"{role.value} = {sorts[ROLE_LETTERS[role]].name(atom)}" for role, atom in witness.items()]
+                names = {role.value: sorts[ROLE_LETTERS[role]].name(atom) for role, atom in witness.items()}
+                if "publisher:" in declared:  # an enclave, a certificate, or nobody that has a key
+                    names["publisher"] = names.pop("enclave", names.pop("certificate", "Outsider"))
+                places = [f"{variable} = {atom}" for variable, atom in names.items()]
                 asked.append(
                     f"run Shown{len(asked)} {{ some {declared} | {' and '.join(places)} and not ({body}) }} for 0"
                 )
