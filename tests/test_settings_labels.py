@@ -274,7 +274,7 @@ def test_single_writers(tmp_path: Path) -> None:
     (told,) = (each for each in report["findings"] if each["code"] == "KA740")
     assert (code, told["locations"][0]["line"]) == (1, 1)
     assert "No more than one enclave may publish /motor_limit. /gateway may publish" in told["message"]
-    assert "With the keys they hold /motor could pass for one." in told["message"]
+    assert "Could pass for a permitted publisher: /motor, with the keys they hold" in told["message"]
 
 
 def test_a_single_writer_beside_an_enclave_that_cannot_be_read(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from keystore_audit.model.attacker import RealmView
-from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind
+from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.flow import Flows, Leg, search_of
 from keystore_audit.model.permission import Decisions, Permissions, bits, members, union
 from keystore_audit.model.system import System
@@ -92,8 +92,17 @@ class Claims:
 
     def cut_off(self, claim: ClaimAtom) -> Iterator[int]:
         """The pairs (by index) of a claim of ability between which nothing gets."""
+        if not claim.pairs:
+            yield from (0 for _ in range(self._flows.shortest(search_of(claim)) is None))
+            return
+        put = self._flows.putters(search_of(claim))
+        reached: dict[Place, frozenset[int]] = {}  # one search from each place
         for number, pair in enumerate(claim.each_pair()):
-            if self._flows.shortest(search_of(pair)) is None:
+            if pair.source not in reached:
+                reached[pair.source] = self._flows.reached(search_of(pair))
+            found, asked = reached[pair.source], bits(pair.target.channels)
+            ends = {*pair.target.enclaves, *([self._flows.outsider] if pair.target.outsider else [])}
+            if not ends & found and not any(put[node] & asked for node in found if asked):
                 yield number
 
 

@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterable, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
-from keystore_audit.dataclass import dataclass
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.own_rights import OwnRights
@@ -99,6 +99,10 @@ class Flows:
     def shortest(self, search: Search) -> tuple[Leg, ...] | None:
         """A shortest flow, None where there is none."""
         return _Walk(self, self._system, search).shortest()
+
+    def reached(self, search: Search) -> frozenset[int]:
+        """The participants that data gets to from the source, its own enclaves among them, whatever the target is."""
+        return _Walk(self, self._system, replace(search, target=Place())).reached()
 
     def lanes(self, search: Search) -> list[Lane]:
         """The ways in which hops are possible under the attacker."""
@@ -306,6 +310,11 @@ class _Walk:
             return self._from_channels(bits(source.channels))
         first = sorted({*source.enclaves, *([self._flows.outsider] if source.outsider else [])})
         return self._spread(first, looping=self._ends.intersection(first))
+
+    def reached(self) -> frozenset[int]:
+        """All that are reached, where there is no target."""
+        self.shortest()
+        return frozenset(node for layer in self._layers for node in layer)
 
     def _from_channels(self, channels: int) -> tuple[Leg, ...] | None:
         """The flow from whoever gets a sample of one of them."""

@@ -214,7 +214,7 @@ def test_an_asserted_property_has_the_severity_and_the_place_that_its_user_gave(
     assert found.severity is Severity.LOW
     assert (found.locations[0].path, found.locations[0].line) == ("keystore-audit.toml", 3)
     assert "'never' is violated" in found.message
-    assert "/a, /b could pass for one" in found.message
+    assert "Could pass for a permitted publisher: /a, /b, with the keys they hold." in found.message
 
 
 @pytest.mark.parametrize("status", [HOLDS, UNKNOWN])
