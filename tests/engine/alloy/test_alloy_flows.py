@@ -41,7 +41,7 @@ pytestmark = [pytest.mark.alloy, pytest.mark.xdist_group("alloy")]
 ENOUGH = 180.0
 """Seconds for a small model on a busy machine."""
 
-PATHS = (794, 1207, 1443)
+PATHS = (824, 1207, 828)
 """Seeds of systems with several flows."""
 
 
