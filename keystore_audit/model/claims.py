@@ -342,14 +342,11 @@ class _Resolution:
         if able and claim.until is not None:
             away |= self._stopping(claim.until)
         left_out = frozenset() if claim.include_ambient else self._channels.regions[named(AMBIENT)]
-        allowed = claim.kind is ClaimKind.ONLY_PUBLISH
         return ClaimAtom(
             id=claim.id,
             kind=claim.kind,
             attacker=claim.attacker,
-            source=self._sole(claim)
-            if claim.source == Globs()
-            else self._place(claim, claim.source, away, unread=not allowed),
+            source=self._source(claim, away),
             target=self._place(claim, claim.target, away),
             through=self._enclaves(claim.through, unread=False) | away,
             left_out=left_out | self._elsewhere if able else left_out,
@@ -373,8 +370,10 @@ class _Resolution:
         named = self._enclaves((*claim.source.enclaves, *claim.target.enclaves), unread=False)
         return starts_alone(self._system, self._keystore, self._channels, self._usabilities, sorted(named), claim.until)
 
-    def _sole(self, claim: Claim) -> Place:
-        """One enclave that may publish, where one alone may: that nobody else does is left to the engines."""
+    def _source(self, claim: Claim, away: frozenset[int]) -> Place:
+        """As the claim says; else the one enclave that may publish, if one may. That no other does is the engines' matter."""
+        if claim.source != Globs():
+            return self._place(claim, claim.source, away, unread=claim.kind is not ClaimKind.ONLY_PUBLISH)
         if claim.kind is not ClaimKind.ONLY_PUBLISH:
             return Place()
         from keystore_audit.model.single_writer import some_writer  # most settings ask for none
