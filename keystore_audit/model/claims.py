@@ -371,7 +371,7 @@ class _Resolution:
         return starts_alone(self._system, self._keystore, self._channels, self._usabilities, sorted(named), claim.until)
 
     def _source(self, claim: Claim, away: frozenset[int]) -> Place:
-        """As the claim says; else the one enclave that may publish, if one may. That no other does is the engines' matter."""
+        """As the claim says; else the one enclave that may publish, if one may. That no other does, engines ask."""
         if claim.source != Globs():
             return self._place(claim, claim.source, away, unread=claim.kind is not ClaimKind.ONLY_PUBLISH)
         if claim.kind is not ClaimKind.ONLY_PUBLISH:

@@ -51,7 +51,7 @@ MUTANTS: dict[str, tuple[Any, str, str, str]] = {
     "the last topic rule decides": (protection, "_apply_domain", "in topics:", "in topics[::-1]:"),
     "every topic rule counts": (protection, "_apply_domain", "undecided &= ~hit", "undecided &= -1"),
     "any certificate issues": (RealmView, "vouched", "issuer.authority and", "True and"),
-    "the revoked are authentic": (RealmView, "introduced", "atom.identity not in self._realm.revoked", "True"),
+    "the revoked are authentic": (RealmView, "_known", "certificate not in self._realm.revoked", "True"),
     "no realm pins the signer": (RealmView, "_may_sign", "self._system.pins_signer", "False"),
     "every realm pins the signer": (RealmView, "_may_sign", "self._system.pins_signer", "True"),
     "one good signer is enough": (RealmView, "accepted", "all(self._may_sign", "any(self._may_sign"),
@@ -67,7 +67,7 @@ MUTANTS: dict[str, tuple[Any, str, str, str]] = {
         "False",
     ),
     "documents that were not read grant nothing": (RealmView, "may_be_granted", "self._any_opaque", "False"),
-    "join access control is off": (RealmView, "_joined_with", "~p.join_controlled", "-1"),
+    "join access control is off": (RealmView, "_joined_by", "~p.join_controlled", "-1"),
 }
 """By what is wrong: where (a class or a module), the function, its text, and what stands in its place."""
 
