@@ -108,8 +108,8 @@ assert RelaysCannotRead {
 }
 
 /**
- * No enclave reads in one domain and writes in another, in whatever realms; domains of one class (`Domain`) are one. `carried_across`
- * decides; the second channel is asked for so that a counterexample names both ends of the bridge.
+ * No enclave reads in one domain and writes in another, in whatever realms; domains of one class (`Domain`) are one.
+ * `carried_across` decides; the second channel is asked for so that a counterexample names both ends of the bridge.
  */
 assert NoEnclaveBridgesDomains {
 	all realm: Realm, enclave: Enclave, channel: enclave.(carried_across[realm]), other_channel: enclave.feeds_somewhere |
