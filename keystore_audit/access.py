@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from difflib import get_close_matches
+from functools import cached_property
 from typing import TYPE_CHECKING, Final
 from zoneinfo import ZoneInfo
 
@@ -16,8 +17,9 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Point
 from keystore_audit.model.decision import LocalRights
+from keystore_audit.model.domains import Interval
 from keystore_audit.model.effective import EffectiveRights
-from keystore_audit.model.governed_domains import default_domain, governed_domains
+from keystore_audit.model.governed_domains import governed_domains
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import Profile
@@ -49,12 +51,11 @@ class Access:
         zone: ZoneInfo | None = None,
     ) -> None:
         keystore = read_keystore(path)
+        self._keystore = keystore
         self._profiles = profiles
         self._at = at
         self._enclaves = {enclave.path: enclave for enclave in reversed(keystore.enclaves)}
         self._accesses = AccessViews(documents_of(keystore), at, zone)
-        self.governed = governed_domains(keystore, profiles, self._accesses)
-        """The domains that some governance covers."""
         points: dict[Point, int] = {}
         for question in questions:
             points.setdefault((question.topic, question.partition), len(points))
@@ -72,16 +73,16 @@ class Access:
             raise UsageError(_unknown_enclave(path, sorted(self._enclaves)))
         return found
 
-    def domain(self, question: Question) -> int:
-        """The domain that it is about."""
-        return default_domain(self.governed) if question.domain is None else question.domain
+    @cached_property
+    def governed(self) -> tuple[Interval, ...]:
+        """The domains that some governance covers."""
+        return governed_domains(self._keystore, self._profiles, self._accesses)
 
     def answers(self, question: Question) -> Mapping[str, Answer]:
         """By profile. Raises UsageError for an unknown enclave."""
         enclave = self.enclave(question.enclave)
-        domain = self.domain(question)
-        channel = self._channels.of_point(domain, self._points[question.topic, question.partition])
-        usabilities = self._usabilities.setdefault(domain, Usabilities(domain, self._accesses))
+        channel = self._channels.of_point(question.domain, self._points[question.topic, question.partition])
+        usabilities = self._usabilities.setdefault(question.domain, Usabilities(question.domain, self._accesses))
         by_kind: dict[object, Answer] = {}
         answers = {}
         for profile in self._profiles:

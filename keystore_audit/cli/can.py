@@ -39,7 +39,7 @@ EXPECTED: Final = ("allow", "deny")
     "--domain",
     type=opt.Number(0, opt.LAST_DOMAIN),
     metavar="N",
-    help="In which domain (default: the lowest that a governance covers).",
+    help="In which domain (default: 0).",
 )
 @click.option("--partition", default="", metavar="NAME", help="In which partition (default: the one without a name).")
 @opt.profile_option
@@ -105,20 +105,25 @@ def _check_batch(words: Sequence[str], given: dict[str, Any]) -> None:
 
 
 def _one(keystore: str, enclave: str, operation: str, name: str, given: dict[str, Any]) -> int:
+    from keystore_audit.model.domains import contains, describe
     from keystore_audit.report import answer
 
     questions = _questions(enclave, operation, name, given)
     access = _access(keystore, questions, given)
     access.enclave(enclave)
+    governed = access.governed if given["domain"] is None else ()
+    if governed and given["expect"] == "deny" and not contains(governed, 0):
+        said = f"Governances cover domain {describe(governed)} and not 0, which would be asked about"
+        raise UsageError(f"{said}: name the domain for --expect deny.")
     answers = access.joint(questions)
     asked = answer.Asked(
         enclave=enclave,
         operation=operation,
         name=name,
-        domain=access.domain(questions[0]),
+        domain=questions[0].domain,
         partition=given["partition"],
         dds_names=tuple((each.operation.value, each.topic) for each in questions),
-        governed=access.governed if given["domain"] is None else (),
+        governed=governed,
     )
     render = answer.json if given["kind_of_report"] == "json" else answer.text
     output.write_stdout(render(asked, answers))
@@ -142,7 +147,9 @@ def _questions(enclave: str, operation: str, name: str, given: dict[str, Any]) -
         raise click.UsageError(f"{name!r} is no fully qualified ROS name: {expected}.")
     channels = dds_channels(operation, name) if given["kind"] == "ros" else ((Operation(operation), name),)
     return tuple(
-        Question(enclave=enclave, operation=each, topic=topic, domain=given["domain"], partition=given["partition"])
+        Question(
+            enclave=enclave, operation=each, topic=topic, domain=given["domain"] or 0, partition=given["partition"]
+        )
         for each, topic in channels
     )
 
@@ -172,7 +179,7 @@ def _batch(keystore: str, given: dict[str, Any]) -> int:
     from keystore_audit.report import answer
 
     lines = list(_lines(given["batch"]))
-    parsed = [_parse(line, given["domain"], given["partition"]) for line in lines]
+    parsed = [_parse(line, given["domain"] or 0, given["partition"]) for line in lines]
     try:
         access = _access(keystore, [each for each in parsed if not isinstance(each, str)], given)
     except BudgetExceeded as error:
@@ -195,7 +202,7 @@ def _batch(keystore: str, given: dict[str, Any]) -> int:
             enclave=each.enclave,
             operation=each.operation.value,
             name=each.topic,
-            domain=access.domain(each),
+            domain=each.domain,
             partition=each.partition,
             dds_names=((each.operation.value, each.topic),),
         )
@@ -221,7 +228,7 @@ def _lines(path: str) -> Iterator[bytes]:
     yield from (line.removesuffix(b"\r") for line in lines)
 
 
-def _parse(line: bytes, domain: int | None, partition: str) -> Question | str:
+def _parse(line: bytes, domain: int, partition: str) -> Question | str:
     """The query, in this domain and partition if it names none, or what is wrong with the line."""
     from keystore_audit.keystore.permissions import Operation
     from keystore_audit.model.question import Question

@@ -1,4 +1,4 @@
-"""Which domains the governances of a keystore cover: what questions are about that name none."""
+"""Which domains the governances of a keystore cover."""
 
 from __future__ import annotations
 
@@ -27,5 +27,5 @@ def governed_domains(keystore: Keystore, profiles: Iterable[Profile], accesses: 
 
 
 def default_domain(governed: tuple[Interval, ...]) -> int:
-    """The one that is asked about where none is named: the lowest of these, 0 where there is none."""
+    """The one that is shown where none is named: the lowest of these, 0 where there is none."""
     return governed[0][0] if governed else 0

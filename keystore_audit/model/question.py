@@ -20,15 +20,12 @@ class Ruling(str, Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Question:
-    """May the enclave (its path) do this on a DDS topic, in a domain of 0..232 and a partition ("": the default)?
-
-    `domain` None: the lowest that some governance covers.
-    """
+    """May the enclave (its path) do this on a DDS topic, in a domain of 0..232 and a partition ("": the default)?"""
 
     enclave: str
     operation: Operation
     topic: str
-    domain: int | None = None
+    domain: int = 0
     partition: str = ""
 
 

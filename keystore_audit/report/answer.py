@@ -80,8 +80,8 @@ def text(asked: Asked, answers: Mapping[str, Answer]) -> str:
     if [name for _operation, name in asked.dds_names] != [asked.name]:
         lines += [terminal(f"  in DDS: {operation} {name}") for operation, name in asked.dds_names]
     if asked.governed not in ((), ((asked.domain, asked.domain),)):
-        lowest = f"Domain {asked.domain} is the lowest that a governance covers ({describe(asked.governed)})"
-        lines.append(_sentence(f"{lowest}; --domain asks about another"))
+        covered = f"governances cover domain {describe(asked.governed)}"
+        lines.append(_sentence(f"{covered}; this is about {asked.domain}, --domain asks about another"))
     if asked.operation == "relay":
         lines.append("  No endpoint is made for relaying: this is what the rules say.")
     groups: dict[Answer, list[str]] = {}
