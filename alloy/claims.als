@@ -48,6 +48,9 @@ fun listens_in[realm: Realm]: Enclave -> Channel {
 	in_any_guise[Enclave, knows[realm]] + Enclave -> realm.in_clear - may_read[realm]
 }
 
+/** Everybody but second certificates of keys that enclaves have: these are asked with all that their keys open. */
+fun insiders: set Enclave { Enclave - (AtLarge & (Enclave - AtLarge).one_key) }
+
 -- never in one domain
 
 /** Domains in which each enclave takes part: as a participant that peers authenticate, or without, as anybody may. */

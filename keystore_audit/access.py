@@ -6,7 +6,6 @@ import os
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from difflib import get_close_matches
-from functools import cached_property
 from typing import TYPE_CHECKING, Final
 from zoneinfo import ZoneInfo
 
@@ -51,7 +50,6 @@ class Access:
         zone: ZoneInfo | None = None,
     ) -> None:
         keystore = read_keystore(path)
-        self._keystore = keystore
         self._profiles = profiles
         self._at = at
         self._enclaves = {enclave.path: enclave for enclave in reversed(keystore.enclaves)}
@@ -73,10 +71,10 @@ class Access:
             raise UsageError(_unknown_enclave(path, sorted(self._enclaves)))
         return found
 
-    @cached_property
-    def governed(self) -> tuple[Interval, ...]:
-        """The domains that some governance covers."""
-        return governed_domains(self._keystore, self._profiles, self._accesses)
+    def governed(self, path: str) -> tuple[Interval, ...]:
+        """The domains that the enclave's governance covers; none where it was not read."""
+        governance = self.enclave(path).governance
+        return governed_domains([governance] if governance else [], self._profiles, self._accesses)
 
     def answers(self, question: Question) -> Mapping[str, Answer]:
         """By profile. Raises UsageError for an unknown enclave."""

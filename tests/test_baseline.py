@@ -28,6 +28,7 @@ from keystore_audit.report.content import Verdict
 from keystore_audit.settings import Baseline, read_baseline
 from keystore_audit.suppressions import Acceptance, Fate, acceptable, accepted, uses
 from keystore_audit.text import terminal
+from tests.cli.keystores import answer
 from tests.test_samples import SAMPLES, as_built, name
 from tools.samples.expectation import with_engine
 
@@ -234,3 +235,21 @@ def test_a_baseline_of_the_good_sample_hides_no_defect_of_the_bad_one(
             assert (f.code, f.enclave) == (before.code, before.enclave)
             assert before.severity.at_least(f.severity)
             assert {*f.explained_by} <= {*before.explained_by}
+
+
+def test_an_acceptance_repeats_no_finding(tmp_path: Path) -> None:
+    """Undecided properties share one finding, which stays one when something else is accepted."""
+    keystore, expected = as_built(SAMPLES / "unknown/unreadable_enclave.toml", tmp_path / "keys")
+    settings = tmp_path / "settings.toml"
+    settings.write_text(
+        '[[suppression]]\ncode = "KA108"\nwhere = "/talker"\nreason = "r"\nowner = "o"\nuntil = 2026-12-31\n',
+        encoding="utf-8",
+    )
+    at = ("--at", expected["at"], "--engine", "native", "--format", "json")
+    plain, accepting = (_found(keystore, *at, *more) for more in ((), ("--settings", str(settings))))
+    assert Counter(plain) == Counter(each for each in accepting if each[0] != "KA910")  # nothing there is accepted
+
+
+def _found(keystore: Path, *options: str) -> list[tuple[str, str]]:
+    _code, out = answer("audit", *options, keystore)
+    return [(each["code"], each["fingerprint"]) for each in json.loads(out)["findings"]]

@@ -110,10 +110,9 @@ def _one(keystore: str, enclave: str, operation: str, name: str, given: dict[str
 
     questions = _questions(enclave, operation, name, given)
     access = _access(keystore, questions, given)
-    access.enclave(enclave)
-    governed = access.governed if given["domain"] is None else ()
-    if governed and given["expect"] == "deny" and not contains(governed, 0):
-        said = f"Governances cover domain {describe(governed)} and not 0, which would be asked about"
+    governed = access.governed(enclave)
+    if given["domain"] is None and governed and given["expect"] == "deny" and not contains(governed, 0):
+        said = f"The governance of {enclave} covers domain {describe(governed)} and not 0, which would be asked about"
         raise UsageError(f"{said}: name the domain for --expect deny.")
     answers = access.joint(questions)
     asked = answer.Asked(
@@ -123,7 +122,7 @@ def _one(keystore: str, enclave: str, operation: str, name: str, given: dict[str
         domain=questions[0].domain,
         partition=given["partition"],
         dds_names=tuple((each.operation.value, each.topic) for each in questions),
-        governed=governed,
+        governed=governed if given["domain"] is None else (),
     )
     render = answer.json if given["kind_of_report"] == "json" else answer.text
     output.write_stdout(render(asked, answers))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
 
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
@@ -22,6 +23,17 @@ class Claims:
         self._system = system
         self._realms = realms
         self._flows = Flows(system, realms)
+
+    @cached_property
+    def _insiders(self) -> list[int]:
+        """Everybody but second certificates of enclaves' keys: enclaves are asked with all that their keys open."""
+        enclaves, certificates = self._system.enclaves, self._system.certificates
+        keys = {certificates[e.identity].key for e in enclaves if e.identity is not None and not e.at_large}
+        return [
+            number
+            for number, enclave in enumerate(enclaves)
+            if not enclave.at_large or enclave.identity is None or certificates[enclave.identity].key not in keys
+        ]
 
     def violation(self, claim: ClaimAtom) -> Found | None:
         """What violates the claim, None where it holds."""
@@ -56,16 +68,16 @@ class Claims:
         """Channels of the target whose payload somebody reads who may not."""
         asked = bits(claim.target.channels)
         for realm, view in enumerate(self._realms):
-            for enclave in range(len(self._system.enclaves)):
-                able = view.abilities(enclave)
-                if claim.attacker is Attacker.INSIDER:
+            if claim.attacker is Attacker.INSIDER:
+                for enclave in self._insiders:
                     learnt = union(view.abilities(each).knows for each in self._flows.acting(enclave))
                     recovered = learnt | view.readable  # if only as anybody can
-                    for channel in members(recovered & ~able.may_read & asked):
+                    for channel in members(recovered & ~view.abilities(enclave).may_read & asked):
                         yield {Role.REALM: realm, Role.ENCLAVE: enclave, Role.CHANNEL: channel}, ()
-                else:
-                    for channel in members(able.writes_at_all & view.readable & asked):
-                        yield {Role.REALM: realm, Role.CHANNEL: channel}, ()
+                continue
+            for enclave in range(len(self._system.enclaves)):
+                for channel in members(view.abilities(enclave).writes_at_all & view.readable & asked):
+                    yield {Role.REALM: realm, Role.CHANNEL: channel}, ()
 
     def shared_domains(self, claim: ClaimAtom) -> Iterator[Found]:
         """Domains that an enclave of the source and one of the target can join, or the one can and the other starts in.

@@ -132,7 +132,7 @@ def access_table(
     files = [document.file for document in documents_of(keystore) if document.file is not None]
     read = [(row.matcher, accesses.read(file, row)) for row in rows for file in files]
     if domain is None:
-        domain = default_domain(governed_domains(keystore, profiles, accesses))
+        domain = default_domain(governed_domains(files, profiles, accesses))
     found = names_of(read)
     table = _Table(keystore, profiles, at, accesses, domain, found.names)
     groups = sorted(table.groups(), key=lambda group: len(group.profiles))

@@ -368,6 +368,7 @@ class _Resolution:
         from keystore_audit.model.lone_participants import starts_alone  # most settings claim none
 
         named = self._enclaves((*claim.source.enclaves, *claim.target.enclaves), unread=False)
+        named = with_all_certificates(self._system, named)
         return starts_alone(self._system, self._keystore, self._channels, self._usabilities, sorted(named), claim.until)
 
     def _source(self, claim: Claim, away: frozenset[int]) -> Place:

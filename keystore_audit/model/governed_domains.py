@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.access_view import AccessViews, Typed
 from keystore_audit.model.domains import Interval
-from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.profiles import Profile
 
 
-def governed_domains(keystore: Keystore, profiles: Iterable[Profile], accesses: AccessViews) -> tuple[Interval, ...]:
-    """The domains that some governance covers as one of the profiles reads it, ascending and apart."""
+def governed_domains(
+    files: Iterable[Typed], profiles: Iterable[Profile], accesses: AccessViews
+) -> tuple[Interval, ...]:
+    """The domains that some governance among the files covers as one of the profiles reads it, ascending and apart."""
     rows = dict.fromkeys(accesses.row(profile.access) for profile in profiles)
-    files = [document.file for document in documents_of(keystore) if document.file is not None]
-    read = [accesses.read(file, row) for row in rows for file in files]
+    read = [accesses.read(file, row) for file in files for row in rows]
     covered = {each for document in read for rule in document.domain_rules or () for each in rule.domains}
     found: list[Interval] = []
     for low, high in sorted(covered):

@@ -10,12 +10,14 @@ from keystore_audit.model.system import System
 def some_writer(system: System, channels: frozenset[int]) -> frozenset[int]:
     """One enclave that may write one of the channels at the audit instant, none where nobody may.
 
-    One that could be read is taken rather than one that may be anybody. That nobody else writes there is not said.
+    One that could be read is taken rather than one that may be anybody, and none that is no enclave's identity. That
+    nobody else writes there is not said.
     """
     asked = bits(channels)
     permissions = Permissions(system)
     views = [RealmView(system, realm, permissions) for realm in range(len(system.realms))]
-    for number in sorted(range(len(system.enclaves)), key=lambda number: system.enclaves[number].opaque):
+    enclaves = [number for number, enclave in enumerate(system.enclaves) if not enclave.at_large]
+    for number in sorted(enclaves, key=lambda number: system.enclaves[number].opaque):
         if any(view.abilities(number).may_write & asked for view in views):
             return frozenset({number})
     return frozenset()

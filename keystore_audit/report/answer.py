@@ -20,7 +20,7 @@ WIDTH: Final = 80
 class Asked:
     """The question in the user's words; `dds_names`: (operation, topic) of each DDS channel that it takes.
 
-    `governed`: the domains that governances cover, where the user named none.
+    `governed`: the domains that the enclave's governance covers, where the user named none.
     """
 
     enclave: str
@@ -80,7 +80,7 @@ def text(asked: Asked, answers: Mapping[str, Answer]) -> str:
     if [name for _operation, name in asked.dds_names] != [asked.name]:
         lines += [terminal(f"  in DDS: {operation} {name}") for operation, name in asked.dds_names]
     if asked.governed not in ((), ((asked.domain, asked.domain),)):
-        covered = f"governances cover domain {describe(asked.governed)}"
+        covered = f"its governance covers domain {describe(asked.governed)}"
         lines.append(_sentence(f"{covered}; this is about {asked.domain}, --domain asks about another"))
     if asked.operation == "relay":
         lines.append("  No endpoint is made for relaying: this is what the rules say.")

@@ -213,8 +213,9 @@ def _findings(run: _Run, chosen: Sequence[Rule[Any]], context: Context) -> tuple
     profiles = [profile.name for profile in context.profiles]
     codes = {rule.code for rule in chosen}
     files = uses(found, context.acceptances, context.at, profiles, codes, _outside(marked, context.keystore))
+    before = len(run.found)
     run.over(chosen, [(file.path, file) for file in files])
-    return accepted(_made([*marked, *_marked(run.found[len(marked) :], contents)]), files)
+    return accepted(_made([*marked, *_marked(run.found[before:], contents)]), files)
 
 
 def _outside(marked: Iterable[_Marked], keystore: Keystore) -> dict[str, set[str]]:

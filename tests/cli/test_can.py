@@ -171,12 +171,12 @@ def test_what_is_unknown_of_a_service_is_no_denial() -> None:
 @pytest.mark.parametrize(
     ("governed", "code", "says"),
     [
-        ("<id>42</id>", 2, "Governances cover domain 42; this is about 0"),
-        ("<id>42</id><id>7</id>", 2, "Governances cover domain 7, 42; this is about 0"),
+        ("<id>42</id>", 2, "Its governance covers domain 42; this is about 0"),
+        ("<id>42</id><id>7</id>", 2, "Its governance covers domain 7, 42; this is about 0"),
         (
             "<id_range><min>0</min><max>9</max></id_range><id>10</id>",
             0,
-            "Governances cover domain 0-10; this is about 0",
+            "Its governance covers domain 0-10; this is about 0",
         ),
         ("<id>0</id>", 0, ""),
     ],
@@ -198,8 +198,17 @@ def test_without_a_domain_it_is_about_domain_0_and_says_where_others_are_governe
     _code, out = answer("can", *words)
     assert out.startswith("May /c publish /x? (domain 0)\n")
     assert says in " ".join(out.split())
-    assert ("overnances cover" in out) is bool(says)
-    assert "overnances cover" not in answer("can", *words, "--domain", "0")[1]
+    assert ("ts governance covers" in out) is bool(says)
+    assert "ts governance covers" not in answer("can", *words, "--domain", "0")[1]
+
+
+def test_the_domains_are_those_of_the_enclave_s_own_governance(tmp_path: Path) -> None:
+    """What is governed for others does not make a denial in domain 0 one to rely on."""
+    store = keystore(tmp_path / "k", {"/c": (rule(publish=("rt/x",)),), "/other": (rule(publish=("rt/x",)),)})
+    alien = keystore(tmp_path / "a", {"/c": ()}, governance=GOVERNANCE.replace(b"<id>0</id>", b"<id>42</id>"))
+    (store / "enclaves/c/governance.p7s").write_bytes((alien / "enclaves/c/governance.p7s").read_bytes())
+    assert answer("can", store, "/c", "publish", "/x", "--at", AT, "--expect", "deny")[0] == 2
+    assert answer("can", store, "/other", "publish", "/x", "--at", AT, "--expect", "deny")[0] == 1
 
 
 def test_where_no_participant_starts_nothing_is_allowed() -> None:

@@ -43,12 +43,15 @@ def built(root: Path, *, one_key: bool) -> Path:
     return root
 
 
-def properties(tmp_path: Path, *, one_key: bool, engine: str = "native") -> dict[str, Any]:
-    settings = tmp_path / "keystore-audit.toml"
-    settings.write_text(SETTINGS, "utf-8")
-    keys = built(tmp_path / "keys", one_key=one_key)
-    options = ("--engine", engine, "--at", AT, "--profile", "cyclonedds-11", "--settings", settings, "-f", "json")
+def asked(tmp_path: Path, keys: Path, settings: str = SETTINGS) -> dict[str, Any]:
+    file = tmp_path / "keystore-audit.toml"
+    file.write_text(settings, "utf-8")
+    options = ("--engine", "native", "--at", AT, "--profile", "cyclonedds-11", "--settings", file, "-f", "json")
     return {each["id"]: each for each in json.loads(answer("audit", keys, *options)[1])["properties"]}
+
+
+def properties(tmp_path: Path, *, one_key: bool) -> dict[str, Any]:
+    return asked(tmp_path, built(tmp_path / "keys", one_key=one_key))
 
 
 @pytest.mark.parametrize(("one_key", "status"), [(True, "violated"), (False, "holds")])
@@ -56,9 +59,48 @@ def test_who_has_the_key_of_another_joins_and_reads_as_that_one(tmp_path: Path, 
     found = properties(tmp_path, one_key=one_key)
     assert {found[name]["status"] for name in ("apart", "encrypted")} == {status}
     assert found["alone"]["status"] == "holds"
+    assert ("/talker" in found["alone"].get("forgers", [])) is one_key
 
 
 def test_the_reader_says_whose_key_it_has(tmp_path: Path) -> None:
     told = properties(tmp_path, one_key=True)["encrypted"]["profiles"]["cyclonedds-11"]["counterexample"]
     assert "/talker, which may not, can read /y" in told["text"]
     assert "it has the key of /third" in told["text"]
+
+
+@pytest.mark.parametrize(("subscribed", "status"), [("rt/x", "holds"), ("rt/y", "violated")])
+def test_a_second_certificate_reads_for_the_enclave_that_has_its_key(
+    tmp_path: Path, subscribed: str, status: str
+) -> None:
+    """What the enclave may read itself is nothing that its second certificate gets at."""
+    identity, permissions = authority("identityCA"), authority("permissionsCA")
+    own = certificate("/third", identity)
+    again = certificate("/admin", identity, key=own.key)
+    grants = {"/third": rule((), ("rt/x",)), "/admin": rule((), (subscribed,)), "/writer": rule(("rt/x", "rt/y"))}
+    for path, text in grants.items():
+        document = DOCUMENT.format(path=path, rules=text, default="DENY").encode()
+        mine = own if path == "/third" else certificate(path, identity)
+        write_enclave(tmp_path / "keys/enclaves" / path[1:], mine, document, identity, permissions, AUTHENTIC)
+    (tmp_path / "keys/enclaves/third/cert.pem").write_bytes(own.pem + again.pem)
+    settings = "".join(
+        f'[[property]]\nname = "{topic}"\nencrypted = {{ topic = "/{topic}", against = "insider" }}\n' for topic in "xy"
+    )
+    found = asked(tmp_path, tmp_path / "keys", settings)
+    assert (found["x"]["status"], found["y"]["status"]) == ("holds", status)
+
+
+@pytest.mark.parametrize("with_key", [True, False])
+def test_no_enclave_is_not_the_one_writer(tmp_path: Path, with_key: bool) -> None:
+    """The one who may publish is an identity that lies about, or that lies elsewhere."""
+    identity, permissions = authority("identityCA"), authority("permissionsCA")
+    document = DOCUMENT.format(path="/ghost", rules=rule(("rt/x",)), default="DENY").encode()
+    keys = tmp_path / "keys"
+    write_enclave(
+        keys / "enclaves/talker", certificate("/talker", identity), document, identity, permissions, AUTHENTIC
+    )
+    ghost = certificate("/ghost", identity)
+    (keys / "backup").mkdir()
+    (keys / "backup/cert.pem").write_bytes(ghost.pem)
+    if with_key:
+        (keys / "backup/key.pem").write_bytes(ghost.key_pem)
+    assert asked(tmp_path, keys, 'single_writer = ["/x"]\n')["single-writer-x"]["status"] == "violated"

@@ -344,6 +344,9 @@ def violated_by_some(hand: ByHand, claim: ClaimAtom) -> bool:
                 ):
                     return True
             elif claim.attacker is Attacker.INSIDER:
+                holders = [f for f in hand.acts_as(e) if not (s.enclaves[f].opaque or s.enclaves[f].at_large)]
+                if s.enclaves[e].at_large and not s.enclaves[e].opaque and holders:
+                    continue
                 learnt = hand.in_clear(realm).union(*(hand.powers(f, realm).learns() for f in hand.acts_as(e)))
                 if (learnt - powers.reads) & claim.target.channels:
                     return True

@@ -180,7 +180,7 @@ def condition(claim: ClaimAtom, number: int) -> str:
         there = f"enclave.(enters[realm] + {at.starts}) & other.(enters[realm] + {at.starts})"
         return f"all realm: Realm, {who} |\n\t\tdomain not in {there} & (enclave + other).(enters[realm])"
     if claim.attacker is Attacker.INSIDER:
-        who = f"enclave: Enclave, channel: {at.last}"
+        who = f"enclave: insiders, channel: {at.last}"
         return f"all realm: Realm, {who} | channel not in enclave.(listens_in[realm])"
     return f"all realm: Realm, channel: {at.last} | channel not in realm.readable_outside"
 
