@@ -337,8 +337,7 @@ class _Resolution:
 
     def _atom(self, claim: Claim) -> ClaimAtom:
         able = claim.kind is ClaimKind.ABLE
-        # Who does not start is no place and no way, nor who is no enclave.
-        away = self._stopped | at_large(self._system) if able else frozenset()
+        away = self._stopped | at_large(self._system) if able else frozenset()  # these are no places and no ways
         if able and claim.until is not None:
             away |= self._stopping(claim.until)
         left_out = frozenset() if claim.include_ambient else self._channels.regions[named(AMBIENT)]
@@ -368,8 +367,8 @@ class _Resolution:
         from keystore_audit.model.lone_participants import starts_alone  # most settings claim none
 
         named = self._enclaves((*claim.source.enclaves, *claim.target.enclaves), unread=False)
-        named = with_all_certificates(self._system, named)
-        return starts_alone(self._system, self._keystore, self._channels, self._usabilities, sorted(named), claim.until)
+        joining = sorted(with_all_certificates(self._system, named))
+        return starts_alone(self._system, self._keystore, self._channels, self._usabilities, joining, claim.until)
 
     def _source(self, claim: Claim, away: frozenset[int]) -> Place:
         """As the claim says; else the one enclave that may publish, if one may. That no other does, engines ask."""
