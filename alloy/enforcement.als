@@ -38,13 +38,10 @@ fun read_by_relays[realm: Realm]: Enclave -> Channel {
 	- granted[realm, subscribe_allowed]
 }
 
-/** Channels that an enclave feeds in some realm. */
-fun feeds_somewhere: Enclave -> Channel { Realm.{ realm: Realm, e: Enclave, c: e.(feeds[realm]) } }
-
 /**
- * Channels of a realm that an enclave knows, and whose samples it could carry into another domain: it feeds some
- * channel there, perhaps one of another realm.
+ * Channels of which an enclave learns what members of `sending` write, and which it could carry into another domain: it
+ * feeds some channel there, whose readers are members of `receiving`.
  */
-fun carried_across[realm: Realm]: Enclave -> Channel {
-	knows[realm] & feeds_somewhere.in_domain.(Domain -> Domain - iden).~in_domain
+fun carried_across[sending, receiving: Realm]: Enclave -> Channel {
+	knows[sending] & feeds[receiving].in_domain.(Domain -> Domain - iden).~in_domain
 }

@@ -112,6 +112,6 @@ assert RelaysCannotRead {
  * `carried_across` decides; the second channel is asked for so that a counterexample names both ends of the bridge.
  */
 assert NoEnclaveBridgesDomains {
-	all realm: Realm, enclave: Enclave, channel: enclave.(carried_across[realm]), other_channel: enclave.feeds_somewhere |
-		channel.in_domain = other_channel.in_domain
+	all realm: Realm, other_realm: Realm, enclave: Enclave, channel: enclave.(carried_across[realm, other_realm]),
+		other_channel: enclave.(feeds[other_realm]) | channel.in_domain = other_channel.in_domain
 }

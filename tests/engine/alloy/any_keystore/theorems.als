@@ -134,13 +134,13 @@ check RelaysThatReadAreReadersWithoutAGrant {
 
 /** Nothing is carried across domains in a keystore that has one. */
 check OneDomainHasNoBridge {
-	one Domain implies all realm: Realm | no carried_across[realm]
+	one Domain implies all sending, receiving: Realm | no carried_across[sending, receiving]
 } for 3 but 6 Entry, 2 Instant expect 0
 
 /** What an enclave can carry across, it can put somewhere: the two ends of a bridge exist together. */
 check BridgesHaveTwoEnds {
-	all realm: Realm, enclave: Enclave, channel: enclave.(carried_across[realm]) |
-		some other_channel: enclave.feeds_somewhere | channel.in_domain != other_channel.in_domain
+	all sending, receiving: Realm, enclave: Enclave, channel: enclave.(carried_across[sending, receiving]) |
+		some other_channel: enclave.(feeds[receiving]) | channel.in_domain != other_channel.in_domain
 } for 3 but 6 Entry, 2 Instant expect 0
 
 -- every property can fail, and not only for what could not be read
@@ -182,7 +182,7 @@ run TheOthersFailInTheOpen {
 	no opaque
 	some one_subject
 	some identity_ca.public_key & permissions_ca.public_key
-	some realm: Realm | some read_by_relays[realm] and some carried_across[realm]
+	some realm: Realm | some read_by_relays[realm] and some carried_across[realm, realm]
 } for 3 but 7 Entry expect 1
 
 /** A reader can forge, in a keystore whose only fault that is. */
