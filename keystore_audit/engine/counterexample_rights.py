@@ -152,10 +152,8 @@ def _same_key(case: Case, one: int, other: int) -> bool:
     first, second = (case.system.enclaves[number] for number in (one, other))
     if first.opaque or second.opaque:
         return True
-    if first.identity is None or second.identity is None:
-        return False
-    certificates = case.system.certificates
-    return certificates[first.identity].key == certificates[second.identity].key
+    key = case.system.key_of(one)
+    return key is not None and key == case.system.key_of(other)
 
 
 def _steps(case: Case, enclave: int, location: Location | None) -> tuple[Step, ...]:

@@ -27,13 +27,9 @@ class Claims:
     @cached_property
     def _insiders(self) -> list[int]:
         """Everybody but second certificates of enclaves' keys: enclaves are asked with all that their keys open."""
-        enclaves, certificates = self._system.enclaves, self._system.certificates
-        keys = {certificates[e.identity].key for e in enclaves if e.identity is not None and not e.at_large}
-        return [
-            number
-            for number, enclave in enumerate(enclaves)
-            if not enclave.at_large or enclave.identity is None or certificates[enclave.identity].key not in keys
-        ]
+        system = self._system
+        keys = {system.key_of(n) for n, enclave in enumerate(system.enclaves) if not enclave.at_large} - {None}
+        return [n for n, enclave in enumerate(system.enclaves) if not enclave.at_large or system.key_of(n) not in keys]
 
     def violation(self, claim: ClaimAtom) -> Found | None:
         """What violates the claim, None where it holds."""

@@ -46,19 +46,20 @@ def shared_subjects(system: System) -> Iterator[Witness]:
 def _holders(system: System) -> dict[int, list[int]]:
     """By identity key, who has it."""
     holders: dict[int, list[int]] = {}
-    for enclave, atom in enumerate(system.enclaves):
-        if atom.identity is not None:
-            holders.setdefault(system.certificates[atom.identity].key, []).append(enclave)
+    for enclave in range(len(system.enclaves)):
+        key = system.key_of(enclave)
+        if key is not None:
+            holders.setdefault(key, []).append(enclave)
     return holders
 
 
 def _serve_two(system: System, holders: Mapping[int, Sequence[int]], one: int, other: int) -> bool:
     """Whether two enclaves have these identities: one at large is that of each enclave that has its key."""
     first, second = sorted((one, other), key=lambda enclave: system.enclaves[enclave].at_large)
-    identity = system.enclaves[second].identity
-    if not system.enclaves[second].at_large or identity is None:
+    key = system.key_of(second)
+    if not system.enclaves[second].at_large or key is None:
         return True
-    sharing = holders[system.certificates[identity].key]
+    sharing = holders[key]
     return not system.enclaves[first].at_large and any(
         enclave != first and not system.enclaves[enclave].at_large for enclave in sharing
     )

@@ -221,19 +221,17 @@ class Flows:
         """By key: the enclaves that have it, where several have."""
         holders: dict[int, list[int]] = {}
         for number, enclave in enumerate(self._system.enclaves):
-            if enclave.identity is not None and not enclave.opaque:
-                holders.setdefault(self._system.certificates[enclave.identity].key, []).append(number)
+            key = self._system.key_of(number)
+            if key is not None and not enclave.opaque:
+                holders.setdefault(key, []).append(number)
         return holders
 
     def acting(self, enclave: int) -> Iterable[int]:
         """The enclaves whose key the enclave has, or may have."""
-        atom = self._system.enclaves[enclave]
-        if atom.opaque:
+        if self._system.enclaves[enclave].opaque:
             return range(self.outsider)
-        same = [enclave]
-        if atom.identity is not None:
-            same = self._holders[self._system.certificates[atom.identity].key]
-        return [*same, *self._opaque]
+        key = self._system.key_of(enclave)
+        return [*([enclave] if key is None else self._holders[key]), *self._opaque]
 
     def _as_any(self, sets: Sequence[int]) -> list[int]:
         """For each enclave, what those have together as which it acts."""

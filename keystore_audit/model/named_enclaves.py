@@ -44,11 +44,6 @@ def with_all_certificates(system: System, enclaves: Iterable[int]) -> frozenset[
     Of those that could not be read (MAY) nobody knows whose key they have.
     """
     enclaves = frozenset(enclaves)
-    atoms = [system.enclaves[number] for number in enclaves]
-    keys = {system.certificates[atom.identity].key for atom in atoms if atom.identity is not None}
-    sharing = {
-        number
-        for number, atom in enumerate(system.enclaves)
-        if atom.opaque or (atom.identity is not None and system.certificates[atom.identity].key in keys)
-    }
+    keys = {system.key_of(number) for number in enclaves} - {None}
+    sharing = {n for n, atom in enumerate(system.enclaves) if atom.opaque or system.key_of(n) in keys}
     return enclaves | sharing if enclaves else enclaves

@@ -81,11 +81,7 @@ def radius(system: System, left_out: int, held: System, key: int) -> BlastRadius
 
     `left_out`: channels (bit set) that no flow takes.
     """
-    mine = [
-        number
-        for number, enclave in enumerate(held.enclaves)
-        if enclave.identity is not None and held.certificates[enclave.identity].key == key
-    ]
+    mine = [number for number in range(len(held.enclaves)) if held.key_of(number) == key]
     if not mine:
         return NOTHING
     radii = Radii(held, left_out)

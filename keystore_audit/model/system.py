@@ -252,6 +252,11 @@ class System:
     nodes: tuple[NodeAtom, ...] = ()
     meets: tuple[frozenset[int], ...] = ()
 
+    def key_of(self, enclave: int) -> int | None:
+        """The key of the enclave's identity, None where it has none that is known. Who has equal keys is one."""
+        identity = self.enclaves[enclave].identity
+        return None if identity is None else self.certificates[identity].key
+
     @property
     def has_doubt(self) -> bool:
         """Whether anything in it is opaque or unread, so that the other reading may differ."""
