@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from datetime import datetime
-from functools import cached_property, reduce
+from functools import cached_property
 from hashlib import sha256
-from operator import or_
 
 from keystore_audit.keystore.governance import Text
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Grant
 from keystore_audit.model.domains import HIGHEST_DOMAIN, covered, domain_bits
 from keystore_audit.model.inventory import may_be_taken, permissions_cas
+from keystore_audit.model.permission import union
 from keystore_audit.model.validity import DateReading, read_date
 
 
@@ -53,7 +53,7 @@ class Effects:
         """The domains in which it allows anything, as a bit set."""
         if grant.default_allow:
             return domain_bits([(0, HIGHEST_DOMAIN)])
-        return reduce(or_, (domain_bits(covered(rule.domains)) for rule in grant.rules if rule.allow), 0)
+        return union(domain_bits(covered(rule.domains)) for rule in grant.rules if rule.allow)
 
     @cached_property
     def _governed(self) -> int:
@@ -66,4 +66,4 @@ class Effects:
             if document.governance is not None and may_be_taken(document.signed, files)
             for rule in document.governance.domain_rules
         )
-        return reduce(or_, (domain_bits(covered(rule.domains)) for rule in rules), 0)
+        return union(domain_bits(covered(rule.domains)) for rule in rules)
