@@ -30,6 +30,9 @@ from keystore_audit.rules.effect import Effects
 _LEFT_OUT: Final = frozenset({"line", "lines", "default_line", "not_before", "not_after"})
 """Where something stands, and how long grants are in force: rules about dates have these in their keys."""
 
+_ORDERED: Final = frozenset({Rule, Grant, DomainRule, TopicRule})
+"""Of these the first that matches decides."""
+
 _At = Callable[[int | None], str]
 """What stands at a line of a file."""
 
@@ -39,15 +42,23 @@ def told(value: object) -> str:
 
     The order of rules decides, that of what stands within one does not.
     """
-    if hasattr(value, "__dataclass_fields__"):
-        each: Any = value
-        said = ",".join(told(getattr(each, part.name)) for part in fields(each) if part.name not in _LEFT_OUT)
-        return f"{type(value).__name__}({said})"
+    kind: Any = type(value)
+    names = _said_by(kind)
+    if names is not None:
+        return f"{kind.__name__}({','.join([told(getattr(value, name)) for name in names])})"
     if isinstance(value, tuple):
         parts = [told(each) for each in value]
-        ordered = any(isinstance(each, (Rule, Grant, DomainRule, TopicRule)) for each in value)
+        ordered = not _ORDERED.isdisjoint(map(type, value))
         return f"({','.join(parts if ordered else sorted(set(parts)))})"
     return repr(value.value if isinstance(value, Enum) else value)
+
+
+@cache
+def _said_by(kind: type[Any]) -> tuple[str, ...] | None:
+    """The fields of a typed part that say something; None for what has no fields."""
+    if not hasattr(kind, "__dataclass_fields__"):
+        return None
+    return tuple(part.name for part in fields(kind) if part.name not in _LEFT_OUT)
 
 
 def dated(grant: Grant) -> str:
