@@ -103,8 +103,12 @@ class Result(str, Enum):
     OPEN = "open"
 
 
+WHOLE: Final = "keystore"
+"""The subject of rules about the whole keystore; a file may be called so too."""
+
+
 class Outcome(NamedTuple):
-    """The answer of rule `rule` (a code) about `subject` (an enclave, a path or a property id).
+    """The answer of rule `rule` (a code) about `subject` (an enclave, a path, a property id or `WHOLE`).
 
     A tuple, since there is one for every rule on every subject.
     """

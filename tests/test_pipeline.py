@@ -35,8 +35,8 @@ class Workspace:
         self._scripts = scripts
         programs = folder.parent / "bin"
         programs.mkdir()
-        program = programs / "keystore-audit"
-        program.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m keystore_audit "$@"\n')
+        program, installed = programs / "keystore-audit", Path(sys.executable).parent / "keystore-audit"
+        program.write_text(f'#!/bin/sh\nexec {shlex.quote(str(installed))} "$@"\n')
         program.chmod(0o755)
         kept = {name: value for name, value in os.environ.items() if name not in ("CI", "STEP_SUMMARY")}
         path = f"{programs}{os.pathsep}{os.environ['PATH']}"
@@ -83,7 +83,14 @@ def test_bad_and_broken_releases_are_blocked(workspace: Workspace, sample: str, 
     assert sorted(path.name for path in (workspace.folder / "reports").iterdir()) == [
         "keys.md", "keys.sarif", "keys.statement.json", "keys.svr.json", "keys.xml",
     ]  # fmt: skip
-    assert workspace.run("check.sh").returncode != 0
+    assert workspace.run("check.sh", PYTHONOPTIMIZE="1").returncode != 0
+
+
+def test_whatever_says_0_without_a_report_ships_nothing(workspace: Workspace) -> None:
+    workspace.take("healthy/turtlesim")
+    (workspace.folder.parent / "bin" / "keystore-audit").write_text("#!/bin/sh\n")
+    assert workspace.run("gate.sh").returncode == 4
+    assert not (workspace.folder / "release").exists()
 
 
 def test_a_good_release_passes_and_its_attestation_speaks_of_these_very_files(workspace: Workspace) -> None:
@@ -103,6 +110,8 @@ def test_a_good_release_passes_and_its_attestation_speaks_of_these_very_files(wo
         assert hashlib.sha256((release / name).read_bytes()).hexdigest() == digest
     checked = workspace.run("check.sh")
     assert (checked.returncode, checked.stderr) == (0, "")
+    (workspace.folder / "json.py").write_text("raise SystemExit('a module of the working directory')\n")
+    assert workspace.run("check.sh").returncode == 0
     _tampered(workspace, release)
 
 

@@ -86,7 +86,15 @@ def run(args: Sequence[str]) -> int:
     """Run the command line `args` and return the exit code; no exception leaves this function but SystemExit."""
     session = Session()
     try:
-        code = program.main(list(args), prog_name=NAME, standalone_mode=False, obj=session)
+        code = program.main(
+            list(args),
+            prog_name=NAME,
+            # Scripts of completion call the bare command. Beside a command line the variable would be an exit 0 that
+            # nobody audited for.
+            complete_var=None if not args else "",
+            standalone_mode=False,
+            obj=session,
+        )
     except click.Abort:  # click's name for KeyboardInterrupt
         return _end(EXIT_INTERRUPTED, "Interrupted: there is no verdict.")
     except click.UsageError as error:

@@ -12,7 +12,7 @@ from typing import Final
 
 from lxml import etree
 
-from keystore_audit.findings import Finding, Outcome, Result
+from keystore_audit.findings import WHOLE, Finding, Outcome, Result
 from keystore_audit.report.content import NoReport, Report, Verdict
 from keystore_audit.report.encoded import instant
 from keystore_audit.text import terminal
@@ -97,9 +97,14 @@ class _Findings:
                 self._by_subject[finding.code, subject].append(finding)
 
     def of(self, outcome: Outcome) -> Sequence[Finding]:
-        """Those of the outcome's subject; where none names it (a rule about the whole keystore) all of the rule."""
+        """Those of the outcome's subject; all of the rule where none names it, and where it is the whole keystore.
+
+        A file may be called as the whole keystore is.
+        """
         if outcome.outcome in (Result.PASS, Result.NOT_APPLICABLE):
             return ()
+        if outcome.subject == WHOLE:
+            return self._by_rule.get(outcome.rule, [])
         return self._by_subject.get((outcome.rule, outcome.subject), self._by_rule.get(outcome.rule, []))
 
 
@@ -146,7 +151,7 @@ def _said(finding: Finding) -> str:
 
 
 def _verdict(suite: etree._Element, report: Report, left_out: int) -> None:
-    """The last suite: whether the audit is complete, so that an incomplete one is red even without any case."""
+    """The last suite: the verdict itself, which is red whatever the cases say."""
     properties = etree.SubElement(suite, "properties")
     for name, value in (
         ("verdict", report.verdict.value),
@@ -159,3 +164,8 @@ def _verdict(suite: etree._Element, report: Report, left_out: int) -> None:
     case = etree.SubElement(suite, "testcase", classname="keystore-audit", name="the audit is complete", time="0")
     if report.verdict is Verdict.INCOMPLETE:
         etree.SubElement(case, "error", message="Something could not be decided.", type="incomplete")
+    case = etree.SubElement(suite, "testcase", classname="keystore-audit", name="no finding decides", time="0")
+    deciding = sum(finding.fails(report.fail_on) for finding in report.findings)
+    if deciding:
+        told = f"Findings that decide the verdict: {deciding}."
+        etree.SubElement(case, "failure", message=told, type=report.verdict.value)

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from keystore_audit.aside import FEW, Aside
 from keystore_audit.dataclass import dataclass
-from keystore_audit.findings import MAX_PLACES, Finding, Outcome, Result, Severity, fingerprint
+from keystore_audit.findings import MAX_PLACES, WHOLE, Finding, Outcome, Result, Severity, fingerprint
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.meaning import Doubt
 from keystore_audit.properties.result import PropertyResult
@@ -83,7 +83,7 @@ def _chosen(rule: Rule[Any], select: Collection[str], ignore: Collection[str]) -
 def _subjects(context: Context) -> Iterator[tuple[str, object]]:
     """Every subject with the name by which outcomes call it."""
     keystore = context.keystore
-    yield "keystore", keystore
+    yield WHOLE, keystore
     for enclave in keystore.enclaves:
         yield enclave.path, enclave
     for certificates in certificate_uses(keystore):

@@ -95,6 +95,17 @@ def test_the_action_installs_what_is_locked(repository: Path) -> None:
         assert (repository / name).exists()
 
 
+def test_the_action_runs_no_module_of_what_it_audits(repository: Path, tmp_path: Path) -> None:
+    install = loaded(repository / "action.yml")["runs"]["steps"][0]["run"]
+    (tmp_path / "venv.py").write_text("raise SystemExit('hostile')\n")
+    (line,) = (line for line in install.splitlines() if " -m venv " in line)
+    line += " --without-pip"
+    for script, code in ((line, 0), (line.replace(" -I ", " "), 1)):
+        environment = {**os.environ, "RUNNER_TEMP": str(tmp_path / "temp")}
+        done = subprocess.run(["bash", "-c", script], cwd=tmp_path, env=environment, capture_output=True)
+        assert done.returncode == code, done.stderr
+
+
 def test_the_image_is_made_of_what_is_there(repository: Path) -> None:
     """The image itself is built by hand (docs/integrations.md says how it was tried)."""
     ignored = (repository / ".dockerignore").read_text().splitlines()

@@ -19,7 +19,8 @@ from in_toto_attestation.v1.statement import Statement
 from junitparser import Error, Failure, JUnitXml, Skipped
 
 from keystore_audit.cli.formats import rule_entries
-from keystore_audit.findings import Outcome, Result, Severity
+from keystore_audit.dataclass import replace
+from keystore_audit.findings import Location, Outcome, Result, Severity
 from keystore_audit.given import GivenFile
 from keystore_audit.properties import Status
 from keystore_audit.report import junit, markdown, sarif, statement
@@ -121,7 +122,7 @@ class TestJunit:
     def test_a_reader_takes_it_whatever_things_are_called(self, name: str, make_report: MakeReport) -> None:
         report = make_report(name)
         parsed = JUnitXml.fromstring(junit.render([report]).encode())
-        assert sum(len(list(suite)) for suite in parsed) == len(report.outcomes) + 1 == parsed.tests
+        assert sum(len(list(suite)) for suite in parsed) == len(report.outcomes) + 2 == parsed.tests
 
     def test_only_what_decides_the_verdict_fails(self, make_report: MakeReport) -> None:
         found = cases(junit.render([make_report()]))
@@ -133,6 +134,20 @@ class TestJunit:
         assert not any(cases(junit.render([lax])).values())
         (failure,) = cases(junit.render([make_report(fail_on=Severity.MEDIUM)]))["KA205", "enclaves/listener/cert.pem"]
         assert isinstance(failure, Failure)
+
+    @pytest.mark.parametrize("path", ["enclaves/talker/key.pem", "keystore"])
+    def test_a_rule_about_the_whole_keystore_fails_whatever_files_are_called(
+        self, path: str, make_report: MakeReport
+    ) -> None:
+        whole = make_report().findings[0]
+        low = replace(whole, severity=Severity.LOW, enclave=None, locations=(Location(path=path, line=1),))
+        outcomes = (Outcome(rule=whole.code, subject="keystore", outcome=Result.FAIL),)
+        report = make_report(findings=(whole, low), outcomes=outcomes)
+        found = cases(junit.render([report]))
+        assert isinstance(found[whole.code, "keystore"][0], Failure)
+        assert isinstance(found["keystore-audit", "no finding decides"][0], Failure)
+        fine = cases(junit.render([make_report(findings=(low,), outcomes=(), verdict=Verdict.PASS, exit_code=0)]))
+        assert fine["keystore-audit", "no finding decides"] == []
 
     def test_what_is_open_is_an_error_and_so_is_an_incomplete_audit(self, make_report: MakeReport) -> None:
         outcomes = (
