@@ -54,7 +54,9 @@ _HIDDEN_RANGES: Final = (
     (0x1D173, 0x1D17A),  # musical format controls
     (0xE0000, 0xE0FFF),  # tags, variation selectors supplement
 )
-_HIDDEN: Final = re.compile("[" + "".join(f"{chr(low)}-{chr(high)}" for low, high in _HIDDEN_RANGES) + "]")
+_HIDDEN: Final = re.compile(
+    "[" + "".join(f"{chr(low)}-{chr(high)}" for low, high in _HIDDEN_RANGES) + "]|:(?=:)|#(?=#)"
+)
 _NOT_PRINTABLE_ASCII: Final = re.compile(r"[^ -~]")
 _MARKDOWN_PUNCTUATION: Final = re.compile(r"[!-.:-@\[-`{-~]")  # all of ASCII's but `/`, which is inert
 _FORMULA_START: Final = frozenset("=+-@\uff1d\uff0b\uff0d\uff20")  # full-width forms are taken too
@@ -71,11 +73,12 @@ def terminal(text: str) -> str:
     r"""Return `text` as one line that steers no terminal: each hidden character as `\x1b`, `\u202e` or so.
 
     Hidden are C0, DEL, C1, every space but U+0020, bidi controls, zero-width and other ignorable characters,
-    line and paragraph separators, lone surrogates and noncharacters. A backslash stays as it is, so escaping
-    twice changes nothing; the escape is for eyes, not for reversing. For rich, wrap it: `Text(terminal(name))`.
-    Never put it in markup, whose own escape is wrong for a name that ends in a backslash or in an open tag.
+    line and paragraph separators, lone surrogates and noncharacters; of `::` and `##` all signs but the last, since
+    runners of pipelines take these for commands. A backslash stays as it is, so escaping twice changes nothing; the
+    escape is for eyes, not for reversing. For rich, wrap it: `Text(terminal(name))`. Never put it in markup, whose own
+    escape is wrong for a name that ends in a backslash or in an open tag.
     """
-    if text.isascii() and text.isprintable():
+    if text.isascii() and text.isprintable() and "::" not in text and "##" not in text:
         return text
     return _HIDDEN.sub(_visible, text)
 

@@ -77,6 +77,19 @@ def test_characters_that_nobody_can_see_are_made_visible(code: int) -> None:
 
 
 @pytest.mark.parametrize(
+    ("name", "shown"),
+    [
+        ("::notice title=x::PASS", "\\x3a:notice title=x\\x3a:PASS"),
+        (":::é", "\\x3a\\x3a:é"),
+        ("##vso[task]", "\\x23#vso[task]"),
+        ("a:b #c", "a:b #c"),
+    ],
+)
+def test_nothing_is_a_command_to_the_runner_of_a_pipeline(name: str, shown: str) -> None:
+    assert text.terminal(name) == shown
+
+
+@pytest.mark.parametrize(
     "name", ["/talker", "rt/chatter", "CN=Größe, O=Öl & Co", "日本語", "שלום", "C:\\keys", "a b", ""]
 )
 def test_readable_names_stay_as_they_are(name: str) -> None:

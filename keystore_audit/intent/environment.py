@@ -40,8 +40,10 @@ _QUOTED: Final = re.compile(r"""'([^']*)'|"([^"\\$`]*)\"""")
 _BARE: Final = re.compile(r"""[^\s'"\\$`#;&|<>()]*""")
 _OPEN: Final = re.compile(r"""(?:[^\s'"\\]|\s(?!#)|\\.|'[^']*'|"(?:[^"\\]|\\.)*")*(?:\s#.*)?""")
 """A value whose quotes end in the line, as a shell reads it."""
-_TEXT: Final = re.compile(r"""'[^']*'|"(?:[^"\\]|\\.)*"|\\.""")
-_COMMAND: Final = re.compile(r"[;&|][ \t]")
+_TEXT: Final = re.compile(r"""'[^']*'|"(?:[^"\\]|\\.)*"|\\.|\$\([^()]*\)|`[^`]*`""")
+"""What a shell takes for text, or for the output of what it runs beside itself, which changes none of its variables."""
+_BEFORE_COMMAND: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*=|[0-9]*[<>]")
+"""How words begin behind which a command may still follow: another assignment, a redirection."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,7 +113,7 @@ def read_environment(path: Path) -> Environment:
                 location=Location(path=str(path), line=number, beside=True),
             )
         else:
-            _pass_over(value, place)
+            _pass_over(value, place, exported=export is not None)
     return Environment(file=GivenFile.of(str(path), data), settings=found)
 
 
@@ -140,12 +142,28 @@ def _value(text: str, place: str, *, commented: bool) -> str:
     return next((group for group in match.groups() if group is not None), match[0])
 
 
-def _pass_over(text: str, place: str) -> None:
+def _pass_over(text: str, place: str, *, exported: bool) -> None:
     """Raises UsageError where the value of another variable may set, hide or take back one of `VARIABLES`."""
     if _OPEN.fullmatch(text) is None:
         raise UsageError(f"{place}: a quote that does not end in its line; expected a plain or quoted value.")
-    bare = re.sub(r"\s#.*", "", _TEXT.sub("", text))
+    bare = re.sub(r"\s#.*", "", _TEXT.sub("text", text))
     named = next((name for name in VARIABLES if name in bare), None)
-    if named is not None or _COMMAND.search(bare):
+    if named is not None or _runs_something(bare, exported=exported):
         also = f" It names {named}." if named else ""
         raise UsageError(f"{place}: more than one assignment, or a command; expected NAME=VALUE.{also}")
+
+
+def _runs_something(value: str, *, exported: bool) -> bool:
+    """Whether a shell would run a command behind the value, as in `A=1;source x` and `A=1 source x`.
+
+    Systemd and containers take all of it for the value. Behind `export` any further word is exported, too. A word that
+    begins as an option is the name of no command.
+    """
+    first, *commands = re.split(r"[;&|]+", value)
+    words = re.split(r"\s+", first.rstrip())[1:]
+    if exported and words:
+        return True
+    for each in (words, *map(str.split, commands)):
+        if not next((word for word in each if not _BEFORE_COMMAND.match(word)), "-").startswith("-"):
+            return True
+    return False

@@ -96,10 +96,7 @@ def install(
         target.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=target.parent, prefix=".fetch-") as scratch:
             source = from_file if from_file is not None else _fetch(Path(scratch), progress)
-            check(source)
-            copy = Path(scratch) / "alloy.jar"
-            shutil.copyfile(source, copy)
-            check(copy)  # what is kept is what was checked, even if `source` changed meanwhile
+            copy = checked_copy(source, Path(scratch))
             copy.replace(target)
     except OSError as error:
         raise EngineFailed(f"The Alloy Analyzer cannot be stored at {target}: {error.strerror or error}.") from error
@@ -122,8 +119,19 @@ def cached_jar(environment: Mapping[str, str]) -> Path:
     return Path(base) / "keystore-audit" / f"{ARTIFACT_ID}-{VERSION}.jar"
 
 
-def check(jar: Path, otherwise: str = _OTHER_FILE) -> None:
-    """Raise EngineMissing if `jar` cannot be read, EngineFailed if it is not the pinned artifact.
+def checked_copy(jar: Path, directory: Path) -> Path:
+    """Copy the jar into `directory`: what is there is what was checked, even if somebody replaces `jar` meanwhile.
+
+    Raises what `check` raises, and OSError where the copy cannot be written.
+    """
+    content = check(jar)
+    copy = directory / "alloy.jar"
+    copy.write_bytes(content)
+    return copy
+
+
+def check(jar: Path, otherwise: str = _OTHER_FILE) -> bytes:
+    """Return the bytes of the jar; raise EngineMissing if it cannot be read, EngineFailed if it is not the pinned one.
 
     `otherwise`: what to do then. Only the copy in the cache is ours to remove.
     """
@@ -131,7 +139,8 @@ def check(jar: Path, otherwise: str = _OTHER_FILE) -> None:
         if jar.stat().st_size > MAX_JAR_SIZE:
             raise EngineFailed(f"{jar} is not the Alloy Analyzer {VERSION}: it is far too large. {otherwise}")
         with jar.open("rb") as file:
-            found = hashlib.sha256(file.read(MAX_JAR_SIZE)).hexdigest()
+            content = file.read(MAX_JAR_SIZE)
+        found = hashlib.sha256(content).hexdigest()
     except OSError as error:
         raise EngineMissing(f"The Alloy Analyzer cannot be read at {jar}: {error.strerror or error}.") from error
     if found != SHA256:
@@ -139,6 +148,7 @@ def check(jar: Path, otherwise: str = _OTHER_FILE) -> None:
             f"{jar} is not the Alloy Analyzer {VERSION}: its SHA-256 is {found}, that of the published artifact "
             f"{SHA256}. {otherwise}"
         )
+    return content
 
 
 def find_java(environment: Mapping[str, str]) -> Path:

@@ -15,6 +15,7 @@ from types import TracebackType
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
+from keystore_audit.engine.alloy.install import checked_copy
 from keystore_audit.errors import EngineFailed, EngineMissing, EngineTimeout
 
 OUTPUT_DIRECTORY: Final = "solutions"
@@ -85,7 +86,11 @@ class AnalyzerProcess:
         self._cleanup = ExitStack()
 
     def __enter__(self) -> AnalyzerProcess:
-        """Start. Raises EngineMissing if Java cannot be started, EngineFailed if there is no place to write."""
+        """Start, with a copy of the jar that nobody else can replace.
+
+        Raises EngineMissing if Java cannot be started or the jar not be read, EngineFailed if the jar is not the
+        Analyzer any more or there is no place to write.
+        """
         with ExitStack() as stack:
             self.directory = Path(stack.enter_context(_scratch_directory()))
             self._write_files()
@@ -128,6 +133,7 @@ class AnalyzerProcess:
     def _write_files(self) -> None:
         try:
             (self.directory / _SCRATCH).mkdir()
+            self._jar = checked_copy(self._jar, self.directory)
             for name, content in self._files.items():
                 (self.directory / name).write_text(content, encoding="ascii")
         except OSError as error:

@@ -106,13 +106,21 @@ def test_no_java(analyzer: Engine, tmp_path: Path) -> None:
 
 
 def test_no_jar(analyzer: Engine, tmp_path: Path) -> None:
-    assert "jar" in failing(analyzer, EngineFailed, jar=tmp_path / "nothing.jar")
+    assert "jar" in failing(analyzer, EngineMissing, jar=tmp_path / "nothing.jar")
 
 
 def test_a_jar_that_is_none(analyzer: Engine, tmp_path: Path) -> None:
     jar = tmp_path / "broken.jar"
     jar.write_bytes(analyzer.jar.read_bytes()[:1_000_000])
     assert "broken.jar" in failing(analyzer, EngineFailed, jar=jar)
+
+
+def test_what_runs_is_a_copy_of_what_was_checked(analyzer: Engine, tmp_path: Path) -> None:
+    replaced = tmp_path / "alloy.jar"
+    shutil.copyfile(analyzer.jar, replaced)
+    swapping = java(tmp_path, analyzer, f'echo swapped > \'{replaced}\'; exec "$REAL" "$@"')
+    assert decide(healthy(), java=swapping, jar=replaced, timeout=ENOUGH)
+    assert replaced.read_text() == "swapped\n"
 
 
 def test_a_killed_solver(analyzer: Engine, tmp_path: Path) -> None:
@@ -240,7 +248,7 @@ def test_an_interrupt_ends_the_solver(analyzer: Engine, tmp_path: Path) -> None:
         "from pathlib import Path\n"
         "from keystore_audit.engine.alloy.runner import decide\n"
         "from tests.engine.systems import healthy\n"
-        f"decide(healthy(), java=Path({str(slow)!r}), jar=Path('/dev/null'), timeout=60)\n"
+        f"decide(healthy(), java=Path({str(slow)!r}), jar=Path({str(analyzer.jar)!r}), timeout=60)\n"
     )
     child = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, cwd=Path(__file__).parents[3])
     deadline = time.monotonic() + 30
