@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from datetime import datetime
+from functools import lru_cache
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
@@ -129,16 +130,13 @@ def _every_certificate(keystore: Keystore) -> Iterator[Certificate]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AtLarge:
-    """An identity that is no enclave's own, and that the identity CA of some enclave vouches for: `authorities`.
-
-    `holders`: the enclaves whose key it has. None: its private key lies in the tree, and nobody is known to have it.
-    """
+    """An identity that is no enclave's own, and that the identity CA of some enclave vouches for: `authorities`."""
 
     certificate: Certificate
     authorities: tuple[Certificate, ...]
-    holders: tuple[Enclave, ...]
 
 
+@lru_cache(maxsize=2)  # asked by the systems, for doubts under each kind of implementation, and by a rule
 def identities_at_large(keystore: Keystore, at: datetime) -> tuple[AtLarge, ...]:
     """By whose certificates somebody may join `at` an instant (aware UTC) or later, beside the enclaves, by place.
 
@@ -161,15 +159,10 @@ def identities_at_large(keystore: Keystore, at: datetime) -> tuple[AtLarge, ...]
         return ()
     trusted = dict.fromkeys(e.identity_ca for e in keystore.enclaves if e.identity_ca)
     vouching = [c for c in dict.fromkeys(c for file in trusted for c in file.certificates) if is_authority(c)]
-    holders: dict[str, list[Enclave]] = {}
-    for enclave in keystore.enclaves:
-        if enclave.certificate is not None and enclave.certificate.first is not None:
-            holders.setdefault(enclave.certificate.first.key, []).append(enclave)
     known = (
         AtLarge(
             certificate=each,
             authorities=tuple(authority for authority in vouching if may_have_issued(authority, each)),
-            holders=tuple(holders.get(each.key, ())),
         )
         for each in sorted(found.values(), key=lambda c: (c.path, c.line, c.sha256))
         if at <= each.not_after
