@@ -13,8 +13,7 @@ from keystore_audit.engine.causes import Operation
 from keystore_audit.engine.counterexample_case import Case
 from keystore_audit.engine.counterexample_rights import beyond_grants
 from keystore_audit.findings import Location
-from keystore_audit.model.attacker import RealmView
-from keystore_audit.model.permission import Permissions
+from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.system import System
 from keystore_audit.properties import access_control, encryption, flow
 from keystore_audit.properties.counterexample import Counterexample, Step
@@ -147,13 +146,9 @@ def _bridge(case: Case) -> Counterexample:
 
 def _feeding(system: System, first: int, enclave: int, channel: int) -> int:
     """The realm in which an enclave feeds a channel: the `first` if it does there."""
-    permissions = Permissions(system)
-    realms: tuple[int, ...] = (first, *range(len(system.realms)))
-    for realm in realms:
-        able = RealmView(system, realm, permissions).abilities(enclave)
-        if (able.may_write | able.forges) >> channel & 1:
-            return realm
-    return first
+    able = [view.abilities(enclave) for view in realm_views(system)]
+    feeding = [realm for realm, each in enumerate(able) if (each.may_write | each.forges) >> channel & 1]
+    return first if first in feeding or not feeding else feeding[0]
 
 
 def _way(case: Case, enclave: int, operation: Operation) -> tuple[Step, ...]:

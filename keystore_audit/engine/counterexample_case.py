@@ -6,7 +6,9 @@ from keystore_audit.dataclass import dataclass
 from keystore_audit.engine import causes
 from keystore_audit.engine.causes import Operation
 from keystore_audit.findings import Location
+from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.names import ros_name
+from keystore_audit.model.permission import Permissions
 from keystore_audit.model.system import (
     ChannelAtom,
     DocumentAtom,
@@ -31,6 +33,11 @@ class Case:
         """The realm that the witness names, else that of its enclave."""
         named = self.witness.get(Role.REALM)
         return self.enclave.realm if named is None else named
+
+    @property
+    def view(self) -> RealmView:
+        """How the peers of the realm see every enclave."""
+        return RealmView(self.system, self.realm, Permissions(self.system))
 
     @property
     def enclave(self) -> EnclaveAtom:

@@ -11,12 +11,12 @@ from keystore_audit.engine.causes import Operation
 from keystore_audit.engine.counterexample_case import Case, step_at
 from keystore_audit.engine.counterexample_rights import Way, as_anybody, way
 from keystore_audit.engine.native_claims import claims_at
-from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind
 from keystore_audit.model.claim import Place as ClaimPlace
 from keystore_audit.model.flow import Flows
 from keystore_audit.model.names import ros_name
-from keystore_audit.model.permission import Decisions, Permissions, bits
+from keystore_audit.model.permission import Decisions, bits, union
 from keystore_audit.model.system import DomainRuleAtom, System
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Answer, Hop, Role
@@ -63,7 +63,7 @@ def _reading(case: Case, attacker: Attacker, when: str) -> Counterexample:
         text = f"Anybody on the network can read {case.topic}: {case.kinds()}{when}."
         return Counterexample(text=text, steps=case.governance_steps())
     enclave = case.witness[Role.ENCLAVE]
-    view = RealmView(case.system, case.realm, Permissions(case.system))
+    view = case.view
     packets = view.abilities(enclave).overhears | view.readable
     found = Way(why=case.kinds(), steps=case.governance_steps())
     if not packets >> case.witness[Role.CHANNEL] & 1:
@@ -108,8 +108,8 @@ def _publisher(case: Case, when: str) -> Counterexample:
     identity = case.witness[Role.CERTIFICATE]
     subject = case.system.certificates[identity]
     found = causes.rights_by(case.system, identity, "publish", case.witness[Role.CHANNEL])
-    accepted = RealmView(case.system, case.realm, Permissions(case.system)).accepted
-    taken = [each for each in found if any(case.system.documents[number] is each.document for number in accepted)]
+    accepted = [case.system.documents[number] for number in case.view.accepted]
+    taken = [each for each in found if any(each.document is document for document in accepted)]
     place = taken[0].location if taken else subject.location
     where = place.path if place.line is None else f"{place.path}:{place.line}"
     return Counterexample(
@@ -203,7 +203,7 @@ def _shows_it(case: Case, claim: ClaimAtom, hop: Hop) -> bool:
         return True
     if claim.attacker is not Attacker.RELAYS:
         return False
-    forged = RealmView(case.system, case.realm, Permissions(case.system)).abilities(hop.sender).forges
+    forged = case.view.abilities(hop.sender).forges
     return not forged >> hop.channel & 1
 
 
@@ -231,18 +231,17 @@ def _lets_anybody_in(case: Case, rule: DomainRuleAtom | None) -> bool:
 
 def forgers(system: System, claim: ClaimAtom) -> tuple[str, ...]:
     """Who is not among the permitted publishers and could pass for one with the keys that they hold; ANYBODY last."""
-    permissions, asked = Permissions(system), bits(claim.target.channels)
+    asked = bits(claim.target.channels)
     names: dict[str, None] = {}
-    views = [RealmView(system, realm, permissions) for realm in range(len(system.realms))]
+    views = realm_views(system)
     flows = Flows(system, views)
+    foreign = [number for number in range(len(system.enclaves)) if number not in claim.source.enclaves]
     for view in views:
-        for number, enclave in enumerate(system.enclaves):
-            forged = view.abilities(number).forges
-            for other in flows.acting(number) if number not in claim.source.enclaves else ():
-                able = view.abilities(other)
-                forged |= able.forges | able.may_write if other != number else 0
-            if number not in claim.source.enclaves and forged & asked:
-                names[enclave.label] = None
+        for number in foreign:
+            others = (view.abilities(other) for other in flows.acting(number) if other != number)
+            forged = view.abilities(number).forges | union(able.forges | able.may_write for able in others)
+            if forged & asked:
+                names[system.enclaves[number].label] = None
         for certificate, able in view.elsewhere.items():
             if able.forges & asked:
                 names[f"whoever is {shorten(system.certificates[certificate].label, MAX_SUBJECT)}"] = None

@@ -10,8 +10,7 @@ from keystore_audit.engine import counterexample_identities as identities
 from keystore_audit.engine.causes import Operation
 from keystore_audit.engine.counterexample_case import Case
 from keystore_audit.findings import Location
-from keystore_audit.model.attacker import RealmView
-from keystore_audit.model.permission import Permissions
+from keystore_audit.model.attacker import realm_views
 from keystore_audit.properties.counterexample import Step
 from keystore_audit.properties.property import Role
 
@@ -61,9 +60,9 @@ def as_anybody(case: Case, operation: Operation, enclave: int | None) -> Way | N
     has no keys for it there, as those of another realm do; None: nowhere.
     """
     channel = case.witness[Role.CHANNEL]
-    permissions = Permissions(case.system)
-    for realm in (case.realm, *(n for n in range(len(case.system.realms)) if n != case.realm)):
-        view = RealmView(case.system, realm, permissions)
+    views = realm_views(case.system)
+    for realm in sorted(range(len(views)), key=lambda each: each != case.realm):
+        view = views[realm]
         if (view.injectable if operation == "publish" else view.readable) >> channel & 1:
             there = replace(case, witness={**case.witness, Role.REALM: realm})
             verb, besides = ("send", there.open_door()) if operation == "publish" else ("read", "")

@@ -13,7 +13,7 @@ from itertools import islice
 from keystore_audit.aside import Aside
 from keystore_audit.engine.native_identities import shared_identities, shared_subjects
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.attacker import Abilities, RealmView
+from keystore_audit.model.attacker import Abilities, RealmView, realm_views
 from keystore_audit.model.permission import Decisions, Permissions, members, union
 from keystore_audit.model.system import CertificateAtom, GrantAtom, System
 from keystore_audit.properties import (
@@ -105,7 +105,7 @@ class _Questions:
         self._moment = 2 * system.now if moment is None else moment
         self._decisions = decisions
         self._permissions = Permissions(system, moment, decisions)
-        self._realms = [RealmView(system, realm, self._permissions) for realm in range(len(system.realms))]
+        self._realms = realm_views(system, self._permissions)
 
     def answers(self) -> dict[str, Answer]:
         return {prop.id: self._answer(prop) for prop in PROPERTIES} | self.claims() | self.determinism()

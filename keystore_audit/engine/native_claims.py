@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 
-from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.attacker import RealmView, realm_views
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.flow import Flows, Leg, search_of
 from keystore_audit.model.permission import Decisions, Permissions, bits, members, union
@@ -131,9 +131,7 @@ _KINDS: Mapping[ClaimKind, Callable[[Claims, ClaimAtom], Iterator[Found]]] = {
 
 def claims_at(system: System, moment: int, decisions: Decisions) -> Claims:
     """The claims of the system at `moment`, as `permission.Permissions` takes one."""
-    permissions = Permissions(system, moment, decisions)
-    realms = [RealmView(system, realm, permissions) for realm in range(len(system.realms))]
-    return Claims(system, realms)
+    return Claims(system, realm_views(system, Permissions(system, moment, decisions)))
 
 
 def answer(system: System, claim: ClaimAtom, now: Claims, moment: int, decisions: Decisions) -> Answer:

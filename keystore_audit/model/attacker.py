@@ -310,3 +310,9 @@ class RealmView:
             subscribed |= self._permissions.allowed(grant, Operation.SUBSCRIBE)
         reach = self._reach(self._joined_with(enclave, documents, anything=anything))
         return reach & (~p.write_controlled | published), reach & (~p.read_controlled | subscribed)
+
+
+def realm_views(system: System, permissions: Permissions | None = None) -> list[RealmView]:
+    """How the peers of each realm see every enclave. `permissions`: those of another moment, None: of the audit's."""
+    permissions = permissions or Permissions(system)
+    return [RealmView(system, realm, permissions) for realm in range(len(system.realms))]

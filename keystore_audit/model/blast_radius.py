@@ -16,7 +16,7 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.channels import ANY_TOPIC, Channels
 from keystore_audit.model.claim import Attacker, Place
 from keystore_audit.model.claims import AMBIENT
@@ -24,7 +24,7 @@ from keystore_audit.model.flow import Flows, Search
 from keystore_audit.model.influence import Influence, Lane
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.named import Named, names_of
-from keystore_audit.model.permission import Permissions, bits, members, union
+from keystore_audit.model.permission import bits, members, union
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.system import Reading, System
 from keystore_audit.model.systems import SystemBuilder
@@ -86,8 +86,7 @@ class Radii:
 
     def __init__(self, system: System, left_out: int) -> None:
         self._system = system
-        permissions = Permissions(system)
-        self._realms = [RealmView(system, realm, permissions) for realm in range(len(system.realms))]
+        self._realms = realm_views(system)
         self._flows = Flows(system, self._realms)
         self._kept = ~left_out
         self._everybody = range(len(system.enclaves))

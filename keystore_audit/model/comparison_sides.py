@@ -13,7 +13,7 @@ from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation, PermissionsFile
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.attacker import RealmView, realm_views
 from keystore_audit.model.channels import document_channels
 from keystore_audit.model.claims import AMBIENT, named
 from keystore_audit.model.comparison import Name, Names, Unread
@@ -47,7 +47,7 @@ class View:
     @cached_property
     def realms(self) -> list[RealmView]:
         """How the peers of each realm see every enclave."""
-        return [RealmView(self.system, realm, self.permissions) for realm in range(len(self.system.realms))]
+        return realm_views(self.system, self.permissions)
 
     @cached_property
     def taken(self) -> frozenset[int]:

@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.attacker import RealmView
-from keystore_audit.model.permission import Permissions
+from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.system import Reading, System
 
 
@@ -39,8 +38,7 @@ class _Peers:
 
     def __init__(self, system: System) -> None:
         self._numbers = {enclave.label: number for number, enclave in enumerate(system.enclaves)}
-        permissions = Permissions(system)
-        self._realms = [RealmView(system, realm, permissions) for realm in range(len(system.realms))]
+        self._realms = realm_views(system)
         self._known: dict[tuple[str, Operation], int] = {}
 
     def accept(self, path: str, operation: Operation) -> int:

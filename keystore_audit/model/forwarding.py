@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.behaviour import (
     Behaviour,
     DeterminismAtom,
@@ -63,7 +63,7 @@ class Forwarding:
         self._domains = [
             number for number, each in enumerate(channels.domains) if domain is None or contains(each.intervals, domain)
         ]
-        views = [RealmView(system, realm, permissions) for realm in range(len(system.realms))]
+        views = realm_views(system, permissions)
         self._own = [OwnRights(system, view) for view in views]
         self._lanes = Flows(system, views).by_right()
         regions = channels.regions

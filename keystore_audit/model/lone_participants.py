@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from datetime import datetime
 
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.permission import Permissions
 from keystore_audit.model.profiles import VARIANTS, JoinCheck
@@ -33,7 +33,7 @@ def starts_alone(
     if not profiles:
         return frozenset()
     permissions = Permissions(system)
-    views = [RealmView(system, realm, permissions) for realm in range(len(system.realms))]
+    views = realm_views(system, permissions)
     by_path = {enclave.path: enclave for enclave in keystore.enclaves}
     moments = [system.instants[system.now], *_later(system, until)]
     found = set()

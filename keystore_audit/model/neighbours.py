@@ -10,10 +10,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
-from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.claim import Attacker, Place
 from keystore_audit.model.flow import Flows, Lane, Search
-from keystore_audit.model.permission import Permissions, members
+from keystore_audit.model.permission import members
 from keystore_audit.model.system import System
 from keystore_audit.model.window import Window
 
@@ -45,8 +45,7 @@ class Neighbourhood:
 
 def neighbourhoods(system: System, window: Window, left_out: int, limit: int) -> tuple[Neighbourhood, ...]:
     """Of the first `limit` enclaves of the system. `left_out`: names (bit set) that are not looked at."""
-    permissions = Permissions(system)
-    flows = Flows(system, [RealmView(system, realm, permissions) for realm in range(len(system.realms))])
+    flows = Flows(system, realm_views(system))
     kept = window.all & ~left_out if window.governed else 0
     honest = _Lanes(flows.by_right(), window, kept)
     attacked = _Lanes(flows.lanes(Search(attacker=Attacker.RELAYS, source=Place(), target=Place())), window, kept)

@@ -6,8 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
-from keystore_audit.model.attacker import RealmView
-from keystore_audit.model.permission import Permissions
+from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.protection import Protection
 from keystore_audit.model.system import System
 
@@ -39,9 +38,7 @@ def safeguards(system: System, channels: range, domain: int) -> tuple[tuple[Safe
 
     A realm whose governance could not be read, or is not in force in the domain, says nothing, unless none does.
     """
-    permissions = Permissions(system)
-    views = [RealmView(system, realm, permissions) for realm in range(len(system.realms))]
-    spoken = [view.protection for view in views if not view.open and view.protection.ruled >> domain & 1]
+    spoken = [view.protection for view in realm_views(system) if not view.open and view.protection.ruled >> domain & 1]
     distinct = list({_key(protection): protection for protection in spoken}.values())
     return tuple(
         tuple(dict.fromkeys(_safeguard(protection, channel, domain) for protection in distinct))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from keystore_audit.model.attacker import RealmView
-from keystore_audit.model.permission import Permissions, bits
+from keystore_audit.model.attacker import realm_views
+from keystore_audit.model.permission import bits
 from keystore_audit.model.system import System
 
 
@@ -14,8 +14,7 @@ def some_writer(system: System, channels: frozenset[int]) -> frozenset[int]:
     nobody else writes there is not said.
     """
     asked = bits(channels)
-    permissions = Permissions(system)
-    views = [RealmView(system, realm, permissions) for realm in range(len(system.realms))]
+    views = realm_views(system)
     enclaves = [number for number, enclave in enumerate(system.enclaves) if not enclave.at_large]
     for number in sorted(enclaves, key=lambda number: system.enclaves[number].opaque):
         if any(view.abilities(number).may_write & asked for view in views):

@@ -12,10 +12,9 @@ from collections.abc import Iterator, Sequence
 
 from keystore_audit.engine.alloy.atoms import Atoms, name_atoms
 from keystore_audit.engine.alloy.claims import Places, attackers, pair_places
-from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.claim import ClaimAtom, ClaimKind
 from keystore_audit.model.flow import Flows, Leg, search_of
-from keystore_audit.model.permission import Decisions, Permissions
 from keystore_audit.model.system import System
 
 
@@ -26,8 +25,7 @@ def known_flows(system: System, numbers: Sequence[int]) -> dict[int, str]:
     """
     if not numbers:
         return {}
-    permissions = Permissions(system, None, Decisions(system))
-    flows = Flows(system, [RealmView(system, realm, permissions) for realm in range(len(system.realms))])
+    flows = Flows(system, realm_views(system))
     atoms = name_atoms(system)
     found = {}
     for number in numbers:
