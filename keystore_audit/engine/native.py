@@ -237,10 +237,7 @@ class _Questions:
             for enclave in range(len(self._system.enclaves)):
                 published |= view.may_be_granted(enclave, Operation.PUBLISH)
                 subscribed |= view.may_be_granted(enclave, Operation.SUBSCRIBE)
-            joinable = 0
-            for domain, within in enumerate(self._permissions.channels_in):
-                if not p.join_controlled >> domain & 1:
-                    joinable |= within
+            joinable = self._permissions.within(members(self._permissions.all_domains & ~p.join_controlled))
             loose = (
                 (published & ~p.write_controlled)
                 | (subscribed & ~p.read_controlled)

@@ -38,6 +38,12 @@ class Abilities:
     writes_at_all: int
     reads_at_all: int
 
+    def by_right(self, operation: Operation) -> int:
+        """Channels on which peers let it do this."""
+        if operation is Operation.PUBLISH:
+            return self.may_write
+        return self.may_read if operation is Operation.SUBSCRIBE else self.may_relay
+
     @property
     def knows(self) -> int:
         """Channels whose samples it learns, as a reader or from packets."""
@@ -167,10 +173,8 @@ class RealmView:
     def unauthenticated(self) -> int:
         """Governed channels of whose messages as a whole anybody can make some that are taken."""
         p = self.protection
-        in_the_clear = 0  # messages of unauthenticated participants, whatever protects those of the others
-        for domain in members(p.unauthenticated):
-            in_the_clear |= self._permissions.channels_in[domain]
-        return p.governed & (in_the_clear | ~p.rtps_authenticates)
+        # Those of unauthenticated participants are in the clear, whatever protects those of the others.
+        return p.governed & (self._permissions.within(members(p.unauthenticated)) | ~p.rtps_authenticates)
 
     @cached_property
     def injectable(self) -> int:
@@ -269,10 +273,7 @@ class RealmView:
     @cached_property
     def joining_anybody(self) -> int:
         """Channels on which readers take samples from participants without any identity, who join their domain."""
-        within = 0
-        for domain in members(self.protection.unauthenticated):
-            within |= self._permissions.channels_in[domain]
-        return within & self.injectable
+        return self._permissions.within(members(self.protection.unauthenticated)) & self.injectable
 
     def _able(self, joined: int, rights: Sequence[int], writes_alone: int = 0, reads_alone: int = 0) -> Abilities:
         """What somebody can do in these domains with these rights, by operation, and what its implementation adds."""
@@ -295,11 +296,7 @@ class RealmView:
 
     def _reach(self, joined: int) -> int:
         """The governed channels of these domains."""
-        within = 0
-        for domain, channels in enumerate(self._permissions.channels_in):
-            if joined >> domain & 1:
-                within |= channels
-        return within & self.protection.governed
+        return self._permissions.within(members(joined)) & self.protection.governed
 
     def rights_with(self, enclave: int, documents: frozenset[int], *, anything: bool) -> tuple[int, int]:
         """What the enclave may write and read with the grants of these documents alone, or with any (`anything`)."""

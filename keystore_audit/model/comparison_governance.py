@@ -12,7 +12,7 @@ from keystore_audit.model.comparison import Aspect, Direction, Layer, direction_
 from keystore_audit.model.comparison_drafts import Draft, in_order
 from keystore_audit.model.comparison_sides import Pair, Sides, View, is_void
 from keystore_audit.model.permission import bits
-from keystore_audit.model.system import DomainRuleAtom, TopicRuleAtom
+from keystore_audit.model.system import TopicRuleAtom
 
 _Value = bool | ProtectionKind | None
 
@@ -175,7 +175,7 @@ def _parts(view: View, document: int | None) -> list[_Part]:
         if topic.domain_rule in topics:
             topics[topic.domain_rule].append(topic)
     for number, rule in rules:
-        within = bits_of_domains(view, rule) & undecided
+        within = view.decisions.within(rule.domains) & undecided
         undecided &= ~within
         domain = tuple(getattr(rule, name) for name in _OF_DOMAINS)
         for topic in topics[number]:
@@ -187,14 +187,6 @@ def _parts(view: View, document: int | None) -> list[_Part]:
         if within:
             parts.append(_Part(Row(domain, None), within, rule.location))
     return [*parts, _Part(_NOTHING, undecided, None)] if undecided else parts
-
-
-def bits_of_domains(view: View, rule: DomainRuleAtom) -> int:
-    """The channels of the domains that a rule covers."""
-    found = 0
-    for domain in rule.domains:
-        found |= view.decisions.channels_in[domain]
-    return found
 
 
 def _differences(

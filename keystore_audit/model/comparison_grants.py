@@ -13,7 +13,7 @@ from keystore_audit.model.comparison_dates import Dates, other_dates, spanned
 from keystore_audit.model.comparison_drafts import Draft, in_order
 from keystore_audit.model.comparison_sides import Pair, Sides, View, is_void
 from keystore_audit.model.permission import members
-from keystore_audit.model.system import GrantAtom, RuleAtom
+from keystore_audit.model.system import GrantAtom
 
 JOIN: Final = "join"
 WORDS: Final = {
@@ -226,12 +226,6 @@ def deciding(view: View, grant: int | None, operation: Operation, channels: int)
     channel = next(iter(members(channels)))
     domain = view.system.channels[channel].domain
     for rule in view.rules_of.get(grant, ()):
-        if domain in rule.domains and channel in _named(rule, operation):
+        if domain in rule.domains and channel in rule.named(operation):
             return rule.location
     return whole(view, grant)
-
-
-def _named(rule: RuleAtom, operation: Operation) -> frozenset[int]:
-    if operation is Operation.PUBLISH:
-        return rule.publish
-    return rule.subscribe if operation is Operation.SUBSCRIBE else rule.relay

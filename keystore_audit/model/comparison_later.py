@@ -15,7 +15,7 @@ from keystore_audit.model.comparison import Direction, Layer, direction_of
 from keystore_audit.model.comparison_drafts import Draft, in_order
 from keystore_audit.model.comparison_grants import NOTHING, Given, differing, either, given, is_refused
 from keystore_audit.model.comparison_sides import Pair, Sides, View
-from keystore_audit.model.permission import bits
+from keystore_audit.model.permission import bits, union
 from keystore_audit.model.system import GrantAtom
 
 KIND: Final = "later-rights"
@@ -66,12 +66,12 @@ def later_changes(sides: Sides, told: frozenset[str]) -> list[Draft]:
         for path, direction, channels, old, new in _differences(sides, pair):
             if direction is Direction.CHANGED and path in told:
                 continue
-            profiles, union, one, other = found.setdefault((path, direction), ([], 0, old, new))
+            profiles, known, one, other = found.setdefault((path, direction), ([], 0, old, new))
             profiles += pair.profiles
-            found[path, direction] = profiles, union | channels, one, other
+            found[path, direction] = profiles, known | channels, one, other
     folds: dict[tuple[Direction, int, tuple[str, ...]], list[tuple[str, Location | None, Location | None]]] = {}
-    for (path, direction), (profiles, union, old, new) in found.items():
-        folds.setdefault((direction, union, in_order(profiles, sides)), []).append((path, old, new))
+    for (path, direction), (profiles, channels, old, new) in found.items():
+        folds.setdefault((direction, channels, in_order(profiles, sides)), []).append((path, old, new))
     return [
         Draft(
             layer=Layer.TRUST,
@@ -146,7 +146,4 @@ def _within(view: View, rights: Given, mask: int) -> Given:
 
 def _beyond(sides: Sides, pair: Pair, one: Given, other: Given) -> int:
     """The channels on which something is given by one and not by the other."""
-    found = 0
-    for _right, channels in differing(sides, pair, other, either(other, one)):
-        found |= channels
-    return found
+    return union(channels for _right, channels in differing(sides, pair, other, either(other, one)))

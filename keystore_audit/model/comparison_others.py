@@ -20,7 +20,7 @@ from keystore_audit.model.comparison_dates import Dates
 from keystore_audit.model.comparison_drafts import Draft, in_order
 from keystore_audit.model.comparison_grants import NOTHING, WORDS, Given, Right, differing, either, given
 from keystore_audit.model.comparison_sides import Pair, Sides, View
-from keystore_audit.model.permission import members
+from keystore_audit.model.permission import members, union
 from keystore_audit.model.subject import same_meaning
 
 KINDS: Final = ("right-of-others", "grant-of-others")
@@ -87,9 +87,6 @@ class OthersGrants:
         return [self._draft(key, by_profile, several) for (key, by_profile), several in folds.items()]
 
     def _draft(self, key: _Key, by_profile: tuple[tuple[str, int], ...], several: list[tuple[str, _Found]]) -> Draft:
-        union = 0
-        for _profile, channels in by_profile:
-            union |= channels
         several = sorted(several, key=lambda each: each[0])
         direction = Direction.CHANGED
         if key.right is not None:
@@ -103,7 +100,7 @@ class OthersGrants:
             profiles=in_order((profile for profile, _channels in by_profile), self._sides),
             operation=key.right.operation if key.right is not None else None,
             aspects=tuple(_aspect(subject, direction) for subject, _found in several),
-            channels=union,
+            channels=union(channels for _profile, channels in by_profile),
             varies=len({channels for _profile, channels in by_profile}) > 1,
             old=several[0][1].old,
             new=several[0][1].new,
@@ -234,10 +231,8 @@ class SameGrants:
 
 def _unguarded(view: View) -> int:
     """The domains that peers let everybody join whom some grant names, whatever it gives."""
-    found = 0
-    for realm in view.realms if view.system.requires_grant else ():
-        found |= realm.protection.ruled & ~realm.protection.join_controlled
-    return found
+    protections = (realm.protection for realm in (view.realms if view.system.requires_grant else ()))
+    return union(each.ruled & ~each.join_controlled for each in protections)
 
 
 def _add(view: View, granted: _Granted, number: int, unguarded: int, *, first: bool) -> None:
@@ -260,10 +255,7 @@ def _in_force(view: View, number: int) -> bool:
 
 def _all(view: View, rights: Given) -> int:
     """The names of which they speak: of domains that may be joined, all."""
-    found = rights.publish | rights.subscribe | rights.relay
-    for domain in members(rights.joined):
-        found |= view.decisions.channels_in[domain]
-    return found
+    return rights.publish | rights.subscribe | rights.relay | view.decisions.within(members(rights.joined))
 
 
 def _words(key: _Key, subjects: list[str]) -> str:

@@ -214,12 +214,7 @@ class Reach:
             yield draft, self._in_domains_of(draft.channels) if draft.operation == "join" else draft.channels
 
     def _in_domains_of(self, channels: int) -> int:
-        found = 0
-        for domain, within in enumerate(self._sides.pairs[0].old.decisions.channels_in):
-            del domain
-            if within & channels:
-                found |= within
-        return found
+        return union(within for within in self._sides.pairs[0].old.decisions.channels_in if within & channels)
 
     def _note(self, pair: Pair, key: _Key, path: str | None, channels: int) -> None:
         by_profile = self._found.setdefault((key, path), {})

@@ -22,7 +22,7 @@ from keystore_audit.model.doubt import enclave_doubts, keystore_doubts
 from keystore_audit.model.interpret import usability_by_profile
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.own_rights import OwnRights
-from keystore_audit.model.permission import Decisions, Permissions, bits, members
+from keystore_audit.model.permission import Decisions, Permissions, bits, members, union
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.system import Reading, RuleAtom, System
 from keystore_audit.model.systems import SystemBuilder
@@ -75,24 +75,13 @@ class View:
 
     def accepted(self, enclave: int, operation: Operation) -> int:
         """The channels on which some peer accepts the operation from the enclave."""
-        found = 0
-        for realm in self.realms:
-            able = realm.abilities(enclave)
-            if operation is Operation.PUBLISH:
-                found |= able.may_write
-            else:
-                found |= able.may_read if operation is Operation.SUBSCRIBE else able.may_relay
-        return found
+        return union(realm.abilities(enclave).by_right(operation) for realm in self.realms)
 
     def made(self, enclave: int, operation: Operation) -> int:
         """The channels on which its own implementation makes a writer (PUBLISH) or a reader of the enclave."""
         atom = self.system.enclaves[enclave]
-        publishes = operation is Operation.PUBLISH
-        found = bits(atom.writes_alone if publishes else atom.reads_alone)
-        for each in self._own_rights:
-            able = each.abilities(enclave)
-            found |= able.may_write if publishes else able.may_read
-        return found
+        alone = atom.writes_alone if operation is Operation.PUBLISH else atom.reads_alone
+        return bits(alone) | union(each.abilities(enclave).by_right(operation) for each in self._own_rights)
 
     @cached_property
     def _own_rights(self) -> list[OwnRights]:

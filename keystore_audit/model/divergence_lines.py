@@ -21,7 +21,7 @@ from keystore_audit.model.permission import Permissions, bits, members
 from keystore_audit.model.profiles import PartitionReading, Profile
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.substitution import Cause
-from keystore_audit.model.system import RuleAtom, System
+from keystore_audit.model.system import System
 from keystore_audit.model.validity import read_date
 
 
@@ -103,9 +103,7 @@ class Lines:
         ours, theirs = (self._peers(peers.system(profile)) for profile in (before, after))
         number = ours.numbers.get(path)
         for realm in range(min(len(ours.realms), len(theirs.realms)) if number is not None else 0):
-            rights = [
-                getattr(each.realms[realm].abilities(number or 0), _ABILITY[operation]) for each in (ours, theirs)
-            ]
+            rights = [each.realms[realm].abilities(number or 0).by_right(operation) for each in (ours, theirs)]
             here = (rights[0] ^ rights[1]) & channels
             for part in self._in_realm(ours, theirs, realm, number or 0, operation, (before, after)) if here else ():
                 found = part.channels & here
@@ -126,7 +124,8 @@ class Lines:
             if mine is not None and other is not None and ours.order(mine) == theirs.order(other):
                 yield from self._parts(_rules(ours, mine, operation), _rules(theirs, other, operation), -1, both[0])
                 domains = ours.permissions.joins(mine) ^ theirs.permissions.joins(other)
-                joins.append(Part(ours.within(members(domains)), ours.system.grants[mine].location, None, None))
+                channels = ours.permissions.within(members(domains))
+                joins.append(Part(channels, ours.system.grants[mine].location, None, None))
             elif mine is not None or other is not None:
                 place = ours.system.documents[document].location.path
                 subject = ours.system.certificates[identity].label if identity is not None else ""
@@ -235,16 +234,6 @@ class _Peers:
         document = self.system.grants[grant].document
         return sum(1 for other in self.system.grants[:grant] if other.document == document)
 
-    def within(self, domains: Iterable[int]) -> int:
-        """The channels of these domains."""
-        found = 0
-        for domain in domains:
-            found |= self.permissions.channels_in[domain]
-        return found
-
-
-_ABILITY = {Operation.PUBLISH: "may_write", Operation.SUBSCRIBE: "may_read", Operation.RELAY: "may_relay"}
-
 
 def _whole(file: GovernanceFile | PermissionsFile | None) -> Location | None:
     if file is None:
@@ -281,7 +270,7 @@ def _governance(peers: _Peers, realm: int, operation: Operation) -> Iterator[_De
     for rule in peers.system.topic_rules:
         parent = peers.system.domain_rules[rule.domain_rule]
         if parent.document == peers.system.realms[realm].governance:
-            channels = bits(rule.channels) & peers.within(parent.domains) & protection.governed
+            channels = bits(rule.channels) & peers.permissions.within(parent.domains) & protection.governed
             yield _Decider(channels & free, "everybody", rule.location, True)
             yield _Decider(channels & ~free, "asked", rule.location, True)
     yield _Decider(-1, "nobody", None, False)
@@ -292,12 +281,6 @@ def _rules(peers: _Peers, grant: int, operation: Operation) -> Iterator[_Decider
     atom = peers.system.grants[grant]
     for rule in peers.system.rules:
         if rule.grant == grant:
-            channels = bits(_named(rule, operation)) & peers.within(rule.domains)
+            channels = bits(rule.named(operation)) & peers.permissions.within(rule.domains)
             yield _Decider(channels, rule.allow, rule.location, True)
     yield _Decider(-1, atom.default_allow, atom.location, False)
-
-
-def _named(rule: RuleAtom, operation: Operation) -> frozenset[int]:
-    if operation is Operation.PUBLISH:
-        return rule.publish
-    return rule.subscribe if operation is Operation.SUBSCRIBE else rule.relay

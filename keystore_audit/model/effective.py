@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.attacker import realm_views
+from keystore_audit.model.permission import union
 from keystore_audit.model.system import Reading, System
 
 
@@ -45,15 +46,7 @@ class _Peers:
         """The channels on which some realm accepts the operation; none of an enclave that is left out."""
         key = (path, operation)
         if key not in self._known:
-            accepted = 0
             number = self._numbers.get(path)
-            for realm in self._realms:
-                if number is None:
-                    break
-                able = realm.abilities(number)
-                if operation is Operation.PUBLISH:
-                    accepted |= able.may_write
-                else:
-                    accepted |= able.may_read if operation is Operation.SUBSCRIBE else able.may_relay
-            self._known[key] = accepted
+            realms = self._realms if number is not None else ()
+            self._known[key] = union(realm.abilities(number or 0).by_right(operation) for realm in realms)
         return self._known[key]

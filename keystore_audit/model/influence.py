@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from functools import cached_property
 
 from keystore_audit.dataclass import dataclass
-from keystore_audit.model.permission import members
+from keystore_audit.model.permission import members, union
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +31,7 @@ class Influence:
         self._lanes = lanes
         self._all = (1 << participants) - 1
         self._number = participants
-        self._getting = [_holders(lane.gets, _union(lane.puts)) for lane in lanes]
+        self._getting = [_holders(lane.gets, union(lane.puts)) for lane in lanes]
         self._known: list[dict[int, int]] = [{} for _ in lanes]
         self.hops = [self.receivers(sender, -1) for sender in range(participants)]
 
@@ -102,13 +102,6 @@ def _lowest(some: int) -> int:
     return (some & -some).bit_length() - 1
 
 
-def _union(sets: Sequence[int]) -> int:
-    found = 0
-    for each in sets:
-        found |= each
-    return found
-
-
 def _holders(sets: Sequence[int], channels: int) -> dict[int, int]:
     """By channel, of these: who has it."""
     alike: dict[int, int] = {}
@@ -122,7 +115,4 @@ def _holders(sets: Sequence[int], channels: int) -> dict[int, int]:
 
 
 def _of_channels(holders: dict[int, int], channels: int) -> int:
-    found = 0
-    for channel in members(channels):
-        found |= holders.get(channel, 0)
-    return found
+    return union(holders.get(channel, 0) for channel in members(channels))

@@ -111,19 +111,17 @@ class Decisions:
 
     def _matches(self, rule: RuleAtom, operation: Operation) -> int:
         """Channels whose domain, topic and partition the rule matches."""
-        if operation is Operation.PUBLISH:
-            named = rule.publish
-        else:
-            named = rule.subscribe if operation is Operation.SUBSCRIBE else rule.relay
+        named = rule.named(operation)
         if not named:
             return 0
         within = self._within.get(rule.domains)
         if within is None:
-            within = 0
-            for domain in rule.domains:
-                within |= self.channels_in[domain]
-            self._within[rule.domains] = within
+            within = self._within[rule.domains] = self.within(rule.domains)
         return bits(named) & within
+
+    def within(self, domains: Iterable[int]) -> int:
+        """The channels of these domain classes."""
+        return union(self.channels_in[domain] for domain in domains)
 
     def joins(self, grant: int) -> int:
         """Domains that the grant lets its holder join."""
@@ -147,7 +145,7 @@ class Permissions:
         self._system = system
         self._moment = 2 * system.now if moment is None else moment
         known = Decisions(system) if decisions is None else decisions
-        self.allowed, self.joins, self.met = known.allowed, known.joins, known.met
+        self.allowed, self.joins, self.met, self.within = known.allowed, known.joins, known.met, known.within
         self.all_channels, self.all_domains, self.channels_in = known.all_channels, known.all_domains, known.channels_in
 
     def in_force(self, not_before: int, not_after: int) -> bool:

@@ -16,6 +16,7 @@ from enum import Enum
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import ProtectionKind
+from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.behaviour import DeterminismAtom
 from keystore_audit.model.claim import ClaimAtom, PlaceAtom
 
@@ -198,6 +199,12 @@ class RuleAtom:
     subscribe: frozenset[int]
     relay: frozenset[int]
     location: Location
+
+    def named(self, operation: Operation) -> frozenset[int]:
+        """The channels that its criteria match for the operation."""
+        if operation is Operation.PUBLISH:
+            return self.publish
+        return self.subscribe if operation is Operation.SUBSCRIBE else self.relay
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -31,7 +31,7 @@ MUTANTS: dict[str, tuple[Any, str, str, str]] = {
     "the default is always to allow": (Decisions, "allowed", "self._system.grants[grant].default_allow", "True"),
     "the default overrules rules": (Decisions, "allowed", "self.all_channels & ~decided", "self.all_channels"),
     "a rule counts in every domain": (Decisions, "_matches", "bits(named) & within", "bits(named)"),
-    "subscribing needs the right to publish": (Decisions, "_matches", "named = rule.publish", "named = rule.subscribe"),
+    "subscribing needs the right to publish": (Decisions, "_matches", "rule.named(operation)", "rule.publish"),
     "a default does not let join": (Decisions, "joins", "self._system.grants[grant].default_allow", "False"),
     "a deny rule lets join": (Decisions, "joins", "if rule.allow:", "if True:"),
     "a validity ends before its last instant": (Permissions, "in_force", "<= 2 * not_after", "< 2 * not_after"),
