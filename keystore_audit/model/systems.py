@@ -238,11 +238,14 @@ class SystemBuilder:
         return tuple(enclaves), tuple(realms)
 
     def _in_use(self, enclaves: Iterable[EnclaveAtom], documents: Iterable[DocumentAtom]) -> Iterable[CertificateAtom]:
-        """The certificates. One at large that adds nothing has no issuer, so that it is not taken for a stranger's."""
+        """The certificates. One at large that adds nothing has no issuer, so that it is not taken for a stranger's.
+
+        Signers add something, and so do the authorities over which they chain.
+        """
         if not self._at_large:  # nearly always
             return self._certificate_atoms
         used = {enclave.identity for enclave in enclaves}.union(*(document.signers for document in documents))
-        idle = {each.number for each in self._at_large} - used
+        idle = {each.number for each in self._at_large} - used.union(*self._issuers)
         atoms = enumerate(self._certificate_atoms)
         return [replace(atom, issuers=frozenset()) if number in idle else atom for number, atom in atoms]
 

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.serialization import Encoding, pkcs7
 from cryptography.x509.oid import NameOID
 
 from keystore_audit.compromise import find_blast_radius
@@ -20,6 +22,7 @@ from keystore_audit.keystore import stray_identity
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model import at_large
 from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.claim import Attacker, ClaimKind
 from keystore_audit.model.claims import Claim, Globs
 from keystore_audit.model.interpret import interpret
@@ -148,6 +151,29 @@ def test_one_that_is_revoked_is_let_in_by_nobody(tmp_path: Path) -> None:
     for number, serials in enumerate(((78,), (77,))):
         systems = understood(written(tmp_path / str(number), files, replace(STORE, revoked=serials)))
         assert {len(added(system)) for system in systems if "spec" in system.profiles} == {1 - number}
+
+
+@pytest.mark.parametrize("serials", [(), (77,)])
+def test_an_authority_that_a_message_brings_along_serves_its_signer_though_it_is_let_in_nowhere(
+    serials: tuple[int, ...], tmp_path: Path
+) -> None:
+    """It has the key of an enclave. Of a chain of signers nobody asks for revocation."""
+    one = authority("oneCA")
+    between = identity("between", "/talker", one, ca=True, serial=77)
+    signer = certificate("signer", between)
+    message = (
+        pkcs7.PKCS7SignatureBuilder()
+        .set_data(LISTENER.permissions.encode())
+        .add_signer(signer.certificate, signer.key, hashes.SHA256())  # type: ignore[arg-type]
+        .add_certificate(between.certificate)
+        .sign(Encoding.SMIME, [pkcs7.PKCS7Options.Text, pkcs7.PKCS7Options.DetachedSignature])
+    )
+    store = replace(STORE, identity=(one,), permissions=(one,), strays={}, revoked=serials)
+    systems = understood(written(tmp_path, {"enclaves/listener/permissions.p7s": message}, store))
+    (system,) = (each for each in systems if "cyclonedds-0.10" in each.profiles)
+    assert len(added(system)) == 1 - len(serials)
+    (view,) = realm_views(system)
+    assert system.enclaves[0].permissions in view.accepted
 
 
 def test_a_second_certificate_of_a_key_is_a_way(tmp_path: Path) -> None:
