@@ -147,12 +147,13 @@ def in_force(system: System, dated: CertificateAtom | GrantAtom) -> bool:
     return dated.not_before <= system.now <= dated.not_after
 
 
-def _chosen(system: System, certificate: int) -> dict[int, int]:
-    """By document: the first grant in force that names the certificate."""
-    chosen: dict[int, int] = {}
+def _chosen(system: System, certificate: int) -> dict[int, int | None]:
+    """By document: the grant that decides about the certificate, None where that is one out of date."""
+    chosen: dict[int, int | None] = {}
     for number, grant in enumerate(system.grants):
-        if certificate in grant.names and in_force(system, grant):
-            chosen.setdefault(grant.document, number)
+        counts = in_force(system, grant)
+        if certificate in grant.names and (counts or not system.skips_grants_out_of_date):
+            chosen.setdefault(grant.document, number if counts else None)
     return chosen
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from keystore_audit.engine import causes
 from keystore_audit.engine.counterexample import describe
 from keystore_audit.engine.counterexample_claims import describe_claim, hop_ways
 from keystore_audit.engine.native import NativeEngine
@@ -167,6 +168,17 @@ def test_a_permissions_document_of_another_signer_is_named() -> None:
     assert told.text == (
         "enclaves/talker/permissions.p7s, which /talker uses, is signed by /talker, not by the permissions CA alone."
     )
+
+
+@pytest.mark.parametrize("skips", [True, False])
+def test_a_grant_behind_one_out_of_date_is_shown_where_that_one_is_passed_over(skips: bool) -> None:
+    b = healthy_builder()
+    b.skips_grants_out_of_date = skips
+    b.grants[0] = replace(b.grants[0], not_after=1)
+    behind = b.grant(TALKER_PERMISSIONS, [TALKER_IDENTITY])
+    b.rule(behind, [0], publish=[CHATTER])
+    found = causes.rights(b.system(), TALKER, "publish", CHATTER)
+    assert [right.location for right in found] == [b.rules[-1].location] * skips
 
 
 @pytest.mark.parametrize("seed", range(40))
