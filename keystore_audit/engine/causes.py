@@ -14,7 +14,6 @@ from keystore_audit.model.system import (
     CertificateAtom,
     DocumentAtom,
     DomainRuleAtom,
-    EnclaveAtom,
     GrantAtom,
     RuleAtom,
     System,
@@ -124,16 +123,6 @@ def opaque_document(system: System) -> DocumentAtom | None:
 def is_unread(system: System, authorities: frozenset[int]) -> bool:
     """Whether these authorities of a realm stand for whatever is in a CA file that could not be read."""
     return any(system.certificates[number].opaque for number in authorities)
-
-
-def signs_for_itself(system: System, realm: int, enclave: EnclaveAtom) -> CertificateAtom | None:
-    """Return the identity of an enclave if peers that do not pin the signer take its signature on documents."""
-    if system.pins_signer or enclave.identity is None:
-        return None
-    identity = system.certificates[enclave.identity]
-    pool = system.realms[realm].permissions_ca
-    vouched = any(issuer in pool and system.certificates[issuer].authority for issuer in identity.issuers)
-    return identity if vouched and identity.fit_to_sign else None
 
 
 def has_authority_key(system: System, realm: int, certificate: int | None) -> bool:

@@ -108,10 +108,12 @@ def _grants_itself(case: Case) -> Counterexample:
         text = f"A permissions CA file could not be read: {enclave.label} may be one that signs permissions."
     elif causes.has_authority_key(case.system, case.realm, enclave.identity):
         text = f"{enclave.label} can sign itself permissions: its key is that of the permissions CA."
-    elif identity := causes.signs_for_itself(case.system, case.realm, enclave):
+    elif enclave.identity is not None and case.view.self_granting(case.witness[Role.ENCLAVE]):
+        identity = case.system.certificates[enclave.identity]
+        issued = identity.issuers & case.system.realms[case.realm].permissions_ca
         text = (
-            f"{enclave.label} can sign itself permissions: the permissions CA also issued its identity "
-            f"({identity.label}), and these implementations accept any signer that the CA issued."
+            f"{enclave.label} can sign itself permissions: the permissions CA {'also issued' if issued else 'is above'}"
+            f" its identity ({identity.label}), and these implementations accept any signer that the CA issued."
         )
     else:
         document = None if enclave.permissions is None else case.system.documents[enclave.permissions]

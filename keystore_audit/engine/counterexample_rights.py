@@ -133,10 +133,10 @@ def _conceded(case: Case, number: int, operation: Operation) -> Way | None:
     identity = (identities.identity_step(system, enclave),)
     if enclave.opaque:
         return Way(why="its identity could not be read, so it may be anybody", steps=identity)
-    if causes.signs_for_itself(system, case.realm, enclave):
-        return Way(why="it can sign itself permissions that its peers accept", steps=identity)
     if causes.has_authority_key(system, case.realm, enclave.identity):
         return Way(why="its key is that of the permissions CA", steps=identity)
+    if case.view.self_granting(number):
+        return Way(why="it can sign itself permissions that its peers accept", steps=identity)
     for right in causes.rights(system, number, operation, case.witness[Role.CHANNEL]):
         if not right.document.opaque and not causes.signed_by_ca(system, case.realm, right.document):
             why = f"{right.document.label} grants it, which the permissions CA did not sign and peers accept"

@@ -72,9 +72,12 @@ def test_the_topic_rule_that_decides_is_named_and_not_one_after_it() -> None:
     assert "enable_read_access_control is false" in told.text
 
 
-def test_an_enclave_that_signs_for_itself_is_told_by_its_certificate() -> None:
+@pytest.mark.parametrize("fitness", [{"fit_to_sign": True}, {"fit_to_sign": False, "authority": True}])
+def test_an_enclave_that_signs_for_itself_is_told_by_its_certificate(fitness: dict[str, bool]) -> None:
+    """Or by a signer whom it issues a certificate."""
     b = Builder(**{**vars(healthy_builder()), "pins_signer": False})
     b.realms[0] = replace(b.realms[0], permissions_ca=frozenset({IDENTITY_CA}))
+    b.certificates[TALKER_IDENTITY] = replace(b.certificates[TALKER_IDENTITY], **fitness)
     told = tell(b.system(), "no-enclave-grants-itself-rights", realm=0, enclave=TALKER)
     assert "/talker can sign itself permissions" in told.text
     assert [step.path for step in told.steps] == ["2.cert.pem"]
