@@ -17,7 +17,7 @@ from keystore_audit.model.attacker import RealmView, realm_views
 from keystore_audit.model.channels import document_channels
 from keystore_audit.model.claims import AMBIENT, named
 from keystore_audit.model.comparison import Name, Names, Unread
-from keystore_audit.model.domains import Interval, contains
+from keystore_audit.model.domains import Interval, contains, merged
 from keystore_audit.model.doubt import enclave_doubts, keystore_doubts
 from keystore_audit.model.interpret import usability_by_profile
 from keystore_audit.model.inventory import documents_of
@@ -260,13 +260,7 @@ class Sides:
     def _joined(self, intervals: Iterable[Interval]) -> tuple[Interval, ...]:
         if self._domain is not None:
             return ((self._domain, self._domain),)
-        joined: list[Interval] = []
-        for low, high in sorted(intervals):
-            if joined and low <= joined[-1][1] + 1:
-                joined[-1] = joined[-1][0], max(high, joined[-1][1])
-            else:
-                joined.append((low, high))
-        return tuple(joined)
+        return merged(intervals)
 
     @cached_property
     def _literals(self) -> frozenset[str]:

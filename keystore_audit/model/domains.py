@@ -20,14 +20,18 @@ def covered(ranges: Iterable[DomainRange], reading: OpenRange = OpenRange.SPEC) 
     Either bound of an `<id_range>` may be absent (DDS-Security 1.1, 9.4.1.2.4 and Annex A); what that means is
     `reading`.
     """
-    intervals = sorted(filter(None, (_interval(item, reading) for item in ranges)))
-    merged: list[Interval] = []
-    for low, high in intervals:
-        if merged and low <= merged[-1][1] + 1:
-            merged[-1] = (merged[-1][0], max(merged[-1][1], high))
+    return merged(filter(None, (_interval(item, reading) for item in ranges)))
+
+
+def merged(intervals: Iterable[Interval]) -> tuple[Interval, ...]:
+    """What the closed intervals cover, ascending and apart."""
+    found: list[Interval] = []
+    for low, high in sorted(intervals):
+        if found and low <= found[-1][1] + 1:
+            found[-1] = (found[-1][0], max(found[-1][1], high))
         else:
-            merged.append((low, high))
-    return tuple(merged)
+            found.append((low, high))
+    return tuple(found)
 
 
 def _interval(item: DomainRange, reading: OpenRange) -> Interval | None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
+from itertools import chain
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
@@ -32,16 +33,14 @@ def keystore_doubts(keystore: Keystore, profile: Profile, accesses: AccessViews)
     for file in keystore.identities.unread:
         reason = "holds certificates outside enclaves, more than are read: whom peers let in is unknown"
         yield Doubt(enclave=None, location=Location(path=file.place), reason=reason)
-    for enclave in keystore.enclaves:
-        for doubt in enclave_doubts(enclave, profile.trust, accesses.row(profile.access), accesses):
-            place = (doubt.location.path, doubt.location.line)
-            if place not in seen:
-                seen.add(place)
-                yield doubt
-    strays = _stray_doubts(keystore, profile.trust, accesses.row(profile.access), accesses)
+    row = accesses.row(profile.access)
+    by_enclave = (enclave_doubts(enclave, profile.trust, row, accesses) for enclave in keystore.enclaves)
+    strays = _stray_doubts(keystore, profile.trust, row, accesses)
     at_large = filter(None, map(at_large_doubt, identities_at_large(keystore, accesses.at)))
-    for doubt in (*strays, *at_large):
-        if (doubt.location.path, doubt.location.line) not in seen:
+    for doubt in chain(chain.from_iterable(by_enclave), strays, at_large):
+        place = (doubt.location.path, doubt.location.line)
+        if place not in seen:
+            seen.add(place)
             yield doubt
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from keystore_audit.model.access_view import AccessViews, Typed
-from keystore_audit.model.domains import Interval
+from keystore_audit.model.domains import Interval, merged
 from keystore_audit.model.profiles import Profile
 
 
@@ -15,14 +15,7 @@ def governed_domains(
     """The domains that some governance among the files covers as one of the profiles reads it, ascending and apart."""
     rows = dict.fromkeys(accesses.row(profile.access) for profile in profiles)
     read = [accesses.read(file, row) for file in files for row in rows]
-    covered = {each for document in read for rule in document.domain_rules or () for each in rule.domains}
-    found: list[Interval] = []
-    for low, high in sorted(covered):
-        if found and low <= found[-1][1] + 1:
-            found[-1] = found[-1][0], max(high, found[-1][1])
-        else:
-            found.append((low, high))
-    return tuple(found)
+    return merged({each for document in read for rule in document.domain_rules or () for each in rule.domains})
 
 
 def default_domain(governed: tuple[Interval, ...]) -> int:

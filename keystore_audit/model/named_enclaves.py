@@ -23,14 +23,16 @@ def named_enclaves(system: System, globs: Collection[str], known: Collection[str
     `unread`: and those (MAY) of which nobody knows what they are called, and identities at large where everybody is
     meant.
     """
-    named = all_matching(globs, [enclave.label for enclave in system.enclaves]).intersection(known)
-    everybody = any(map(means_everybody, globs))
-    return frozenset(
-        number
-        for number, enclave in enumerate(system.enclaves)
-        if enclave.label in named
-        or (unread and globs and enclave.label not in known and (everybody or enclave.opaque or not enclave.at_large))
-    )
+    found = all_matching(globs, [enclave.label for enclave in system.enclaves]).intersection(known)
+    named = frozenset(number for number, enclave in enumerate(system.enclaves) if enclave.label in found)
+    if not unread or not globs:
+        return named
+    return named | nameless(system, known) | (at_large(system) if any(map(means_everybody, globs)) else frozenset())
+
+
+def nameless(system: System, known: Collection[str]) -> frozenset[int]:
+    """(MAY) Those of which nobody knows what they are called."""
+    return frozenset(n for n, enclave in enumerate(system.enclaves) if enclave.opaque and enclave.label not in known)
 
 
 def at_large(system: System) -> frozenset[int]:

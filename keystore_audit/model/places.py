@@ -11,7 +11,7 @@ from keystore_audit.model.channels import Channels, Named
 from keystore_audit.model.claim import PlaceAtom
 from keystore_audit.model.claims import Globs, granted_channels, named, topic_regions, ungranted
 from keystore_audit.model.globs import matching, nearest
-from keystore_audit.model.named_enclaves import at_large, means_everybody, named_enclaves
+from keystore_audit.model.named_enclaves import at_large, means_everybody, named_enclaves, nameless
 from keystore_audit.model.system import System
 
 
@@ -58,9 +58,7 @@ def _check(places: Sequence[NamedPlace], systems: Sequence[System], channels: Ch
 
 
 def _atom(place: NamedPlace, system: System, channels: Channels, known: set[str]) -> PlaceAtom:
-    """`known`: the paths of enclaves; a label that is none is (MAY) of an enclave that may be called anything, or of an
-    identity at large.
-    """
+    """`known`: the paths of enclaves."""
     globs = place.globs.enclaves
     enclaves = named_enclaves(system, globs, known, unread=False)
     if any(map(means_everybody, globs)):
@@ -69,5 +67,5 @@ def _atom(place: NamedPlace, system: System, channels: Channels, known: set[str]
         name=place.name,
         enclaves=enclaves if globs else None,
         channels=channels.regions[named(place.globs.topics)] if place.globs.topics else None,
-        unread=bool(globs) and any(e.label not in known and (e.opaque or not e.at_large) for e in system.enclaves),
+        unread=bool(globs) and bool(nameless(system, known)),
     )
