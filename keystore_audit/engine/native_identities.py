@@ -14,7 +14,7 @@ from keystore_audit.properties.property import Role, Witness
 
 def shared_identities(system: System) -> Iterator[Witness]:
     """Pairs of enclaves with one identity key; an opaque enclave may be any other, even one that is not here."""
-    for sharing in _holders(system).values():
+    for sharing in system.holders().values():
         for one, other in permutations(sharing, 2):
             if not (system.enclaves[one].at_large and system.enclaves[other].at_large):
                 yield {Role.ENCLAVE: one, Role.OTHER: other}
@@ -35,22 +35,12 @@ def shared_subjects(system: System) -> Iterator[Witness]:
             yield {Role.ENCLAVE: enclave, Role.OTHER: enclave}
         elif atom.identity is not None:
             by_certificate.setdefault(atom.identity, []).append(enclave)
-    holders = _holders(system)
+    holders = system.holders()
     for names in dict.fromkeys(grant.names for grant in system.grants):
         named = [enclave for certificate in sorted(names) for enclave in by_certificate.get(certificate, ())]
         for one, other in permutations(named, 2):
             if _serve_two(system, holders, one, other):
                 yield {Role.ENCLAVE: one, Role.OTHER: other}
-
-
-def _holders(system: System) -> dict[int, list[int]]:
-    """By identity key, who has it."""
-    holders: dict[int, list[int]] = {}
-    for enclave in range(len(system.enclaves)):
-        key = system.key_of(enclave)
-        if key is not None:
-            holders.setdefault(key, []).append(enclave)
-    return holders
 
 
 def _serve_two(system: System, holders: Mapping[int, Sequence[int]], one: int, other: int) -> bool:
@@ -59,7 +49,5 @@ def _serve_two(system: System, holders: Mapping[int, Sequence[int]], one: int, o
     key = system.key_of(second)
     if not system.enclaves[second].at_large or key is None:
         return True
-    sharing = holders[key]
-    return not system.enclaves[first].at_large and any(
-        enclave != first and not system.enclaves[enclave].at_large for enclave in sharing
-    )
+    sharing = [enclave for enclave in holders[key] if not system.enclaves[enclave].at_large]
+    return not system.enclaves[first].at_large and any(enclave != first for enclave in sharing)

@@ -218,13 +218,8 @@ class Flows:
 
     @cached_property
     def _holders(self) -> dict[int, list[int]]:
-        """By key: the enclaves that have it, where several have."""
-        holders: dict[int, list[int]] = {}
-        for number, enclave in enumerate(self._system.enclaves):
-            key = self._system.key_of(number)
-            if key is not None and not enclave.opaque:
-                holders.setdefault(key, []).append(number)
-        return holders
+        """By key: the enclaves that have it."""
+        return self._system.holders()
 
     def acting(self, enclave: int) -> Iterable[int]:
         """The enclaves whose key the enclave has, or may have."""

@@ -264,6 +264,15 @@ class System:
         identity = self.enclaves[enclave].identity
         return None if identity is None else self.certificates[identity].key
 
+    def holders(self) -> dict[int, list[int]]:
+        """By key, who has it: enclaves and identities at large, those apart that could not be read."""
+        found: dict[int, list[int]] = {}
+        for number, enclave in enumerate(self.enclaves):
+            key = self.key_of(number)
+            if key is not None and not enclave.opaque:
+                found.setdefault(key, []).append(number)
+        return found
+
     @property
     def has_doubt(self) -> bool:
         """Whether anything in it is opaque or unread, so that the other reading may differ."""
