@@ -105,10 +105,9 @@ def radius_of_enclave(system: System, left_out: int, path: str) -> BlastRadius:
     number = next((n for n, enclave in enumerate(system.enclaves) if enclave.label == path), None)
     if number is None:
         return NOTHING
-    atom = system.enclaves[number]
-    if atom.opaque or atom.identity is None:
+    key = system.key_of(number)
+    if system.enclaves[number].opaque or key is None:
         return Radii(system, left_out).of(number)
-    key = system.certificates[atom.identity].key
     found = radius(system, left_out, holding(system, key), key)
     return replace(
         found,

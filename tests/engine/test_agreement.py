@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.model.claim import ClaimKind
 from keystore_audit.model.system import System
 from keystore_audit.properties import PROPERTIES, Answer, Status
+from tests.engine.alloy.flow_questions import at, claim
 from tests.engine.alloy_batch import compare_batch, decide_batch
 from tests.engine.flows_by_hand import ByHand, violated
-from tests.engine.systems import lively, random_system, with_claims
+from tests.engine.systems import LISTENER, TALKER, healthy, lively, random_system, with_claims
 
 SYSTEMS = 1000
 """As many as the project asks for; the seeds are fixed so that a failure can be seen again."""
@@ -62,3 +65,13 @@ def test_asking_whether_anything_differs_finds_what_asking_one_by_one_finds() ->
     turned = [answers | {prop.id: not answers[prop.id]} for prop, answers in zip(some, alone, strict=True)]
     assert [each.differing for each in compare_batch(systems, alone)] == [()] * len(systems)
     assert [each.differing for each in compare_batch(systems, turned)] == [(prop.id,) for prop in some]
+
+
+def test_who_may_not_be_passed_is_no_place_of_the_only_pair_either() -> None:
+    able = replace(claim(at(TALKER), at(LISTENER), kind=ClaimKind.ABLE), pairs=((at(TALKER), at(LISTENER)),))
+    claims = [replace(able, through=frozenset(through)) for through in ((), (TALKER,))]
+    systems = [replace(healthy(), claims=(each,)) for each in claims]
+    native = [NativeEngine([system]).answers[0] for system in systems]
+    found = compare_batch(systems, [holding(answers) for answers in native])
+    for ours, theirs, expected in zip(native, found, (Status.HOLDS, Status.VIOLATED), strict=True):
+        assert ours[able.id].status is theirs.claims[able.id] is expected

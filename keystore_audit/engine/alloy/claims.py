@@ -68,9 +68,9 @@ class Places:
 
 
 def pair_places(claim: ClaimAtom, number: int) -> list[Places]:
-    """Return the places of each pair of a claim of ability; those of the claim where it is about one pair."""
+    """Return the places of each pair of a claim of ability; those of the claim where it names no pairs."""
     at = Places.of(number)
-    if len(claim.pairs) < 2:
+    if not claim.pairs:
         return [at]
     parts = {part: place for place, part in enumerate(_parts(claim))}
     found = []
@@ -221,7 +221,7 @@ class _Writer:
         yield function(at.last, "set Channel", self._members(channels, claim.target.channels))
         yield function(at.through, "set Enclave", self._members(enclaves, claim.through))
         yield function(at.left_out, "set Channel", self._members(channels, claim.left_out))
-        for part, each in enumerate(_parts(claim) if len(claim.pairs) > 1 else ()):
+        for part, each in enumerate(_parts(claim)):
             possible = replace(each, enclaves=each.enclaves - claim.through)
             yield function(f"part_{number}_{part}", PARTICIPANTS, self._participants(possible))
             yield function(f"part_channels_{number}_{part}", "set Channel", self._members(channels, each.channels))
