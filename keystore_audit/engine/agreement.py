@@ -36,19 +36,10 @@ def combine(
     A status is HOLDS or VIOLATED only where at least one engine answered and all that did say so in both
     readings.
     """
-    kinds = {profile: _kind(systems, profile) for profile in profiles}
-    shared: dict[tuple[str, tuple[int, ...]], ProfileResult] = {}
-    results = []
-    for prop in PROPERTIES:
-        by_profile: dict[str, ProfileResult] = {}
-        tell = partial(_told, systems, prop)
-        for profile, kind in kinds.items():
-            key = (prop.id, kind)
-            if key not in shared:
-                shared[key] = _result(prop, kind, systems, engines, tell)
-            by_profile[profile] = shared[key]
-        results.append(PropertyResult(prop=prop, profiles=by_profile))
-    return tuple(results)
+    return tuple(
+        PropertyResult(prop=prop, profiles=_by_profile(prop, systems, engines, profiles, partial(_told, systems, prop)))
+        for prop in PROPERTIES
+    )
 
 
 def _told(systems: Sequence[System], prop: Property, number: int, answer: Answer) -> Counterexample:
@@ -65,29 +56,15 @@ def combine_claims(
 def _asserted(
     number: int, claim: Claim, systems: Sequence[System], engines: Sequence[EngineAnswers], profiles: Sequence[str]
 ) -> AssertedResult:
-    shared: dict[tuple[int, ...], ProfileResult] = {}
-    by_profile: dict[str, ProfileResult] = {}
-    prop = Property(
-        id=claim.id,
-        statement=claim.statement,
-        attacker=claim.attacker.value,
-        clause=f"asserted in {claim.location.path}",
-        assertion="",
-        roles=(),
-    )
+    prop = _asked(claim, claim.attacker.value)
 
     def tell(at: int, answer: Answer) -> Counterexample:
         return describe_claim(systems[at], systems[at].claims[number], answer)
 
-    for profile in profiles:
-        kind = _kind(systems, profile)
-        if kind not in shared:
-            shared[kind] = _result(prop, kind, systems, engines, tell)
-        by_profile[profile] = shared[kind]
     only = claim.kind is ClaimKind.ONLY_PUBLISH
     return AssertedResult(
         prop=prop,
-        profiles=by_profile,
+        profiles=_by_profile(prop, systems, engines, profiles, tell),
         severity=claim.severity,
         location=claim.location,
         meaning=claim.meaning,
@@ -117,30 +94,48 @@ def _deterministic(
 ) -> AssertedResult:
     from keystore_audit.engine.counterexample_determinism import describe_determinism, why_undecided
 
-    prop = Property(
-        id=claim.id,
-        statement=claim.statement,
-        attacker="nobody",
-        clause=f"asserted in {claim.location.path}",
-        assertion="",
-        roles=(),
-    )
+    prop = _asked(claim, "nobody")
 
     def tell(at: int, answer: Answer) -> Counterexample:
         return describe_determinism(systems[at], systems[at].determinism[number], answer)
 
-    kinds = {profile: _kind(systems, profile) for profile in profiles}
-    results = {kind: _result(prop, kind, systems, engines, tell) for kind in dict.fromkeys(kinds.values())}
-    undecided = [kind for kind, result in results.items() if result.status is Status.UNKNOWN and kind]
-    reason = why_undecided(systems[undecided[0][0]], systems[undecided[0][0]].determinism[number]) if undecided else ""
+    results = _by_profile(prop, systems, engines, profiles, tell)
+    unknown = (_kind(systems, profile) for profile, result in results.items() if result.status is Status.UNKNOWN)
+    undecided = next((systems[kind[0]] for kind in unknown if kind), None)
+    reason = why_undecided(undecided, undecided.determinism[number]) if undecided is not None else ""
     return AssertedResult(
         prop=prop,
-        profiles={profile: results[kind] for profile, kind in kinds.items()},
+        profiles=results,
         severity=claim.severity,
         location=claim.location,
         meaning=claim.meaning,
         reason=reason,
     )
+
+
+def _asked(claim: Claim | Determinism, attacker: str) -> Property:
+    """What is claimed, as a property."""
+    return Property(
+        id=claim.id,
+        statement=claim.statement,
+        attacker=attacker,
+        clause=f"asserted in {claim.location.path}",
+        assertion="",
+        roles=(),
+    )
+
+
+def _by_profile(
+    prop: Property,
+    systems: Sequence[System],
+    engines: Sequence[EngineAnswers],
+    profiles: Sequence[str],
+    tell: Callable[[int, Answer], Counterexample],
+) -> dict[str, ProfileResult]:
+    """The result under each profile; profiles that read the keystore alike have one."""
+    kinds = {profile: _kind(systems, profile) for profile in profiles}
+    results = {kind: _result(prop, kind, systems, engines, tell) for kind in dict.fromkeys(kinds.values())}
+    return {profile: results[kind] for profile, kind in kinds.items()}
 
 
 def _kind(systems: Sequence[System], profile: str) -> tuple[int, ...]:

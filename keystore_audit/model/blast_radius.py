@@ -160,11 +160,10 @@ class Radii:
         return self._influence(Attacker.SOURCE).hops
 
     def _influence(self, attacker: Attacker) -> Influence:
-        lanes = self._flows.lanes(
-            Search(attacker=attacker, source=Place(enclaves=frozenset(self._everybody)), target=Place())
-        )
-        if attacker is Attacker.SOURCE:  # without those by right, which stand first
-            lanes = lanes[len(self._flows.lanes(Search(attacker=Attacker.HONEST, source=Place(), target=Place()))) :]
+        if attacker is Attacker.SOURCE:
+            lanes = self._flows.of_sources(Place(enclaves=frozenset(self._everybody)))
+        else:
+            lanes = self._flows.lanes(Search(attacker=attacker, source=Place(), target=Place()))
         kept = self._kept
         masked = [
             Lane(puts=[one & kept for one in lane.puts], gets=[one & kept for one in lane.gets]) for lane in lanes

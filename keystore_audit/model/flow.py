@@ -113,7 +113,7 @@ class Flows:
             if not relays and not search.own:
                 self._lanes[key].append(self._listened())
         lanes = self._lanes[key]
-        return [*lanes, *self._of_sources(search.source)] if search.attacker is Attacker.SOURCE else lanes
+        return [*lanes, *self.of_sources(search.source)] if search.attacker is Attacker.SOURCE else lanes
 
     def by_right(self, *, own: bool = False) -> list[Lane]:
         """By realm of sender and receiver: what may be written and read by right, on both sides."""
@@ -160,17 +160,16 @@ class Flows:
             lanes.append(Lane(sent, self._joined(known, view.readable)))
         return lanes
 
-    def _of_sources(self, source: Place) -> list[Lane]:
+    def of_sources(self, source: Place) -> list[Lane]:
         """The source attacks, honest enclaves take, and whoever is on the network listens."""
         lanes = []
         for realm, view in enumerate(self._realms):
             shown = self._shows(realm)
             made, sent = [0] * (self.outsider + 1), [0] * (self.outsider + 1)
             for enclave in source.enclaves:
-                made[enclave] = view.injectable
-                for each in self.acting(enclave):
-                    made[enclave] |= self._forged(view, each)
-                    sent[enclave] |= shown[each] | made[enclave]
+                acting = self.acting(enclave)
+                made[enclave] = view.injectable | union(self._forged(view, each) for each in acting)
+                sent[enclave] = made[enclave] | union(shown[each] for each in acting)
             if source.outsider:
                 made[self.outsider] = view.injectable
             lanes.append(Lane(made, [*self._hears(realm), 0]))
@@ -230,23 +229,16 @@ class Flows:
 
     def _as_any(self, sets: Sequence[int]) -> list[int]:
         """For each enclave, what those have together as which it acts."""
-        doubtful = 0
-        for enclave in self._opaque:
-            doubtful |= sets[enclave]
+        doubtful = union(sets[enclave] for enclave in self._opaque)
         joint = [one | doubtful for one in sets] if doubtful else [*sets]
         for group in self._holders.values():
             if len(group) > 1:
-                together = doubtful
-                for enclave in group:
-                    together |= sets[enclave]
+                together = doubtful | union(sets[enclave] for enclave in group)
                 for enclave in group:
                     joint[enclave] = together
-        if self._opaque:
-            everything = doubtful
-            for one in sets:
-                everything |= one
-            for enclave in self._opaque:
-                joint[enclave] = everything
+        everything = union(sets) if self._opaque else 0
+        for enclave in self._opaque:
+            joint[enclave] = everything
         return joint
 
     def getters(self, search: Search) -> list[int]:

@@ -81,28 +81,7 @@ def merge(system: System) -> Merged:
 
 def _asked(system: System) -> System:
     """The system without what properties and claims do not speak of."""
-    return System(
-        profiles=system.profiles,
-        pins_signer=system.pins_signer,
-        skips_grants_out_of_date=system.skips_grants_out_of_date,
-        requires_grant=system.requires_grant,
-        joins_out_of_date=system.joins_out_of_date,
-        reading=system.reading,
-        instants=system.instants,
-        now=system.now,
-        certificates=system.certificates,
-        documents=system.documents,
-        realms=system.realms,
-        enclaves=system.enclaves,
-        domains=system.domains,
-        channels=system.channels,
-        domain_rules=system.domain_rules,
-        topic_rules=system.topic_rules,
-        grants=system.grants,
-        rules=system.rules,
-        claims=system.claims,
-        meets=system.meets,
-    )
+    return replace(system, determinism=(), places=(), nodes=())
 
 
 def _few_instants(system: System) -> System:
@@ -278,7 +257,8 @@ class _Restriction:
         )
 
     def _realm(self, realm: RealmAtom) -> RealmAtom:
-        return RealmAtom(
+        return replace(
+            realm,
             identity_ca=_among(realm.identity_ca, self._certificates),
             permissions_ca=_among(realm.permissions_ca, self._certificates),
             governance=_one(realm.governance, self._documents),
