@@ -29,19 +29,7 @@ def asserted_property_violated(result: AssertedResult, context: Context) -> Iter
     The severity is the one given there, high where none is. A flow is the absence or presence of explicit flows over
     topics, whatever the nodes do; timing, acknowledgements and matching are not in it.
     """
-    answers = {name: answer for name, answer in result.profiles.items() if answer.status is Status.VIOLATED}
-    if not answers:
-        return
-    example = next((a.counterexample for a in answers.values() if a.counterexample is not None), None)
-    said = f" {example.text}" if example else ""
-    beside = f" {result.beside}" if result.beside else ""
-    yield Violation(
-        message=f"{quoted(result.prop.id)} is violated: {result.prop.statement}{said}{beside}",
-        locations=(replace(result.location, message="asserted here"), *(steps(example) if example else ())),
-        severity=result.severity,
-        profiles=() if len(answers) == len(result.profiles) else tuple(answers),
-        key=f"{result.prop.id}\0{result.meaning}\0{breach(result.breaches, context)}",
-    )
+    yield from _violated(result, breach(result.breaches, context))
 
 
 @rule(
@@ -59,17 +47,22 @@ def asserted_alloy_property_violated(result: AlloyResult, context: Context) -> I
     Alloy alone decides it: no second engine has checked the answer, and what the file says is taken at its word. The
     severity is the one given there, high where none is.
     """
+    yield from _violated(result, breach(None, context))
+
+
+def _violated(result: AssertedResult | AlloyResult, breached_by: str) -> Iterator[Violation]:
+    """A violation where it does not hold under some profile, with an example."""
     answers = {name: answer for name, answer in result.profiles.items() if answer.status is Status.VIOLATED}
     if not answers:
         return
     example = next((a.counterexample for a in answers.values() if a.counterexample is not None), None)
-    said = f" {example.text}" if example else ""
+    said = (f"{quoted(result.prop.id)} is violated: {result.prop.statement}", example.text if example else "")
     yield Violation(
-        message=f"{quoted(result.prop.id)} is violated: {result.prop.statement}{said}",
+        message=" ".join(filter(None, (*said, result.beside))),
         locations=(replace(result.location, message="asserted here"), *(steps(example) if example else ())),
         severity=result.severity,
         profiles=() if len(answers) == len(result.profiles) else tuple(answers),
-        key=f"{result.prop.id}\0{result.meaning}\0{breach(None, context)}",
+        key=f"{result.prop.id}\0{result.meaning}\0{breached_by}",
     )
 
 
