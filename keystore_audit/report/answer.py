@@ -115,19 +115,19 @@ def _accept(answer: Answer) -> str:
     """What peers do; of a service or an action, with the parts that they accept where they do not accept it all."""
     said = _ACCEPT[answer.effective, answer.decision]
     if answer.effective is Ruling.ALLOW or not answer.parts:
-        return said
+        return said.format("it")
     taken, open_ = (
         ", ".join(str(part) for part in answer.parts if part.effective is ruling)
         for ruling in (Ruling.ALLOW, Ruling.UNKNOWN)
     )
-    said = said.replace("accepts it", "accepts all of it" if taken or open_ else "accepts any of it")
-    said += f"; some peer accepts {taken}" if taken else ""
-    return said + (f"; whether any peer accepts {open_} cannot be told" if open_ else "")
+    told = [said.format("all of it" if taken or open_ else "any of it")]
+    told += [words.format(parts) for words, parts in ((_TAKEN, taken), (_OPEN, open_)) if parts]
+    return "; ".join(told)
 
 
-_TAKEN: Final = "some peer accepts it"
-_REFUSED: Final = "no peer accepts it"
-_OPEN: Final = "whether any peer accepts it cannot be told"
+_TAKEN: Final = "some peer accepts {}"
+_REFUSED: Final = "no peer accepts {}"
+_OPEN: Final = "whether any peer accepts {} cannot be told"
 _ACCEPT: Final = {
     (Ruling.ALLOW, Ruling.ALLOW): _TAKEN,
     (Ruling.ALLOW, Ruling.DENY): f"{_TAKEN} from whoever holds the enclave's keys and skips its own checks",
