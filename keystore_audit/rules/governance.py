@@ -19,7 +19,7 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.domains import covered, describe
 from keystore_audit.model.names import DISCOVERY_TOPIC
 from keystore_audit.rules.commands import SIGN_GOVERNANCE
-from keystore_audit.rules.contents import told
+from keystore_audit.rules.contents import signed_bytes, told
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, speaks
@@ -287,33 +287,12 @@ def governances_differ(keystore: Keystore, _context: Context) -> Iterator[Violat
         )
 
 
+@lru_cache(maxsize=256)
 def _meaning(file: GovernanceFile) -> object:
     """What the document says, without lines and layout; its bytes where it has no single meaning."""
     if file.governance is None:
-        return file.signed.content if file.signed.content is not None else file.signed.file.sha256
-    return tuple(
-        (
-            covered(domain_rule.domains),
-            domain_rule.allow_unauthenticated_participants,
-            domain_rule.enable_join_access_control,
-            domain_rule.discovery_protection_kind,
-            domain_rule.liveliness_protection_kind,
-            domain_rule.rtps_protection_kind,
-            tuple(
-                (
-                    topic_rule.expression.text,
-                    topic_rule.enable_discovery_protection,
-                    topic_rule.enable_liveliness_protection,
-                    topic_rule.enable_read_access_control,
-                    topic_rule.enable_write_access_control,
-                    topic_rule.metadata_protection_kind,
-                    topic_rule.data_protection_kind,
-                )
-                for topic_rule in domain_rule.topic_rules
-            ),
-        )
-        for domain_rule in file.governance.domain_rules
-    )
+        return signed_bytes(file.signed)
+    return tuple((covered(each.domains), told(replace(each, domains=()))) for each in file.governance.domain_rules)
 
 
 @rule(
