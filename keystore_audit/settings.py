@@ -13,6 +13,7 @@ from keystore_audit.findings import Severity
 from keystore_audit.given import GivenFile
 from keystore_audit.model.claim import Attacker, ClaimKind
 from keystore_audit.model.claims import Claim, Globs
+from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.forwards import Declared, Determinism, Forward
 from keystore_audit.model.labels import Labelling
 from keystore_audit.properties import BY_ID
@@ -33,8 +34,6 @@ MAX_BASELINE_BYTES: Final = 10_000_000
 
 MOST_DAYS: Final = 3650
 """Of `max_suppression_days`: ten years, after which nobody knows why."""
-
-_WILDCARD: Final = re.compile(r"[*?\[\\]")
 
 _NAME: Final = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
 
@@ -252,6 +251,6 @@ def _listed(words: Iterable[str]) -> str:
 
 def _each(words: Sequence[str]) -> str:
     """All of the places, one by one, where they are several; a glob on topics is one place."""
-    told = [f"some topic of {w}" if _WILDCARD.search(w) and not w.startswith("/") else w for w in words]
-    several = len(words) > 1 or any(_WILDCARD.search(word) for word in words if word.startswith("/"))
-    return f"{'each of ' if several else ''}{_listed(told)}"
+    told = _listed(f"some topic of {w}" if has_wildcard(w) and not w.startswith("/") else w for w in words)
+    several = len(words) > 1 or (has_wildcard(words[0]) and words[0].startswith("/"))
+    return f"each of {told}" if several else told

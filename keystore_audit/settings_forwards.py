@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from typing import Final
 
 from keystore_audit.findings import Severity
 from keystore_audit.model.behaviour import Scheduler
 from keystore_audit.model.claims import Globs
+from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.forwards import Determinism, Forward, leading_to
 from keystore_audit.settings_table import Table
 
@@ -17,8 +17,6 @@ FORM: Final = "deterministic"
 
 MAX_TOPICS: Final = 8
 """In one list of a forward: the states to look at grow with it as powers of nine."""
-
-_WILDCARD: Final = re.compile(r"[*?\[\\]")
 
 
 def read_forwards(root: Table) -> tuple[Forward, ...]:
@@ -29,7 +27,7 @@ def read_forwards(root: Table) -> tuple[Forward, ...]:
 def _forward(table: Table) -> Forward:
     table.only("enclave", "from", "to", "scheduler")
     enclave = table.text("enclave")
-    if not enclave.startswith("/") or _WILDCARD.search(enclave):
+    if not enclave.startswith("/") or has_wildcard(enclave):
         table.wrong("enclave", f'{enclave!r}: expected the path of one enclave, e.g. "/multiplexer"')
     if "scheduler" not in table.values:
         table.wrong(None, 'expected scheduler = "priority" (the first topic of from that has a sample) or "any"')
@@ -49,7 +47,7 @@ def _topics(table: Table, key: str) -> tuple[str, ...]:
     """DDS topics, one name each."""
     words, names = table.texts(key) if key in table.values else (), table.topics(key)
     for word in words:
-        if _WILDCARD.search(word):
+        if has_wildcard(word):
             table.wrong(key, f"{word!r}: expected the name of one topic, without a pattern: what is forwarded is exact")
     if len(set(names)) < len(names):
         table.wrong(key, "a topic stands here twice")
@@ -68,7 +66,7 @@ def read_determinism(table: Table, name: str, severity: Severity, forwards: Sequ
     high = form.place_of("high") if "high" in form.values else Globs()
     if high.outsider:
         form.wrong("high", "expected enclaves or topics: it is about what happens while nobody attacks")
-    if any(_WILDCARD.search(topic) for topic in high.topics):
+    if any(map(has_wildcard, high.topics)):
         form.wrong("high", "expected names of topics, without a pattern")
     leading = leading_to(low, forwards)
     unreachability = not leading

@@ -9,6 +9,7 @@ from typing import Final
 from keystore_audit.findings import Severity
 from keystore_audit.model.claim import Attacker, ClaimKind
 from keystore_audit.model.claims import Claim, Globs
+from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.labels import (
     CyclicOrder,
     Declassifier,
@@ -35,7 +36,6 @@ MAX_LABELS: Final = 100
 
 _FORMS: Final = ("levels", "categories", "order")
 _WORD: Final = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
-_WILDCARD: Final = re.compile(r"[*?\[\\]")
 
 
 def read_labels(root: Table) -> Labelling | None:
@@ -184,7 +184,7 @@ def read_single_writers(root: Table) -> tuple[Claim, ...]:
         return ()
     claims: dict[str, Claim] = {}
     for number, topic in enumerate(root.texts("single_writer")):
-        if _WILDCARD.search(topic):
+        if has_wildcard(topic):
             root.wrong("single_writer", f'{topic!r} has wildcards: expected one topic each, e.g. "/cmd_vel"')
         try:
             name = dds_topic(topic)
