@@ -77,14 +77,13 @@ def passed_over(options: Options, profiles: Sequence[Profile], environment: Envi
         return ()
     found = []
     domain = environment.value(DOMAIN)
-    if domain and environment.domain != options.domain and options.domain is not None:
+    if domain and environment.domain != options.domain:
         found.append(f"--domain {options.domain} in place of {DOMAIN}={domain} in {environment.file.path}")
     named = environment.value("ROS_DISTRO"), environment.value("RMW_IMPLEMENTATION")
     missing = set(running(*named)) - {profile.name for profile in profiles} if any(named) else ()
     if missing:
-        found.append(
-            f"--profile leaves out {', '.join(sorted(missing))}, with which {environment.file.path} starts robots"
-        )
+        left_out = ", ".join(sorted(missing))
+        found.append(f"--profile leaves out {left_out}, with which robots of {environment.file.path} may start")
     return tuple(found)
 
 

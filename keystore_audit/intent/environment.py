@@ -74,7 +74,7 @@ class Environment:
     @property
     def domain(self) -> int | None:
         """The DDS domain, 0 where none is set (rcl's `domain_id.c`); None: the value is none of 0..232."""
-        text = self.value("ROS_DOMAIN_ID")
+        text = self.value(DOMAIN)
         if not text:
             return 0
         number = int(text) if re.fullmatch(r"[0-9]{1,9}", text) else -1
