@@ -129,7 +129,9 @@ def _decide(
 def questions(question: FlowQuestion) -> tuple[Claim, ...]:
     """That there is no flow, under each attacker. Raises errors.UsageError for places that are none."""
     source, target = place(question.source), place(question.target)
-    possible = [each for each in ATTACKERS if not (source.outsider and each is Attacker.HONEST)]
+    attackers = question.attackers
+    if attackers is None:
+        attackers = tuple(each for each in ATTACKERS if not (source.outsider and each is Attacker.HONEST))
     return tuple(
         Claim(
             id=f"no-flow-{attacker.value}",
@@ -143,5 +145,5 @@ def questions(question: FlowQuestion) -> tuple[Claim, ...]:
             location=Location(path="", beside=True),
             place="",
         )
-        for attacker in (possible if question.attackers is None else question.attackers)
+        for attacker in attackers
     )

@@ -61,6 +61,5 @@ def _given(args: argparse.Namespace) -> Iterator[str]:
         value = getattr(args, option.name or "")
         if value is True:
             yield option.opts[-1]
-        elif value not in (None, False):
-            for each in value:
-                yield f"{option.opts[-1]}={each}"
+        else:
+            yield from (f"{option.opts[-1]}={each}" for each in value or ())

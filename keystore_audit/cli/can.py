@@ -110,8 +110,8 @@ def _one(keystore: str, enclave: str, operation: str, name: str, given: dict[str
 
     questions = _questions(enclave, operation, name, given)
     access = _access(keystore, questions, given)
-    governed = access.governed(enclave)
-    if given["domain"] is None and governed and given["expect"] == "deny" and not contains(governed, 0):
+    governed = access.governed(enclave) if given["domain"] is None else ()
+    if governed and given["expect"] == "deny" and not contains(governed, 0):
         said = f"The governance of {enclave} covers domain {describe(governed)} and not 0, which would be asked about"
         raise UsageError(f"{said}: name the domain for --expect deny.")
     answers = access.joint(questions)
@@ -122,7 +122,7 @@ def _one(keystore: str, enclave: str, operation: str, name: str, given: dict[str
         domain=questions[0].domain,
         partition=given["partition"],
         dds_names=tuple((each.operation.value, each.topic) for each in questions),
-        governed=governed if given["domain"] is None else (),
+        governed=governed,
     )
     render = answer.json if given["kind_of_report"] == "json" else answer.text
     output.write_stdout(render(asked, answers))
