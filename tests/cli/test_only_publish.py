@@ -60,7 +60,6 @@ def test_a_grant_for_a_subject_that_no_enclave_has_counts(tmp_path: Path, ghost:
 
 def test_a_grant_after_one_for_the_same_subject_does_not_count(tmp_path: Path) -> None:
     """The first grant that names a subject decides, whoever has it."""
-    root = built(tmp_path / "keys", ghost=rule(("rt/y",)))
     talker = DOCUMENT.format(path="/talker", rules=rule(("rt/x",)), default="DENY")
     denied, allowed = (GRANT.format(path="/ghost", rules=rule((each,)), default="DENY") for each in ("rt/y", "rt/x"))
     for grants, status in ((denied + allowed, "holds"), (allowed + denied, "violated")):
