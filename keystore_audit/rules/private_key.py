@@ -137,7 +137,8 @@ def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> It
     folders = {f"{enclave.files.directory}/" for enclave in keystore.enclaves if enclave.files.directory != "."}
     authorities = {file.place for file in keystore.layout.authority_keys}
     holders = _holders(keystore)
-    held = {key.file.place: _whose(key, holders) for key in keystore.further_keys}
+    told = (*keystore.authority_keys, *keystore.further_keys)
+    held = {key.file.place: _whose(key, holders) for key in told}
     for file in keystore.private_keys:
         beside = file.place.startswith(("public/", "enclaves/", *folders)) or file.place in carried
         if (beside or (context.deployed and file.place not in authorities)) and file.place not in own:

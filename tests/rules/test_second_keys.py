@@ -53,6 +53,7 @@ def test_a_second_key_is_named(second: bytes, codes: set[str], whose: str, tmp_p
             ("permissionsCA", "identityCA"),
             ": those of the authority 'CN=permissionsCA', the authority 'CN=identityCA'",
         ),
+        ("public/ca.key.pem", ("permissionsCA",), ": that of the authority 'CN=permissionsCA'"),
         ("public/notes.pem", ("nobody",), ""),
     ],
 )
