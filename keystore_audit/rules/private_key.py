@@ -149,29 +149,33 @@ def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> It
                 key=f"{file.place} {file.sha256}",
             )
     for enclave in keystore.enclaves:
-        keys = {other.line: other.key for other in enclave.key.others} if enclave.key is not None else {}
-        for defect in enclave.key.defects if enclave.key is not None else ():
-            if defect.kind is Kind.SECOND_KEY:
-                whose = holders.get(keys.get(defect.line or 0) or "")
-                told = f", that of {whose}" if whose is not None else ""
-                yield Violation(
-                    message=f"{enclave.path} has a second private key{told}: {defect.detail}.",
-                    locations=(Location(path=defect.path, line=defect.line),),
-                    enclave=enclave.path,
-                    key=f"second {defect.path} {keys.get(defect.line or 0)}",
-                )
+        if enclave.key is not None:
+            yield from _second_keys(enclave.path, enclave.key, holders)
 
 
-def _whose(key: PrivateKey, holders: Mapping[str, str]) -> str:
+def _second_keys(enclave: str, key: PrivateKey, holders: Mapping[str | None, str]) -> Iterator[Violation]:
+    keys = {other.line: other.key for other in key.others}
+    for defect in of_kinds(key.defects, Kind.SECOND_KEY):
+        second = keys.get(defect.line or 0)
+        whose = f", that of {holders[second]}" if second in holders else ""
+        yield Violation(
+            message=f"{enclave} has a second private key{whose}: {defect.detail}.",
+            locations=(Location(path=defect.path, line=defect.line),),
+            enclave=enclave,
+            key=f"second {defect.path} {second}",
+        )
+
+
+def _whose(key: PrivateKey, holders: Mapping[str | None, str]) -> str:
     """`: that of the authority 'CN=CA'`, or several holders; nothing where none is known."""
-    known = dict.fromkeys(holders.get(each or "") for each in (key.key, *(other.key for other in key.others)))
-    named = [holder for holder in known if holder is not None]
+    keys = (key.key, *(other.key for other in key.others))
+    named = dict.fromkeys(holders[each] for each in keys if each in holders)
     return f": {'that' if len(named) == 1 else 'those'} of {listed(named)}" if named else ""
 
 
-def _holders(keystore: Keystore) -> dict[str, str]:
-    """By key, the authority or enclave whose it is, in words."""
-    found: dict[str, str] = {}
+def _holders(keystore: Keystore) -> dict[str | None, str]:
+    """By key, the authority or enclave whose it is, in words; nobody has None, a key that could not be read."""
+    found: dict[str | None, str] = {}
     for enclave in keystore.enclaves:
         for file in (enclave.permissions_ca, enclave.identity_ca):
             for certificate in file.certificates if file is not None else ():
