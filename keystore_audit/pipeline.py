@@ -300,13 +300,12 @@ def _drift(
 def _enclaves(context: Context) -> tuple[EnclaveEntry, ...]:
     entries = []
     for enclave in context.keystore.enclaves:
-        first = enclave.certificate.first if enclave.certificate else None
         directory = enclave.files.directory
         entries.append(
             EnclaveEntry(
                 path=enclave.path,
                 directory=directory,
-                subject=first.subject if first else None,
+                subject=enclave.identity.subject if enclave.identity else None,
                 profiles={p.name: context.meaning.usability[directory, p.name] for p in context.profiles},
             )
         )

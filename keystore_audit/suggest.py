@@ -91,7 +91,7 @@ class Suggester:
         enclave = self._enclaves.get(policy.path)
         if enclave is None:
             raise UsageError(f"There is no enclave {policy.path!r}, and so no certificate that a grant could name.")
-        certificate = enclave.certificate.first if enclave.certificate else None
+        certificate = enclave.identity
         if certificate is None:
             raise UsageError(f"The certificate of {policy.path!r} cannot be read: a grant has to name its subject.")
         if terminal(certificate.subject) != certificate.subject:

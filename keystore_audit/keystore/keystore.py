@@ -47,6 +47,11 @@ class Enclave:
         """The enclave's ROS name, untrusted text."""
         return self.files.path
 
+    @property
+    def identity(self) -> Certificate | None:
+        """The certificate that it goes by: the first of its file."""
+        return None if self.certificate is None else self.certificate.first
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Keystore:
@@ -268,8 +273,8 @@ def _identities(root: Root, reader: _Reader, enclaves: Sequence[Enclave]) -> Str
         for public in (key.key, *(other.key for other in key.others))
         if public is not None
     }
-    known = (enclave.certificate.first for enclave in enclaves if enclave.certificate is not None)
-    return read_stray_identities(files, keys, (certificate for certificate in known if certificate is not None))
+    known = [enclave.identity for enclave in enclaves if enclave.identity is not None]
+    return read_stray_identities(files, keys, known)
 
 
 def _further_keys(root: Root, reader: _Reader, layout: Layout, enclaves: Sequence[Enclave]) -> tuple[PrivateKey, ...]:

@@ -144,7 +144,7 @@ def _without_a_domain(context: Context) -> Iterator[str]:
     for enclave in context.keystore.enclaves:
         governance = enclave.governance.governance if enclave.governance else None
         permissions = enclave.permissions.permissions if enclave.permissions else None
-        first = enclave.certificate.first if enclave.certificate else None
+        first = enclave.identity
         if governance is None or permissions is None or first is None:
             continue
         own = next((grant for grant in permissions.grants if grant.subject_name.text == first.subject), None)

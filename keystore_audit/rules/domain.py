@@ -125,7 +125,7 @@ def grant_outside_governance_domains(use: PermissionsUse, _context: Context) -> 
         grants.setdefault(grant.subject_name.text, grant)
     for enclave in use.enclaves:
         governance = enclave.governance.governance if enclave.governance else None
-        first = enclave.certificate.first if enclave.certificate else None
+        first = enclave.identity
         own = grants.get(first.subject) if first is not None else None
         if governance is None or own is None or own.default_allow:
             continue

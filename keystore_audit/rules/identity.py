@@ -31,7 +31,7 @@ def is_identity(use: CertificateUse, _context: Context) -> bool:
 def _carriers(use: CertificateUse) -> Iterator[tuple[Enclave, Certificate]]:
     """Enclaves whose identity it is, with the certificate that counts."""
     for enclave in use.enclaves:
-        first = enclave.certificate.first if enclave.certificate else None
+        first = enclave.identity
         carried = enclave.certificate is not None and enclave.certificate.file.place == use.certificates.file.place
         if carried and first is not None:
             yield enclave, first
@@ -244,7 +244,7 @@ def identity_shared_by_enclaves(keystore: Keystore, _context: Context) -> Iterat
     """
     holders: dict[str, dict[str, tuple[Enclave, list[Location]]]] = {}
     for enclave in keystore.enclaves:
-        first = enclave.certificate.first if enclave.certificate else None
+        first = enclave.identity
         found = [] if first is None else [(first.key, Location(path=first.path, line=first.line))]
         if enclave.key is not None and enclave.key.key is not None:
             found.append((enclave.key.key, Location(path=enclave.key.file.place)))
@@ -281,7 +281,7 @@ def subject_shared_by_certificates(keystore: Keystore, _context: Context) -> Ite
     }
     holders: dict[str, dict[str, tuple[Enclave, Certificate]]] = {}
     for enclave in keystore.enclaves:
-        first = enclave.certificate.first if enclave.certificate else None
+        first = enclave.identity
         if first is not None and first.subject in granted:
             holders.setdefault(first.subject, {}).setdefault(first.key, (enclave, first))
     for subject, sharing in holders.items():
@@ -313,7 +313,7 @@ def identity_key_certified_again(keystore: Keystore, context: Context) -> Iterat
     """
     joining = {identity.certificate.sha256 for identity in identities_at_large(keystore, context.at)}
     for enclave, others in certified_again(keystore):
-        first = enclave.certificate.first if enclave.certificate else None
+        first = enclave.identity
         if first is not None:
             also = ", ".join(f"{quoted(other.subject)}, issued by {quoted(other.issuer)}" for other in others[:3])
             times = "once" if len(others) == 1 else f"{len(others)} times"

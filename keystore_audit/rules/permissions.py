@@ -40,8 +40,7 @@ def all_grants(use: PermissionsUse) -> tuple[Grant, ...]:
 
 def subjects(use: PermissionsUse) -> frozenset[str]:
     """The subjects of the identities that carry the document."""
-    firsts = (enclave.certificate.first for enclave in use.enclaves if enclave.certificate)
-    return frozenset(first.subject for first in firsts if first is not None)
+    return frozenset(enclave.identity.subject for enclave in use.enclaves if enclave.identity is not None)
 
 
 def own_grants(use: PermissionsUse) -> Iterator[Grant]:
@@ -204,9 +203,7 @@ def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator
     if not own or all(grant.subject_name.text in own for grant in all_grants(use)):
         return
     everybody = {
-        enclave.certificate.first.subject: enclave.path
-        for enclave in context.keystore.enclaves
-        if enclave.certificate is not None and enclave.certificate.first is not None
+        enclave.identity.subject: enclave.path for enclave in context.keystore.enclaves if enclave.identity is not None
     }
     misspelt = not any(own_grants(use))
     others = [

@@ -181,8 +181,8 @@ def _holders(keystore: Keystore) -> dict[str | None, str]:
             for certificate in file.certificates if file is not None else ():
                 found.setdefault(certificate.key, f"the authority {quoted(certificate.subject)}")
     for enclave in keystore.enclaves:
-        if enclave.certificate is not None and enclave.certificate.first is not None:
-            found.setdefault(enclave.certificate.first.key, enclave.path)
+        if enclave.identity is not None:
+            found.setdefault(enclave.identity.key, enclave.path)
     return found
 
 
@@ -227,7 +227,7 @@ def key_does_not_match_certificate(enclave: Enclave, _context: Context) -> Itera
 
     Fast DDS refuses the participant; Cyclone DDS starts it and never completes a handshake (measured).
     """
-    first = enclave.certificate.first if enclave.certificate else None
+    first = enclave.identity
     key = enclave.key
     if first is not None and key is not None and key.key is not None and key.key != first.key:
         yield Violation(

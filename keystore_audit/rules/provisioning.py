@@ -93,8 +93,8 @@ def long_validity(keystore: Keystore, _context: Context) -> Iterator[Violation]:
 
 def _identities(keystore: Keystore) -> Iterator[tuple[Enclave, Certificate]]:
     for enclave in keystore.enclaves:
-        if enclave.certificate is not None and enclave.certificate.first is not None:
-            yield enclave, enclave.certificate.first
+        if enclave.identity is not None:
+            yield enclave, enclave.identity
 
 
 def _long_grants(keystore: Keystore) -> Iterator[tuple[datetime, str, Location]]:
@@ -194,7 +194,7 @@ def certificate_older_than_permissions(keystore: Keystore, _context: Context) ->
     for use in permissions_uses(keystore):
         times = [signature.signing_time for signature in use.signed.signatures if signature.signing_time is not None]
         for enclave in use.enclaves if times and use.genuine_everywhere else ():
-            first = enclave.certificate.first if enclave.certificate else None
+            first = enclave.identity
             if first is not None and min(times) - first.not_before > _LATER:
                 later[enclave.path] = (first.not_before, min(times), Location(path=use.signed.file.place))
     if later:

@@ -73,7 +73,7 @@ def identity_revoked(keystore: Keystore, _context: Context) -> Iterator[Violatio
         if revocations.revoked and _signed(use, revocations)
     ]
     for enclave in keystore.enclaves:
-        first = enclave.certificate.first if enclave.certificate else None
+        first = enclave.identity
         found = [(use, each) for use, each in lists if first is not None and names_revoked(each, first)]
         if first is not None and found:
             holders = {holder.path: holder for use, _ in found for holder in use.enclaves}
@@ -138,7 +138,7 @@ def _of_another_issuer(use: RevocationUse) -> Iterator[Violation]:
     """Lists that some certificate of the CA file made, but not the one that OpenSSL takes for their issuer."""
     refused: dict[tuple[str, ...], list[Enclave]] = {}
     for enclave in use.enclaves:
-        first = enclave.certificate.first if enclave.certificate else None
+        first = enclave.identity
         file = enclave.identity_ca
         if first is None or file is None:
             continue
@@ -180,7 +180,7 @@ def _why_invalid(use: RevocationUse, revocations: RevocationList) -> tuple[str, 
         return f"both say {quoted(revocations.issuer)}, but another key signed", False
     if all(ca.key_usage is not None and "cRLSign" not in ca.key_usage for ca in named):
         return "the keyUsage of the identity CA does not let it sign revocation lists", False
-    identities = [e.certificate.first for e in use.enclaves if e.certificate and e.certificate.first]
+    identities = [enclave.identity for enclave in use.enclaves if enclave.identity is not None]
     issuing = [each for each in identities if each.is_ca]
     fitting = {"onlyContainsUserCerts"} if not issuing else set()
     if issuing and len(issuing) == len(identities):

@@ -81,7 +81,7 @@ def _unnamed(use: SignedUse, signature: Signature) -> tuple[_Maker, Certificate 
 def _holder(signer: Certificate, context: Context) -> Enclave | None:
     """The enclave whose identity it is, by certificate or by key."""
     for enclave in context.keystore.enclaves:
-        first = enclave.certificate.first if enclave.certificate else None
+        first = enclave.identity
         if first is not None and (first.sha256 == signer.sha256 or first.key == signer.key):
             return enclave
     return None

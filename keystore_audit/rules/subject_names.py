@@ -29,7 +29,7 @@ _Named = tuple[Grant, PermissionsUse, Certificate, tuple[Profile, ...]]
 
 
 def _identities(keystore: Keystore) -> list[Certificate]:
-    firsts = (enclave.certificate.first for enclave in keystore.enclaves if enclave.certificate)
+    firsts = (enclave.identity for enclave in keystore.enclaves)
     return list({first.sha256: first for first in firsts if first is not None}.values())
 
 

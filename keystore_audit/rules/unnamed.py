@@ -18,11 +18,10 @@ def unnamed(use: PermissionsUse, named: Sequence[str]) -> Iterator[tuple[Enclave
 
     Left out is who does not take the document, and whose name is meant and only written otherwise for some.
     """
-    carried = [(enclave, enclave.certificate.first) for enclave in use.enclaves if enclave.certificate]
     lacking = [
-        (enclave, first)
-        for enclave, first in carried
-        if first is not None and first.subject not in named and not _refused_by(use, enclave)
+        (enclave, enclave.identity)
+        for enclave in use.enclaves
+        if enclave.identity is not None and enclave.identity.subject not in named and not _refused_by(use, enclave)
     ]
     firsts = [first for _enclave, first in lacking]
     tables = {each: matching(named, firsts, each) for each in SubjectComparison} if firsts else {}

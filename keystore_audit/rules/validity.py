@@ -111,7 +111,7 @@ def grant_outlives_certificate(use: PermissionsUse, _context: Context) -> Iterat
     """
     ends: dict[str, datetime] = {}
     for enclave in use.enclaves:
-        first = enclave.certificate.first if enclave.certificate else None
+        first = enclave.identity
         if first is not None:
             ends[first.subject] = max(first.not_after, ends.get(first.subject, first.not_after))
     for grant, start, end in _dated(use):
