@@ -270,7 +270,7 @@ def _identities(root: Root, reader: _Reader, enclaves: Sequence[Enclave]) -> Str
         public: key.file.place
         for key in (*own, *others)
         if key is not None
-        for public in (key.key, *(other.key for other in key.others))
+        for public in key.keys
         if public is not None
     }
     known = [enclave.identity for enclave in enclaves if enclave.identity is not None]

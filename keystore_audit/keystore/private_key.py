@@ -58,6 +58,11 @@ class PrivateKey:
     defects: tuple[Defect, ...]
     others: tuple[OtherKey, ...] = ()
 
+    @property
+    def keys(self) -> tuple[str | None, ...]:
+        """Its own public half, and those of the keys behind it."""
+        return (self.key, *(other.key for other in self.others))
+
 
 def read_private_key(file: File) -> PrivateKey:
     """Read the first private key of a PEM file as OpenSSL would, without a password. Never raises or asks.

@@ -167,8 +167,7 @@ def _every(file: CertificateFile) -> Iterator[str]:
 
 
 def _key(key: PrivateKey) -> str:
-    keys = [key.key, *(other.key for other in key.others)]
-    return f"{key.file.sha256}" if None in keys else " ".join(filter(None, keys))
+    return f"{key.file.sha256}" if None in key.keys else " ".join(filter(None, key.keys))
 
 
 def _crl(file: CrlFile) -> _At:

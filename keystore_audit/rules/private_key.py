@@ -168,8 +168,7 @@ def _second_keys(enclave: str, key: PrivateKey, holders: Mapping[str | None, str
 
 def _whose(key: PrivateKey, holders: Mapping[str | None, str]) -> str:
     """`: that of the authority 'CN=CA'`, or several holders; nothing where none is known."""
-    keys = (key.key, *(other.key for other in key.others))
-    named = dict.fromkeys(holders[each] for each in keys if each in holders)
+    named = dict.fromkeys(holders[each] for each in key.keys if each in holders)
     return f": {'that' if len(named) == 1 else 'those'} of {listed(named)}" if named else ""
 
 
