@@ -26,7 +26,7 @@ _BAR: Final = 120
 _HEADS: Final = (
     ("reaches", "if all on the way are compromised"),
     ("alone", "if nobody else is"),
-    ("passes for", "enclaves with the same key"),
+    ("passes for", "others with the same key"),
     ("writes", "topics, by right"),
     ("forges", "others, with its keys"),
     ("reads", "topics"),
