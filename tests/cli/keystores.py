@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
+import json
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from keystore_audit.cli.program import run
 from tests.keystore.builder import GOVERNANCE, Signed, authority, certificate, signed_document
@@ -91,3 +93,11 @@ def answer(*args: str | Path) -> tuple[int, str]:
         sys.stdout = kept
     stream.flush()
     return code, stream.buffer.getvalue().decode()
+
+
+def properties(root: Path, settings: str, *options: str | Path) -> dict[str, dict[str, Any]]:
+    """What the native engine says of each property in a keystore, by its id; these settings are put beside it."""
+    file = root.parent / "keystore-audit.toml"
+    file.write_text(settings, "utf-8")
+    words = ("--engine", "native", "--at", AT, "--settings", file, "-f", "json", *options)
+    return {each["id"]: each for each in json.loads(answer("audit", root, *words)[1])["properties"]}

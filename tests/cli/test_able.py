@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.cli.keystores import AT, answer, keystore, rule
+from tests.cli.keystores import AT, answer, keystore, properties, rule
 
 ENCLAVES = {
     "/button/left": (rule(("rt/stop",)),),
@@ -19,13 +18,8 @@ ENCLAVES = {
 }
 
 
-def asked(tmp_path: Path, root: Path, able: str, *options: str) -> dict[str, Any]:
-    settings = tmp_path / "keystore-audit.toml"
-    settings.write_text(f'[[property]]\nname = "stop"\nable = {{ {able} }}\n', "utf-8")
-    every = ("--engine", "native", "--at", AT, "--profile", "jazzy", "--settings", settings, "-f", "json", *options)
-    properties = json.loads(answer("audit", root, *every)[1])["properties"]
-    found: dict[str, Any] = next(each for each in properties if each["id"] == "stop")
-    return found
+def asked(root: Path, able: str) -> dict[str, Any]:
+    return properties(root, f'[[property]]\nname = "stop"\nable = {{ {able} }}\n', "--profile", "jazzy")["stop"]
 
 
 def why(found: dict[str, Any]) -> str:
@@ -49,7 +43,7 @@ def why(found: dict[str, Any]) -> str:
     ],
 )
 def test_every_pair_counts(tmp_path: Path, able: str, cut_off: str) -> None:
-    found = asked(tmp_path, keystore(tmp_path / "keys", ENCLAVES), able)
+    found = asked(keystore(tmp_path / "keys", ENCLAVES), able)
     assert found["status"] == ("violated" if cut_off else "holds")
     if cut_off:
         assert cut_off in why(found).replace(" (topic)", "")
@@ -58,9 +52,9 @@ def test_every_pair_counts(tmp_path: Path, able: str, cut_off: str) -> None:
 def test_one_that_does_not_start_is_cut_off(tmp_path: Path) -> None:
     root = keystore(tmp_path / "keys", ENCLAVES)
     able = 'from = ["/button/left", "/button/right"], to = "/motor"'
-    assert asked(tmp_path, root, able)["status"] == "holds"
+    assert asked(root, able)["status"] == "holds"
     (root / "enclaves/button/right/key.pem").unlink()
-    found = asked(tmp_path, root, able)
+    found = asked(root, able)
     assert found["status"] == "violated"
     assert "from /button/right to /motor" in why(found)
 
@@ -69,8 +63,8 @@ def test_one_that_cannot_be_read_leaves_it_open(tmp_path: Path) -> None:
     root = keystore(tmp_path / "keys", ENCLAVES)
     able = 'from = ["/button/left", "/button/right"], to = "/motor"'
     (root / "enclaves/button/right/identity_ca.cert.pem").write_bytes(b"#" * 5_000_000)
-    assert asked(tmp_path, root, able)["status"] != "holds"
-    assert asked(tmp_path, root, 'from = "/button/left", to = "/motor"')["status"] == "holds"
+    assert asked(root, able)["status"] != "holds"
+    assert asked(root, 'from = "/button/left", to = "/motor"')["status"] == "holds"
 
 
 def test_too_many_pairs_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

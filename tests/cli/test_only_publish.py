@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.cli.keystores import AT, DOCUMENT, answer, rule, signed_keystore
+from tests.cli.keystores import AT, DOCUMENT, answer, properties, rule, signed_keystore
 from tests.keystore.builder import GOVERNANCE
 
 SETTINGS = """single_writer = ["/x"]
@@ -16,6 +15,7 @@ SETTINGS = """single_writer = ["/x"]
 name = "only-talker"
 only_publish = { topic = "/x", enclaves = "/talker" }
 """
+PROFILE = ("--profile", "cyclonedds-11")
 GRANT = DOCUMENT[DOCUMENT.index("    <grant") : DOCUMENT.index("  </permissions>")]
 OPEN = (
     GOVERNANCE.replace(b">ENCRYPT<", b">NONE<")
@@ -34,21 +34,14 @@ def built(root: Path, *, ghost: str = "", governance: bytes = GOVERNANCE) -> Pat
     return signed_keystore(root, {"/talker": talker.encode(), "/listener": listener.encode()}, governance=governance)
 
 
-def asked(tmp_path: Path, root: Path, form: str = "json", profile: str = "cyclonedds-11") -> tuple[int, str]:
-    settings = tmp_path / "keystore-audit.toml"
-    settings.write_text(SETTINGS, "utf-8")
-    options = ("--engine", "native", "--at", AT, "--profile", profile, "--settings", settings, "-f", form)
-    return answer("audit", root, *options)
-
-
-def found(tmp_path: Path, root: Path) -> dict[str, Any]:
-    report = json.loads(asked(tmp_path, root)[1])
-    return {each["id"]: each for each in report["properties"] if each["id"] in ("only-talker", "single-writer-x")}
+def found(root: Path) -> dict[str, Any]:
+    every = properties(root, SETTINGS, *PROFILE)
+    return {name: every[name] for name in ("only-talker", "single-writer-x")}
 
 
 @pytest.mark.parametrize(("ghost", "status"), [("rt/x", "violated"), ("rt/y", "holds")])
 def test_a_grant_for_a_subject_that_no_enclave_has_counts(tmp_path: Path, ghost: str, status: str) -> None:
-    answers = found(tmp_path, built(tmp_path / "keys", ghost=rule((ghost,))))
+    answers = found(built(tmp_path / "keys", ghost=rule((ghost,))))
     assert {each["status"] for each in answers.values()} == {status}
     told = answers["only-talker"]["profiles"]["cyclonedds-11"]["counterexample"]
     if status == "violated":
@@ -65,12 +58,12 @@ def test_a_grant_after_one_for_the_same_subject_does_not_count(tmp_path: Path) -
     for grants, status in ((denied + allowed, "holds"), (allowed + denied, "violated")):
         whole = talker.replace("  </permissions>", f"{grants}  </permissions>")
         root = signed_keystore(tmp_path / status, {"/talker": whole.encode()})
-        assert found(tmp_path, root)["only-talker"]["status"] == status
+        assert found(root)["only-talker"]["status"] == status
 
 
 @pytest.mark.parametrize(("governance", "status"), [(OPEN, "violated"), (GOVERNANCE, "holds")])
 def test_where_anybody_joins_and_is_heard_anybody_publishes(tmp_path: Path, governance: bytes, status: str) -> None:
-    answers = found(tmp_path, built(tmp_path / "keys", governance=governance))
+    answers = found(built(tmp_path / "keys", governance=governance))
     assert {each["status"] for each in answers.values()} == {status}
     told = answers["only-talker"]["profiles"]["cyclonedds-11"]["counterexample"]
     assert told is None if status == "holds" else told["text"].startswith("Anybody on the network may join")
@@ -78,7 +71,7 @@ def test_where_anybody_joins_and_is_heard_anybody_publishes(tmp_path: Path, gove
 
 def test_an_outsider_that_only_forges_is_said_beside_and_violates_nothing(tmp_path: Path) -> None:
     closed = OPEN.replace(b"<allow_unauthenticated_participants>true", b"<allow_unauthenticated_participants>false")
-    answers = found(tmp_path, built(tmp_path / "keys", governance=closed))
+    answers = found(built(tmp_path / "keys", governance=closed))
     assert {each["status"] for each in answers.values()} == {"holds"}
     assert {tuple(each["forgers"]) for each in answers.values()} == {("/listener", "anybody on the network")}
 
@@ -86,6 +79,7 @@ def test_an_outsider_that_only_forges_is_said_beside_and_violates_nothing(tmp_pa
 @pytest.mark.parametrize("form", ["text", "html", "markdown", "junit"])
 def test_who_could_forge_is_said_where_the_property_holds(tmp_path: Path, form: str) -> None:
     root = built(tmp_path / "keys")
-    assert found(tmp_path, root)["only-talker"]["forgers"] == ["/listener"]
-    text = " ".join(asked(tmp_path, root, form)[1].replace("\\", "").split())
+    assert found(root)["only-talker"]["forgers"] == ["/listener"]
+    words = ("--engine", "native", "--at", AT, *PROFILE, "--settings", tmp_path / "keystore-audit.toml", "-f", form)
+    text = " ".join(answer("audit", root, *words)[1].replace("\\", "").split())
     assert text.count("Could pass for a permitted publisher: /listener, with the keys they hold.") == 2

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.cli.keystores import AT, DOCUMENT, answer, rule, write_enclave
+from tests.cli.keystores import DOCUMENT, properties, rule, write_enclave
 from tests.keystore.builder import GOVERNANCE, authority, certificate
 
 SETTINGS = """[[property]]
@@ -43,27 +42,20 @@ def built(root: Path, *, one_key: bool) -> Path:
     return root
 
 
-def asked(tmp_path: Path, keys: Path, settings: str = SETTINGS) -> dict[str, Any]:
-    file = tmp_path / "keystore-audit.toml"
-    file.write_text(settings, "utf-8")
-    options = ("--engine", "native", "--at", AT, "--profile", "cyclonedds-11", "--settings", file, "-f", "json")
-    return {each["id"]: each for each in json.loads(answer("audit", keys, *options)[1])["properties"]}
-
-
-def properties(tmp_path: Path, *, one_key: bool) -> dict[str, Any]:
-    return asked(tmp_path, built(tmp_path / "keys", one_key=one_key))
+def asked(keys: Path, settings: str = SETTINGS) -> dict[str, Any]:
+    return properties(keys, settings, "--profile", "cyclonedds-11")
 
 
 @pytest.mark.parametrize(("one_key", "status"), [(True, "violated"), (False, "holds")])
 def test_who_has_the_key_of_another_joins_and_reads_as_that_one(tmp_path: Path, one_key: bool, status: str) -> None:
-    found = properties(tmp_path, one_key=one_key)
+    found = asked(built(tmp_path / "keys", one_key=one_key))
     assert {found[name]["status"] for name in ("apart", "encrypted")} == {status}
     assert found["alone"]["status"] == "holds"
     assert ("/talker" in found["alone"].get("forgers", [])) is one_key
 
 
 def test_the_reader_says_whose_key_it_has(tmp_path: Path) -> None:
-    told = properties(tmp_path, one_key=True)["encrypted"]["profiles"]["cyclonedds-11"]["counterexample"]
+    told = asked(built(tmp_path / "keys", one_key=True))["encrypted"]["profiles"]["cyclonedds-11"]["counterexample"]
     assert "/talker, which may not, can read /y" in told["text"]
     assert "it has the key of /third" in told["text"]
 
@@ -85,7 +77,7 @@ def test_a_second_certificate_reads_for_the_enclave_that_has_its_key(
     settings = "".join(
         f'[[property]]\nname = "{topic}"\nencrypted = {{ topic = "/{topic}", against = "insider" }}\n' for topic in "xy"
     )
-    found = asked(tmp_path, tmp_path / "keys", settings)
+    found = asked(tmp_path / "keys", settings)
     assert (found["x"]["status"], found["y"]["status"]) == ("holds", status)
 
 
@@ -103,4 +95,4 @@ def test_no_enclave_is_not_the_one_writer(tmp_path: Path, with_key: bool) -> Non
     (keys / "backup/cert.pem").write_bytes(ghost.pem)
     if with_key:
         (keys / "backup/key.pem").write_bytes(ghost.key_pem)
-    assert asked(tmp_path, keys, 'single_writer = ["/x"]\n')["single-writer-x"]["status"] == "violated"
+    assert asked(keys, 'single_writer = ["/x"]\n')["single-writer-x"]["status"] == "violated"
