@@ -172,9 +172,10 @@ class _Run:
         results.append((last, count))
         return found, results, crashes
 
-    def crashes(self) -> Iterator[tuple[str, Crash]]:
-        """The rules that raised, as subjects."""
-        return ((crash.subject, crash) for crash in self._crashes)
+    def crashes(self) -> list[tuple[str, Crash]]:
+        """The rules that raised since this was asked last, as subjects."""
+        new, self._crashes = self._crashes, []
+        return [(crash.subject, crash) for crash in new]
 
     def unspoken(self) -> Iterator[tuple[str, Doubt]]:
         """Doubts about places of which no violation says that they stay open, as subjects."""
@@ -215,6 +216,7 @@ def _findings(run: _Run, chosen: Sequence[Rule[Any]], context: Context) -> tuple
     files = uses(found, context.acceptances, context.at, profiles, codes, _outside(marked, context.keystore))
     before = len(run.found)
     run.over(chosen, [(file.path, file) for file in files])
+    run.over(chosen, run.crashes())
     return accepted(_made([*marked, *_marked(run.found[before:], contents)]), files)
 
 

@@ -17,7 +17,16 @@ from keystore_audit.keystore.files import Status as FileStatus
 from keystore_audit.rules import RULES
 from keystore_audit.rules.judge import Judgement, judge
 from keystore_audit.rules.registry import Violation
-from keystore_audit.suppressions import Acceptance, Fate, accepted, accepted_by, check_dates, first_end, uses
+from keystore_audit.suppressions import (
+    Acceptance,
+    Fate,
+    FileOfUses,
+    accepted,
+    accepted_by,
+    check_dates,
+    first_end,
+    uses,
+)
 from tests.rules.evidence import AT, DAY, absent, certificates, context, enclave, healthy, judged, keystore, pem
 from tests.rules.test_judge import made
 
@@ -220,6 +229,15 @@ def test_an_enclave_is_no_name_for_what_lies_outside_all_enclaves() -> None:
     many = [f"old/{number}" for number in range(MAX_PLACES)]
     assert taken(("/talker", "old/*"), *many)
     assert not taken(("/talker", "old/*"), *many, "other/p.p7s"), "which no finding lists"
+
+
+def test_a_crash_on_what_is_accepted_is_said() -> None:
+    """It leaves the audit incomplete, which is never without a finding."""
+    crashing = replace(made("KA910", error=RuntimeError()), on=FileOfUses)
+    rules = [*(rule for rule in RULES if rule.code == "KA905"), crashing]
+    (found,) = judge(context(acceptances=(acceptance(where=("/talker",)),)), rules).findings
+    assert (found.code, found.undecided) == ("KA905", True)
+    assert "Rule KA910 ended in an error (RuntimeError)" in found.message
 
 
 def test_a_property_is_one_of_the_whole_keystore() -> None:
