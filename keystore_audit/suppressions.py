@@ -132,8 +132,8 @@ def uses(
     """What becomes of each acceptance at the instant `at`, by file.
 
     `profiles`: the names of those chosen, which a finding without any of its own is about. `codes`: of the rules that
-    were asked (None: all); an acceptance of another is neither used nor unused. `outside`: by fingerprint,
-    where findings are in what no enclave carries.
+    were asked (None: all); an acceptance of another is neither used nor unused. `outside`: by fingerprint, the places
+    of findings that no enclave carries; who accepts by fingerprint alone has no need of them.
     """
     by_code: dict[str, list[Finding]] = {}
     by_fingerprint: dict[str, Finding] = {}
