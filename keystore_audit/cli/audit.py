@@ -139,16 +139,7 @@ MAX_JOBS: Final = 1024
     metavar="[auto|both|alloy|native]",
     help="Who decides the properties; auto: both, native alone where Alloy cannot be had.",
 )
-@click.option("--offline", is_flag=True, help="Never fetch the Alloy Analyzer.")
-@click.option(
-    "--alloy-jar",
-    type=opt.jar_file,
-    envvar="KEYSTORE_AUDIT_ALLOY_JAR",
-    show_envvar=True,
-    metavar="FILE",
-    help="Use this jar of the Alloy Analyzer.",
-)
-@click.option("--timeout", type=opt.seconds, default=120, metavar="SECONDS", help="The longest that Alloy may take.")
+@opt.alloy_options
 @click.option("-q", "--quiet", is_flag=True, help="Only the verdict and the findings that decided it (text).")
 @opt.verbose_option("Every rule's outcome too (text); on stderr, how long each stage took.", to_command=True)
 @click.option(

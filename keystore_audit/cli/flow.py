@@ -53,16 +53,7 @@ ENGINES: Final = ("native", "auto", "both", "alloy")
     metavar="[native|auto|both|alloy]",
     help="Who decides.",
 )
-@click.option("--offline", is_flag=True, help="Never fetch the Alloy Analyzer.")
-@click.option(
-    "--alloy-jar",
-    type=opt.jar_file,
-    envvar="KEYSTORE_AUDIT_ALLOY_JAR",
-    show_envvar=True,
-    metavar="FILE",
-    help="Use this jar of the Alloy Analyzer.",
-)
-@click.option("--timeout", type=opt.seconds, default=120, metavar="SECONDS", help="The longest that Alloy may take.")
+@opt.alloy_options
 @click.option(
     "-f",
     "--format",

@@ -209,6 +209,26 @@ def interpretation_options(command: F) -> F:
     return command
 
 
+def alloy_options(command: F) -> F:
+    """Add the options that say where the Alloy Analyzer is, and how long it may take."""
+    for option in (
+        click.option(
+            "--timeout", type=seconds, default=120, metavar="SECONDS", help="The longest that Alloy may take."
+        ),
+        click.option(
+            "--alloy-jar",
+            type=jar_file,
+            envvar="KEYSTORE_AUDIT_ALLOY_JAR",
+            show_envvar=True,
+            metavar="FILE",
+            help="Use this jar of the Alloy Analyzer.",
+        ),
+        click.option("--offline", is_flag=True, help="Never fetch the Alloy Analyzer."),
+    ):
+        command = option(command)
+    return command
+
+
 def launch_argument(value: str) -> tuple[str, str]:
     """Return name and value of `NAME:=VALUE`."""
     name, separator, content = value.partition(":=")
