@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, TypeVar
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
@@ -18,6 +19,8 @@ from keystore_audit.model.inventory import permissions_at_large
 from keystore_audit.model.trust import Envelope, envelope
 from keystore_audit.rules.acceptance import genuine_for, may_be_taken
 from keystore_audit.rules.context import Context
+
+_Document = TypeVar("_Document", GovernanceFile, PermissionsFile)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -209,21 +212,14 @@ def revocation_uses(keystore: Keystore) -> Iterator[RevocationUse]:
 
 def governance_uses(keystore: Keystore) -> Iterator[GovernanceUse]:
     """Every distinct governance file."""
-    uses: dict[str, tuple[GovernanceFile, list[Enclave]]] = {}
-    for enclave in keystore.enclaves:
-        if enclave.governance is not None:
-            place = enclave.governance.signed.file.place
-            uses.setdefault(place, (enclave.governance, []))[1].append(enclave)
-    for place in sorted(uses):
-        document, enclaves = uses[place]
-        yield GovernanceUse(
-            signed=document.signed,
-            enclaves=tuple(enclaves),
-            envelope=envelope(document.signed),
-            may_be_taken=may_be_taken(document.signed, enclaves),
-            genuine_for=genuine_for(document.signed, enclaves),
-            document=document,
-        )
+    for document, enclaves in _by_place((enclave.governance, enclave) for enclave in keystore.enclaves):
+        yield GovernanceUse(document=document, **_worth(document.signed, enclaves))
+
+
+def permissions_uses(keystore: Keystore) -> Iterator[PermissionsUse]:
+    """Every distinct permissions file."""
+    for document, enclaves in _by_place((enclave.permissions, enclave) for enclave in keystore.enclaves):
+        yield PermissionsUse(document=document, **_worth(document.signed, enclaves))
 
 
 def stray_uses(keystore: Keystore) -> Iterator[StrayUse]:
@@ -236,30 +232,25 @@ def stray_uses(keystore: Keystore) -> Iterator[StrayUse]:
         if stray.document is not None:
             signed = stray.document.signed
             taking = [each for each in by_authority.values() if may_be_taken(signed, each[:1])]
-            enclaves = tuple(enclave for each in taking for enclave in each[:2])
-            yield StrayUse(
-                signed=signed,
-                enclaves=enclaves,
-                envelope=envelope(signed),
-                may_be_taken=bool(enclaves),
-                genuine_for=genuine_for(signed, enclaves),
-            )
+            yield StrayUse(**_worth(signed, tuple(enclave for each in taking for enclave in each[:2])))
 
 
-def permissions_uses(keystore: Keystore) -> Iterator[PermissionsUse]:
-    """Every distinct permissions file."""
-    uses: dict[str, tuple[PermissionsFile, list[Enclave]]] = {}
-    for enclave in keystore.enclaves:
-        if enclave.permissions is not None:
-            place = enclave.permissions.signed.file.place
-            uses.setdefault(place, (enclave.permissions, []))[1].append(enclave)
+def _by_place(read: Iterable[tuple[_Document | None, Enclave]]) -> Iterator[tuple[_Document, tuple[Enclave, ...]]]:
+    """Each document with the enclaves that carry it, by resolved path."""
+    uses: dict[str, tuple[_Document, list[Enclave]]] = {}
+    for document, enclave in read:
+        if document is not None:
+            uses.setdefault(document.signed.file.place, (document, []))[1].append(enclave)
     for place in sorted(uses):
-        document, enclaves = uses[place]
-        yield PermissionsUse(
-            signed=document.signed,
-            enclaves=tuple(enclaves),
-            envelope=envelope(document.signed),
-            may_be_taken=may_be_taken(document.signed, enclaves),
-            genuine_for=genuine_for(document.signed, enclaves),
-            document=document,
-        )
+        yield uses[place][0], tuple(uses[place][1])
+
+
+def _worth(signed: SignedDocument, enclaves: tuple[Enclave, ...]) -> dict[str, Any]:
+    """The document and what its signatures are worth to these enclaves, as `SignedUse` has them."""
+    return {
+        "signed": signed,
+        "enclaves": enclaves,
+        "envelope": envelope(signed),
+        "may_be_taken": may_be_taken(signed, enclaves),
+        "genuine_for": genuine_for(signed, enclaves),
+    }
