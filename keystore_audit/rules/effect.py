@@ -11,9 +11,9 @@ from keystore_audit.keystore.governance import Text
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Grant
 from keystore_audit.model.domains import HIGHEST_DOMAIN, covered, domain_bits
-from keystore_audit.model.inventory import may_be_taken, permissions_cas
 from keystore_audit.model.permission import union
 from keystore_audit.model.validity import DateReading, read_date
+from keystore_audit.rules.subjects import governance_uses
 
 
 def instant_of(date: Text) -> datetime | None:
@@ -58,12 +58,6 @@ class Effects:
     @cached_property
     def _governed(self) -> int:
         """The domains that a governance covers which an enclave carries and somebody may take."""
-        files = permissions_cas(self._keystore)
-        documents = {each.governance for each in self._keystore.enclaves if each.governance is not None}
-        rules = (
-            rule
-            for document in documents
-            if document.governance is not None and may_be_taken(document.signed, files)
-            for rule in document.governance.domain_rules
-        )
+        taken = (use.document.governance for use in governance_uses(self._keystore) if use.may_be_taken)
+        rules = (rule for governance in taken if governance is not None for rule in governance.domain_rules)
         return union(domain_bits(covered(rule.domains)) for rule in rules)
