@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import ProtectionKind
@@ -22,8 +23,15 @@ from tests.engine.systems import (
     healthy_builder,
 )
 
-Question = tuple[Builder, ClaimAtom, bool]
-"""A keystore, a claim about it, and whether the claim is violated."""
+
+class Question(NamedTuple):
+    """A keystore, a claim about it, and whether the claim is violated. `name`: of those that are asked for by name."""
+
+    builder: Builder
+    claim: ClaimAtom
+    violated: bool
+    name: str = ""
+
 
 THIRD = 2
 """An enclave that subscribes to what the listener passes on."""
@@ -185,52 +193,67 @@ def questions() -> list[Question]:
     clear = {"rtps": sign, "metadata": sign, "data": none}
     open_to_all = {"rtps": none, "metadata": none, "data": none}
     shared = {"rtps": ProtectionKind.ENCRYPT, "metadata": ProtectionKind.ENCRYPT}
-    return [
-        (chain(), claim(at(TALKER), at(THIRD)), True),
-        (chain(), claim(at(TALKER), at(THIRD), honest), True),
-        (chain(), claim(at(TALKER), at(THIRD), through=(LISTENER,)), False),
+    table: list[tuple[Builder, ClaimAtom, bool] | tuple[Builder, ClaimAtom, bool, str]] = [
+        (chain(), claim(at(TALKER), at(THIRD)), True, "over a relay"),
+        (chain(), claim(at(TALKER), at(THIRD), honest), True, "over an honest relay"),
+        (chain(), claim(at(TALKER), at(THIRD), through=(LISTENER,)), False, "past a trusted relay"),
         (chain(), claim(at(TALKER), at(THIRD), through=(TALKER, THIRD)), True),
-        (chain(), claim(at(TALKER), at(THIRD), left_out=(CHATTER,)), False),
+        (chain(), claim(at(TALKER), at(THIRD), left_out=(CHATTER,)), False, "over what is left out"),
         (chain(), claim(at(THIRD), at(TALKER)), False),
         (expired(), claim(at(TALKER), at(THIRD)), False),
         # readers that hold the writer's keys write back where they are taken for it
         (weak(**shared), claim(at(THIRD), at(TALKER)), False),
-        (with_second_reader(weak(**shared)), claim(at(THIRD), at(TALKER)), True),
-        (with_second_reader(weak(**shared)), claim(at(THIRD), at(TALKER), source), True),
+        (with_second_reader(weak(**shared)), claim(at(THIRD), at(TALKER)), True, "a reader writes back"),
+        (with_second_reader(weak(**shared)), claim(at(THIRD), at(TALKER), source), True, "the source writes back"),
         (with_second_reader(weak(**shared)), claim(at(THIRD), at(TALKER), honest), False),
         (with_second_reader(chain()), claim(at(THIRD), at(TALKER)), False),
         # packets whose payload every member of the domain can open
-        (weak(metadata=sign, data=none), claim(at(TALKER), at(THIRD), left_out=(OTHER_TOPIC,)), True),
+        (
+            weak(metadata=sign, data=none),
+            claim(at(TALKER), at(THIRD), left_out=(OTHER_TOPIC,)),
+            True,
+            "packets that members open",
+        ),
         (weak(metadata=sign, data=none), claim(at(TALKER), at(THIRD), honest, left_out=(OTHER_TOPIC,)), False),
         # realms that trust differently
-        (two_realms(), claim(at(TALKER), at(LISTENER), honest), False),
+        (two_realms(), claim(at(TALKER), at(LISTENER), honest), False, "a realm that trusts less"),
         (two_realms(), claim(at(TALKER), at(LISTENER), source), True),
         # channels as places
-        (chain(), claim(on_channel(CHATTER), on_channel(OTHER_TOPIC)), True),
+        (chain(), claim(on_channel(CHATTER), on_channel(OTHER_TOPIC)), True, "channel to channel"),
         (chain(), claim(on_channel(CHATTER), at(THIRD), through=(LISTENER,)), False),
-        (chain(), claim(on_channel(CHATTER), at(LISTENER), through=(LISTENER,)), True),
+        (chain(), claim(on_channel(CHATTER), at(LISTENER), through=(LISTENER,)), True, "the end is trusted"),
         (chain(), claim(at(TALKER), on_channel(OTHER_TOPIC), through=(LISTENER,)), False),
         (chain(), claim(at(LISTENER), on_channel(OTHER_TOPIC), through=(LISTENER,)), True),
         (chain(), claim(on_channel(CHATTER), on_channel(OTHER_TOPIC), left_out=(CHATTER, OTHER_TOPIC)), True),
         # the outsider
-        (chain(), claim(at(TALKER), OUT), False),
-        (weak(rtps=none, metadata=sign, data=none), claim(at(TALKER), OUT), True),
+        (chain(), claim(at(TALKER), OUT), False, "to the outsider"),
+        (weak(rtps=none, metadata=sign, data=none), claim(at(TALKER), OUT), True, "to the outsider, in clear"),
         (weak(rtps=none, metadata=sign, data=none), claim(at(TALKER), OUT, honest), True),
-        (weak(rtps=none, metadata=none, data=none), claim(OUT, at(THIRD)), True),
+        (weak(rtps=none, metadata=none, data=none), claim(OUT, at(THIRD)), True, "from the outsider"),
         (weak(rtps=none, metadata=none, data=none), claim(OUT, at(THIRD), source), True),
         (weak(rtps=none, metadata=none, data=none), claim(OUT, at(THIRD), honest), False),
-        (weak(rtps=sign, metadata=none, data=none), claim(OUT, at(THIRD)), False),
+        (weak(rtps=sign, metadata=none, data=none), claim(OUT, at(THIRD)), False, "from the outsider, signed"),
         # keys of two enclaves
         (chain(), claim(at(TALKER), at(THIRD), left_out=(OTHER_TOPIC,)), False),
-        (one_key(), claim(at(LISTENER), at(TALKER), relays), True),
+        (one_key(), claim(at(LISTENER), at(TALKER), relays), True, "one key, against the flow"),
         (one_key(), claim(at(LISTENER), at(TALKER), source), False),
-        (one_key(), claim(at(THIRD), at(LISTENER), source), True),
+        (one_key(), claim(at(THIRD), at(LISTENER), source), True, "one key, at the source"),
         # the other kinds
         (chain(), claim(at(TALKER), at(THIRD), honest, kind=ClaimKind.ABLE), False),
         (expired(), claim(at(TALKER), at(THIRD), honest, kind=ClaimKind.ABLE), True),
         (in_the_document_of_another(), claim(at(TALKER), at(LISTENER), honest), True),
-        (in_the_document_of_another(), claim(at(TALKER), at(LISTENER), honest, kind=ClaimKind.ABLE), True),
-        (unasked_writers(), claim(at(TALKER), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH), True),
+        (
+            in_the_document_of_another(),
+            claim(at(TALKER), at(LISTENER), honest, kind=ClaimKind.ABLE),
+            True,
+            "able by what another holds",
+        ),
+        (
+            unasked_writers(),
+            claim(at(TALKER), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH),
+            True,
+            "writers whom nobody asks",
+        ),
         (chain(), claim(at(TALKER), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH), False),
         (chain(), claim(at(THIRD), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH), True),
         # who is no enclave here, with a grant, and who needs no identity
@@ -269,33 +292,43 @@ def questions() -> list[Question]:
         (expired(), claim(at(TALKER), at(THIRD), kind=ClaimKind.SEPARATE_DOMAINS), False),
         # readers that honest peers refuse
         (chain(), claim(at(LISTENER), at(TALKER), source), False),
-        (stubborn(), claim(at(LISTENER), at(TALKER), source), True),
-        (stubborn(), claim(at(LISTENER), at(TALKER), honest), False),
+        (stubborn(), claim(at(LISTENER), at(TALKER), source), True, "a stubborn reader, lured"),
+        (stubborn(), claim(at(LISTENER), at(TALKER), honest), False, "a stubborn reader, honestly"),
         # writers that honest peers refuse
         (chain(), claim(at(THIRD), at(LISTENER)), False),
-        (wilful(chain()), claim(at(THIRD), at(LISTENER)), True),
+        (wilful(chain()), claim(at(THIRD), at(LISTENER)), True, "a wilful writer"),
         (wilful(chain()), claim(at(THIRD), at(LISTENER), source), False),
         (wilful(chain()), claim(at(THIRD), at(LISTENER), honest), False),
         (chain(), claim(at(THIRD), on_channel(CHATTER)), False),
-        (wilful(chain()), claim(at(THIRD), on_channel(CHATTER)), True),
-        (wilful(chain()), claim(at(THIRD), on_channel(CHATTER), source), False),
+        (wilful(chain()), claim(at(THIRD), on_channel(CHATTER)), True, "a wilful writer, to a channel"),
+        (wilful(chain()), claim(at(THIRD), on_channel(CHATTER), source), False, "a wilful writer among the honest"),
         (wilful(chain()), claim(at(TALKER), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH), False),
         (wilful(silent(weak(**clear))), claim(at(THIRD), OUT, left_out=(OTHER_TOPIC,)), True),
         (silent(weak(**clear)), claim(at(THIRD), OUT, left_out=(OTHER_TOPIC,)), False),
         (wilful(silent(weak(**clear))), claim(Place(), on_channel(CHATTER), outsider, kind=encrypted), True),
         (silent(weak(**clear)), claim(Place(), on_channel(CHATTER), outsider, kind=encrypted), False),
         # who attacks gets samples of a channel that its own implementation alone lets it read
-        (stubborn(), claim(on_channel(OTHER_TOPIC), at(TALKER)), True),
-        (stubborn(), claim(on_channel(OTHER_TOPIC), at(TALKER), source), False),
+        (stubborn(), claim(on_channel(OTHER_TOPIC), at(TALKER)), True, "a stubborn reader of a channel"),
+        (stubborn(), claim(on_channel(OTHER_TOPIC), at(TALKER), source), False, "a stubborn reader, the source alone"),
         (chain(), claim(on_channel(OTHER_TOPIC), at(TALKER)), False),
         # participants that honest peers refuse
         (expired(), starting(claim(at(TALKER), at(THIRD), kind=ClaimKind.SEPARATE_DOMAINS)), True),
         (expired(), starting(claim(at(THIRD), at(TALKER), kind=ClaimKind.SEPARATE_DOMAINS)), True),
         (expired(), starting(claim(at(TALKER), at(TALKER), kind=ClaimKind.SEPARATE_DOMAINS)), False),
         # endpoints that an enclave's own implementation refuses it
-        (denied(refused_reads={CHATTER}), claim(at(TALKER), at(THIRD), honest, kind=ClaimKind.ABLE), True),
+        (
+            denied(refused_reads={CHATTER}),
+            claim(at(TALKER), at(THIRD), honest, kind=ClaimKind.ABLE),
+            True,
+            "able, a reader refused",
+        ),
         (denied(refused_writes={CHATTER}), claim(at(TALKER), at(THIRD), honest, kind=ClaimKind.ABLE), False),
-        (denied(refused_writes={OTHER_TOPIC}), claim(at(TALKER), at(THIRD), honest, kind=ClaimKind.ABLE), True),
+        (
+            denied(refused_writes={OTHER_TOPIC}),
+            claim(at(TALKER), at(THIRD), honest, kind=ClaimKind.ABLE),
+            True,
+            "able, a writer refused",
+        ),
         (denied(refused_reads={OTHER_TOPIC}), claim(at(TALKER), at(THIRD), honest, kind=ClaimKind.ABLE), False),
         (denied(refused_reads={CHATTER}), claim(at(TALKER), at(THIRD), honest), True),
         # whoever is on the network listens, whoever attacks
@@ -304,18 +337,18 @@ def questions() -> list[Question]:
         (weak(rtps=none, metadata=sign, data=none), claim(on_channel(CHATTER), OUT, honest), True),
         (weak(rtps=none, data=none), claim(on_channel(CHATTER), OUT, honest), False),
         # what is forged is on the network too
-        (silent(weak(**clear)), claim(at(THIRD), OUT), True),
+        (silent(weak(**clear)), claim(at(THIRD), OUT), True, "forged, and heard"),
         (silent(weak(**clear)), claim(at(THIRD), OUT, source), True),
         (silent(weak(**clear)), claim(at(THIRD), OUT, honest), False),
         # an enclave that peers let into no domain does what anybody does who is on the network
-        (shut_out(**open_to_all), claim(at(THIRD), at(LISTENER)), True),
+        (shut_out(**open_to_all), claim(at(THIRD), at(LISTENER)), True, "let in nowhere, forging"),
         (shut_out(**open_to_all), claim(at(THIRD), at(LISTENER), source), True),
         (shut_out(**open_to_all), claim(at(THIRD), at(LISTENER), honest), False),
         (shut_out(**{**open_to_all, "rtps": sign}), claim(at(THIRD), at(LISTENER)), False),
-        (shut_out(**open_to_all), claim(at(THIRD), on_channel(CHATTER), source), True),
+        (shut_out(**open_to_all), claim(at(THIRD), on_channel(CHATTER), source), True, "let in nowhere, putting"),
         (shut_out(**open_to_all), claim(at(THIRD), on_channel(CHATTER), honest), False),
         (shut_out(**{**open_to_all, "rtps": sign}), claim(at(THIRD), on_channel(CHATTER)), False),
-        (shut_out(**clear), claim(at(TALKER), at(THIRD)), True),
+        (shut_out(**clear), claim(at(TALKER), at(THIRD)), True, "let in nowhere, hearing"),
         (shut_out(**clear), claim(at(TALKER), at(THIRD), source), False),
         (shut_out(**{**clear, "rtps": ProtectionKind.ENCRYPT}), claim(at(TALKER), at(THIRD)), False),
         (shut_out(**clear), claim(on_channel(CHATTER), at(THIRD)), True),
@@ -324,6 +357,7 @@ def questions() -> list[Question]:
             with_readers(shut_out(**clear)),
             claim(Place(), on_channel(CHATTER), Attacker.INSIDER, kind=encrypted),
             True,
+            "let in nowhere, reading",
         ),
         (
             with_readers(shut_out(**{**clear, "rtps": ProtectionKind.ENCRYPT})),
@@ -332,8 +366,19 @@ def questions() -> list[Question]:
         ),
         # who has a reader's key reads as that one
         (chain(), claim(Place(), on_channel(OTHER_TOPIC), Attacker.INSIDER, kind=encrypted), False),
-        (one_key(), claim(Place(), on_channel(OTHER_TOPIC), Attacker.INSIDER, kind=encrypted), True),
-        (unauthenticated(shut_out()), claim(at(TALKER), at(THIRD), kind=ClaimKind.SEPARATE_DOMAINS), True),
+        (
+            one_key(),
+            claim(Place(), on_channel(OTHER_TOPIC), Attacker.INSIDER, kind=encrypted),
+            True,
+            "read by another's key",
+        ),
+        (
+            unauthenticated(shut_out()),
+            claim(at(TALKER), at(THIRD), kind=ClaimKind.SEPARATE_DOMAINS),
+            True,
+            "apart, without identities",
+        ),
         (unauthenticated(shut_out()), claim(at(THIRD), at(TALKER), kind=ClaimKind.SEPARATE_DOMAINS), True),
         (shut_out(), claim(at(TALKER), at(THIRD), kind=ClaimKind.SEPARATE_DOMAINS), False),
     ]
+    return [Question(*row) for row in table]

@@ -110,135 +110,166 @@ def test_the_longest_path_there_can_be_is_within_the_bound(analyzer: Engine) -> 
 
 def test_what_each_change_makes_of_a_claim() -> None:
     table = questions()
-    asked = [replace(builder.system(), claims=(question,)) for builder, question, _violated in table]
+    asked = [replace(each.builder.system(), claims=(each.claim,)) for each in table]
     wrong = [
-        (number, question.kind, question.source, question.target)
-        for number, ((_builder, question, expected), found) in enumerate(zip(table, decide_claims(asked), strict=True))
-        if found["asked"] is not _status(expected)
+        (number, each.name, each.claim.kind, each.claim.source, each.claim.target)
+        for number, (each, found) in enumerate(zip(table, decide_claims(asked), strict=True))
+        if found["asked"] is not _status(each.violated)
     ]
     assert wrong == []
 
 
 MUTANTS = {
-    "a reader does not ask for the rights of the writer's realm": (14, "& may_read[sending]", ""),
+    "a reader does not ask for the rights of the writer's realm": (
+        "a realm that trusts less",
+        "& may_read[sending]",
+        "",
+    ),
     "an enclave acts as itself alone": (
-        30,
+        "one key, against the flow",
         "fun acts_as: Enclave -> Enclave {",
         "fun acts_as: Enclave -> Enclave { iden & Enclave -> Enclave }\nfun unused: Enclave -> Enclave {",
     ),
     "forgers have no keys but their own": (
-        32,
+        "one key, at the source",
         "c: e.acts_as.(feeds[realm])",
         "c: e.(feeds[realm])",
     ),
-    "forgers write by right": (8, "e.acts_as.(feeds[realm])", "e.acts_as.(may_write[realm])"),
-    "the outsider forges nothing": (25, " + forgers -> realm.unguarded", ""),
-    "the outsider injects everywhere": (28, "-> realm.unguarded", "-> realm.governed"),
-    "the outsider reads nothing": (23, " + eavesdroppers -> realm.in_clear", ""),
-    "the outsider reads everything": (22, "-> realm.in_clear", "-> realm.governed"),
+    "forgers write by right": ("a reader writes back", "e.acts_as.(feeds[realm])", "e.acts_as.(may_write[realm])"),
+    "the outsider forges nothing": ("from the outsider", " + forgers -> realm.unguarded", ""),
+    "the outsider injects everywhere": ("from the outsider, signed", "-> realm.unguarded", "-> realm.governed"),
+    "the outsider reads nothing": ("to the outsider, in clear", " + eavesdroppers -> realm.in_clear", ""),
+    "the outsider reads everything": ("to the outsider", "-> realm.in_clear", "-> realm.governed"),
     "forgers with a key send nothing without it": (
-        86,
+        "let in nowhere, forging",
         "forgers -> realm.unguarded",
         "(forgers & Outsider) -> realm.unguarded",
     ),
     "forgers with a key put nothing without it": (
-        90,
+        "let in nowhere, putting",
         "forgers -> realm.unguarded",
         "(forgers & Outsider) -> realm.unguarded",
     ),
     "eavesdroppers with a key hear nothing without it": (
-        93,
+        "let in nowhere, hearing",
         "eavesdroppers -> realm.in_clear",
         "(eavesdroppers & Outsider) -> realm.in_clear",
     ),
-    "what is forged is not on the network": (83, "] + imposes[forgers, realm]\n", "]\n"),
-    "enclaves that peers let in nowhere read nothing": (98, " + Enclave -> realm.in_clear", ""),
-    "who has a reader's key reads as itself alone": (101, "in_any_guise[Enclave, knows[realm]]", "knows[realm]"),
-    "nobody comes in without an identity": (102, " + Enclave -> realm.unauthenticated_allowed", ""),
-    "eavesdroppers overhear what they read": (12, "(knows[realm])", "(may_read[realm])"),
-    "channels are never left out": (4, "receives[sending, receiving].(usable & ", "receives[sending, receiving].("),
+    "what is forged is not on the network": ("forged, and heard", "] + imposes[forgers, realm]\n", "]\n"),
+    "enclaves that peers let in nowhere read nothing": ("let in nowhere, reading", " + Enclave -> realm.in_clear", ""),
+    "who has a reader's key reads as itself alone": (
+        "read by another's key",
+        "in_any_guise[Enclave, knows[realm]]",
+        "knows[realm]",
+    ),
+    "nobody comes in without an identity": (
+        "apart, without identities",
+        " + Enclave -> realm.unauthenticated_allowed",
+        "",
+    ),
+    "eavesdroppers overhear what they read": ("packets that members open", "(knows[realm])", "(may_read[realm])"),
+    "channels are never left out": (
+        "over what is left out",
+        "receives[sending, receiving].(usable & ",
+        "receives[sending, receiving].(",
+    ),
     "no hop by right": (
-        1,
+        "over an honest relay",
         "receives[sending, receiving].(usable & holders",
         "receives[sending, receiving].(usable & none & holders",
     ),
     "no hop by force": (
-        9,
+        "the source writes back",
         "is_told[eavesdroppers, receiving].(usable &",
         "is_told[eavesdroppers, receiving].(usable & none &",
     ),
     "who attacks gives its keys to those alone that peers let read": (
-        54,
+        "a stubborn reader, lured",
         " + { e: in_realm.realm, c: e.reads_alone }",
         "",
     ),
-    "no implementation refuses its own readers": (74, " - refused_reads", ""),
-    "no implementation refuses its own writers": (76, " - refused_writes", ""),
-    "honest writers give their keys to whoever reads": (55, "takes[receiving] & may_read[sending]", "hears[receiving]"),
-    "who attacks takes samples from those alone that peers let write": (57, " + emits_alone[realm]]", "]"),
+    "no implementation refuses its own readers": ("able, a reader refused", " - refused_reads", ""),
+    "no implementation refuses its own writers": ("able, a writer refused", " - refused_writes", ""),
+    "honest writers give their keys to whoever reads": (
+        "a stubborn reader, honestly",
+        "takes[receiving] & may_read[sending]",
+        "hears[receiving]",
+    ),
+    "who attacks takes samples from those alone that peers let write": (
+        "a wilful writer",
+        " + emits_alone[realm]]",
+        "]",
+    ),
     "nobody puts a sample that peers refuse": (
-        61,
+        "a wilful writer, to a channel",
         " { e: eavesdroppers & Enclave, c: e.acts_as.(emits_alone[realm]) }",
         " none -> none",
     ),
     "honest readers take samples that peers refuse": (
-        62,
+        "a wilful writer among the honest",
         "{ e: eavesdroppers & Enclave, c: e.acts_as.(emits_alone[realm]) }",
         "emits_alone[realm]",
     ),
     "who attacks gets a sample by right alone": (
-        68,
+        "a stubborn reader of a channel",
         "{ e: eavesdroppers & Enclave, c: e.acts_as.(hears[realm]) }",
         "{ e: eavesdroppers & Enclave, c: e.acts_as.(takes[realm]) }",
     ),
     "honest readers of a channel get what peers refuse them": (
-        69,
+        "a stubborn reader, the source alone",
         "takes[realm] + { e: eavesdroppers & Enclave",
         "hears[realm] + { e: eavesdroppers & Enclave",
     ),
     "who gets a sample does not pass it on": (
-        16,
+        "channel to channel",
         "getters[first, eavesdroppers, realm] in inside + through - target",
         "no getters[first, eavesdroppers, realm] & target",
     ),
     "who gets a sample has not arrived": (
-        18,
+        "the end is trusted",
         "in inside + through - target\n\t\tno inside",
         "in inside + through\n\t\tno inside",
     ),
-    "nobody puts a sample": (16, "no inside & putters[last, forgers, eavesdroppers, realm]", ""),
-    "nobody is passed over": (2, "in inside + through - (target - source)", "in inside - (target - source)"),
+    "nobody puts a sample": ("channel to channel", "no inside & putters[last, forgers, eavesdroppers, realm]", ""),
+    "nobody is passed over": (
+        "past a trusted relay",
+        "in inside + through - (target - source)",
+        "in inside - (target - source)",
+    ),
     "everybody is passed over": (
-        0,
+        "over a relay",
         "in inside + through - (target - source)",
         "in inside + Enclave - (target - source)",
     ),
     "a flow begins nowhere": (
-        0,
+        "over a relay",
         "\tsource in inside\n\tall realm: Realm {\n\t\tgetters",
         "\tall realm: Realm {\n\t\tgetters",
     ),
-    "a flow never ends": (0, "in inside + through - (target - source)", "in inside + through"),
+    "a flow never ends": ("over a relay", "in inside + through - (target - source)", "in inside + through"),
     "abilities rest on rights of others": (
-        36,
+        "able by what another holds",
         "permissions :> realm.accepted",
         "Enclave -> realm.accepted",
     ),
     "publishers need a grant": (
-        37,
+        "writers whom nobody asks",
         "may_write[realm] + (granted[realm, publish_allowed]",
         "may_write[realm] & (granted[realm, publish_allowed]",
     ),
 }
-"""What it would mean; the number of a question that finds it out; one change of the modules."""
+"""What it would mean; a question that finds it out; one change of the modules."""
 
 
 def test_every_change_of_the_model_changes_an_answer() -> None:
     """Each mutant of the flows is found out by one of the questions."""
-    table = questions()
+    named = [each for each in questions() if each.name]
+    table = {each.name: each for each in named}
+    assert len(table) == len(named)
+    assert set(table) == {asked for asked, _old, _new in MUTANTS.values()}
     survived = []
-    for name, (number, old, new) in MUTANTS.items():
-        builder, question, expected = table[number]
+    for name, (asked, old, new) in MUTANTS.items():
+        builder, question, expected, _name = table[asked]
         modules = shipped()
         changed = next(module for module in claims.MODULES if old in modules[module])
         mutant = {changed: modules[changed].replace(old, new, 1)}
