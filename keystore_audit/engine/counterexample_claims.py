@@ -14,6 +14,7 @@ from keystore_audit.engine.native_claims import claims_at
 from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind
 from keystore_audit.model.claim import Place as ClaimPlace
+from keystore_audit.model.elsewhere import UNREAD
 from keystore_audit.model.flow import Flows
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.permission import Decisions, bits, union
@@ -105,18 +106,31 @@ def _publisher(case: Case, when: str) -> Counterexample:
             f"allow_unauthenticated_participants is true: {case.kinds()}{when}.",
             steps=case.governance_steps(),
         )
-    identity = case.witness[Role.CERTIFICATE]
-    subject = case.system.certificates[identity]
-    found = causes.rights_by(case.system, identity, "publish", case.witness[Role.CHANNEL])
-    accepted = [case.system.documents[number] for number in case.view.accepted]
+    return _stranger(case, case.witness[Role.CERTIFICATE], when)
+
+
+def _stranger(case: Case, identity: int, when: str) -> Counterexample:
+    """By what somebody may publish who has a certificate that no enclave has, or one that was left out."""
+    system = case.system
+    found = causes.rights_by(system, identity, "publish", case.witness[Role.CHANNEL])
+    accepted = [system.documents[number] for number in case.view.accepted]
     taken = [each for each in found if any(each.document is document for document in accepted)]
-    place = taken[0].location if taken else subject.location
+    unread = None if taken else next((each.location for each in system.documents if each.opaque), None)
+    if unread is not None:
+        text = f"Whoever {unread.path}, which could not be read, lets in may publish {case.topic}{when}."
+        return Counterexample(text=text, steps=(case.step(unread), *case.governance_steps()))
+    place = taken[0].location if taken else system.certificates[identity].location
+    steps = (case.step(place), *(() if taken else case.governance_steps()))
+    for each in system.left_out:
+        if each.identity == identity:
+            return Counterexample(text=f"{each.label} may publish {case.topic} too{when}.", steps=steps)
     where = place.path if place.line is None else f"{place.path}:{place.line}"
-    return Counterexample(
-        text=f"Whoever is {shorten(subject.label, MAX_SUBJECT)}, which is no enclave of this keystore, may publish "
-        f"{case.topic}{when}: peers take the grant in {where} from whoever has that subject.",
-        steps=(case.step(place), *(() if taken else case.governance_steps())),
-    )
+    unknown = any(each.identity is None for each in system.left_out) or any(each.opaque for each in system.enclaves)
+    which = "that could be read" if unknown else "of this keystore"
+    why = f"peers take the grant in {where} from whoever has that subject" if taken else "nobody asks for such a grant"
+    who = shorten(system.certificates[identity].label, MAX_SUBJECT)
+    text = f"Whoever is {who}, which is no enclave {which}, may publish {case.topic}{when}: {why}."
+    return Counterexample(text=text, steps=steps)
 
 
 def _then(system: System, answer: Answer) -> tuple[str, System]:
@@ -229,6 +243,12 @@ def _lets_anybody_in(case: Case, rule: DomainRuleAtom | None) -> bool:
     return case.is_open or (rule is not None and rule.allow_unauthenticated_participants)
 
 
+def _named(system: System, certificate: int) -> str:
+    """Who has a certificate that no enclave has, or one that was left out."""
+    left_out = (each.label for each in system.left_out if each.identity == certificate)
+    return next(left_out, f"whoever is {shorten(system.certificates[certificate].label, MAX_SUBJECT)}")
+
+
 def forgers(system: System, claim: ClaimAtom) -> tuple[str, ...]:
     """Who is not among the permitted publishers and could pass for one with the keys that they hold; ANYBODY last."""
     asked = bits(claim.target.channels)
@@ -243,8 +263,9 @@ def forgers(system: System, claim: ClaimAtom) -> tuple[str, ...]:
             if forged & asked:
                 names[system.enclaves[number].label] = None
         for certificate, able in view.elsewhere.items():
-            if able.forges & asked:
-                names[f"whoever is {shorten(system.certificates[certificate].label, MAX_SUBJECT)}"] = None
+            if able.forges & asked and certificate not in claim.source.certificates:
+                named = bool(permissions.chosen(certificate, view.accepted))  # else by what could not be read alone
+                names[_named(system, certificate) if named else f"whoever is {UNREAD}"] = None
     if any(view.injectable & asked for view in views):
         names[ANYBODY] = None
     return tuple(names)

@@ -55,7 +55,7 @@ class Claims:
                         yield {Role.REALM: realm, Role.ENCLAVE: enclave, Role.CHANNEL: channel}, ()
         for realm, view in enumerate(self._realms):
             for certificate, able in view.elsewhere.items():
-                for channel in members(able.may_write & asked):
+                for channel in members(able.may_write & asked if certificate not in claim.source.certificates else 0):
                     yield {Role.REALM: realm, Role.CERTIFICATE: certificate, Role.CHANNEL: channel}, ()
             for channel in members(view.joining_anybody & asked):
                 yield {Role.REALM: realm, Role.CHANNEL: channel}, ()

@@ -39,11 +39,15 @@ ATTACKERS: Final = (Attacker.HONEST, Attacker.SOURCE, Attacker.RELAYS)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
-    """Where a flow begins or ends: enclaves, channels, or the one participant without any key."""
+    """Where a flow begins or ends: enclaves, channels, or the one participant without any key.
+
+    `certificates`: (only-publish, MUST) those that no enclave has, but one that was left out and is meant may have.
+    """
 
     enclaves: frozenset[int] = frozenset()
     channels: frozenset[int] = frozenset()
     outsider: bool = False
+    certificates: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

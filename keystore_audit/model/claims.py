@@ -372,17 +372,16 @@ class _Resolution:
 
     def _source(self, claim: Claim, away: frozenset[int]) -> Place:
         """As the claim says; else the one enclave that may publish, if one may. That no other does, engines ask."""
-        if claim.source != Globs():
-            return self._place(claim, claim.source, away, unread=claim.kind is not ClaimKind.ONLY_PUBLISH)
         if claim.kind is not ClaimKind.ONLY_PUBLISH:
-            return Place()
-        from keystore_audit.model.single_writer import some_writer  # most settings ask for none
+            return self._place(claim, claim.source, away)
+        from keystore_audit.model.publishers import permitted  # most settings ask for none
 
-        return Place(enclaves=some_writer(self._system, self._place(claim, claim.target, frozenset()).channels))
+        asked = self._place(claim, claim.target, frozenset()).channels
+        return permitted(self._system, claim.source.enclaves, self._known, asked)
 
-    def _place(self, claim: Claim, globs: Globs, away: frozenset[int], *, unread: bool = True) -> Place:
+    def _place(self, claim: Claim, globs: Globs, away: frozenset[int]) -> Place:
         channels = self._channels.regions[named(globs.topics)] if globs.topics else frozenset()
-        enclaves = self._enclaves(globs.enclaves, unread=unread) - away
+        enclaves = self._enclaves(globs.enclaves, unread=True) - away
         if claim.kind is ClaimKind.SEPARATE_DOMAINS:  # who may be together somewhere, by whatever certificate
             enclaves = with_all_certificates(self._system, enclaves)
         return Place(

@@ -25,7 +25,8 @@ def with_subjects_elsewhere(systems: Iterable[System]) -> tuple[System, ...]:
 
 def _with_subjects(system: System, known: dict[object, tuple[GrantAtom, ...]]) -> System:
     """`known`: grants that systems have in common stay so, since decisions are worked out once for equal objects."""
-    here = frozenset(enclave.identity for enclave in system.enclaves if enclave.identity is not None)
+    identities = {enclave.identity for enclave in system.enclaves} | {each.identity for each in system.left_out}
+    here = frozenset(identity for identity in identities if identity is not None)
     named = {grant.subject for grant in system.grants if grant.names & here}
     places: dict[str, Location] = {}
     for grant in system.grants:

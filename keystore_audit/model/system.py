@@ -112,6 +112,17 @@ class EnclaveAtom:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class LeftOut:
+    """(MUST only) An enclave that is not among the system's, since who it is or whom it trusts could not be read.
+
+    `identity`: its certificate, None where that is unknown.
+    """
+
+    label: str
+    identity: int | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DomainAtom:
     """Domain ids that no document tells apart: closed intervals within 0..232."""
 
@@ -258,6 +269,7 @@ class System:
     places: tuple[PlaceAtom, ...] = ()
     nodes: tuple[NodeAtom, ...] = ()
     meets: tuple[frozenset[int], ...] = ()
+    left_out: tuple[LeftOut, ...] = ()
 
     def key_of(self, enclave: int) -> int | None:
         """The key of the enclave's identity, None where it has none that is known. Who has equal keys is one."""

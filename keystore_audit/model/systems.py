@@ -5,7 +5,7 @@ Evidence in, normalised facts out, one for each kind of implementation and readi
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from functools import cached_property
 
@@ -39,6 +39,7 @@ from keystore_audit.model.system import (
     CertificateAtom,
     DocumentAtom,
     EnclaveAtom,
+    LeftOut,
     Reading,
     RealmAtom,
     System,
@@ -183,7 +184,14 @@ class SystemBuilder:
             grants=grants,
             rules=rules,
             meets=self._meets,
+            left_out=() if may else tuple(self._left_out()),
         )
+
+    def _left_out(self) -> Iterator[LeftOut]:
+        """(MUST) The enclaves of which it is not certain who they are, or what they accept."""
+        for enclave, unknown, doubt in zip(self._keystore.enclaves, self._unknown, self._realm_doubts, strict=True):
+            if unknown or doubt is not None:
+                yield LeftOut(label=enclave.path, identity=None if unknown else self._identity(enclave))
 
     def _enclave_atoms(
         self, kind: Kind, documents: Sequence[Document], atoms: list[DocumentAtom], *, may: bool

@@ -83,3 +83,59 @@ def test_who_could_forge_is_said_where_the_property_holds(tmp_path: Path, form: 
     words = ("--engine", "native", "--at", AT, *PROFILE, "--settings", tmp_path / "keystore-audit.toml", "-f", form)
     text = " ".join(answer("audit", root, *words)[1].replace("\\", "").split())
     assert text.count("Could pass for a permitted publisher: /listener, with the keys they hold.") == 2
+
+
+def unread(root: Path, who: str, file: str, *others: str) -> Path:
+    """A keystore in which one file of an enclave is too large to be read. `others`: who publishes beside the talker."""
+    publishing = {
+        path: DOCUMENT.format(path=path, rules=rule(("rt/x",)), default="DENY").encode()
+        for path in ("/talker", *others)
+    }
+    listener = DOCUMENT.format(path="/listener", rules=rule((), ("rt/x",)), default="DENY")
+    signed_keystore(root, {**publishing, "/listener": listener.encode()})
+    place = root / "enclaves" / who / file
+    (root / "enclaves/talker.old.pem").write_bytes((root / "enclaves/talker/cert.pem").read_bytes())
+    place.write_bytes(b"#" * 5_000_000)
+    return root
+
+
+FILES = ["cert.pem", "identity_ca.cert.pem", "permissions_ca.cert.pem", "governance.p7s"]
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_that_a_publisher_was_not_read_is_no_proof_that_another_publishes(tmp_path: Path, file: str) -> None:
+    """The grant of the one enclave that may publish was taken for a stranger's."""
+    answers = found(tmp_path, unread(tmp_path / "keys", "talker", file))
+    assert {each["status"] for each in answers.values()} == {"unknown"}
+
+
+@pytest.mark.parametrize("file", FILES)
+@pytest.mark.parametrize("who", ["talker", "third"])
+def test_what_another_is_granted_is_proof_whoever_was_not_read(tmp_path: Path, who: str, file: str) -> None:
+    answers = found(tmp_path, unread(tmp_path / "keys", who, file, "/third"))
+    assert {each["status"] for each in answers.values()} == {"violated"}
+    told = answers["only-talker"]["profiles"]["cyclonedds-11"]["counterexample"]["text"]
+    by_path = who == "talker" or file != "cert.pem"
+    assert told.startswith("/third may publish" if by_path else "Whoever is CN=/third, which is no enclave that could")
+
+
+def test_of_two_publishers_that_were_not_read_nobody_knows_that_they_are_two(tmp_path: Path) -> None:
+    root = unread(tmp_path / "keys", "talker", "cert.pem", "/third")
+    (root / "enclaves/third/cert.pem").write_bytes(b"#" * 5_000_000)
+    assert {each["status"] for each in found(tmp_path, root).values()} == {"unknown"}
+
+
+def test_whom_an_unread_document_names_is_no_certificate_that_happens_to_be_there(tmp_path: Path) -> None:
+    """The text named the identity CA, and said that it had a grant."""
+    root = unread(tmp_path / "keys", "talker", "governance.p7s")
+    settings = tmp_path / "keystore-audit.toml"
+    settings.write_text('[[property]]\nname = "all"\nonly_publish = { topic = "/x", enclaves = "/*" }\n', "utf-8")
+    report = json.loads(
+        answer("audit", root, "--engine", "native", "--at", AT, "--settings", settings, "-f", "json")[1]
+    )
+    [asked_for] = [each for each in report["properties"] if each["id"] == "all"]
+    assert asked_for["status"] == "unknown"
+    assert {each["counterexample"]["text"] for each in asked_for["profiles"].values()} == {
+        "Whoever enclaves/talker/governance.p7s, which could not be read, lets in may publish /x (topic) in domain 0."
+    }
+    assert [each for each in asked_for["forgers"] if "CA" in each] == []

@@ -288,8 +288,13 @@ def found_by(hand: ByHand, claim: ClaimAtom, realm: int, one: int, other: int) -
     )
 
 
-def published_elsewhere(s: System, view: RealmView, permissions: Permissions, realm: int) -> set[int]:
-    """What is published in the realm by who is no enclave here, with a grant, and by anybody without an identity."""
+def published_elsewhere(
+    s: System, view: RealmView, permissions: Permissions, realm: int, permitted: frozenset[int]
+) -> set[int]:
+    """What is published in the realm by who is no enclave here, with a grant, and by anybody without an identity.
+
+    `permitted`: certificates that do not count.
+    """
     here, unread = {enclave.identity for enclave in s.enclaves}, any(document.opaque for document in s.documents)
     p, trust = view.protection, s.realms[realm]
     found = set()
@@ -302,7 +307,7 @@ def published_elsewhere(s: System, view: RealmView, permissions: Permissions, re
             vouching = (s.certificates[issuer] for issuer in certificate.issuers & trust.identity_ca)
             known = view.open or (number not in trust.revoked and any(issuer.authority for issuer in vouching))
             grants = permissions.chosen(number, view.accepted)
-            if number in here or not known or not (grants or unread):
+            if number in here | permitted or not known or not (grants or unread):
                 continue
             admitting = permissions.admitting(number, view.accepted)
             joins = unread or any(permissions.joins(grant) >> domain & 1 for grant in admitting)
@@ -313,9 +318,10 @@ def published_elsewhere(s: System, view: RealmView, permissions: Permissions, re
     return found
 
 
-def published_by_others(hand: ByHand) -> set[int]:
+def published_by_others(hand: ByHand, permitted: frozenset[int]) -> set[int]:
     views = enumerate(hand.views)
-    return {c for realm, view in views for c in published_elsewhere(hand.system, view, hand.permissions, realm)}
+    found = (published_elsewhere(hand.system, view, hand.permissions, realm, permitted) for realm, view in views)
+    return set[int]().union(*found)
 
 
 def violated(hand: ByHand, claim: ClaimAtom) -> bool:
@@ -330,7 +336,9 @@ def violated(hand: ByHand, claim: ClaimAtom) -> bool:
 def violated_by_some(hand: ByHand, claim: ClaimAtom) -> bool:
     """The same of the kinds without flows."""
     s = hand.system
-    if claim.kind is ClaimKind.ONLY_PUBLISH and claim.target.channels & published_by_others(hand):
+    if claim.kind is ClaimKind.ONLY_PUBLISH and claim.target.channels & published_by_others(
+        hand, claim.source.certificates
+    ):
         return True
     for realm in range(len(s.realms)):
         for e in hand.enclaves:

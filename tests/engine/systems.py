@@ -632,6 +632,8 @@ def _random_claim(system: System, chance: random.Random, number: int) -> ClaimAt
         attacker = Attacker.HONEST
     elif kind is not ClaimKind.NO_FLOW:
         enclaves = Place(enclaves=some(system.enclaves, 0.5))
+        if kind is ClaimKind.ONLY_PUBLISH:
+            enclaves = replace(enclaves, certificates=_permitted(system, number))
         source = enclaves if kind in (ClaimKind.ONLY_PUBLISH, ClaimKind.SEPARATE_DOMAINS) else Place()
         target = Place(channels=some(system.channels, 0.5))
         if kind is ClaimKind.SEPARATE_DOMAINS:
@@ -660,6 +662,11 @@ def _random_claim(system: System, chance: random.Random, number: int) -> ClaimAt
         ),
         pairs=tuple((one, other) for one, other in pairs if one != other),
     )
+
+
+def _permitted(system: System, number: int) -> frozenset[int]:
+    chance = random.Random(f"permitted {number} {len(system.certificates)}")
+    return frozenset(each for each in range(len(system.certificates)) if chance.random() < 0.4)
 
 
 def _apart(place: Place) -> list[Place]:

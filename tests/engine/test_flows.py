@@ -204,7 +204,10 @@ def violated(definitions: Definitions, claim: ClaimAtom) -> bool:
             (d.able("may_write", e, r) | granted(d, r, e)) & channels
             for r, e in pairs
             if e not in claim.source.enclaves
-        ) or any(published_elsewhere(d.system, d.view[r], d.permissions, r) & channels for r in d.realms)
+        ) or any(
+            published_elsewhere(d.system, d.view[r], d.permissions, r, claim.source.certificates) & channels
+            for r in d.realms
+        )
     if claim.kind is ClaimKind.ENCRYPTED and claim.attacker is Attacker.OUTSIDER:
         return any(
             d.able("may_write", e, r) & d.readable(r) & channels

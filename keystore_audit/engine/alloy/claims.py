@@ -60,6 +60,7 @@ class Places:
     through: str
     left_out: str
     starts: str
+    certificates: str
 
     @classmethod
     def of(cls, number: int) -> Places:
@@ -171,7 +172,8 @@ def condition(claim: ClaimAtom, number: int) -> str:
     if claim.kind in FLOWS:
         return f"{SOME_INSIDE} {compartment(claim, number, 'inside')}"
     if claim.kind is ClaimKind.ONLY_PUBLISH:
-        who = f"publisher: Enclave + Certificate + Outsider - {at.source}, channel: {at.last}"
+        permitted = f"({at.source} + {at.certificates})" if claim.source.certificates else at.source
+        who = f"publisher: Enclave + Certificate + Outsider - {permitted}, channel: {at.last}"
         return f"all realm: Realm, {who} | channel not in publisher.(publishes[realm])"
     if claim.kind is ClaimKind.SEPARATE_DOMAINS:
         who = f"enclave: Enclave & {at.source}, other: Enclave & {at.target}, domain: Domain"
@@ -225,6 +227,9 @@ class _Writer:
             possible = replace(each, enclaves=each.enclaves - claim.through)
             yield function(f"part_{number}_{part}", PARTICIPANTS, self._participants(possible))
             yield function(f"part_channels_{number}_{part}", "set Channel", self._members(channels, each.channels))
+        if claim.source.certificates:
+            members = self._members(self._atoms.certificates, claim.source.certificates)
+            yield function(at.certificates, "set Certificate", members)
         if claim.starts:
             rows: list[set[int]] = [set() for _ in enclaves.atoms]
             for enclave, domain in claim.starts:

@@ -293,7 +293,12 @@ class _Restriction:
         )
 
     def _place(self, place: Place) -> Place:
-        return replace(place, enclaves=_among(place.enclaves, self._enclaves), channels=self._named(place.channels))
+        return replace(
+            place,
+            enclaves=_among(place.enclaves, self._enclaves),
+            channels=self._named(place.channels),
+            certificates=_among(place.certificates, self._certificates),
+        )
 
     def _named(self, channels: frozenset[int]) -> frozenset[int]:
         """The channels of a set that remain; rules share their sets."""

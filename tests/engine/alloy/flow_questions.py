@@ -95,6 +95,11 @@ def elsewhere(issuers: list[int]) -> Builder:
     return b
 
 
+def ghost_too(place: Place) -> Place:
+    """The same, and whoever has the last certificate of `elsewhere`: it may be one of an enclave that is meant."""
+    return replace(place, certificates=frozenset({len(chain().certificates)}))
+
+
 def over(b: Builder) -> Builder:
     b.grants[-1] = replace(b.grants[-1], not_after=1)
     return b
@@ -259,6 +264,11 @@ def questions() -> list[Question]:
         # who is no enclave here, with a grant, and who needs no identity
         (elsewhere([IDENTITY_CA]), claim(at(TALKER), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH), True),
         (elsewhere([IDENTITY_CA]), claim(at(LISTENER), on_channel(OTHER_TOPIC), kind=ClaimKind.ONLY_PUBLISH), False),
+        (
+            elsewhere([IDENTITY_CA]),
+            claim(ghost_too(at(TALKER)), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH),
+            False,
+        ),
         (elsewhere([]), claim(at(TALKER), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH), False),
         (over(elsewhere([IDENTITY_CA])), claim(at(TALKER), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH), False),
         (

@@ -1,0 +1,54 @@
+"""Who may publish by a claim of only-publish: whom it names, or the one enclave that does now."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+
+from keystore_audit.model.attacker import realm_views
+from keystore_audit.model.claim import Place
+from keystore_audit.model.globs import all_matching
+from keystore_audit.model.named_enclaves import named_enclaves
+from keystore_audit.model.permission import bits
+from keystore_audit.model.system import LeftOut, System
+
+
+def permitted(system: System, globs: Collection[str], known: Collection[str], channels: frozenset[int]) -> Place:
+    """Whom the globs name, of all enclaves (`known`) those that are in the system; without globs some writer.
+
+    And (MUST) what may be of enclaves that were left out and that are meant: that they publish is no violation.
+    """
+    if globs:
+        meant = all_matching(globs, [each.label for each in system.left_out])
+        unread = [each for each in system.left_out if each.label in meant]
+        return _with_theirs(system, named_enclaves(system, globs, known, unread=False), unread)
+    writer = _some_writer(system, channels)
+    return _with_theirs(system, writer, () if writer else system.left_out)
+
+
+def _with_theirs(system: System, enclaves: frozenset[int], unread: Iterable[LeftOut]) -> Place:
+    """The enclaves, and each certificate that may be one of `unread`, in a system that all certificates are in."""
+    identities = {each.identity for each in unread}
+    keys = {system.certificates[identity].key for identity in identities if identity is not None}
+    anybody = None in identities
+    at_large = {n for n, each in enumerate(system.enclaves) if each.at_large and (anybody or system.key_of(n) in keys)}
+    here = {each.identity for each in system.enclaves}
+    certificates = range(len(system.certificates)) if anybody else identities - {None}
+    return Place(
+        enclaves=enclaves | at_large,
+        certificates=frozenset(each for each in certificates if each is not None and each not in here),
+    )
+
+
+def _some_writer(system: System, channels: frozenset[int]) -> frozenset[int]:
+    """One enclave that may write one of the channels at the audit instant, none where nobody may.
+
+    One that could be read is taken rather than one that may be anybody, and none that is no enclave's identity. That
+    nobody else writes there is not said.
+    """
+    asked = bits(channels)
+    views = realm_views(system)
+    enclaves = [number for number, enclave in enumerate(system.enclaves) if not enclave.at_large]
+    for number in sorted(enclaves, key=lambda number: system.enclaves[number].opaque):
+        if any(view.abilities(number).may_write & asked for view in views):
+            return frozenset({number})
+    return frozenset()
