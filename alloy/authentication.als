@@ -37,6 +37,11 @@ fun authentic: Realm -> Enclave {
 /** Pairs of enclaves whose identities have one key, so that each can pass for the other. */
 fun one_key: Enclave -> Enclave { identity.public_key.~(identity.public_key) - iden }
 
+/** As whom each enclave can act: every enclave with its key, which an unreadable enclave may have or lend. */
+fun acts_as: Enclave -> Enclave {
+	{ e: Enclave, same: e } + one_key + (opaque & Enclave) -> Enclave + Enclave -> (opaque & Enclave)
+}
+
 /** Pairs of enclaves whose identities one grant names, so that neither can have rights that the other has not. */
 fun one_subject: Enclave -> Enclave { identity.~subject_name.subject_name.~identity - iden }
 

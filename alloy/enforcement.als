@@ -40,8 +40,9 @@ fun read_by_relays[realm: Realm]: Enclave -> Channel {
 
 /**
  * Channels of which an enclave learns what members of `sending` write, and which it could carry into another domain: it
- * feeds some channel there, whose readers are members of `receiving`.
+ * feeds some channel there, whose readers are members of `receiving`, as whomever its key lets it act. Who learns
+ * something as another need not be asked about: that one carries the same.
  */
 fun carried_across[sending, receiving: Realm]: Enclave -> Channel {
-	knows[sending] & feeds[receiving].in_domain.(Domain -> Domain - iden).~in_domain
+	knows[sending] & acts_as.(feeds[receiving]).in_domain.(Domain -> Domain - iden).~in_domain
 }

@@ -32,11 +32,6 @@ open vacuity
 /** Somebody who has no key of the keystore, and can see and send packets. An atom, so that data can stay with it. */
 one sig Outsider {}
 
-/** As whom each enclave can act: every enclave with its key, which an unreadable enclave may have or lend. */
-fun acts_as: Enclave -> Enclave {
-	{ e: Enclave, same: e } + one_key + (opaque & Enclave) -> Enclave + Enclave -> (opaque & Enclave)
-}
-
 /** What `each` has as itself; those of `attackers` also have what it is to those as whom they can act. */
 fun in_any_guise[attackers: set Enclave + Outsider, each: Enclave -> Channel]: Enclave -> Channel {
 	each + { e: attackers & Enclave, c: e.acts_as.each }

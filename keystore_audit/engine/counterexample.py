@@ -14,6 +14,7 @@ from keystore_audit.engine.counterexample_case import Case
 from keystore_audit.engine.counterexample_rights import beyond_grants
 from keystore_audit.findings import Location
 from keystore_audit.model.attacker import realm_views
+from keystore_audit.model.flow import Flows
 from keystore_audit.model.system import System
 from keystore_audit.properties import access_control, encryption, flow
 from keystore_audit.properties.counterexample import Counterexample, Step
@@ -135,20 +136,27 @@ def _relay_reads(case: Case) -> Counterexample:
 
 def _bridge(case: Case) -> Counterexample:
     enclave, channel = case.witness[Role.ENCLAVE], case.witness[Role.OTHER_CHANNEL]
-    realm = _feeding(case.system, case.realm, enclave, channel)
+    realm, writer = _feeding(case.system, case.realm, enclave, channel)
     there = Case(system=case.system, witness={**case.witness, Role.REALM: realm, Role.CHANNEL: channel})
+    other = case.system.enclaves[writer]
+    has = "may have" if other.opaque or case.enclave.opaque else "has"
+    guise = "" if writer == enclave else f" as {other.label}, whose key it {has}"
     return Counterexample(
-        text=f"{case.enclave.label} can read {case.topic} and write {there.topic}: what is said in the one can get "
-        "into the other.",
-        steps=(*_way(case, enclave, "subscribe"), *_way(there, enclave, "publish")),
+        text=f"{case.enclave.label} can read {case.topic} and write {there.topic}{guise}: what is said in the one can "
+        "get into the other.",
+        steps=(*_way(case, enclave, "subscribe"), *_way(there, writer, "publish")),
     )
 
 
-def _feeding(system: System, first: int, enclave: int, channel: int) -> int:
-    """The realm in which an enclave feeds a channel: the `first` if it does there."""
-    able = [view.abilities(enclave) for view in realm_views(system)]
-    feeding = [realm for realm, each in enumerate(able) if (each.may_write | each.forges) >> channel & 1]
-    return first if first in feeding or not feeding else feeding[0]
+def _feeding(system: System, first: int, enclave: int, channel: int) -> tuple[int, int]:
+    """The realm in which an enclave feeds a channel, the `first` if it does there; and as whom: itself, if it does."""
+    views = realm_views(system)
+    for who in (enclave, *Flows(system, views).acting(enclave)):
+        for realm in (first, *range(len(views))):
+            able = views[realm].abilities(who)
+            if (able.may_write | able.forges) >> channel & 1:
+                return realm, who
+    return first, enclave
 
 
 def _way(case: Case, enclave: int, operation: Operation) -> tuple[Step, ...]:

@@ -17,7 +17,7 @@ from keystore_audit.model.claim import Place as ClaimPlace
 from keystore_audit.model.elsewhere import UNREAD
 from keystore_audit.model.flow import Flows
 from keystore_audit.model.names import ros_name
-from keystore_audit.model.permission import Decisions, bits, union
+from keystore_audit.model.permission import Decisions, Permissions, bits, union
 from keystore_audit.model.system import DomainRuleAtom, System
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Answer, Hop, Role
@@ -253,7 +253,8 @@ def forgers(system: System, claim: ClaimAtom) -> tuple[str, ...]:
     """Who is not among the permitted publishers and could pass for one with the keys that they hold; ANYBODY last."""
     asked = bits(claim.target.channels)
     names: dict[str, None] = {}
-    views = realm_views(system)
+    permissions = Permissions(system)
+    views = realm_views(system, permissions)
     flows = Flows(system, views)
     foreign = [number for number in range(len(system.enclaves)) if number not in claim.source.enclaves]
     for view in views:

@@ -14,6 +14,7 @@ from keystore_audit.aside import Aside
 from keystore_audit.engine.native_identities import shared_identities, shared_subjects
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.attacker import Abilities, RealmView, realm_views
+from keystore_audit.model.flow import Flows
 from keystore_audit.model.permission import Decisions, Permissions, members, union
 from keystore_audit.model.system import CertificateAtom, GrantAtom, System
 from keystore_audit.properties import (
@@ -279,13 +280,16 @@ class _Questions:
                 yield from _channels(realm, relayed and relayed & ~view.granted(enclave, Operation.SUBSCRIBE), enclave)
 
     def bridges(self) -> Iterator[Witness]:
-        """Enclaves that read in one class of domains and write in another, perhaps among peers that trust otherwise."""
+        """Enclaves that read in one class of domains and write in another, perhaps among peers that trust otherwise.
+
+        They write as anybody whose key they have. Who reads as another is one that the other bridges as, too.
+        """
         if len(self._system.domains) < 2:
             return
-        for enclave in range(len(self._system.enclaves)):
-            written = 0
-            for view in self._realms:
-                written |= view.abilities(enclave).may_write | view.abilities(enclave).forges
+        fed = [0] * len(self._system.enclaves)
+        for view in self._realms:
+            fed = [each | able.may_write | able.forges for each, able in zip(fed, self._every(view), strict=True)]
+        for enclave, written in enumerate(Flows(self._system, self._realms).as_any(fed)):
             for realm, view in enumerate(self._realms):
                 read = view.abilities(enclave).knows
                 for within in self._permissions.channels_in if read and written else ():

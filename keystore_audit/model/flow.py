@@ -152,10 +152,10 @@ class Flows:
         everybody = range(self.outsider)
         lanes = []
         for realm, view in enumerate(self._realms):
-            made = self._joined(self._as_any([self._forged(view, enclave) for enclave in everybody]), view.injectable)
-            lanes.append(Lane(made, [*self._as_any(self._hears(realm)), 0]))
-            shown = [*self._as_any(self._shows(realm)), 0]
-            known = self._as_any([view.abilities(enclave).knows for enclave in everybody])
+            made = self._joined(self.as_any([self._forged(view, enclave) for enclave in everybody]), view.injectable)
+            lanes.append(Lane(made, [*self.as_any(self._hears(realm)), 0]))
+            shown = [*self.as_any(self._shows(realm)), 0]
+            known = self.as_any([view.abilities(enclave).knows for enclave in everybody])
             sent = [one | other for one, other in zip(made, shown, strict=True)]
             lanes.append(Lane(sent, self._joined(known, view.readable)))
         return lanes
@@ -227,7 +227,7 @@ class Flows:
         key = self._system.key_of(enclave)
         return [*([enclave] if key is None else self._holders[key]), *self._opaque]
 
-    def _as_any(self, sets: Sequence[int]) -> list[int]:
+    def as_any(self, sets: Sequence[int]) -> list[int]:
         """For each enclave, what those have together as which it acts."""
         doubtful = union(sets[enclave] for enclave in self._opaque)
         joint = [one | doubtful for one in sets] if doubtful else [*sets]
@@ -251,7 +251,7 @@ class Flows:
         for view in self._realms:
             able = map(view.abilities, range(self.outsider))
             taken = [one | each.reads_at_all | each.knows for one, each in zip(taken, able, strict=True)]
-        return self._joined(self._as_any(taken), self.readable)
+        return self._joined(self.as_any(taken), self.readable)
 
     def putters(self, search: Search) -> list[int]:
         """By participant: the channels on which it can put samples."""
@@ -264,7 +264,7 @@ class Flows:
                 able = view.abilities(enclave)
                 put[enclave] |= able.writes_at_all if relays else able.may_write
                 forged[enclave] |= able.forges
-        attacked = self._as_any([one | other for one, other in zip(put, forged, strict=True)])
+        attacked = self.as_any([one | other for one, other in zip(put, forged, strict=True)])
         attacked = self._joined(attacked, self.injectable)
         if relays:
             return attacked

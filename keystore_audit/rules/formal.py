@@ -360,8 +360,8 @@ def relays_cannot_read(result: PropertyResult, _context: Context) -> Iterator[Vi
 def no_enclave_bridges_domains(result: PropertyResult, _context: Context) -> Iterator[Violation]:
     """No enclave can read in one domain and write in another.
 
-    Domains keep apart only what nobody carries over. Domains that no document tells apart count as one here: a rule for
-    all of them is rule-domain-range-open.
+    Domains keep apart only what nobody carries over. Enclaves with one key are one: each acts as the others. Domains
+    that no document tells apart count as one here: a rule for all of them is rule-domain-range-open.
     """
     return _violated(result)
 

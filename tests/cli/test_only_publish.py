@@ -105,14 +105,14 @@ FILES = ["cert.pem", "identity_ca.cert.pem", "permissions_ca.cert.pem", "governa
 @pytest.mark.parametrize("file", FILES)
 def test_that_a_publisher_was_not_read_is_no_proof_that_another_publishes(tmp_path: Path, file: str) -> None:
     """The grant of the one enclave that may publish was taken for a stranger's."""
-    answers = found(tmp_path, unread(tmp_path / "keys", "talker", file))
+    answers = found(unread(tmp_path / "keys", "talker", file))
     assert {each["status"] for each in answers.values()} == {"unknown"}
 
 
 @pytest.mark.parametrize("file", FILES)
 @pytest.mark.parametrize("who", ["talker", "third"])
 def test_what_another_is_granted_is_proof_whoever_was_not_read(tmp_path: Path, who: str, file: str) -> None:
-    answers = found(tmp_path, unread(tmp_path / "keys", who, file, "/third"))
+    answers = found(unread(tmp_path / "keys", who, file, "/third"))
     assert {each["status"] for each in answers.values()} == {"violated"}
     told = answers["only-talker"]["profiles"]["cyclonedds-11"]["counterexample"]["text"]
     by_path = who == "talker" or file != "cert.pem"
@@ -122,18 +122,14 @@ def test_what_another_is_granted_is_proof_whoever_was_not_read(tmp_path: Path, w
 def test_of_two_publishers_that_were_not_read_nobody_knows_that_they_are_two(tmp_path: Path) -> None:
     root = unread(tmp_path / "keys", "talker", "cert.pem", "/third")
     (root / "enclaves/third/cert.pem").write_bytes(b"#" * 5_000_000)
-    assert {each["status"] for each in found(tmp_path, root).values()} == {"unknown"}
+    assert {each["status"] for each in found(root).values()} == {"unknown"}
 
 
 def test_whom_an_unread_document_names_is_no_certificate_that_happens_to_be_there(tmp_path: Path) -> None:
     """The text named the identity CA, and said that it had a grant."""
     root = unread(tmp_path / "keys", "talker", "governance.p7s")
-    settings = tmp_path / "keystore-audit.toml"
-    settings.write_text('[[property]]\nname = "all"\nonly_publish = { topic = "/x", enclaves = "/*" }\n', "utf-8")
-    report = json.loads(
-        answer("audit", root, "--engine", "native", "--at", AT, "--settings", settings, "-f", "json")[1]
-    )
-    [asked_for] = [each for each in report["properties"] if each["id"] == "all"]
+    every = properties(root, '[[property]]\nname = "all"\nonly_publish = { topic = "/x", enclaves = "/*" }\n')
+    asked_for = every["all"]
     assert asked_for["status"] == "unknown"
     assert {each["counterexample"]["text"] for each in asked_for["profiles"].values()} == {
         "Whoever enclaves/talker/governance.p7s, which could not be read, lets in may publish /x (topic) in domain 0."

@@ -54,6 +54,23 @@ def test_who_has_the_key_of_another_joins_and_reads_as_that_one(tmp_path: Path, 
     assert ("/talker" in found["alone"].get("forgers", [])) is one_key
 
 
+@pytest.mark.parametrize(("one_key", "status"), [(True, "violated"), (False, "holds")])
+def test_who_reads_in_one_domain_carries_into_another_as_whose_key_it_has(
+    tmp_path: Path, one_key: bool, status: str
+) -> None:
+    """Two enclaves with one key are one on the network."""
+    bridges = properties(tmp_path, one_key=one_key)["no-enclave-bridges-domains"]
+    assert bridges["status"] == status
+    told = bridges["profiles"]["cyclonedds-11"]["counterexample"]
+    assert (
+        told is None
+        if status == "holds"
+        else told["text"].startswith(
+            "/third can read /y (topic) in domain 5 and write /x (topic) in domain 0 as /talker, whose key it has: "
+        )
+    )
+
+
 def test_the_reader_says_whose_key_it_has(tmp_path: Path) -> None:
     told = asked(built(tmp_path / "keys", one_key=True))["encrypted"]["profiles"]["cyclonedds-11"]["counterexample"]
     assert "/talker, which may not, can read /y" in told["text"]

@@ -114,6 +114,11 @@ def listener_publishes(channel: int, domain: int) -> Change:
     return change
 
 
+def talker_publishes_there(b: Builder) -> None:
+    """In the second domain, without reading anything in the first."""
+    b.rule(0, [1], publish=[ELSEWHERE])
+
+
 def relay(b: Builder) -> None:
     """The talker relays what it may not subscribe to."""
     b.rule(0, [0], relay=[OTHER_TOPIC])
@@ -256,6 +261,11 @@ MUTATIONS: dict[str, tuple[Change, set[str]]] = {
     "a bridge": (both(second_domain, listener_publishes(ELSEWHERE, 1)), {BRIDGES}),
     "a second domain under another governance": (second_realm, set()),
     "a bridge between two governances": (both(second_realm, listener_publishes(ELSEWHERE, 1)), {BRIDGES}),
+    "one reads in one domain, another writes in the other": (both(second_domain, talker_publishes_there), set()),
+    "the same with one key": (
+        both(second_domain, talker_publishes_there, on("certificates", LISTENER_IDENTITY, key=102)),
+        {BRIDGES, "no-identity-serves-two-enclaves"},
+    ),
     "a reader that writes elsewhere in its domain": (
         both(second_domain, listener_publishes(OTHER_TOPIC, 0)),
         set(),

@@ -10,7 +10,7 @@ import pytest
 
 from keystore_audit import resources
 from keystore_audit.engine.alloy import claims, moments, paths
-from keystore_audit.engine.alloy.facts import commands, facts
+from keystore_audit.engine.alloy.facts import MODULES, commands, facts
 from keystore_audit.engine.alloy.install import Engine
 from keystore_audit.engine.alloy.runner import decide, examine
 from keystore_audit.engine.native import NativeEngine
@@ -271,7 +271,7 @@ def test_every_change_of_the_model_changes_an_answer() -> None:
     for name, (asked, old, new) in MUTANTS.items():
         builder, question, expected, _name = table[asked]
         modules = shipped()
-        changed = next(module for module in claims.MODULES if old in modules[module])
+        changed = next(module for module in (*claims.MODULES, *MODULES) if old in modules[module])
         mutant = {changed: modules[changed].replace(old, new, 1)}
         [found] = decide_claims([replace(builder.system(), claims=(question,))], mutant)
         if found["asked"] is _status(expected):
