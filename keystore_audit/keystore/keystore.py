@@ -187,7 +187,6 @@ class _Reader:
         self._permissions = documents | self._permissions
         for key in keys:
             self._keys.setdefault(key.file.place, key)
-            self._root.forget(key.file)
 
     def certificates(self, file: File) -> CertificateFile | None:
         return _once(file, self._certificates, read_certificates)

@@ -131,24 +131,23 @@ class Root:
         return found
 
     def secret(self, relative: bytes | str) -> File:
-        """Read like `sealed`, with the content held back here for one `unsealed`: private keys."""
+        """Read like `sealed`, with the content held back here for `unsealed`: private keys."""
         key = relative if isinstance(relative, bytes) else os.fsencode(relative)
         file = self._file(key, keep=False)
-        if file.content is not None:
-            self._secrets[file.place] = file.content
+        if file.content is not None and file.sha256 is not None:
+            self._secrets[file.sha256] = file.content
         found = self._sealed[key] = file.holding(None)
         return found
 
     def unsealed(self, file: File) -> File:
-        """Hand out the content of a secret file, which is not kept here any longer."""
-        content = self._secrets.pop(file.place, None)
-        if content is None:
-            return self._file(unquote_to_bytes(file.path), keep=False)
-        return file.holding(content)
-
-    def forget(self, file: File) -> None:
-        """Keep the content of a secret file no longer."""
-        self._secrets.pop(file.place, None)
+        """Hand out the content of a sealed file: the bytes that were hashed, or none where others are there now."""
+        content = self._secrets.get(file.sha256 or "")
+        if content is not None:
+            return file.holding(content)
+        again = self._file(unquote_to_bytes(file.path), keep=False)
+        if again.sha256 == file.sha256:
+            return again
+        return replace(file, status=Status.UNREADABLE, detail="was replaced by something else while it was read")
 
     def fingerprint(self, relative: bytes) -> str:
         """Return the SHA-256 of the file at `relative` in hexadecimal, its status where it was not hashed."""
@@ -274,8 +273,7 @@ class Root:
 
     def _content(self, descriptor: int, found: os.stat_result) -> _Reading:
         mode, size = stat.S_IMODE(found.st_mode), found.st_size
-        too_large = ""
-        content = b""
+        too_large, content = "", b""
         if size > MAX_FILE_BYTES:
             too_large = f"holds {size} bytes, more than the limit of {MAX_FILE_BYTES}; it was not read"
         elif size > self._bytes_left:
@@ -302,12 +300,14 @@ class Root:
             self._messages.setdefault(digest, content)
         if _CERTIFICATE in content:
             self._certificates.setdefault(digest, content)
+        if secret := holds_private_key(content):
+            self._secrets.setdefault(digest, content)
         return _Reading(
             status=Status.PRESENT,
             content=content,
             sha256=digest,
             mode=mode,
-            holds_private_key=holds_private_key(content),
+            holds_private_key=secret,
             may_be_message=message,
         )
 

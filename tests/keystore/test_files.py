@@ -324,6 +324,19 @@ def test_sealed_files_keep_their_bytes_to_themselves(keystore: Path) -> None:
         assert opened.file("public/ca.cert.pem").content == b"the certificate"
 
 
+def test_a_sealed_file_hands_out_what_was_hashed_or_nothing(keystore: Path) -> None:
+    """A statement names the hash of what was judged, whatever lies there by then."""
+    key = b"-----BEGIN PRIVATE KEY-----\nMA==\n-----END PRIVATE KEY-----\n"
+    (keystore / "old.pem").write_bytes(key)
+    with Root.open(keystore) as opened:
+        secret, other = opened.sealed("old.pem"), opened.sealed("public/ca.cert.pem")
+        for name in ("old.pem", "public/ca.cert.pem"):
+            (keystore / name).write_bytes(b"changed meanwhile")
+        assert opened.unsealed(secret).content == key
+        replaced = opened.unsealed(other)
+        assert (replaced.status, replaced.content, replaced.sha256) == (Status.UNREADABLE, None, other.sha256)
+
+
 def test_names_that_are_no_utf8_keep_apart(keystore: Path) -> None:
     os.mkdir(bytes(keystore) + b"/caf\xe9")
     for name, content in ((b"caf\xe9/a\nb", b"1"), (b"caf%E9", b"2"), ("café".encode(), b"3"), (b"\x1b]0;x\x07", b"4")):
