@@ -65,6 +65,8 @@ class Descent:
         self._targets: dict[Place, bytes] = {}
         self._followed: dict[tuple[Place, bytes], tuple[Place, os.stat_result]] = {}
         self._steps_left = MAX_STEPS
+        self.passed: set[Place] = set()
+        """The directories of links that other links led over."""
 
     def close(self) -> None:
         """Close every descriptor."""
@@ -153,6 +155,7 @@ class Descent:
                 if links > MAX_LINKS:
                     circle = f"a circle, or a chain of more than {MAX_LINKS} links"
                     raise Refusal(Status.LOOP, f"links to {percent_path(target)}: {circle}")
+                self.passed.add(place[:-1])
                 here.pop()
                 pending.extend(self._steps(self._target(place), here))
         if len(here) < depth:
@@ -242,3 +245,21 @@ def display(relative: bytes) -> str:
     if _PLAIN.fullmatch(relative):
         return relative.decode("ascii")
     return percent_path(relative) or "."
+
+
+def refuse_unless_file(found: os.stat_result, way: str = "") -> None:
+    """Raise Refusal for what is no regular file; `way` says over which link it was reached."""
+    if stat.S_ISDIR(found.st_mode):
+        raise Refusal(Status.DIRECTORY, f"{way}a directory, where a file was expected")
+    if not stat.S_ISREG(found.st_mode):
+        raise Refusal(Status.SPECIAL, f"{way}{_special(found.st_mode)}, no regular file; it was not opened")
+
+
+def _special(mode: int) -> str:
+    if stat.S_ISFIFO(mode):
+        return "a named pipe"
+    if stat.S_ISSOCK(mode):
+        return "a socket"
+    if stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
+        return "a device"
+    return "neither a file nor a directory"

@@ -37,7 +37,8 @@ class File:
 
     `resolved` is the relative path of the regular file whose bytes these are, links resolved (None unless
     PRESENT). `detail` says in words why the status is not PRESENT. `mode` holds the permission bits of the
-    resolved file, `link` the target text where the entry itself is a symbolic link, percent-encoded too.
+    resolved file or of a directory that was listed, `link` the target text where the entry itself is a symbolic
+    link, percent-encoded too.
     `content` is None where the bytes were withheld: private keys, `.p11` files (they may hold a PIN). Of a file that is
     TOO_LARGE to be read `sha256` is known where all of it was searched (`traces.search`).
     """
@@ -49,6 +50,8 @@ class File:
     content: bytes | None = field(default=None, repr=False)
     sha256: str | None = None
     mode: int | None = None
+    shared_group: bool = False
+    """Whether its group may hold others than its owner: a group of one user alone has that user's number."""
     link: str | None = None
     holds_private_key: bool = False
     """Whether a PEM block of a private key begins somewhere in it."""

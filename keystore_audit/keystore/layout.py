@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from collections.abc import Set as AbstractSet
 from enum import Enum
 from typing import Final
@@ -74,6 +74,8 @@ class Layout:
     `expected`: what a complete keystore of this kind would hold and this one lacks, in words.
     `provisioning`: paths of files that only making a keystore needs, by their names.
     `nested`: the topmost folders that are keystores or enclaves of their own where this keystore has none.
+    `folders`: those from the root down to what enclaves read and to the authorities' certificates, links on the way
+    there among it: whoever may write in one can put something else into the place of what it leads to.
     """
 
     kind: LayoutKind
@@ -87,6 +89,7 @@ class Layout:
     expected: tuple[str, ...]
     provisioning: tuple[str, ...] = ()
     nested: tuple[str, ...] = ()
+    folders: tuple[File, ...] = ()
 
 
 _IN_PEM_OR_P11: Final = (Role.IDENTITY_CA, Role.CERTIFICATE, Role.KEY, Role.PERMISSIONS_CA)
@@ -145,10 +148,11 @@ def discover(root: Root) -> Layout:
         kind = LayoutKind.ARDENT
     shared = {LayoutKind.SROS2: b"enclaves/", LayoutKind.ENCLAVE: None}.get(kind, b"")
     enclaves = [_enclave(tree, place, kind, one_authority=single) for place in places]
+    authorities = tuple(_authorities(tree, places))
     return Layout(
         kind=kind,
         enclaves=tuple(sorted(enclaves, key=lambda enclave: (enclave.path, enclave.directory))),
-        authorities=tuple(_authorities(tree, places)),
+        authorities=authorities,
         authority_keys=tuple(_authority_keys(tree)),
         governance=_existing(root, shared, b"governance.p7s"),
         unsigned_governance=_existing(root, shared, b"governance.xml"),
@@ -157,6 +161,7 @@ def discover(root: Root) -> Layout:
         expected=tuple(_expected(tree, kind)),
         provisioning=tuple(_provisioning(tree)),
         nested=tuple(_nested(tree, kind)),
+        folders=tuple(_folders(tree, authorities, enclaves)),
     )
 
 
@@ -343,6 +348,23 @@ def _nested(tree: _Tree, kind: LayoutKind) -> Iterator[str]:
         if starts_by_itself(tree.names(place)):
             found = place
             yield display(place)
+
+
+def _folders(tree: _Tree, authorities: Iterable[File], enclaves: Iterable[EnclaveFiles]) -> Iterator[File]:
+    read = (file for enclave in enclaves for file in (*enclave.files.values(), *enclave.pkcs11.values()))
+    folders = {_folder(path) for file in (*authorities, *read) for path in (file.path, file.place)}
+    above = [*folders, *tree.root.passed()]
+    folders.update(above)
+    while above:
+        folder = _folder(above.pop())
+        if folder not in folders:
+            folders.add(folder)
+            above.append(folder)
+    return (each.directory for each in tree.listings.values() if each.directory.path in folders)
+
+
+def _folder(path: str) -> str:
+    return path.rpartition("/")[0] or "."
 
 
 def _expected(tree: _Tree, kind: LayoutKind) -> Iterator[str]:

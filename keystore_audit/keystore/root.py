@@ -21,6 +21,7 @@ from keystore_audit.keystore.descent import (
     names,
     reason,
     refusal,
+    refuse_unless_file,
 )
 from keystore_audit.keystore.files import Entry, EntryKind, File, Listing, Status
 from keystore_audit.keystore.message import concealed, may_be_message
@@ -53,6 +54,7 @@ class _Reading:
     content: bytes | None = field(default=None, repr=False)
     sha256: str | None = None
     mode: int | None = None
+    shared_group: bool = False
     holds_private_key: bool = False
     may_be_message: bool = False
 
@@ -168,6 +170,10 @@ class Root:
         """The files that nobody parses and in which certificates are, as `messages`."""
         return _each_once(self._sealed.values(), self._certificates)
 
+    def passed(self) -> frozenset[str]:
+        """The paths of the directories so far in which stand links that other links led over."""
+        return frozenset(display(b"/".join(place)) for place in self._descent.passed)
+
     def unread(self) -> tuple[File, ...]:
         """The entries met so far in which a robot might read something that we did not, by path."""
         found = {file.path: file for file in (*self._files.values(), *self._sealed.values()) if file.status.unknown}
@@ -194,7 +200,7 @@ class Root:
             place, found, target = self._find(relative)
             if target is not None:
                 place, found = self._descent.follow(place[:-1], target)
-                _refuse_unless_file(found, f"links to {display(target)}: ")
+                refuse_unless_file(found, f"links to {display(target)}: ")
             reading = self._read(place, found, keep=keep, needed=needed)
         except (OSError, ValueError) as error:
             refused = refusal(error, "cannot be read", missing=missing)
@@ -214,6 +220,7 @@ class Root:
             content=reading.content,
             sha256=reading.sha256,
             mode=reading.mode,
+            shared_group=reading.shared_group,
             link=display(target) if target is not None else None,
             holds_private_key=reading.holds_private_key,
             may_be_message=reading.may_be_message,
@@ -228,7 +235,7 @@ class Root:
         found = self._descent.entry(place)
         if stat.S_ISLNK(found.st_mode):
             return place, None, self._descent.target(place)
-        _refuse_unless_file(found)
+        refuse_unless_file(found)
         return place, found, None
 
     def _is_listed(self, directory: bytes) -> bool:
@@ -272,7 +279,7 @@ class Root:
         return reading
 
     def _content(self, descriptor: int, found: os.stat_result) -> _Reading:
-        mode, size = stat.S_IMODE(found.st_mode), found.st_size
+        mode, shared, size = stat.S_IMODE(found.st_mode), _shared_group(found), found.st_size
         too_large, content = "", b""
         if size > MAX_FILE_BYTES:
             too_large = f"holds {size} bytes, more than the limit of {MAX_FILE_BYTES}; it was not read"
@@ -291,6 +298,7 @@ class Root:
                 detail=too_large,
                 sha256=traces.sha256,
                 mode=mode,
+                shared_group=shared,
                 holds_private_key=traces.private_key,
                 may_be_message=traces.message,
             )
@@ -307,6 +315,7 @@ class Root:
             content=content,
             sha256=digest,
             mode=mode,
+            shared_group=shared,
             holds_private_key=secret,
             may_be_message=message,
         )
@@ -314,16 +323,19 @@ class Root:
     def _list(self, relative: bytes) -> Listing:
         path = display(relative)
         try:
-            entries = self._scan(names(relative))
+            found, entries = self._scan(names(relative))
         except (OSError, ValueError) as error:
             missing = (Status.MISSING, "there is no such directory")
             return _unlisted(path, refusal(error, "cannot be listed", missing=missing))
         except Refusal as refused:
             return _unlisted(path, refused)
-        return Listing(directory=File(path=path, resolved=None, status=Status.DIRECTORY), entries=entries)
+        mode, shared = stat.S_IMODE(found.st_mode), _shared_group(found)
+        directory = File(path=path, resolved=None, status=Status.DIRECTORY, mode=mode, shared_group=shared)
+        return Listing(directory=directory, entries=entries)
 
-    def _scan(self, place: Place) -> tuple[Entry, ...]:
-        if not stat.S_ISDIR(self._descent.entry(place).st_mode):
+    def _scan(self, place: Place) -> tuple[os.stat_result, tuple[Entry, ...]]:
+        found = self._descent.entry(place)
+        if not stat.S_ISDIR(found.st_mode):
             raise Refusal(Status.UNREADABLE, "is no directory, or a link to one; those are not followed")
         if len(place) > MAX_DEPTH:
             raise Refusal(Status.UNREADABLE, f"lies deeper than the limit of {MAX_DEPTH} directories")
@@ -341,7 +353,11 @@ class Root:
             os.close(descriptor)
         self._entries_left -= len(entries)
         entries.sort(key=lambda entry: entry.name)
-        return tuple(entries)
+        return found, tuple(entries)
+
+
+def _shared_group(found: os.stat_result) -> bool:
+    return found.st_gid != found.st_uid
 
 
 def _each_once(files: Iterable[File], contents: Mapping[str, bytes]) -> tuple[File, ...]:
@@ -352,13 +368,6 @@ def _each_once(files: Iterable[File], contents: Mapping[str, bytes]) -> tuple[Fi
         if file.sha256 is not None:
             found.setdefault(file.sha256, file.holding(contents[file.sha256]))
     return tuple(found.values())
-
-
-def _refuse_unless_file(found: os.stat_result, way: str = "") -> None:
-    if stat.S_ISDIR(found.st_mode):
-        raise Refusal(Status.DIRECTORY, f"{way}a directory, where a file was expected")
-    if not stat.S_ISREG(found.st_mode):
-        raise Refusal(Status.SPECIAL, f"{way}{_special(found.st_mode)}, no regular file; it was not opened")
 
 
 def _unlisted(path: str, refused: Refusal) -> Listing:
@@ -388,13 +397,3 @@ def _read_at_most(descriptor: int, limit: int, size: int) -> bytes:
         pieces.append(os.read(descriptor, min(left, 64 * 1024)))
         left -= len(pieces[-1])
     return b"".join(pieces)
-
-
-def _special(mode: int) -> str:
-    if stat.S_ISFIFO(mode):
-        return "a named pipe"
-    if stat.S_ISSOCK(mode):
-        return "a socket"
-    if stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
-        return "a device"
-    return "neither a file nor a directory"

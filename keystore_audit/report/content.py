@@ -39,8 +39,9 @@ NOT_CHECKED: Final = (
         "out and another takes in may be more than either alone."
     ),
     (
-        "Who may write the files and directories (modes, owners): whoever can on a robot puts authorities and "
-        "documents of his own in their place."
+        "Who may write the files and directories but for their modes in this directory (owners, members of groups, "
+        "access control lists, folders above): whoever can on a robot puts authorities and documents of his own in "
+        "their place."
     ),
     "Flows that no settings ask about, and flows by timing, acknowledgements or matching.",
 )

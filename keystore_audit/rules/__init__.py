@@ -42,6 +42,7 @@ from keystore_audit.rules.start import START
 from keystore_audit.rules.stray import STRAY
 from keystore_audit.rules.subject_names import SUBJECT_NAMES
 from keystore_audit.rules.validity import VALIDITY
+from keystore_audit.rules.writable import WRITABLE
 
 RULES: tuple[Rule[Any], ...] = tuple(
     sorted(
@@ -49,6 +50,7 @@ RULES: tuple[Rule[Any], ...] = tuple(
             *LAYOUT,
             *START,
             *PRIVATE_KEY,
+            *WRITABLE,
             *CERTIFICATE,
             *ALGORITHM,
             *IDENTITY,

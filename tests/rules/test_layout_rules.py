@@ -10,7 +10,7 @@ import pytest
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.keystore.files import Status
+from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.model.meaning import Usability
@@ -56,6 +56,10 @@ def key_with(**more: object) -> Change:
     return talker(key=private_key(KEY, "/talker", **more))
 
 
+def folder(path: str, mode: int, *, shared_group: bool = True) -> File:
+    return File(path=path, resolved=None, status=Status.DIRECTORY, mode=mode, shared_group=shared_group)
+
+
 CASES: dict[str, tuple[Change, list[str]]] = {
     "KA101": (without_permissions(Status.MISSING), ["KA101"]),
     "KA102": (without_permissions(Status.DANGLING), ["KA102"]),
@@ -77,6 +81,7 @@ CASES: dict[str, tuple[Change, list[str]]] = {
         lambda store: replace(store, private_keys=(file("public/identity_ca.cert.pem", None, holds_private_key=True),)),
         ["KA118"],
     ),
+    "KA119": (laid_out(folders=(folder("enclaves", 0o757),)), ["KA119"]),
     "KA209": (talker(key=private_key(KEY, "somebody else's")), ["KA209"]),
     "KA210": (key_with(key=None, defects=(defect(Kind.KEY_UNREADABLE, KEY),)), ["KA210"]),
     "KA211": (key_with(key=None, encrypted=True), ["KA211"]),

@@ -82,6 +82,15 @@ def _authority_key_mode(mode: int) -> Recipe:
     return build
 
 
+def _ca_mode(mode: int) -> Recipe:
+    def build(root: Path) -> None:
+        write(ONE.tree(), root)
+        for certificate in (root / "public").iterdir():
+            certificate.chmod(mode)
+
+    return build
+
+
 def _named(*paths: str) -> Store:
     """A keystore with an enclave for each of `paths`."""
     enclaves = []
@@ -114,6 +123,7 @@ RECIPES: Mapping[str, tuple[Recipe, Recipe]] = {
     "KA113": (_name_not_utf8, _good),
     "KA114": (_names("/talker", "/Talker"), _names("/talker", "/talker2")),
     "KA116": (_authority_key_mode(0o644), _authority_key_mode(0o600)),
+    "KA119": (_ca_mode(0o666), _ca_mode(0o644)),
 }
 """For each code, what builds the bad keystore and what builds the good one."""
 

@@ -174,7 +174,7 @@ def copy_with_modes(sample: Path, destination: Path, key_mode: int) -> None:
     of who cloned it.
     """
     shutil.copytree(sample, destination, symlinks=True)
-    for place in destination.rglob("*"):
+    for place in (destination, *destination.rglob("*")):
         if place.is_symlink():
             continue
         if place.is_dir():

@@ -1,0 +1,87 @@
+"""KA1: who may write what enclaves trust, by the modes of files and folders."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any, Final
+
+from keystore_audit.findings import Location, Severity
+from keystore_audit.keystore.files import File, Status
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.layout import Role
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.wording import listed, number, places
+
+_GROUP: Final = 0o020
+_EVERYBODY: Final = 0o002
+_STICKY: Final = 0o1000
+
+_AUTHORITIES: Final = (Role.IDENTITY_CA, Role.PERMISSIONS_CA)
+
+
+def _written_by_others(file: File) -> bool:
+    """Whether others than the owner may write it. Unknown where there are no modes: then nothing is said."""
+    mode = file.mode or 0
+    if file.status is Status.DIRECTORY and mode & _STICKY:
+        return False
+    return bool(mode & _EVERYBODY or (mode & _GROUP and file.shared_group))
+
+
+@rule(
+    "KA119",
+    "writable-by-others",
+    Severity.HIGH,
+    on=Keystore,
+    clause="DDS-Security 1.1, 9.3.1 and 9.4.1 (the CA certificates decide who is trusted); CWE-732",
+    remedy="Run `chmod -R go-w .` in the keystore's root, as the user who owns it. Compare what is there with what was "
+    "issued: whoever could write may have done so.",
+)
+def writable_by_others(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+    """Others than the owner may write CA certificates, folders on the way to what enclaves read, or their signed files.
+
+    Whoever may put a CA certificate of his own into the place of both is everybody to those who trust it. What the
+    authorities signed nobody can change unseen, but an older document or list of theirs can be put back (medium). One
+    finding for each of the three. A file's group counts unless it is the owner's own: where the two have one number, as
+    on distributions that give every user a group (0664 is usual there). In a sticky folder others can add files but
+    replace none: it does not count. Who is in a group, who owns what, access control lists and folders above the
+    keystore are not looked at.
+    """
+    enclaves = keystore.layout.enclaves
+    authorities = {
+        file.place: file
+        for file in (
+            *keystore.layout.authorities,
+            *(by[role] for each in enclaves for by in (each.files, each.pkcs11) for role in _AUTHORITIES if role in by),
+        )
+    }
+    others = {
+        file.place: file
+        for each in enclaves
+        for file in (*each.files.values(), *each.pkcs11.values())
+        if file.place not in authorities and file is not each.files[Role.KEY]  # KA108 has that one
+    }
+    trusted = "whoever puts a CA certificate of his own there issues identities or signs rights that the enclaves trust"
+    yield from _found(authorities.values(), ("CA certificate", "CA certificates"), trusted)
+    replaced = "whoever may write in one replaces what it leads to, with CA certificates of his own"
+    yield from _found(keystore.layout.folders, ("folder", "folders"), replaced)
+    again = "whoever kept an older one of its authority can put it back"
+    yield from _found(others.values(), ("signed file", "signed files"), again, Severity.MEDIUM)
+
+
+def _found(
+    files: Iterable[File], called: tuple[str, str], so: str, severity: Severity | None = None
+) -> Iterator[Violation]:
+    modes = {file.place: f"{(file.mode or 0) & 0o7777:04o}" for file in files if _written_by_others(file)}
+    if modes:
+        shown = listed(f"{place} ({mode})" for place, mode in modes.items())
+        yield Violation(
+            message=f"Others than the owner may write {number(len(modes), *called)}: {shown}; {so}.",
+            locations=places(Location(path=place) for place in modes),
+            severity=severity,
+            key="\n".join(f"{place} {mode}" for place, mode in sorted(modes.items())),
+            contents=False,
+        )
+
+
+WRITABLE: tuple[Rule[Any], ...] = (writable_by_others,)
