@@ -63,7 +63,7 @@ class Fleet:
         return lost
 
     def _know(self, number: int, known: Known) -> None:
-        self.identities.add(number, known.place, known.identities)
+        self.identities.add(number, known.place, known.identities, known.named)
 
     def _task(self, number: int) -> Task:
         several = len(self.tasks) > 1

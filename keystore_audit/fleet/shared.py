@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
-from keystore_audit.keystore.identity import Identity
+from keystore_audit.keystore.identity import Identity, alike
 
 
 class Identities:
@@ -14,12 +14,14 @@ class Identities:
     def __init__(self) -> None:
         self._places: dict[int, str] = {}
         self._own: dict[int, tuple[Identity, ...]] = {}
+        self._named: dict[int, Collection[str]] = {}
         self._by_key: defaultdict[str, set[int]] = defaultdict(set)
         self._by_subject: defaultdict[tuple[tuple[str, ...], str], set[int]] = defaultdict(set)
 
-    def add(self, number: int, place: str, identities: Sequence[Identity]) -> None:
-        """Take in those of a keystore; `place`: its directory, links resolved."""
+    def add(self, number: int, place: str, identities: Sequence[Identity], named: Collection[str] = ()) -> None:
+        """Take in those of a keystore; `place`: its directory, links resolved; `named`: whom grants name there."""
         self._places[number] = place
+        self._named[number] = named
         self._own[number] = tuple(identities)
         for identity in identities:
             self._by_key[identity.key].add(number)
@@ -33,11 +35,15 @@ class Identities:
     def shared_with(self, number: int) -> tuple[Identity, ...]:
         """Those of other keystores that have a key, or a subject under one authority, with this one in common.
 
+        A subject that a grant names here counts as one of this keystore.
         In order of the keystores' numbers. One directory named twice is no other keystore.
         """
         own = self.of(number)
         keys = {identity.key for identity in own}
         subjects = {(identity.subject_alike, authority) for identity in own for authority in identity.authorities}
+        authorities = {authority for identity in own for authority in identity.authorities}
+        named = {alike(name) for name in self._named.get(number, ())}
+        subjects.update((name, authority) for name in named for authority in authorities)
         others: set[int] = set()
         for key in keys:
             others |= self._by_key[key]

@@ -59,10 +59,13 @@ class Audited:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Known:
-    """The identities in the directory `place`, links resolved; `error`: why there may be more, a sentence."""
+    """The identities in the directory `place`, links resolved, and the subjects that grants name there; `error`: why
+    there may be more, a sentence.
+    """
 
     place: str
     identities: tuple[Identity, ...]
+    named: frozenset[str] = frozenset()
     error: str = ""
 
 
@@ -73,7 +76,8 @@ def identify(task: Task) -> Known:
         return Known(place=place, identities=(), error=_other_version(task))
     try:
         with _ALONE:
-            return Known(place=place, identities=read_identities(task.root))
+            identities, named = read_identities(task.root)
+            return Known(place=place, identities=identities, named=named)
     except Exception:  # noqa: BLE001 - its audit takes the same steps and meets the same fault
         return Known(place=place, identities=())
 

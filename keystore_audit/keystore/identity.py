@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from datetime import datetime
+from itertools import islice
+from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.certificate import Certificate, CertificateFile, read_certificates
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.layout import Role, discover
 from keystore_audit.keystore.root import Root
+
+MAX_NAMED: Final = 10_000
+"""Subjects that the grants of one keystore name: of more of them nobody says whose they are."""
+
+_SUBJECT_NAME: Final = re.compile(rb"<subject_name\s*>([^<]{1,1024})<")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,21 +42,34 @@ class Identity:
     not_after: datetime
     authorities: frozenset[str]
 
+    @property
+    def beside(self) -> str:
+        """The path of its certificate for reports of other keystores."""
+        return f"{self.root.rstrip('/')}/{self.path}"
 
-def read_identities(path: str | os.PathLike[str]) -> tuple[Identity, ...]:
-    """The identities of the enclaves in the directory `path` whose certificates can be read.
+
+def read_identities(path: str | os.PathLike[str]) -> tuple[tuple[Identity, ...], frozenset[str]]:
+    """The identities of the enclaves in the directory `path` whose certificates can be read, and the subjects that
+    their permissions seem to name: documents are searched, not verified.
 
     Raises NothingToAudit if there is no directory or no enclave in it.
     """
     with Root.open(path) as root:
         read = _reader()
         found = []
-        for files in discover(root).enclaves:
+        enclaves = discover(root).enclaves
+        for files in enclaves:
             own, authority = (read(files.files[role]) for role in (Role.CERTIFICATE, Role.IDENTITY_CA))
             if own is not None and own.first is not None:
                 keys = frozenset(certificate.key for certificate in (authority.certificates if authority else ()))
                 found.append(_identity(root.path, files.path, own.first, keys))
-        return tuple(found)
+        return tuple(found), frozenset(islice(_named(files.files[Role.PERMISSIONS] for files in enclaves), MAX_NAMED))
+
+
+def _named(documents: Iterable[File]) -> Iterator[str]:
+    for document in documents:
+        for match in _SUBJECT_NAME.finditer(document.content or b""):
+            yield match[1].decode("utf-8", "replace").strip()
 
 
 def _identity(root: str, enclave: str, certificate: Certificate, authorities: frozenset[str]) -> Identity:

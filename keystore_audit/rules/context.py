@@ -38,7 +38,9 @@ class Context:
     deployed: bool
     profiles: tuple[Profile, ...]
     elsewhere: tuple[Identity, ...] | None = None
-    """The identities of the other keystores of this run, at least those that are found here too; None: no others."""
+    """The identities of the other keystores of this run, at least those that are found here too, and those that grants
+    name here under an authority of this one; None: no others.
+    """
     environment: Environment | None = None
     """What the robots' processes start with; None where no file says so."""
     drift: Drift | None = None

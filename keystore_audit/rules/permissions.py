@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Defect, Kind
+from keystore_audit.keystore.identity import Identity
 from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.permission import Permissions
 from keystore_audit.model.profiles import VARIANTS
@@ -197,7 +198,8 @@ def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator
     Peers take any validly signed document with a matching grant, so that whoever is named may present this one in place
     of its own (measured); and in the handshake it shows everybody what the others may do. High where that gives an
     enclave of the keystore a right that its own document does not: an escalation. A misspelt name of this enclave's own
-    is no-grant-for-certificate.
+    is no-grant-for-certificate. Where keystores of several robots are audited together, it says whose enclave it is;
+    what that one may do by itself is not compared.
     """
     own = subjects(use)
     if not own or all(grant.subject_name.text in own for grant in all_grants(use)):
@@ -205,24 +207,53 @@ def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator
     everybody = {
         enclave.identity.subject: enclave.path for enclave in context.keystore.enclaves if enclave.identity is not None
     }
+    elsewhere = {subject: other for subject, other in _elsewhere(use, context).items() if subject not in everybody}
+    known = {*everybody, *elsewhere}
     misspelt = not any(own_grants(use))
     others = [
         grant
         for grant in all_grants(use)
-        if grant.subject_name.text not in own and (grant.subject_name.text in everybody or not misspelt)
+        if grant.subject_name.text not in own and (grant.subject_name.text in known or not misspelt)
     ]
     if others:
         names = list(dict.fromkeys(grant.subject_name.text for grant in others))
+        named = [f"{quoted(name)}{_whose(elsewhere.get(name))}" for name in names]
         gaining = _gaining(use, [everybody[name] for name in names if name in everybody], context)
         more = f", and {listed(gaining)} {'gains' if len(gaining) == 1 else 'gain'} by it" if gaining else ""
         yield Violation(
-            message=f"The document also grants rights to {listed(quoted(name) for name in names)}: whoever has the "
-            f"name can use them by presenting this document{more}.",
-            locations=places(Location(path=use.signed.file.place, line=grant.line) for grant in others),
+            message=f"The document also grants rights to {listed(named)}: whoever has the name can use them by "
+            f"presenting this document{more}.",
+            locations=places(
+                (
+                    *(Location(path=use.signed.file.place, line=grant.line) for grant in others),
+                    *(
+                        Location(path=other.beside, line=other.line, message="the identity", beside=True)
+                        for other in (elsewhere[name] for name in names if name in elsewhere)
+                    ),
+                )
+            ),
             enclave=sole(use.enclaves),
             severity=Severity.HIGH if gaining else None,
             key="\n".join([*sorted(names), "", *sorted(gaining)]),
         )
+
+
+def _elsewhere(use: PermissionsUse, context: Context) -> dict[str, Identity]:
+    """By subject, an enclave of another keystore of this run whose identity CA enclaves here trust."""
+    trusted = {
+        authority.key
+        for enclave in use.enclaves
+        for authority in (enclave.identity_ca.certificates if enclave.identity_ca is not None else ())
+    }
+    found: dict[str, Identity] = {}
+    for other in context.elsewhere or ():
+        if trusted & other.authorities:
+            found.setdefault(other.subject, other)
+    return found
+
+
+def _whose(other: Identity | None) -> str:
+    return f" ({other.enclave} in {quoted(other.root)})" if other is not None else ""
 
 
 def _gaining(use: PermissionsUse, paths: Sequence[str], context: Context) -> list[str]:

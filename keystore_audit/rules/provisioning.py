@@ -155,8 +155,7 @@ def _shared(
     locations = []
     for _enclave, certificate, twin in found:
         locations.append(Location(path=certificate.path, line=certificate.line))
-        beside = f"{twin.root.rstrip('/')}/{twin.path}"
-        locations.append(Location(path=beside, line=twin.line, message=why, beside=True))
+        locations.append(Location(path=twin.beside, line=twin.line, message=why, beside=True))
     yield Violation(
         message=f"{enclave.path} and {other.enclave} in {quoted(other.root)} {says}{more}.",
         locations=places(locations),

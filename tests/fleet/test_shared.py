@@ -52,3 +52,23 @@ def test_those_and_only_those_that_are_alike_are_given(fleet: list[tuple[str, li
             if any(have_in_common(identity, other) for identity in own)
         ]
         assert list(known.shared_with(number)) == wanted
+
+
+@given(fleets, st.sets(st.sampled_from(["CN=/x", "CN=/talker", "CN=/nobody"])))
+def test_whom_a_grant_names_under_an_authority_of_this_keystore_is_given_too(
+    fleet: list[tuple[str, list[Identity]]], named: set[str]
+) -> None:
+    known = Identities()
+    for number, (place, own) in enumerate(fleet):
+        known.add(number, place, own, named if number == 0 else ())
+    for number, (place, own) in enumerate(fleet):
+        trusted = {authority for identity in own for authority in identity.authorities}
+        wanted = [
+            other
+            for elsewhere, others in fleet
+            if elsewhere != place
+            for other in others
+            if any(have_in_common(identity, other) for identity in own)
+            or (number == 0 and other.subject in named and bool(trusted & other.authorities))
+        ]
+        assert list(known.shared_with(number)) == wanted
