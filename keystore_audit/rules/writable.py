@@ -37,13 +37,14 @@ def _written_by_others(file: File) -> bool:
     remedy="Run `chmod -R go-w .` in the keystore's root, as the user who owns it. Compare what is there with what was "
     "issued: whoever could write may have done so.",
 )
-def writable_by_others(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+def writable_by_others(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Others than the owner may write CA certificates, folders on the way to what enclaves read, or their signed files.
 
     Whoever may put a CA certificate of his own into the place of both is everybody to those who trust it. What the
-    authorities signed nobody can change unseen, but an older document or list of theirs can be put back (medium). One
-    finding for each of the three. A file's group counts unless it is the owner's own: where the two have one number, as
-    on distributions that give every user a group (0664 is usual there). In a sticky folder others can add files but
+    authorities signed nobody can change unseen, but an older document or list of theirs can be put back: a step less.
+    High in a tree that goes on a robot (--deployed), medium elsewhere, as in the checkout of a pipeline. One finding
+    for each of the three. A file's group counts unless it is the owner's own: where the two have one number, as on
+    distributions that give every user a group (0664 is usual there). In a sticky folder others can add files but
     replace none: it does not count. Who is in a group, who owns what, access control lists and folders above the
     keystore are not looked at.
     """
@@ -61,17 +62,16 @@ def writable_by_others(keystore: Keystore, _context: Context) -> Iterator[Violat
         for file in (*each.files.values(), *each.pkcs11.values())
         if file.place not in authorities and file is not each.files[Role.KEY]  # KA108 has that one
     }
+    severity, less = (Severity.HIGH, Severity.MEDIUM) if context.deployed else (Severity.MEDIUM, Severity.LOW)
     trusted = "whoever puts a CA certificate of his own there issues identities or signs rights that the enclaves trust"
-    yield from _found(authorities.values(), ("CA certificate", "CA certificates"), trusted)
+    yield from _found(authorities.values(), ("CA certificate", "CA certificates"), trusted, severity)
     replaced = "whoever may write in one replaces what it leads to, with CA certificates of his own"
-    yield from _found(keystore.layout.folders, ("folder", "folders"), replaced)
+    yield from _found(keystore.layout.folders, ("folder", "folders"), replaced, severity)
     again = "whoever kept an older one of its authority can put it back"
-    yield from _found(others.values(), ("signed file", "signed files"), again, Severity.MEDIUM)
+    yield from _found(others.values(), ("signed file", "signed files"), again, less)
 
 
-def _found(
-    files: Iterable[File], called: tuple[str, str], so: str, severity: Severity | None = None
-) -> Iterator[Violation]:
+def _found(files: Iterable[File], called: tuple[str, str], so: str, severity: Severity) -> Iterator[Violation]:
     modes = {file.place: f"{(file.mode or 0) & 0o7777:04o}" for file in files if _written_by_others(file)}
     if modes:
         shown = listed(f"{place} ({mode})" for place, mode in modes.items())

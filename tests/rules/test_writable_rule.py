@@ -36,11 +36,15 @@ def given_to(group: str, place: Path) -> None:
 
 
 def found(root: Path, *options: str) -> list[tuple[str, list[str]]]:
-    """Severity and places of each finding of KA119."""
-    _code, out = answer("audit", "--engine", "native", "-f", "json", "--at", AT, *options, root)
+    """Severity and places of each finding of KA119 in a tree that goes on a robot."""
+    _code, out = answer("audit", "--engine", "native", "-f", "json", "--at", AT, "--deployed", *options, root)
+    return rated(out)
+
+
+def rated(report: str) -> list[tuple[str, list[str]]]:
     return [
         (each["severity"], [place["path"] for place in each["locations"]])
-        for each in json.loads(out)["findings"]
+        for each in json.loads(report)["findings"]
         if each["code"] == "KA119"
     ]
 
@@ -80,7 +84,17 @@ def test_what_is_written_with_the_umask_of_ubuntu_is_the_owners(store: Path) -> 
         if not place.is_symlink():
             given_to(PRIVATE, place)
             place.chmod(0o775 if place.is_dir() else 0o664)
-    assert found(store, "--deployed") == []
+    assert found(store) == []
+
+
+def test_where_keystores_are_made_it_weighs_a_step_less(store: Path) -> None:
+    """GitLab checks out with umask 0 by default: no pipeline that ships nothing is stopped by that."""
+    for path in (CA, PERMISSIONS):
+        (store / path).chmod(0o666)
+    code, out = answer("audit", "--engine", "native", "-f", "json", "--at", AT, store)
+    assert rated(out) == [("medium", [CA]), ("low", [PERMISSIONS])]
+    assert code == 0
+    assert found(store) == [("high", [CA]), ("medium", [PERMISSIONS])]
 
 
 def test_a_thousand_places_are_three_findings(store: Path) -> None:
