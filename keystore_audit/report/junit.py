@@ -108,9 +108,7 @@ class _Findings:
         return self._by_subject.get((outcome.rule, outcome.subject), self._by_rule.get(outcome.rule, []))
 
 
-def _case(
-    suite: etree._Element, report: Report, outcome: Outcome, findings: Sequence[Finding], beside: str = ""
-) -> None:
+def _case(suite: etree._Element, report: Report, outcome: Outcome, findings: Sequence[Finding], beside: str) -> None:
     """`beside`: what is to be known of a property, whether it holds or not."""
     case = etree.SubElement(suite, "testcase", classname=outcome.rule, name=terminal(outcome.subject), time="0")
     if outcome.outcome is Result.NOT_APPLICABLE:
@@ -125,10 +123,9 @@ def _case(
         accepted = findings[0].suppressed
         message = f"accepted until {accepted.until}: {accepted.reason}" if accepted else "accepted"
         etree.SubElement(case, "skipped", message=terminal(message))
-    rest = [finding for finding in findings if not finding.fails(report.fail_on)]
-    told = [_said(finding) for finding in rest] if outcome.outcome is not Result.OPEN else []
-    if told or beside:
-        etree.SubElement(case, "system-out").text = "\n\n".join([*told, *([terminal(beside)] if beside else [])])
+    rest = [] if outcome.outcome is Result.OPEN else [each for each in findings if not each.fails(report.fail_on)]
+    if told := [*map(_said, rest), *([terminal(beside)] if beside else [])]:
+        etree.SubElement(case, "system-out").text = "\n\n".join(told)
 
 
 def _tell(case: etree._Element, tag: str, findings: Sequence[Finding], kind: str) -> None:
