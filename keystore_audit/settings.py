@@ -150,15 +150,16 @@ def _claim(table: Table, forwards: tuple[Forward, ...]) -> Claim | Determinism:
     if forms[0] == FORM:
         return read_determinism(table, name, severity, forwards)
     said = _FORMS[forms[0]](table, forms[0])
+    statement = said.pop("statement")
     return Claim(
         id=name,
-        statement=table.text("description") if "description" in table.values else said.pop("statement"),
+        statement=table.text("description") if "description" in table.values else statement,
         severity=severity,
         until=table.instant("until"),
         location=table.location,
         place=table.place(),
         marks=table.marks,
-        **{key: value for key, value in said.items() if key != "statement"},
+        **said,
     )
 
 
