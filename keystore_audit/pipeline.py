@@ -24,7 +24,7 @@ from keystore_audit.keystore.identity import Identity
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.interpret import interpret
-from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.inventory import certificates_of, documents_of
 from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.profiles import Profile, resolve, running
 from keystore_audit.model.usability import Usabilities
@@ -313,16 +313,16 @@ def _enclaves(context: Context) -> tuple[EnclaveEntry, ...]:
 
 
 def _scope(context: Context) -> Scope:
-    meaning = context.meaning
+    meaning, keystore = context.meaning, context.keystore
     system = meaning.systems[0] if meaning.systems else None
-    return Scope(
-        certificates=sum(not certificate.opaque for certificate in system.certificates) if system else 0,
+    return Scope(  # systems have certificates besides, for what is unread or elsewhere
+        certificates=len(certificates_of(keystore, documents_of(keystore), context.at)) if system else 0,
         documents=len(system.documents) if system else 0,
         channels=len(system.channels) if system else 0,
         rules=len(RULES),
         not_checked=(
             *meaning.idle,
-            *unread(context.keystore),
+            *unread(keystore),
             *untested(context.profiles),
             *NOT_CHECKED,
             *_not_compared(context),

@@ -53,11 +53,14 @@ class Issuance:
 
 
 def issuance(keystore: Keystore, system: System) -> Issuance:
-    """Of the keystore whose `system` this is (its certificates are all systems')."""
+    """Of the keystore whose `system` this is (its certificates are all systems').
+
+    Those behind them stand for what was not read, or is elsewhere.
+    """
     certificates = certificates_of(keystore, documents_of(keystore), system.instants[system.now])
     issued: list[list[int]] = [[] for _ in certificates]
     roots = [True] * len(certificates)
-    for number, atom in enumerate(system.certificates):
+    for number, atom in enumerate(system.certificates[: len(certificates)]):
         for issuer in atom.issuers - {number}:
             issued[issuer].append(number)
             roots[number] = False

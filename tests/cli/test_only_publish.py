@@ -51,6 +51,16 @@ def test_a_grant_for_a_subject_that_no_enclave_has_counts(tmp_path: Path, ghost:
         assert f"{step['path']}:{step['line']}" in told["text"]
 
 
+def test_who_is_elsewhere_has_no_certificate_that_is_shown_or_counted(tmp_path: Path) -> None:
+    """The page ended in a fault: the subject of the grant was taken for a certificate of the keystore."""
+    root = built(tmp_path / "keys", ghost=rule(("rt/x",)))
+    settings = tmp_path / "keystore-audit.toml"
+    settings.write_text(SETTINGS, "utf-8")
+    asking = ("audit", root, "--engine", "native", "--at", AT, *PROFILE, "--settings", settings, "-f")
+    assert answer(*asking, "html")[0] == 1
+    assert " 4 certificates" in answer(*asking, "text")[1]
+
+
 def test_a_grant_after_one_for_the_same_subject_does_not_count(tmp_path: Path) -> None:
     """The first grant that names a subject decides, whoever has it."""
     talker = DOCUMENT.format(path="/talker", rules=rule(("rt/x",)), default="DENY")
