@@ -68,7 +68,8 @@ def _under_profiles(number: int, result: AssertedResult, systems: Sequence[Syste
     violated = {name for name, answer in result.profiles.items() if answer.status is Status.VIOLATED}
     for system in systems:
         profiles = sorted(violated.intersection(system.profiles))
-        if profiles and system.reading is Reading.MAY:  # all that may be; MUST has nothing beyond it
+        # of what must not be, all that may be; of what must be possible, what for certain is not
+        if profiles and system.reading is Reading.MAY:
             for breach in _breaches(system, system.claims[number], budget):
                 yield from (f"{profile}: {breach}" for profile in profiles)
 

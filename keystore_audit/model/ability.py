@@ -5,8 +5,8 @@ What is left out makes such a claim harder to keep, never easier.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from datetime import datetime
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Final
 
 from keystore_audit.errors import UsageError
@@ -17,10 +17,12 @@ from keystore_audit.model.decision import illegal_names
 from keystore_audit.model.domains import contains
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.globs import matching
+from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import VARIANTS, JoinCheck, Profile
 from keystore_audit.model.semantics import DEFAULT_PARTITION, Area
-from keystore_audit.model.system import System
+from keystore_audit.model.system import Reading, System
 from keystore_audit.model.usability import Usabilities
+from keystore_audit.model.validity import SECOND
 
 if TYPE_CHECKING:
     from keystore_audit.model.claims import Claim, Globs
@@ -82,6 +84,45 @@ def unusable(
         closed = set(_closed(system, channels, keystore.enclaves, usabilities, profiles, at))
         found.update(n for n, channel in enumerate(channels.channels) if closed and channel.domain in closed)
     return frozenset(found)
+
+
+def stopped(system: System, keystore: Keystore, usability: Mapping[tuple[str, str], Usability]) -> frozenset[int]:
+    """Enclaves that do not start under some profile of the system, or (MUST) may not; and those that nobody talks to.
+
+    `usability`: by directory and profile, at the audit instant.
+    """
+    paths = {enclave.path for enclave in keystore.enclaves if not talks(enclave)}
+    for enclave in keystore.enclaves:
+        if not _starts(system, (usability[enclave.files.directory, profile] for profile in system.profiles)):
+            paths.add(enclave.path)
+    return _among(system, paths)
+
+
+def stopping(system: System, keystore: Keystore, usabilities: Usabilities | None, until: datetime) -> frozenset[int]:
+    """Enclaves that start no more, or not yet, at some instant until then: of certificates, lists and grants."""
+    before = system.instants[system.now]
+    if usabilities is None or until <= before:
+        return frozenset()
+    dates = {each + after for each in system.instants if before <= each < until for after in (timedelta(0), SECOND)}
+    profiles = [VARIANTS[name] for name in system.profiles]
+    paths = set()
+    for moment in sorted({*dates, until} - {before}):
+        touched = usabilities.touched(before, moment)
+        for enclave in keystore.enclaves:
+            starts = (usabilities.of(enclave, moment, profile) for profile in profiles)
+            if enclave.files.directory in touched and not _starts(system, starts):
+                paths.add(enclave.path)
+        before = moment
+    return _among(system, paths)
+
+
+def _starts(system: System, usable: Iterable[Usability]) -> bool:
+    may = system.reading is Reading.MAY
+    return all(may if each.usable is None else each.usable for each in usable)
+
+
+def _among(system: System, paths: Collection[str]) -> frozenset[int]:
+    return frozenset(number for number, enclave in enumerate(system.enclaves) if enclave.label in paths)
 
 
 def talks(enclave: Enclave) -> bool:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from datetime import datetime, timedelta
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from datetime import datetime
 from functools import cached_property
 from hashlib import sha256
 from typing import TYPE_CHECKING, Final, Protocol
@@ -19,7 +19,6 @@ from keystore_audit.model.expression import Matcher
 from keystore_audit.model.globs import all_matching, matching, nearest
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.named_enclaves import at_large, named_enclaves, with_all_certificates
-from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.semantics import Area
 from keystore_audit.model.system import Reading, System
 from keystore_audit.model.validity import ANY_ZONE, LAST, SECOND
@@ -30,6 +29,9 @@ if TYPE_CHECKING:
 
 AMBIENT: Final = ("rt/clock", "rt/parameter_events", "rt/rosout", "ros_discovery_info")
 """DDS topics that nearly every node has a right to: no flow takes them unless a claim includes them."""
+
+RESTING_ON_STARTS: Final = (ClaimKind.ABLE, ClaimKind.SEPARATE_DOMAINS)
+"""Kinds of claims that ask which enclaves start."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -181,9 +183,23 @@ def with_claims(
         from keystore_audit.model.elsewhere import with_subjects_elsewhere  # most settings have none
 
         systems = with_subjects_elsewhere(systems)
-    return tuple(
-        _Resolution(system, channels, keystore, usability, usabilities, domain).resolved(claims) for system in systems
-    )
+
+    def resolved(system: System) -> System:
+        return _Resolution(system, channels, keystore, usability, usabilities, domain).resolved(claims)
+
+    if not any(claim.kind in RESTING_ON_STARTS for claim in claims):
+        return tuple(map(resolved, systems))
+    return tuple(each for system in systems for each in _readings(resolved, system))
+
+
+def _readings(resolved: Callable[[System], System], system: System) -> Iterator[System]:
+    """The system with its claims, in two readings if it is read whole, and who starts is not known for all that."""
+    found = resolved(system)
+    yield found
+    if system.reading is Reading.MAY and not system.has_doubt:
+        certain = resolved(replace(system, reading=Reading.MUST))
+        if certain.claims != found.claims:
+            yield certain
 
 
 def _check(claims: Sequence[Claim], systems: Sequence[System], channels: Channels, keystore: Keystore) -> None:
@@ -283,40 +299,16 @@ class _Resolution:
 
     @cached_property
     def _stopped(self) -> frozenset[int]:
-        """Enclaves that do not start under some profile of the system, or (MUST, or without doubt) may not; and those
-        that nobody talks to.
-        """
-        from keystore_audit.model.ability import talks  # most settings claim none
+        """Enclaves that take no part in what a claim of ability asks for."""
+        from keystore_audit.model.ability import stopped  # most settings claim none
 
-        stopped = {enclave.path for enclave in self._keystore.enclaves if not talks(enclave)}
-        for enclave in self._keystore.enclaves:
-            starts = (self._usability[enclave.files.directory, profile] for profile in self._system.profiles)
-            if not all(map(self._counts_as_starting, starts)):
-                stopped.add(enclave.path)
-        return frozenset(n for n, label in enumerate(self._labels) if label in stopped)
-
-    def _counts_as_starting(self, usability: Usability) -> bool:
-        certain = self._system.reading is Reading.MUST or not self._system.has_doubt
-        return not certain if usability.usable is None else usability.usable
+        return stopped(self._system, self._keystore, self._usability)
 
     def _stopping(self, until: datetime) -> frozenset[int]:
-        """Enclaves that start no more, or not yet, at some instant until then: of certificates, lists and grants."""
-        instants, usabilities = self._system.instants, self._usabilities
-        before = instants[self._system.now]
-        if usabilities is None or until <= before:
-            return frozenset()
-        dates = {each + after for each in instants if before <= each < until for after in (timedelta(0), SECOND)}
-        profiles = [VARIANTS[name] for name in self._system.profiles]
-        stopped = set()
-        for moment in sorted({*dates, until} - {before}):
-            touched = usabilities.touched(before, moment)
-            for enclave in self._keystore.enclaves:
-                if enclave.files.directory in touched:
-                    starts = (usabilities.of(enclave, moment, profile) for profile in profiles)
-                    if not all(map(self._counts_as_starting, starts)):
-                        stopped.add(enclave.path)
-            before = moment
-        return frozenset(n for n, label in enumerate(self._labels) if label in stopped)
+        """Those of them that do not until then."""
+        from keystore_audit.model.ability import stopping  # most settings claim none
+
+        return stopping(self._system, self._keystore, self._usabilities, until)
 
     def resolved(self, claims: Iterable[Claim]) -> System:
         """The system with the claims."""

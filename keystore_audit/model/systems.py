@@ -5,7 +5,7 @@ Evidence in, normalised facts out, one for each kind of implementation and readi
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from functools import cached_property
 
@@ -16,6 +16,7 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.issuer import fit_to_sign
 from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.layout import Role
 from keystore_audit.model.access_view import AccessViews, ReadDocument
 from keystore_audit.model.at_large import Candidate, at_large_atoms, unread_atoms
 from keystore_audit.model.channels import Channels, Named, Point, document_channels
@@ -219,7 +220,7 @@ class SystemBuilder:
                     location=_place(enclave),
                     realm=realms.setdefault(realm, len(realms)),
                     identity=None if unknown else self._identity(enclave),
-                    permissions=number.get(enclave.permissions.signed.file.place) if enclave.permissions else None,
+                    permissions=self._permissions(enclave, number),
                     opaque=unknown,
                     reads_alone=endpoints.reads,
                     writes_alone=endpoints.writes,
@@ -261,6 +262,12 @@ class SystemBuilder:
     def _opens(self) -> bool:
         """Whether there are open realms."""
         return bool(self._unread_places) or any(self._realm_doubts)
+
+    @staticmethod
+    def _permissions(enclave: Enclave, number: Mapping[str, int]) -> int | None:
+        """Its permissions document, which one that could not be read is as well (MAY): it may say anything."""
+        file = enclave.files.files[Role.PERMISSIONS]
+        return number.get(file.place) if enclave.permissions is not None or file.status.unknown else None
 
     def _open_realm(self, atoms: list[DocumentAtom], place: str) -> RealmAtom:
         """(MAY) The realm of an enclave whose trust could not be read.

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from tests.cli.keystores import AT, answer, keystore, properties, rule
+from tests.keystore.builder import GOVERNANCE
 
 ENCLAVES = {
     "/button/left": (rule(("rt/stop",)),),
@@ -73,3 +74,72 @@ def test_too_many_pairs_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     settings.write_text('[[property]]\nname = "stop"\nable = { from = "/button/*", to = "/*" }\n', "utf-8")
     root = keystore(tmp_path / "keys", ENCLAVES)
     assert answer("audit", root, "--engine", "native", "--at", AT, "--settings", settings)[0] == 2
+
+
+UNREAD = ("key.pem", "key.p11", "cert.pem", "permissions.p7s", "governance.p7s", "identity_ca.cert.pem", "crl.pem")
+
+
+@pytest.mark.parametrize("name", UNREAD)
+def test_what_could_not_be_read_cuts_nothing_off_for_certain(tmp_path: Path, name: str) -> None:
+    """Whether it starts, and what it may, is unknown: of keys and permissions not read "violated" was said."""
+    root = keystore(tmp_path / "keys", ENCLAVES)
+    (root / "enclaves/button/left" / name).write_bytes(b"#" * 5_000_000)
+    able = 'from = "/button/left", to = "/motor"'
+    assert asked(tmp_path, root, able)["status"] == "unknown"
+    (root / "enclaves/motor/key.pem").unlink()
+    assert asked(tmp_path, root, able)["status"] == "violated"
+
+
+def test_what_is_accepted_is_what_is_cut_off_for_certain(tmp_path: Path) -> None:
+    """The pair that may be cut off is none of it: it is the same finding whether that one can be read or not."""
+    able = 'from = ["/button/left", "/button/broken"], to = "/motor"'
+    root = keystore(tmp_path / "keys", ENCLAVES)
+    settings = tmp_path / "keystore-audit.toml"
+
+    def fingerprint() -> tuple[int, str]:
+        assert asked(tmp_path, root, able)["status"] == "violated"
+        every = ("--engine", "native", "--at", AT, "--profile", "jazzy", "--settings", settings, "-f", "json")
+        code, text = answer("audit", root, *every)
+        return code, next(each["fingerprint"] for each in json.loads(text)["findings"] if each["code"] == "KA740")
+
+    code, read = fingerprint()
+    assert code == 1
+    left = root / "enclaves/button/left/key.pem"
+    key = left.read_bytes()
+    left.write_bytes(b"#" * 5_000_000)
+    assert fingerprint() == (4, read)
+    left.unlink()
+    code, gone = fingerprint()
+    assert (code, gone != read) == (1, True)
+    left.write_bytes(key)
+    assert fingerprint() == (1, read)
+
+
+@pytest.mark.parametrize(("size", "status"), [(0, "holds"), (5_000_000, "unknown")])
+def test_permissions_that_could_not_be_read_are_signed_by_nobody_knows_whom(
+    tmp_path: Path, size: int, status: str
+) -> None:
+    """They counted as no document at all, so that every document was signed."""
+    root = keystore(tmp_path / "keys", ENCLAVES)
+    if size:
+        (root / "enclaves/motor/permissions.p7s").write_bytes(b"#" * size)
+    code, text = answer("audit", root, "--engine", "native", "--at", AT, "-f", "json")
+    found = {each["id"]: each["status"] for each in json.loads(text)["properties"]}
+    assert (code == 4, found["documents-signed-by-the-permissions-ca"]) == (size > 0, status)
+
+
+@pytest.mark.parametrize(("key", "status"), [("read", "violated"), ("too large", "unknown"), ("gone", "holds")])
+def test_whether_one_starts_where_another_may_be_is_unknown_with_its_key(tmp_path: Path, key: str, status: str) -> None:
+    """Fast DDS starts an enclave in a domain of which its rules say nothing, if it starts at all."""
+    there = rule((), ("rt/y",)).replace("<id>0<", "<id>9<")
+    governance = GOVERNANCE.replace(b"<id>0</id>", b"<id>0</id><id>9</id>")
+    root = keystore(tmp_path / "keys", {"/e": (rule(("rt/x",)),), "/f": (there,)}, governance=governance)
+    for file in () if key == "read" else (root / "enclaves/e/key.pem", root / "enclaves/f/key.pem"):
+        file.unlink()
+        if key == "too large":
+            file.write_bytes(b"#" * 5_000_000)
+    settings = tmp_path / "keystore-audit.toml"
+    settings.write_text('[[property]]\nname = "apart"\nnever_share_domain = ["/e", "/f"]\n', "utf-8")
+    every = ("--engine", "native", "--at", AT, "--profile", "fastdds-3.6", "--settings", settings, "-f", "json")
+    properties = json.loads(answer("audit", root, *every)[1])["properties"]
+    assert [each["status"] for each in properties if each["id"] == "apart"] == [status]
