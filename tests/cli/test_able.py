@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -85,9 +86,9 @@ def test_what_could_not_be_read_cuts_nothing_off_for_certain(tmp_path: Path, nam
     root = keystore(tmp_path / "keys", ENCLAVES)
     (root / "enclaves/button/left" / name).write_bytes(b"#" * 5_000_000)
     able = 'from = "/button/left", to = "/motor"'
-    assert asked(tmp_path, root, able)["status"] == "unknown"
+    assert asked(root, able)["status"] == "unknown"
     (root / "enclaves/motor/key.pem").unlink()
-    assert asked(tmp_path, root, able)["status"] == "violated"
+    assert asked(root, able)["status"] == "violated"
 
 
 def test_what_is_accepted_is_what_is_cut_off_for_certain(tmp_path: Path) -> None:
@@ -97,7 +98,7 @@ def test_what_is_accepted_is_what_is_cut_off_for_certain(tmp_path: Path) -> None
     settings = tmp_path / "keystore-audit.toml"
 
     def fingerprint() -> tuple[int, str]:
-        assert asked(tmp_path, root, able)["status"] == "violated"
+        assert asked(root, able)["status"] == "violated"
         every = ("--engine", "native", "--at", AT, "--profile", "jazzy", "--settings", settings, "-f", "json")
         code, text = answer("audit", root, *every)
         return code, next(each["fingerprint"] for each in json.loads(text)["findings"] if each["code"] == "KA740")
