@@ -16,6 +16,10 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.model.system import CertificateAtom, EnclaveAtom, RealmAtom
+from keystore_audit.text import shorten
+
+MAX_SUBJECT: Final = 160
+"""Characters of a subject in the name of its identity."""
 
 MAX_AT_LARGE: Final = 2_000
 """Participants that are no enclaves; in large keystores each costs as much as an enclave does."""
@@ -70,7 +74,7 @@ def at_large_atoms(
                     f"{each.certificate.path}:{each.certificate.line} among them."
                 )
             yield EnclaveAtom(
-                label=f"{each.certificate.subject} ({each.certificate.path}, no enclave)",
+                label=f"{shorten(each.certificate.subject, MAX_SUBJECT)} ({each.certificate.path}, no enclave)",
                 location=certificates[each.number].location,
                 realm=realm,
                 identity=None if each.doubted else each.number,

@@ -6,6 +6,8 @@ import json
 from pathlib import Path
 
 import pytest
+from cryptography import x509
+from cryptography.x509.oid import NameOID
 
 from keystore_audit.findings import Finding
 from keystore_audit.options import Options
@@ -51,6 +53,16 @@ def test_the_example_names_the_certificate_with_its_line(tmp_path: Path) -> None
     shared = next(finding for finding in report(root).findings if finding.code == "KA704")
     assert "CN=/listener (public/x_ca.cert.pem, no enclave)" in shared.message
     assert ("public/x_ca.cert.pem", 1) in {(place.path, place.line) for place in shared.locations}
+
+
+def test_a_subject_without_end_is_cut(tmp_path: Path) -> None:
+    units = (x509.NameAttribute(NameOID.ORGANIZATIONAL_UNIT_NAME, f"{number:064}") for number in range(200))
+    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "/admin"), *units])
+    root = written(tmp_path, {"public/x_ca.cert.pem": identity(name, "/talker").pem})
+    for words in (("audit", root, "--engine", "native"), ("flow", root, "--from-compromised", "/talker")):
+        _code, output = answer(*words, "--at", "2026-11-21T12:00:00Z")
+        assert "no enclave)" in " ".join(output.split())
+        assert "0100" not in output, "what stands in its middle"
 
 
 def test_a_flow_names_the_certificate_with_its_line(tmp_path: Path) -> None:
