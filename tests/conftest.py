@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from keystore_audit.engine.alloy.process import AnalyzerProcess
+
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     # Started in the background of a shell: programs that the tests interrupt would inherit that and never hear of it.
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -27,6 +29,14 @@ settings.load_profile("ci" if IN_CI else "local")
 def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
     """Keys and signatures are new in each process: bytes in the name of a test would be others in each worker."""
     return argname if isinstance(val, bytes) else None
+
+
+@pytest.fixture
+def resident_analyzer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the program find a JVM that runs already, in place of a process for each main file."""
+    from tests.engine.resident import analyze_here  # few tests need what it imports
+
+    monkeypatch.setattr(AnalyzerProcess, "_start", analyze_here)
 
 
 @pytest.fixture(scope="session")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -49,15 +50,28 @@ def rows(report: dict[str, Any]) -> list[str]:
     return sorted(finding_line(finding) for finding in report["findings"])
 
 
-@pytest.mark.parametrize("expectation", EXPECTATIONS, ids=name)
-def test_a_sample_gives_exactly_its_findings(
-    expectation: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    keystore, expected = as_built(expectation, tmp_path / "keystore")
+Audit = Callable[..., tuple[int, dict[str, Any]]]
+
+
+@pytest.fixture
+def run_here(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], resident_analyzer: None) -> Audit:  # noqa: ARG001
+    """As `run`, in this process."""
     monkeypatch.chdir(SAMPLES)
-    options = [*with_engine(expected["options"]), "--at", expected["at"]]
-    code = program(["audit", "--format", "json", *options, str(keystore)])
-    report = json.loads(capsys.readouterr().out)
+
+    def run_here(keystore: Path, *options: str) -> tuple[int, dict[str, Any]]:
+        code = program(["audit", "--format", "json", *options, str(keystore)])
+        written = capsys.readouterr()
+        assert "Traceback" not in written.err, written.err
+        assert written.out, written.err
+        return code, json.loads(written.out)
+
+    return run_here
+
+
+@pytest.mark.parametrize("expectation", EXPECTATIONS, ids=name)
+def test_a_sample_gives_exactly_its_findings(expectation: Path, tmp_path: Path, run_here: Audit) -> None:
+    keystore, expected = as_built(expectation, tmp_path / "keystore")
+    code, report = run_here(keystore, *with_engine(expected["options"]), "--at", expected["at"])
     found = rows(report)
     assert {"missing": sorted(set(expected["findings"]) - set(found))} == {"missing": []}
     assert {"unexpected": sorted(set(found) - set(expected["findings"]))} == {"unexpected": []}
@@ -76,13 +90,17 @@ WITH_ALLOY = [
     or (path.parent.name.startswith("KA7") and has_options(path))
 ]
 """Families of them, and those with claims or profiles of their own; tests/engine/test_samples_agree.py asks the
-Analyzer about the properties of all samples, as the default profiles read them."""
+Analyzer about the properties of all samples, as the default profiles read them. Those of `healthy` start the program
+and the Analyzer as a user does."""
 
 
 @pytest.mark.parametrize("expectation", WITH_ALLOY, ids=name)
-def test_both_engines_agree_on_a_sample(expectation: Path, tmp_path: Path) -> None:
+def test_both_engines_agree_on_a_sample(expectation: Path, tmp_path: Path, run_here: Audit) -> None:
     keystore, expected = as_built(expectation, tmp_path / "keystore")
-    code, report = run(keystore, *with_engine(expected["options"], "both"), "--at", expected["at"])
+    in_processes = expectation.parent.name == "healthy"
+    code, report = (run if in_processes else run_here)(
+        keystore, *with_engine(expected["options"], "both"), "--at", expected["at"]
+    )
     assert report["engines"]["alloy"]["status"] == "ok"
     assert report["engines"]["native"]["status"] == "ok"
     assert report["engines_agree"] is True

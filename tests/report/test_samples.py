@@ -37,7 +37,7 @@ Audited = tuple[Report, Path]
 
 
 @pytest.fixture
-def audited(expectation: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Audited:
+def audited(expectation: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, resident_analyzer: None) -> Audited:  # noqa: ARG001
     """The sample's report by its own options, made in this process, and where its files are."""
     monkeypatch.chdir(SAMPLES)
     keystore, expected = as_built(expectation, tmp_path / "keystore")

@@ -21,6 +21,12 @@ from keystore_audit.errors import EngineFailed, EngineMissing, EngineTimeout
 OUTPUT_DIRECTORY: Final = "solutions"
 """Where the Analyzer puts instances, below the run's directory."""
 
+ARGUMENTS: Final = ("exec", "-f", "-t", "xml", "-d", "0", "-s", "sat4j", "-o")
+"""What the Analyzer is told, before where instances go and which file is the main one.
+
+No symmetry breaking and no deeper Skolem functions (-d 0): every atom is named, every witness outermost.
+"""
+
 MAX_OUTPUT: Final = 1_000_000
 """Bytes read of what the Analyzer writes to stderr, and to stdout: a line for each command, or a stack trace."""
 
@@ -141,8 +147,7 @@ class AnalyzerProcess:
 
     def _start(self) -> subprocess.Popen[bytes]:
         command = [str(self._java), *_java_options(self._limits, self.directory / _SCRATCH), "-jar", str(self._jar)]
-        # No symmetry breaking and no deeper Skolem functions (-d 0): every atom is named, every witness outermost.
-        command += ["exec", "-f", "-t", "xml", "-d", "0", "-s", "sat4j", "-o", OUTPUT_DIRECTORY, self._main]
+        command += [*ARGUMENTS, OUTPUT_DIRECTORY, self._main]
         try:
             with (
                 (self.directory / _DIAGNOSTICS).open("wb") as diagnostics,

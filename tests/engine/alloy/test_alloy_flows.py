@@ -36,7 +36,7 @@ from tests.engine.systems import (
     with_claims,
 )
 
-pytestmark = [pytest.mark.alloy, pytest.mark.xdist_group("alloy")]
+pytestmark = [pytest.mark.alloy, pytest.mark.xdist_group("alloy"), pytest.mark.usefixtures("resident_analyzer")]
 
 ENOUGH = 180.0
 """Seconds for a small model on a busy machine."""
