@@ -18,7 +18,7 @@ from keystore_audit.model.elsewhere import UNREAD
 from keystore_audit.model.flow import Flows
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.permission import Decisions, Permissions, bits, union
-from keystore_audit.model.system import DomainRuleAtom, System
+from keystore_audit.model.system import System
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Answer, Hop, Role
 from keystore_audit.properties.result import ANYBODY
@@ -49,7 +49,7 @@ def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Countere
         return Counterexample(text=text, steps=tuple(dict.fromkeys(step for way in ways for step in way.steps)))
     witness = answer.witnesses[0] if answer.witnesses else {}
     if claim.kind is ClaimKind.SEPARATE_DOMAINS and Role.DOMAIN in witness:
-        return _shared_domain(Case(system=system, witness=witness), when, claim.starts)
+        return _shared_domain(Case(system=system, witness=witness), when)
     if Role.CHANNEL not in witness:
         return Counterexample(text=f"It is violated, and no example was given{when}.", steps=())
     case = Case(system=system, witness=witness)
@@ -221,26 +221,24 @@ def _shows_it(case: Case, claim: ClaimAtom, hop: Hop) -> bool:
     return not forged >> hop.channel & 1
 
 
-def _shared_domain(case: Case, when: str, starts: frozenset[tuple[int, int]]) -> Counterexample:
-    one, other = (case.system.enclaves[case.witness[role]] for role in (Role.ENCLAVE, Role.OTHER))
-    domain = case.system.domains[case.witness[Role.DOMAIN]].label
-    rule = causes.domain_rule(case.system, case.realm, case.witness[Role.DOMAIN])
+def _shared_domain(case: Case, when: str) -> Counterexample:
+    asked = case.witness[Role.DOMAIN]
+    domain = case.system.domains[asked].label
+    rule = causes.domain_rule(case.system, case.realm, asked)
     step = step_at(None if rule is None else rule.location, channel=domain, witness=domain, enclave=None)
-    anybody = ", where anybody is let in without an identity" if _lets_anybody_in(case, rule) else ""
-    text = f"{one.label} and {other.label} can both join {domain}{when}{anybody}."
-    alone = [role for role in (Role.ENCLAVE, Role.OTHER) if (case.witness[role], case.witness[Role.DOMAIN]) in starts]
-    if alone:
-        starting = case.system.enclaves[case.witness[alone[0]]].label
-        joining = other if alone[0] is Role.ENCLAVE else one
+    both = [case.witness[role] for role in (Role.ENCLAVE, Role.OTHER)]
+    anybody = case.view.protection.unauthenticated >> asked & 1
+    joining = [number for number in both if anybody or case.view.joined(number) >> asked & 1]
+    names = [case.system.enclaves[number].label for number in sorted(both, key=lambda each: each not in joining)]
+    if len(joining) == 1:
         text = (
-            f"{joining.label} can join {domain}, where {starting} starts too, by what its own implementation makes of "
+            f"{names[0]} can join {domain}, where {names[1]} starts too, by what its own implementation makes of "
             f"its permissions{when}: it refuses nobody who may be there, and who attacks takes it."
         )
+    else:
+        without = ", where anybody is let in without an identity" if anybody else ""
+        text = f"{names[0]} and {names[1]} can both join {domain}{when}{without}."
     return Counterexample(text=text, steps=(step,))
-
-
-def _lets_anybody_in(case: Case, rule: DomainRuleAtom | None) -> bool:
-    return case.is_open or (rule is not None and rule.allow_unauthenticated_participants)
 
 
 def _named(system: System, certificate: int) -> str:

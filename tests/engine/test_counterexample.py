@@ -14,7 +14,7 @@ from keystore_audit.engine.counterexample_claims import describe_claim, hop_ways
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import ProtectionKind
-from keystore_audit.model.claim import Attacker
+from keystore_audit.model.claim import Attacker, ClaimKind
 from keystore_audit.model.system import Reading, System
 from keystore_audit.properties import BY_ID, PROPERTIES
 from keystore_audit.properties.counterexample import Counterexample, Step
@@ -230,6 +230,16 @@ def test_an_attacker_that_is_let_in_nowhere_sends_as_anybody_can(rtps: str, why:
         told = describe_claim(system, asked, answer)
         assert f"/third: {why}: rtps_protection_kind is NONE" in told.text
         assert {step.path for step in told.steps} >= {b.topic_rules[0].location.path}
+
+
+@pytest.mark.parametrize("starts", [{(THIRD, 0)}, {(TALKER, 0), (THIRD, 0)}])
+def test_who_joins_and_who_starts_there_by_itself_is_told(starts: set[tuple[int, int]]) -> None:
+    """That the other one starts there too, at some time until the claim's end, does not matter: it joins."""
+    asked = replace(claim(at(TALKER), at(THIRD), kind=ClaimKind.SEPARATE_DOMAINS), starts=frozenset(starts))
+    system = replace(shut_out().system(), claims=(asked,))
+    answer = NativeEngine([system]).answers[0][asked.id]
+    told = describe_claim(system, asked, answer).text
+    assert told.startswith("/talker can join domains 0 to 0, where /third starts too")
 
 
 def test_every_hop_is_explained() -> None:
