@@ -16,7 +16,6 @@ from keystore_audit.model.comparison_drafts import Draft, in_order
 from keystore_audit.model.comparison_grants import NOTHING, Given, differing, either, given, is_refused
 from keystore_audit.model.comparison_sides import Pair, Sides, View
 from keystore_audit.model.permission import bits, union
-from keystore_audit.model.system import GrantAtom
 
 KIND: Final = "later-rights"
 
@@ -106,30 +105,27 @@ def _differences(sides: Sides, pair: Pair) -> Iterator[tuple[str, Direction, int
 
 def _begin_later(view: View) -> list[int]:
     system = view.system
-    before: dict[int, list[GrantAtom]] = {}
+    ends: dict[tuple[int, int], int] = {}  # by document and certificate: when the first of its grants has ended
     found = []
     for number, grant in enumerate(system.grants):
-        earlier = before.setdefault(grant.document, [])
-        comes_up = system.skips_grants_out_of_date and any(
-            each.names & grant.names and each.not_after < grant.not_after for each in earlier
-        )
+        named = [(grant.document, certificate) for certificate in grant.names]
+        earlier = [ends.get(each, grant.not_after) for each in named]
+        comes_up = system.skips_grants_out_of_date and any(end < grant.not_after for end in earlier)
         if grant.not_before > system.now or (comes_up and grant.not_after > system.now):
             found.append(number)
-        earlier.append(grant)
+        ends.update((each, min(end, grant.not_after)) for each, end in zip(named, earlier, strict=True))
     return found
 
 
 def _side(view: View, later: list[int], path: str, mask: int) -> _Side:
     system = view.system
     enclave = system.enclaves[view.numbers[path]]
-    documents = {enclave.permissions} if enclave.permissions is not None else set()
-    for realm in view.realms:
-        documents |= realm.accepted
     found: set[_Later] = set()
     where = None
     for number in later:
         grant = system.grants[number]
-        if grant.document in documents and enclave.identity in grant.names:
+        theirs = grant.document == enclave.permissions or grant.document in view.taken
+        if theirs and enclave.identity in grant.names:
             gives = _within(view, given(view, number), mask)
             begins, ends = system.instants[grant.not_before], system.instants[grant.not_after]
             if any(gives) and begins <= ends:

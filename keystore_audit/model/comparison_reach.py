@@ -164,8 +164,10 @@ class Reach:
         view = pair.new if gained else pair.old
         for path in draft.enclaves:
             number = view.numbers.get(path)
-            for operation in _OPERATIONS if number is not None else ():
-                channels = view.accepted(number, operation) & self._sides.mask if number is not None else 0
+            if number is None:  # it could not be read
+                continue
+            for operation in _OPERATIONS:
+                channels = view.accepted(number, operation) & self._sides.mask
                 if channels:
                     what = f"{_with(gained)} {WORDS[operation.value]}"
                     self._note(pair, _Key(draft, Layer.ACCESS, what, gained, operation.value), path, channels)
