@@ -8,7 +8,7 @@ those with wildcards run in one lazy automaton, searched breadth first for the s
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
@@ -20,7 +20,7 @@ from keystore_audit.model.names import is_ros_dds_name
 from keystore_audit.model.pattern_index import PatternIndex
 from keystore_audit.model.search import shortest_names
 from keystore_audit.model.tokens import ANY_CHARACTER, CharSet, Token
-from keystore_audit.model.universe import ROS_SETS, ROS_SINGLES, dds_names, ros_names
+from keystore_audit.model.universe import ROS_SETS, ROS_SINGLES, Universe, dds_names, ros_names
 from keystore_audit.text import shorten
 
 DEFAULT_BUDGET: Final = 40_000
@@ -131,28 +131,27 @@ class _Classification:
         return TopicClass(members=members, witness=name, ros=self._topics and is_ros_dds_name(name), infinite=False)
 
     def _residual_witnesses(self, literal_sets: Mapping[str, _Set]) -> tuple[dict[_Set, str], dict[_Set, str]]:
-        """The shortest names that are no literal: ROS 2's for every set that has one, others for the rest.
+        """The shortest names that are no literal: ROS 2's for every set that has one, others for the rest."""
+        ros = self._shortest(ros_names(self._alphabet), literal_sets) if self._topics else {}
+        others = self._shortest(dds_names(self._alphabet), literal_sets, ros)
+        return ros, others
+
+    def _shortest(
+        self, universe: Universe, literal_sets: Mapping[str, _Set], known: Collection[_Set] = ()
+    ) -> dict[_Set, str]:
+        """Names of the universe, for the sets that are not `known`.
 
         A set whose shortest name is a literal may hold nothing else, so it is searched again with the literals of
         these sets, and only those, left out.
         """
-        universes = [dds_names(self._alphabet)]
-        results: list[dict[_Set, str]] = []
-        if self._topics:
-            universes.insert(0, ros_names(self._alphabet))
-        else:
-            results.append({})
-        for universe in universes:
-            names = shortest_names(self._automaton, universe, self._budget)
-            if results:
-                names = {accepted: name for accepted, name in names.items() if accepted not in results[0]}
-            taken = {accepted for accepted, name in names.items() if name in literal_sets}
-            if taken:
-                avoid = [name for name, accepted in literal_sets.items() if accepted in taken]
-                again = shortest_names(self._automaton, universe, self._budget, avoid=avoid, wanted=taken)
-                names = {accepted: name for accepted, name in names.items() if accepted not in taken} | again
-            results.append(names)
-        return results[0], results[1]
+        names = shortest_names(self._automaton, universe, self._budget)
+        names = {accepted: name for accepted, name in names.items() if accepted not in known}
+        taken = {accepted for accepted, name in names.items() if name in literal_sets}
+        if not taken:
+            return names
+        avoid = [name for name, accepted in literal_sets.items() if accepted in taken]
+        again = shortest_names(self._automaton, universe, self._budget, avoid=avoid, wanted=taken)
+        return {accepted: name for accepted, name in names.items() if accepted not in taken} | again
 
     def _infinite_sets(self) -> set[_Set]:
         """The sets of wildcard expressions that infinitely many names match; every state was built before."""
