@@ -8,10 +8,10 @@ from itertools import product
 import pytest
 
 from keystore_audit.engine.native_claims import claims_at
-from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.claim import Attacker, ClaimKind, Place
 from keystore_audit.model.flow import Flows, Search
-from keystore_audit.model.permission import Decisions, Permissions
+from keystore_audit.model.permission import Decisions
 from keystore_audit.model.system import System
 from tests.engine.systems import random_system, with_claims
 
@@ -46,8 +46,7 @@ def test_a_key_takes_nothing_away(start: int) -> None:
 
 
 def _flows_of(system: System) -> Flows:
-    permissions = Permissions(system)
-    return Flows(system, [RealmView(system, realm, permissions) for realm in range(len(system.realms))])
+    return Flows(system, realm_views(system))
 
 
 @pytest.mark.parametrize("start", range(0, 200, 50))

@@ -12,13 +12,13 @@ from keystore_audit.access import Access
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.claim import Attacker, Place
 from keystore_audit.model.flow import Flows, Search
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.overview import MAX_VIEWS, Overview, overview
 from keystore_audit.model.periods import Dated
-from keystore_audit.model.permission import Permissions, members
+from keystore_audit.model.permission import members
 from keystore_audit.model.profiles import VARIANTS, resolve
 from keystore_audit.model.question import Question, Ruling
 from keystore_audit.model.systems import SystemBuilder
@@ -88,8 +88,7 @@ class TestNeighbours:
         points = [(named.topic, named.partition) for named in seen.access.names]
         builder = SystemBuilder(read, [profile], AT, accesses, points)
         system = builder.systems()[0]
-        permissions = Permissions(system)
-        flows = Flows(system, [RealmView(system, realm, permissions) for realm in range(len(system.realms))])
+        flows = Flows(system, realm_views(system))
         labels = [*(enclave.label for enclave in system.enclaves), None]
         places = [*(Place(enclaves=frozenset({n})) for n in range(len(system.enclaves))), Place(outsider=True)]
         everything = frozenset(range(len(system.channels)))
