@@ -85,8 +85,8 @@ class Forwarding:
                 undecided = self._impossible(forwards)
             domains = list(possible)
         spread = self._spread(claim)
-        tainted = spread.inside - self._high(claim)
-        behaviours = (self._behaviour(claim, possible[domain], domain, tainted) for domain in domains)
+        differs = self._differs(claim, spread.inside)
+        behaviours = (self._behaviour(claim, possible[domain], domain, differs) for domain in domains)
         found = tuple(each for each in behaviours if each.writers)
         if not undecided and not any(each.seen() for each in found):
             undecided = f"nobody may publish {', '.join(claim.low)}"
@@ -139,7 +139,7 @@ class Forwarding:
         return "the forwards that are declared are possible in no common domain"
 
     def _behaviour(
-        self, claim: Determinism, forwards: Sequence[Forward], domain: int, tainted: frozenset[int]
+        self, claim: Determinism, forwards: Sequence[Forward], domain: int, differs: Sequence[Differs]
     ) -> Behaviour:
         """What comes to the low topics in one domain."""
         topics = tuple(dict.fromkeys([*claim.low, *(t for f in forwards for t in f.sources)]))
@@ -155,7 +155,7 @@ class Forwarding:
             topics=topics,
             forwards=tuple(self._forward(forward, plan) for forward in forwards),
             slots=slots,
-            inputs=tuple(_few(self._inputs(claim, plan, tainted))),
+            inputs=tuple(_few(self._inputs(claim, plan, differs))),
             low=frozenset(topics.index(topic) for topic in claim.low),
         )
 
@@ -170,7 +170,7 @@ class Forwarding:
             reaches=frozenset[int]().union(*reaches),
         )
 
-    def _inputs(self, claim: Determinism, plan: _Plan, tainted: frozenset[int]) -> Iterator[InputAtom]:
+    def _inputs(self, claim: Determinism, plan: _Plan, differs: Sequence[Differs]) -> Iterator[InputAtom]:
         """What enclaves without declared forwards may publish on the topics, and anybody on those that are high."""
         for place, topic in enumerate(plan.topics):
             if topic in claim.high.topics:
@@ -182,8 +182,7 @@ class Forwarding:
                     continue
                 reaches = self._reached(sender, topic, self._by_default[topic], plan)
                 if reaches or (topic in claim.low and self._puts(sender, topic, plan.domain)):
-                    differs = self._differs(claim, sender, tainted)
-                    yield InputAtom(enclave=sender, topic=place, differs=differs, reaches=reaches)
+                    yield InputAtom(enclave=sender, topic=place, differs=differs[sender], reaches=reaches)
 
     def _reached(self, sender: int, topic: str, put: int, plan: _Plan) -> frozenset[int]:
         """The slots that get what the enclave puts on these channels of the topic."""
@@ -194,10 +193,11 @@ class Forwarding:
             if plan.topics[slot.topic] == topic and self._hops(sender, put, holder, got, plan.domain)
         )
 
-    def _differs(self, claim: Determinism, enclave: int, tainted: frozenset[int]) -> Differs:
-        if enclave in self._high(claim):
-            return Differs.ALWAYS
-        return Differs.PERHAPS if enclave in tainted else Differs.NEVER
+    def _differs(self, claim: Determinism, inside: frozenset[int]) -> list[Differs]:
+        """By enclave, of what it publishes. `inside`: those that something high can come to."""
+        high = self._high(claim)
+        perhaps = [Differs.PERHAPS if n in inside else Differs.NEVER for n in range(len(self.system.enclaves))]
+        return [Differs.ALWAYS if n in high else each for n, each in enumerate(perhaps)]
 
     def _hops(self, sender: int, put: int, receiver: int, got: int, domain: int) -> bool:
         """Whether a sample of these channels goes over, in the domain."""
