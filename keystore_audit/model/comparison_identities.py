@@ -18,7 +18,7 @@ _Identity = tuple[str, str]
 """Subject and key."""
 
 
-def identities_at_large(sides: Sides) -> Iterator[Draft]:
+def identities_let_in(sides: Sides) -> Iterator[Draft]:
     """Identities of no enclave that peers let in and whose private keys are there (KA668), in one keystore alone.
 
     A change of the keystore as a whole: what it may do is what grants give its subject.

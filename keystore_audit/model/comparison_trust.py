@@ -17,7 +17,7 @@ from keystore_audit.model.comparison_dates import Dates, spanned
 from keystore_audit.model.comparison_drafts import Draft
 from keystore_audit.model.comparison_facts import Fact, Placed, dated, place_of
 from keystore_audit.model.comparison_form import certificate_form, document_form
-from keystore_audit.model.comparison_identities import identities_at_large, identities_certified_again
+from keystore_audit.model.comparison_identities import identities_certified_again, identities_let_in
 from keystore_audit.model.comparison_keys import foreign_keys
 from keystore_audit.model.comparison_revocation import revocation_facts
 from keystore_audit.model.comparison_sides import Sides
@@ -58,7 +58,7 @@ def trust_changes(sides: Sides) -> list[Draft]:
         held = found.setdefault(key, ([], [], one, other))
         held[0].append(path)
         held[1].append(fact.aspects)
-    drafts = [*_of_keystores(*sides.keystores), *identities_at_large(sides), *_of_enclaves(sides)]
+    drafts = [*_of_keystores(*sides.keystores), *identities_let_in(sides), *_of_enclaves(sides)]
     for fact, (paths, aspects, one, other) in found.items():
         drafts.append(_draft(fact._replace(aspects=spanned(aspects)), tuple(dict.fromkeys(paths)), one, other))
     for draft in drafts:
