@@ -19,7 +19,7 @@ from keystore_audit.model.flow import Flows
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.permission import Decisions, Permissions, bits, union
 from keystore_audit.model.system import System
-from keystore_audit.properties.counterexample import Counterexample, Step
+from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.property import Answer, Hop, Role
 from keystore_audit.properties.result import ANYBODY
 from keystore_audit.text import shorten
@@ -181,11 +181,6 @@ def _case(system: System, hop: Hop) -> Case:
     realm = 0 if enclave is None else system.enclaves[enclave].realm
     witness = {Role.REALM: realm, Role.CHANNEL: hop.channel}
     return Case(system=system, witness=witness if enclave is None else {**witness, Role.ENCLAVE: enclave})
-
-
-def hop_steps(system: System, claim: ClaimAtom, hop: Hop) -> tuple[Step, ...]:
-    """The lines that let a sample over: of sender and receiver, else of the governance whose keys allow it."""
-    return tuple(step for way in hop_ways(system, claim, hop) for step in way.steps)
 
 
 def hop_ways(system: System, claim: ClaimAtom, hop: Hop) -> tuple[Way, ...]:

@@ -13,9 +13,6 @@ from keystore_audit.errors import EngineError, EngineMissing, EngineOutOfScale, 
 from keystore_audit.properties.property import Answer, Status
 from keystore_audit.properties.result import EngineRun, EngineStatus
 
-CHOICES = ("auto", "both", "alloy", "native")
-"""`auto`: both, and native alone where Alloy cannot be had at all."""
-
 
 def run_engines(
     native: NativeEngine,
@@ -28,7 +25,8 @@ def run_engines(
 ) -> tuple[tuple[EngineRun, ...], tuple[EngineAnswers, ...]]:
     """How each engine fared about the systems of `native`, and the answers of those that did.
 
-    `timeout` in seconds, of the solver.
+    `choice`: both, alloy, native, or auto: both, and native alone where Alloy cannot be had at all. `timeout`: of the
+    solver, in seconds.
     """
     runs: list[EngineRun] = []
     answers: list[EngineAnswers] = []

@@ -132,17 +132,6 @@ class Labelling:
     location: Location
     place: str
 
-    def of_enclave(self, path: str) -> str | None:
-        """The label of an enclave; of a declassifier that of what it hands on; None: it has none."""
-        for declassifier in self.declassifiers:
-            if any(matching(glob, (path,)) for glob in declassifier.enclaves):
-                return declassifier.given
-        return next((one.label for one in self.labelled if any(matching(g, (path,)) for g in one.enclaves)), None)
-
-    def of_topic(self, topic: str) -> str | None:
-        """The label of a DDS topic, None: it has none."""
-        return next((one.label for one in self.labelled if any(matching(g, (topic,)) for g in one.topics)), None)
-
     def pairs(self) -> Iterator[tuple[str, str]]:
         """Labels in use from the first of which nothing may flow to the second."""
         used = {one.label for one in self.labelled}

@@ -38,9 +38,6 @@ PARAMETER_SERVICES: Final = (
 SETTING_SERVICES: Final = ("set_parameters", "set_parameters_atomically")
 """Those of the parameter services that change what a node does."""
 
-TYPE_DESCRIPTION_SERVICE: Final = "get_type_description"
-"""What every node offers besides, from Iron on (type_description_interfaces)."""
-
 LIFECYCLE_SERVICES: Final = (
     "change_state",
     "get_available_states",
