@@ -33,17 +33,19 @@ def _outsider_reads(case: Case) -> Counterexample:
     )
 
 
-def _outsider_learns(case: Case) -> Counterexample:
+def _unprotected(case: Case, what: str, otherwise: str) -> str:
+    """Why the `what` of the topic, discovery or liveliness, is unprotected; `otherwise`: as whole messages are not."""
     rule = case.topic_rule
     if case.is_open or rule is None or case.domain_rule is None:
-        why = case.kinds()
-    elif not rule.enable_discovery_protection:
-        why = "enable_discovery_protection is false for it, and whole messages are not encrypted"
-    else:
-        kind = case.domain_rule.discovery_protection_kind.value
-        why = f"discovery_protection_kind is {kind}, and whole messages are not encrypted"
+        return case.kinds()
+    flag, kind = f"enable_{what}_protection", f"{what}_protection_kind"
+    said = f"{kind} is {getattr(case.domain_rule, kind).value}" if getattr(rule, flag) else f"{flag} is false for it"
+    return f"{said}, and whole messages are not {otherwise}"
+
+
+def _outsider_learns(case: Case) -> Counterexample:
     return Counterexample(
-        text=f"Anybody on the network learns of {case.topic}: {why}.",
+        text=f"Anybody on the network learns of {case.topic}: {_unprotected(case, 'discovery', 'encrypted')}.",
         steps=case.governance_steps() + case.user_steps("publish", "subscribe"),
     )
 
@@ -64,13 +66,7 @@ def _outsider_replays(case: Case) -> Counterexample:
 
 
 def _outsider_asserts(case: Case) -> Counterexample:
-    rule = case.topic_rule
-    if case.is_open or rule is None or case.domain_rule is None:
-        why = case.kinds()
-    elif not rule.enable_liveliness_protection:
-        why = "enable_liveliness_protection is false for it, and whole messages are not authenticated"
-    else:
-        why = "liveliness_protection_kind is NONE, and whole messages are not authenticated"
+    why = _unprotected(case, "liveliness", "authenticated")
     return Counterexample(
         text=f"Anybody on the network can say that a writer of {case.topic} is alive: {why}{case.open_door()}.",
         steps=case.governance_steps() + case.user_steps("subscribe"),
