@@ -130,7 +130,7 @@ def talks(enclave: Enclave) -> bool:
 
     Cyclone DDS starts with a private key that is not the certificate's, and completes no handshake (measured).
     """
-    first = enclave.certificate.first if enclave.certificate is not None else None
+    first = enclave.identity
     key = enclave.key.key if enclave.key is not None else None
     return first is None or key is None or first.key == key
 

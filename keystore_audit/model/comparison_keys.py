@@ -45,7 +45,7 @@ def _foreign(enclave: Enclave | None) -> Mapping[str, int | None]:
     """By key the line; a key of which it is not known whose it is, by the file."""
     if enclave is None or enclave.key is None:
         return {}
-    first = enclave.certificate.first if enclave.certificate is not None else None
+    first = enclave.identity
     own = first.key if first is not None else enclave.key.key
     found: dict[str, int | None] = {}
     if enclave.key.key is not None and enclave.key.key != own:
@@ -67,7 +67,7 @@ class _Holders:
                 for file in (enclave.permissions_ca, enclave.identity_ca):
                     for certificate in file.certificates if file is not None else ():
                         self._authorities.setdefault(certificate.key, certificate.subject)
-                first = enclave.certificate.first if enclave.certificate is not None else None
+                first = enclave.identity
                 if first is not None:
                     self._enclaves.setdefault(first.key, {}).setdefault(path, first.subject)
 

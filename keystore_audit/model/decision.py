@@ -222,7 +222,7 @@ class LocalRights:
 
     def grant(self, enclave: Enclave, profile: Profile) -> ReadGrant | None:
         """The grant of the enclave's own document that decides."""
-        certificate = enclave.certificate.first if enclave.certificate else None
+        certificate = enclave.identity
         if enclave.permissions is None or certificate is None:
             return None
         access = self._accesses.row(profile.access)

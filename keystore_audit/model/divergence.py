@@ -101,7 +101,7 @@ def _presenting(keystore: Keystore, odd: Collection[GovernanceFile | Permissions
     }
     everybody = any(isinstance(file, GovernanceFile) for file in odd)
     for enclave in keystore.enclaves:
-        certificate = enclave.certificate.first if enclave.certificate else None
+        certificate = enclave.identity
         if everybody or (certificate is not None and certificate.subject in subjects):
             yield enclave
 

@@ -182,7 +182,7 @@ class Lines:
         return _whole(file) or Location(path=place)
 
     def _own_date(self, enclave: Enclave, before: Profile, after: Profile) -> Location:
-        certificate = enclave.certificate.first if enclave.certificate else None
+        certificate = enclave.identity
         if enclave.permissions is None or certificate is None:
             return Location(path=enclave.files.directory)
         return self._dated(enclave.permissions.signed.file.place, certificate.subject, before, after)

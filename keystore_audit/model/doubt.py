@@ -103,7 +103,7 @@ def _document_doubt(enclave: Enclave | None, file: GovernanceFile | PermissionsF
 def identity_doubt(enclave: Enclave) -> Doubt | None:
     """Why the enclave's identity is unknown: it may then be anybody whom the identity CA vouches for."""
     doubt = _file_doubt(enclave, Role.CERTIFICATE, enclave.certificate, only_without_certificate=True)
-    first = enclave.certificate.first if enclave.certificate else None
+    first = enclave.identity
     if doubt is not None or first is None:
         return doubt
     return _doubt_of(enclave.path, first, enclave.identity_ca.certificates if enclave.identity_ca else ())

@@ -121,7 +121,7 @@ class _Search:
     def of(self, enclave: Enclave, profiles: Profiles) -> Iterator[EnclaveDrift]:
         """Where the enclave's rights are others than the policy has them."""
         meant = policy_grant(profiles)
-        certificate = enclave.certificate.first if enclave.certificate else None
+        certificate = enclave.identity
         doubt = self._doubt(enclave)
         if doubt is not None:
             self.undecided.append(doubt)

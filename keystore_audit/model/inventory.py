@@ -112,7 +112,7 @@ def certified_again(keystore: Keystore) -> Iterator[tuple[Enclave, tuple[Certifi
         known.setdefault(certificate.key, {}).setdefault(certificate.sha256, certificate)
     firsts = {e.certificate.first.sha256 for e in keystore.enclaves if e.certificate and e.certificate.first}
     for enclave in keystore.enclaves:
-        first = enclave.certificate.first if enclave.certificate else None
+        first = enclave.identity
         others = [c for c in known.get(first.key, {}).values() if c.sha256 not in firsts] if first is not None else []
         if others:
             yield enclave, tuple(others)

@@ -102,7 +102,7 @@ class _Roles:
         self.identity_cas: dict[str, int] = {}
         self.permissions_cas: dict[str, int] = {}
         for enclave in keystore.enclaves:
-            first = enclave.certificate.first if enclave.certificate else None
+            first = enclave.identity
             if first is not None:
                 self.identities.setdefault(first.sha256, []).append(enclave.path)
             _count(self.identity_cas, enclave.identity_ca.certificates if enclave.identity_ca else ())

@@ -44,7 +44,7 @@ class Sight(NamedTuple):
 
 def sight_of(enclave: Enclave) -> Sight:
     """What is to be seen of the enclave."""
-    certificate, key = enclave.certificate.first if enclave.certificate else None, enclave.key
+    certificate, key = enclave.identity, enclave.key
     seen = None
     if certificate is not None:
         seen = bool(certificate.unknown_critical), certificate.key_kind, certificate.signature_algorithm

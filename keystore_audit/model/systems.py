@@ -344,7 +344,7 @@ class SystemBuilder:
         )
 
     def _identity(self, enclave: Enclave) -> int | None:
-        first = enclave.certificate.first if enclave.certificate else None
+        first = enclave.identity
         return None if first is None else self._number[first.sha256]
 
     @cached_property

@@ -141,7 +141,7 @@ class Usabilities:
         if shared is None:
             shared = self._shared[sight, kind] = tuple(tuple(each) for each in self._shared_refusals(sight, profile))
         of_key, of_authorities, of_governance = shared
-        certificate = enclave.certificate.first if enclave.certificate else None
+        certificate = enclave.identity
         issued = _chain_refusals(enclave, certificate, profile.trust) if certificate is not None else ()
         signed = self._document_refusals(Role.PERMISSIONS, enclave.permissions, enclave.permissions_ca, profile)
         return (*of_key, *issued, *of_authorities, *signed, *of_governance)
@@ -171,7 +171,7 @@ class Usabilities:
         return found
 
     def _dates(self, enclave: Enclave, profile: Profile) -> _Dated:
-        certificate = enclave.certificate.first if enclave.certificate else None
+        certificate = enclave.identity
         file, trust = enclave.identity_ca, profile.trust
         issued = file is not None and certificate is not None and is_issued(file, certificate, trust, None)
         authority = enclave.permissions_ca.first if enclave.permissions_ca else None

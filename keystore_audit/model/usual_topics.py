@@ -71,7 +71,7 @@ def unusual(
     """
     for enclave in enclaves:
         document = enclave.permissions.permissions if enclave.permissions else None
-        first = enclave.certificate.first if enclave.certificate else None
+        first = enclave.identity
         grants = document.grants if document is not None and first is not None else ()
         grant = next((each for each in grants if first is not None and each.subject_name.text == first.subject), None)
         if grant is None or enclave.permissions is None or not any(rule.allow for rule in grant.rules):
