@@ -120,6 +120,7 @@ def test_a_flow_that_is_expected_and_not_there_is_asked_about_alone() -> None:
     assert alone >= 4
 
 
+@pytest.mark.usefixtures("resident_analyzer")
 @pytest.mark.parametrize("says", [Status.HOLDS, Status.VIOLATED, Status.UNKNOWN])
 def test_an_expectation_is_no_answer(says: Status, analyzer: Engine) -> None:
     wrong = {prop.id: says for prop in PROPERTIES}
@@ -174,6 +175,7 @@ def test_other_conditions_are_left_as_they_are(condition: str) -> None:
     assert without_last(condition) == condition
 
 
+@pytest.mark.usefixtures("resident_analyzer")
 def test_witnesses_of_a_joint_command_are_violations(tmp_path: Path, analyzer: Engine) -> None:
     """Each makes its condition false, in systems of one realm and of several."""
     modules = shipped()

@@ -21,6 +21,8 @@ from tests.oracles.smime.stricter import Reason, listed
 
 ROWS = [line.split("\t") for line in TABLE.read_text(encoding="utf-8").splitlines()[1:]]
 
+pytestmark = pytest.mark.xdist_group("smime-corpus")  # every message is compared once
+
 
 @pytest.fixture(scope="module")
 def oracle_running(oracle: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Oracle]:

@@ -14,6 +14,8 @@ from tests.oracles.vendors.pairs_measured import CASES, measured, outcomes
 from tests.oracles.vendors.remote_ours import answers
 from tests.oracles.xml.parsers import require_measured_versions
 
+pytestmark = pytest.mark.xdist_group("vendors-pairs")  # the programs are compiled once
+
 
 @pytest.fixture(scope="module")
 def vendors(oracle: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Pairs]]:

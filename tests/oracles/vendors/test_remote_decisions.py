@@ -15,6 +15,8 @@ from tests.oracles.vendors.remote_ours import effective
 from tests.oracles.vendors.remote_reference import accepted_by_cyclone, accepted_by_fastdds
 from tests.oracles.xml.parsers import require_measured_versions
 
+pytestmark = pytest.mark.xdist_group("vendors-pairs")  # every keystore is asked about once
+
 SEEDS = (*range(50), 58, 61, 64, 81, 104)
 """Each a keystore that both vendors are asked about: 4,400 decisions. After the first 50, those that found faults."""
 

@@ -77,8 +77,18 @@ def running(find: Callable[[str], str], directory: Path) -> Iterator[Parsers]:
         yield Parsers(stack.enter_context(_started(tinyxml2)), stack.enter_context(_started(cyclone)))
 
 
+_made: dict[tuple[str, ...], Path] = {}
+"""What was compiled already, for another module of tests: a program in C++ takes two to six seconds."""
+
+
 def compiled(compiler: str, source: str | Path, directory: Path, *libraries: str) -> Path:
-    """The program made of `source` (a path, or a name here); without a library the test skips, in CI it fails."""
+    """The program made of `source` (a path, or a name here); without a library the test skips, in CI it fails.
+
+    In `directory`, or where it was made before.
+    """
+    asked = (compiler, str(source), *libraries)
+    if asked in _made:
+        return _made[asked]
     program = directory / Path(source).stem
     options = ("-O1", "-Wall", "-Wextra", "-Werror", f"-I{_SOURCES}")  # for document_stream.h
     command = [compiler, *options, "-o", str(program), str(_SOURCES / source), *libraries]
@@ -88,6 +98,7 @@ def compiled(compiler: str, source: str | Path, directory: Path, *libraries: str
         if IN_CI:
             pytest.fail(missing)
         pytest.skip(missing)
+    _made[asked] = program
     return program
 
 
