@@ -20,7 +20,7 @@ from keystore_audit.given import GivenFile
 from keystore_audit.intent.environment import Environment, read_environment
 from keystore_audit.intent.intent import Intent, Origin
 from keystore_audit.intent.observed import read_observed
-from keystore_audit.keystore.identity import Identity
+from keystore_audit.keystore.identity import Beside
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.interpret import interpret
@@ -58,11 +58,9 @@ def audit(
     options: Options,
     *,
     progress: Progress | None = None,
-    elsewhere: Sequence[Identity] | None = None,
+    beside: Beside | None = None,
 ) -> Report:
-    """Audits the keystore at `path`; `elsewhere`: the identities of other keystores, to be compared with its own.
-
-    Of those, the ones that may be its own too are enough; None: there are no other keystores.
+    """Audits the keystore at `path`; `beside`: what is known of the other keystores of a run, None: there are none.
 
     Raises errors.NothingToAudit where there is none, errors.UsageError for an unknown profile, for a graph or launch
     file that is none, or for findings that are accepted for too long. Whatever is wrong with the keystore or an engine
@@ -119,7 +117,7 @@ def audit(
         expires_within=options.expires_within,
         deployed=options.deployed,
         profiles=profiles,
-        elsewhere=None if elsewhere is None else tuple(elsewhere),
+        beside=beside,
         environment=environment,
         observed=_compared(intents, keystore, profiles, accesses, options),
         acceptances=accepted,

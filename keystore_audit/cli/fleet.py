@@ -210,7 +210,7 @@ class _Run:
             Task(
                 root=path,
                 options=self.options,
-                elsewhere=None,
+                beside=None,
                 explain=explain,
                 make=Make(
                     path=path,

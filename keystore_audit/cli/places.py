@@ -51,7 +51,7 @@ def found(named: Sequence[str], *, recursive: bool) -> Found:
 
     if not recursive:
         return Found(keystores=tuple(named), unseen=())
-    searched = [find_keystores(directory) for directory in named]
+    searched = [find_keystores(directory, beside=named) for directory in named]
     once = {os.path.realpath(path): path for each in reversed(searched) for path in reversed(each.keystores)}
     chosen = set(once.values())
     return Found(

@@ -10,6 +10,7 @@ from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_USAGE, UsageError
 from keystore_audit.fleet.executor import Executor, Lost
 from keystore_audit.fleet.shared import Identities
 from keystore_audit.fleet.task import Audited, Known, Task, carry_out, identify
+from keystore_audit.keystore.identity import Beside
 
 Step = Callable[[str, int], None]
 """Told of each step: its name, and how many keystores it is done with."""
@@ -20,7 +21,7 @@ AUDITING = "auditing"
 
 @dataclass(slots=True)
 class Fleet:
-    """The keystores of a run. `tasks` have no `elsewhere` yet; `identities` are there once the audits have begun.
+    """The keystores of a run. `tasks` have no `beside` yet; `identities` are there once the audits have begun.
 
     `compared`: identities are read, which a single keystore needs only for tables.
     """
@@ -66,8 +67,16 @@ class Fleet:
         self.identities.add(number, known.place, known.identities, known.named)
 
     def _task(self, number: int) -> Task:
-        several = len(self.tasks) > 1
-        return replace(self.tasks[number], elsewhere=self.identities.shared_with(number) if several else None)
+        if len(self.tasks) == 1:
+            return self.tasks[number]
+        return replace(
+            self.tasks[number],
+            beside=Beside(
+                shared=self.identities.shared_with(number),
+                compared=self.identities.of(number),
+                apart=self.identities.within(number),
+            ),
+        )
 
     def _lost(self, number: int, reason: str) -> Audited:
         return Audited(exit_code=EXIT_INCOMPLETE, error=f"{self.tasks[number].root}: nothing is decided. {reason}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
@@ -11,9 +11,6 @@ from keystore_audit.keystore.layout import Role, keeps_enclaves_apart, starts_by
 
 _ENCLAVES: Final = "enclaves"
 """The folder that makes a directory a keystore since Foxy."""
-
-_SHARED: Final = frozenset(("public", "private"))
-"""The other folders that such a keystore has."""
 
 _FILES: Final = frozenset(
     (
@@ -30,23 +27,24 @@ class Found:
     """What is below a directory, in order of path; paths begin with the directory as it was given.
 
     `keystores`: each to be audited. `unseen`: what was not looked into, with the reason: directories that cannot be
-    listed, and links to directories outside, which are not followed.
+    listed, and links to directories that are not searched, which are not followed.
     """
 
     keystores: tuple[str, ...]
     unseen: tuple[tuple[str, str], ...]
 
 
-def find_keystores(directory: str) -> Found:
+def find_keystores(directory: str, *, beside: Sequence[str] = ()) -> Found:
     """The topmost directories at or below `directory` that hold `enclaves`, or a file of an enclave or an authority.
 
     Nothing is left out silently: where such a file is, it belongs to one of the keystores found or is in `unseen`.
-    Folders of single enclaves that lie side by side are keystores of their own. So is a whole keystore, or an enclave
-    with all its files, in a keystore whose own enclaves lie below enclaves/: the audit of that one judges no others.
+    Folders of single enclaves that lie side by side are keystores of their own. So is a keystore, or an enclave even
+    where files of it are missing, in a keystore whose own enclaves lie below enclaves/: the audit of that one judges
+    no others. `beside`: other directories that are searched, into which links may lead.
     """
     keystores: list[str] = []
     unseen: list[tuple[str, str]] = []
-    inside = os.path.realpath(directory)
+    searched = [os.path.realpath(each) for each in (directory, *beside)]
     stack = [(directory, False)]
     while stack:
         place, within = stack.pop()
@@ -62,19 +60,14 @@ def find_keystores(directory: str) -> Found:
             if not keeps_enclaves_apart(names):
                 continue  # whatever is below is one of its enclaves
             within = True
-            entries = [entry for entry in entries if not _judged(entry)]
+            entries = [entry for entry in entries if entry.name != _ENCLAVES]  # its audit judges those
         below = [entry for entry in entries if entry.is_dir(follow_symlinks=False)]
         stack.extend((entry.path, within) for entry in reversed(below))
-        unseen.extend(_links_out(entries, inside))
+        unseen.extend(_links_out(entries, searched))
     return Found(keystores=tuple(keystores), unseen=tuple(unseen))
 
 
-def _judged(entry: os.DirEntry[str]) -> bool:
-    """Whether the audit of the keystore that holds it judges all that it leads to, or says that it does not."""
-    return entry.name == _ENCLAVES or (entry.name in _SHARED and entry.is_symlink())
-
-
-def _links_out(entries: list[os.DirEntry[str]], inside: str) -> Iterator[tuple[str, str]]:
+def _links_out(entries: list[os.DirEntry[str]], searched: list[str]) -> Iterator[tuple[str, str]]:
     """Links to directories that are not looked through in their own place; those that lead nowhere are none."""
     for entry in entries:
         if not entry.is_symlink():
@@ -84,5 +77,6 @@ def _links_out(entries: list[os.DirEntry[str]], inside: str) -> Iterator[tuple[s
         except OSError as error:  # in a directory that is closed, or a circle: nobody knows what is there
             yield entry.path, f"a link: {error.strerror or error}"
             continue
-        if directory and os.path.commonpath((inside, os.path.realpath(entry.path))) != inside:
+        target = os.path.realpath(entry.path)
+        if directory and not any(os.path.commonpath((inside, target)) == inside for inside in searched):
             yield entry.path, "a link to a directory elsewhere, which is not followed"

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections import defaultdict
 from collections.abc import Collection, Sequence
+from pathlib import Path
 
+from keystore_audit.keystore.descent import display
 from keystore_audit.keystore.identity import Identity, alike
 
 
@@ -13,6 +16,7 @@ class Identities:
 
     def __init__(self) -> None:
         self._places: dict[int, str] = {}
+        self._inside: defaultdict[str, set[str]] = defaultdict(set)
         self._own: dict[int, tuple[Identity, ...]] = {}
         self._named: dict[int, Collection[str]] = {}
         self._by_key: defaultdict[str, set[int]] = defaultdict(set)
@@ -22,6 +26,8 @@ class Identities:
         """Take in those of a keystore; `place`: its directory, links resolved; `named`: whom grants name there."""
         self._places[number] = place
         self._named[number] = named
+        for parent in Path(place).parents:
+            self._inside[str(parent)].add(place)
         self._own[number] = tuple(identities)
         for identity in identities:
             self._by_key[identity.key].add(number)
@@ -31,6 +37,12 @@ class Identities:
     def of(self, number: int) -> tuple[Identity, ...]:
         """Those of one keystore."""
         return self._own.get(number, ())
+
+    def within(self, number: int) -> frozenset[str]:
+        """The keystores in the directory of one: where they lie in it, as `layout.Nested.path`."""
+        here = self._places[number]
+        inside = (os.path.relpath(place, here) for place in self._inside.get(here, ()))
+        return frozenset(display(os.fsencode(place)) for place in inside)
 
     def shared_with(self, number: int) -> tuple[Identity, ...]:
         """Those of other keystores that have a key, or a subject under one authority, with this one in common.

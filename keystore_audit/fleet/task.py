@@ -14,7 +14,7 @@ from typing import Any, Final
 from keystore_audit import __version__
 from keystore_audit.dataclass import dataclass, field
 from keystore_audit.errors import EXIT_INCOMPLETE, AuditError
-from keystore_audit.keystore.identity import Identity, read_identities
+from keystore_audit.keystore.identity import Beside, Identity, read_identities
 from keystore_audit.options import Options, Progress
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
@@ -31,14 +31,14 @@ _ALONE = Lock()
 class Task:
     """A keystore to be audited.
 
-    `elsewhere`: identities of other keystores that it may share, None where there are no others. `make`: what to make
-    of the report where it is made. `explain`: says a fault of this program in a sentence. Both, and `options`, go to
+    `beside`: what is known of the other keystores, None where there are none. `make`: what to make of the report where
+    it is made. `explain`: says a fault of this program in a sentence. Both, and `options`, go to
     other processes. `version`: of this package where the task comes from.
     """
 
     root: str
     options: Options
-    elsewhere: tuple[Identity, ...] | None
+    beside: Beside | None
     make: Callable[[Report], Any]
     explain: Callable[[Exception], str]
     progress: Progress | None = None
@@ -70,7 +70,10 @@ class Known:
 
 
 def identify(task: Task) -> Known:
-    """Read the identities of a keystore; of one that cannot be read none, since its audit says why."""
+    """Read the identities of a keystore; of one that cannot be read none, since its audit says why.
+
+    An audit that reads others all the same is incomplete (KA666).
+    """
     place = os.path.realpath(task.root)
     if task.version != __version__:
         return Known(place=place, identities=(), error=_other_version(task))
@@ -78,7 +81,7 @@ def identify(task: Task) -> Known:
         with _ALONE:
             identities, named = read_identities(task.root)
             return Known(place=place, identities=identities, named=named)
-    except Exception:  # noqa: BLE001 - its audit takes the same steps and meets the same fault
+    except Exception:  # noqa: BLE001 - its audit takes the same steps, and compares what it meets
         return Known(place=place, identities=())
 
 
@@ -89,7 +92,7 @@ def carry_out(task: Task) -> Audited:
     try:
         with _ALONE:
             _forget_now_and_then()
-            report = audit(task.root, task.options, progress=task.progress, elsewhere=task.elsewhere)
+            report = audit(task.root, task.options, progress=task.progress, beside=task.beside)
             return Audited(exit_code=report.exit_code, made=task.make(report))
     except AuditError as error:
         return Audited(exit_code=error.exit_code, error=error.message)

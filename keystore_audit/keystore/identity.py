@@ -10,8 +10,9 @@ from itertools import islice
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
-from keystore_audit.keystore.certificate import Certificate, CertificateFile, read_certificates
+from keystore_audit.keystore.certificate import CertificateFile, read_certificates
 from keystore_audit.keystore.files import File, Status
+from keystore_audit.keystore.keystore import Keystore, with_subject_as_path
 from keystore_audit.keystore.layout import Role, discover
 from keystore_audit.keystore.root import Root
 
@@ -48,6 +49,20 @@ class Identity:
         return f"{self.root.rstrip('/')}/{self.path}"
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Beside:
+    """What a run over several keystores knows when it comes to one of them.
+
+    `shared`: identities of the others, at least those that are found in this one too, and those that grants name here
+    under an authority of this one. `compared`: its own, as they were when they were compared. `apart`: folders in it
+    that the run audits by themselves, as in `layout.Nested.path`.
+    """
+
+    shared: tuple[Identity, ...]
+    compared: tuple[Identity, ...]
+    apart: frozenset[str] = frozenset()
+
+
 def read_identities(path: str | os.PathLike[str]) -> tuple[tuple[Identity, ...], frozenset[str]]:
     """The identities of the enclaves in the directory `path` whose certificates can be read, and the subjects that
     their permissions seem to name: documents are searched, not verified.
@@ -56,14 +71,13 @@ def read_identities(path: str | os.PathLike[str]) -> tuple[tuple[Identity, ...],
     """
     with Root.open(path) as root:
         read = _reader()
-        found = []
-        enclaves = discover(root).enclaves
-        for files in enclaves:
-            own, authority = (read(files.files[role]) for role in (Role.CERTIFICATE, Role.IDENTITY_CA))
-            if own is not None and own.first is not None:
-                keys = frozenset(certificate.key for certificate in (authority.certificates if authority else ()))
-                found.append(_identity(root.path, files.path, own.first, keys))
-        return tuple(found), frozenset(islice(_named(files.files[Role.PERMISSIONS] for files in enclaves), MAX_NAMED))
+        layout = discover(root)
+        roles = (Role.CERTIFICATE, Role.IDENTITY_CA)
+        certificates = [{role: read(files.files[role]) for role in roles} for files in layout.enclaves]
+        enclaves = zip(with_subject_as_path(layout, certificates).enclaves, certificates, strict=True)
+        found = (_identity(root.path, files.path, *(read[role] for role in roles)) for files, read in enclaves)
+        documents = (files.files[Role.PERMISSIONS] for files in layout.enclaves)
+        return _known(found), frozenset(islice(_named(documents), MAX_NAMED))
 
 
 def _named(documents: Iterable[File]) -> Iterator[str]:
@@ -72,7 +86,23 @@ def _named(documents: Iterable[File]) -> Iterator[str]:
             yield match[1].decode("utf-8", "replace").strip()
 
 
-def _identity(root: str, enclave: str, certificate: Certificate, authorities: frozenset[str]) -> Identity:
+def identities_of(keystore: Keystore) -> tuple[Identity, ...]:
+    """The same of a keystore that was read as a whole: equal to what is read alone, if nobody writes meanwhile."""
+    found = (_identity(keystore.root, each.path, each.certificate, each.identity_ca) for each in keystore.enclaves)
+    return _known(found)
+
+
+def _known(found: Iterable[Identity | None]) -> tuple[Identity, ...]:
+    return tuple(identity for identity in found if identity is not None)
+
+
+def _identity(
+    root: str, enclave: str, own: CertificateFile | None, authority: CertificateFile | None
+) -> Identity | None:
+    """The identity in a file of certificates, None where none can be read."""
+    certificate = None if own is None else own.first
+    if certificate is None:
+        return None
     return Identity(
         root=root,
         enclave=enclave,
@@ -84,7 +114,7 @@ def _identity(root: str, enclave: str, certificate: Certificate, authorities: fr
         issuer=certificate.issuer,
         not_before=certificate.not_before,
         not_after=certificate.not_after,
-        authorities=authorities,
+        authorities=frozenset(each.key for each in (authority.certificates if authority is not None else ())),
     )
 
 

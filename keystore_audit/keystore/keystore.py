@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Final, TypeVar
 
 from cryptography.x509.oid import NameOID
@@ -97,7 +97,7 @@ def read_keystore(
         layout = discover(root)
         reader = _Reader(root)
         certificates = [reader.certificates_of(files) for files in layout.enclaves]
-        layout = _with_subject_as_path(layout, certificates)
+        layout = with_subject_as_path(layout, certificates)
         authorities = _distinct(reader.certificates(file) for file in layout.authorities)
         candidates = _candidates(certificates, authorities)
         enclaves: list[Enclave] = []
@@ -306,7 +306,7 @@ def _candidates(enclaves: list[_CertificatesOf], authorities: tuple[CertificateF
     return Candidates(found.values())
 
 
-def _with_subject_as_path(layout: Layout, certificates: list[_CertificatesOf]) -> Layout:
+def with_subject_as_path(layout: Layout, certificates: Sequence[Mapping[Role, CertificateFile | None]]) -> Layout:
     """Name a single enclave's folder, and what is below it, by its certificate (design section 3)."""
     if layout.kind is not LayoutKind.ENCLAVE:
         return layout

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from collections.abc import Set as AbstractSet
 from enum import Enum
-from typing import Final
+from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import NothingToAudit
@@ -59,6 +59,15 @@ class EnclaveFiles:
         return (*self.files.values(), *self.pkcs11.values(), *self.unsigned.values())
 
 
+class Nested(NamedTuple):
+    """A folder that is a keystore or an enclave of its own where the keystore around it has none; `path` as in
+    `File.path`. `startable`: it holds enclaves/, or certificate and key: a participant can be started from it.
+    """
+
+    path: str
+    startable: bool
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
     """A keystore's directory as discovered.
@@ -73,7 +82,7 @@ class Layout:
     the directory that went beyond it, and nothing after it in order of path was looked at.
     `expected`: what a complete keystore of this kind would hold and this one lacks, in words.
     `provisioning`: paths of files that only making a keystore needs, by their names.
-    `nested`: the topmost folders that are keystores or enclaves of their own where this keystore has none.
+    `nested`: the topmost such folders, in order of path; the root (`.`) for an enclave's files beside enclaves/.
     `folders`: those from the root down to what enclaves read and to the authorities' certificates, links on the way
     there among it: whoever may write in one can put something else into the place of what it leads to.
     """
@@ -88,7 +97,7 @@ class Layout:
     unreadable_directories: tuple[File, ...]
     expected: tuple[str, ...]
     provisioning: tuple[str, ...] = ()
-    nested: tuple[str, ...] = ()
+    nested: tuple[Nested, ...] = ()
     folders: tuple[File, ...] = ()
 
 
@@ -120,6 +129,9 @@ _COMPLETE: Final = tuple(
     if role is not Role.CRL
 )
 """What each file of an enclave that can start may be called, in any layout."""
+
+_CERTIFICATE: Final = frozenset({_NAMES[Role.CERTIFICATE], _PKCS11_NAMES[Role.CERTIFICATE]})
+_KEY: Final = frozenset({_NAMES[Role.KEY], _PKCS11_NAMES[Role.KEY]})
 
 _PROVISIONING: Final = re.compile(
     # Unsigned documents, policies, and what `openssl ca` and `openssl req` leave behind, as sros2 calls them.
@@ -166,8 +178,11 @@ def discover(root: Root) -> Layout:
 
 
 def starts_by_itself(names: AbstractSet[bytes]) -> bool:
-    """Whether a folder with these names is a keystore since Foxy, or an enclave with all its files."""
-    return b"enclaves" in names or all(names & role for role in _COMPLETE)
+    """Whether a folder with these names is a keystore since Foxy, or an enclave, whole or not (what lacks a file has to
+    fail somewhere): somebody's certificate or key beside one more file of an enclave.
+    """
+    own = names & (_CERTIFICATE | _KEY)
+    return b"enclaves" in names or bool(own and sum(bool(names & role) for role in _COMPLETE) > 1)
 
 
 def keeps_enclaves_apart(names: AbstractSet[bytes]) -> bool:
@@ -338,16 +353,18 @@ def _provisioning(tree: _Tree) -> Iterator[str]:
                 yield display(_below(place, name))
 
 
-def _nested(tree: _Tree, kind: LayoutKind) -> Iterator[str]:
+def _nested(tree: _Tree, kind: LayoutKind) -> Iterator[Nested]:
     """In the other layouts every such folder is an enclave of the keystore itself."""
     found: bytes | None = None
     for place in tree.listings if kind is LayoutKind.SROS2 else ():
-        own = not place or (place + b"/").startswith(b"enclaves/")
+        own = (place + b"/").startswith(b"enclaves/")
         if own or (found is not None and place.startswith(found + b"/")):
             continue
-        if starts_by_itself(tree.names(place)):
-            found = place
-            yield display(place)
+        names = tree.names(place) - (set() if place else {b"enclaves"})
+        if starts_by_itself(names):
+            found = place or None  # an enclave in the root hides nothing below it
+            startable = b"enclaves" in names or bool(names & _CERTIFICATE and names & _KEY)
+            yield Nested(path=display(place), startable=startable)
 
 
 def _folders(tree: _Tree, authorities: Iterable[File], enclaves: Iterable[EnclaveFiles]) -> Iterator[File]:

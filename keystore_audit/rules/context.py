@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.intent.environment import Environment
-from keystore_audit.keystore.identity import Identity
+from keystore_audit.keystore.identity import Beside
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.profiles import Profile
@@ -37,10 +37,8 @@ class Context:
     expires_within: timedelta
     deployed: bool
     profiles: tuple[Profile, ...]
-    elsewhere: tuple[Identity, ...] | None = None
-    """The identities of the other keystores of this run, at least those that are found here too, and those that grants
-    name here under an authority of this one; None: no others.
-    """
+    beside: Beside | None = None
+    """The other keystores of this run; None: there are none."""
     environment: Environment | None = None
     """What the robots' processes start with; None where no file says so."""
     drift: Drift | None = None

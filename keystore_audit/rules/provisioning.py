@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.certificate import Certificate
-from keystore_audit.keystore.identity import Identity, alike
+from keystore_audit.keystore.identity import Identity, alike, identities_of
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.rules.certificate import ISSUE_AGAIN
 from keystore_audit.rules.context import Context
@@ -115,17 +115,30 @@ def _long_grants(keystore: Keystore) -> Iterator[tuple[datetime, str, Location]]
     clause="DDS-Security 1.1, 9.3.1 (the identity of a participant); CWE-321",
     remedy="Give every robot keys and subjects of its own, for example /robot1/talker and /robot2/talker. "
     + ISSUE_AGAIN,
-    applies=lambda _keystore, context: context.elsewhere is not None,
+    applies=lambda _keystore, context: context.beside is not None,
 )
 def identity_shared_by_robots(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An enclave here and one in another keystore of this run have one identity key, or one subject under one CA.
 
     With one key, whoever takes one robot passes for the other, and revoking one certificate stops both. With one
     subject (medium), a grant for either is one for both: peers find grants by subject. Only keystores that are audited
-    together are compared.
+    together are compared. Identities are read for that before the audits begin; if an audit then reads others, it is
+    incomplete.
     """
+    beside = context.beside
+    if beside is None:
+        return
+    if beside.compared != identities_of(keystore):
+        yield Violation(
+            message="The identities here are not those that were compared with the other keystores', moments before: "
+            "who shares them is unknown.",
+            locations=(Location(path="."),),
+            remedy="Run the audit again while nobody writes into the keystore.",
+            undecided=True,
+            key="changed",
+        )
     by_key, by_subject = defaultdict(list), defaultdict(list)
-    for other in context.elsewhere or ():
+    for other in beside.shared:
         by_key[other.key].append(other)
         by_subject[other.subject_alike].append(other)
     same_key: list[_Shared] = []

@@ -260,25 +260,30 @@ def _identity_at(each: Admitted) -> Iterator[Location]:
     Severity.MEDIUM,
     on=Keystore,
     clause="ros2/rmw_dds_common, security.cpp (enclaves lie in the folder enclaves/ of the keystore that is named)",
-    remedy="Audit it by itself, by its own path or with `-r`, which audits what lies in keystores too. Then move it "
-    "out: whoever has this keystore has its private keys.",
+    remedy="Audit this keystore with `-r`, which audits what lies in it too. Then move it out: whoever has this "
+    "keystore has its private keys.",
 )
-def keystore_inside_keystore(keystore: Keystore, _context: Context) -> Iterator[Violation]:
-    """Outside enclaves/ lies another keystore, or an enclave with all its files, and this audit does not judge it.
+def keystore_inside_keystore(keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """Outside enclaves/ lies another keystore or an enclave, whole or not, and this audit does not judge it.
 
     A run time that is told of that folder uses it. Its documents and identities count here as far as peers of this
-    keystore take them (KA660, KA661, KA668); its own governance, authorities and rights are judged by no rule. In
-    layouts before Foxy such a folder is an enclave of the keystore itself.
+    keystore take them (KA660, KA661, KA668); its own governance, authorities and rights are judged by no rule. So the
+    audit is incomplete where somebody can be started from it (it holds enclaves/, or a certificate and a private key)
+    and the same run does not audit it. In layouts before Foxy such a folder is an enclave of the keystore itself: one
+    that gets enclaves/ and public/ beside its enclaves is of the newer layout, and these are judged no more.
     """
     nested = keystore.layout.nested
     if nested:
         one = len(nested) == 1
+        folders = [each.path for each in nested]
+        apart = context.beside.apart if context.beside is not None else frozenset()
         yield Violation(
-            message=f"{listed(nested)} {'is a keystore or an enclave' if one else 'are keystores or enclaves'} of "
+            message=f"{listed(folders)} {'is a keystore or an enclave' if one else 'are keystores or enclaves'} of "
             f"{'its' if one else 'their'} own outside enclaves/: what {'it' if one else 'they'} would let anybody do "
             "was not judged here.",
-            locations=places(Location(path=path) for path in nested),
-            key="\n".join(nested),
+            locations=places(Location(path=path) for path in folders),
+            undecided=any(each.startable and each.path not in apart for each in nested),
+            key="\n".join(folders),
         )
 
 

@@ -47,13 +47,24 @@ def touch(root: Path, *paths: str) -> None:
         (root / path).touch()
 
 
-def test_keystores_and_whole_enclaves_in_a_keystore_are_found_too(tmp_path: Path) -> None:
+def test_keystores_and_enclaves_in_a_keystore_are_found_too(tmp_path: Path) -> None:
     whole = ("cert.pem", "key.p11", "permissions.p7s", "governance.p7s", "ca.cert.pem")
     touch(tmp_path, "enclaves/robot0/enclaves/talker/cert.pem", "public/ca.cert.pem", "private/ca.key.pem")
     touch(tmp_path, "public/robot1/enclaves/talker/cert.pem", "old/robot1/robot2/enclaves/listener/cert.pem")
     touch(tmp_path, *(f"old/talker/{name}" for name in whole))
-    touch(tmp_path, *(f"old/half/{name}" for name in whole[1:]))  # nobody can be started from it
-    assert names(tmp_path) == [".", "old/robot1/robot2", "old/talker", "public/robot1"]
+    touch(tmp_path, *(f"old/half/{name}" for name in whole[1:]))
+    touch(tmp_path, "old/documents/permissions.p7s", "old/documents/governance.p7s", "old/lone/cert.pem")  # of nobody
+    assert names(tmp_path) == [".", "old/half", "old/robot1/robot2", "old/talker", "public/robot1"]
+
+
+def test_a_keystore_laid_around_an_enclave_takes_no_audit_from_it(tmp_path: Path) -> None:
+    """Whatever one of its files is missing: then its audit fails, and that is what somebody may want to hide."""
+    for left_out in RUN_TIME:
+        place = tmp_path / left_out
+        touch(place, *(f"robot/{name}" for name in RUN_TIME if name != left_out))
+        assert names(place) == ["robot"]
+        touch(place, "enclaves/talker/cert.pem", "public/ca.cert.pem")
+        assert names(place) == [".", "robot"]
 
 
 def test_before_foxy_whatever_is_below_is_an_enclave(tmp_path: Path) -> None:
@@ -66,11 +77,14 @@ def test_before_foxy_whatever_is_below_is_an_enclave(tmp_path: Path) -> None:
 
 def test_a_link_out_of_a_keystore_is_said(tmp_path: Path) -> None:
     touch(tmp_path, "outside/enclaves/talker/cert.pem", "robot/enclaves/talker/cert.pem")
-    for name in ("robot/robot1", "robot/public", "robot/enclaves/more"):
+    for name in ("robot/robot1", "robot/public", "robot/private", "robot/enclaves/more"):
         (tmp_path / name).symlink_to(tmp_path / "outside")
     found = find_keystores(str(tmp_path / "robot"))
     assert found.keystores == (str(tmp_path / "robot"),)
-    assert [path for path, _reason in found.unseen] == [f"{tmp_path}/robot/robot1"]  # the others are its audit's
+    said = [os.path.relpath(path, tmp_path / "robot") for path, _reason in found.unseen]
+    assert said == ["private", "public", "robot1"]  # the other is its audit's
+    named = find_keystores(str(tmp_path / "robot"), beside=[str(tmp_path / "outside")])
+    assert named.unseen == ()
 
 
 paths = st.lists(
@@ -94,7 +108,8 @@ def test_every_file_of_an_enclave_has_its_audit(tmp_path_factory: pytest.TempPat
         within = [other for other in found if path in other.parents]
         topmost = {other for other in within if not any(between in other.parents for between in within)}
         with suppress(NothingToAudit), Root.open(path) as opened:
-            assert {path / place for place in discover(opened).nested} == topmost
+            nested = {path / each.path for each in discover(opened).nested}
+            assert nested - {path} == topmost  # an enclave in its root beside enclaves/ has none
 
 
 def test_a_link_that_leads_out_is_said_and_one_within_is_not(tmp_path: Path) -> None:

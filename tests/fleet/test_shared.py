@@ -38,6 +38,19 @@ def have_in_common(one: Identity, other: Identity) -> bool:
     return one.key == other.key or (one.subject == other.subject and bool(one.authorities & other.authorities))
 
 
+def test_what_lies_in_a_keystore_is_known_by_its_place_in_it() -> None:
+    known = Identities()
+    for number, place in enumerate(["/k", "/k/a b", "/k/a b/c", "/k2", "/k"]):
+        known.add(number, place, ())
+    assert [sorted(known.within(number)) for number in range(5)] == [
+        ["a b", "a b/c"],
+        ["c"],
+        [],
+        [],
+        ["a b", "a b/c"],
+    ]
+
+
 @given(fleets)
 def test_those_and_only_those_that_are_alike_are_given(fleet: list[tuple[str, list[Identity]]]) -> None:
     known = Identities()

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 from keystore_audit.access import Access
 from keystore_audit.findings import Finding, Severity
+from keystore_audit.fleet.task import Audited, Task
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.profiles import resolve
 from keystore_audit.model.question import Question
@@ -254,12 +255,13 @@ def test_an_identity_outside_enclaves_wants_a_key_and_a_right(fleet: Fleet, tmp_
         ({"certificate": "cert.pem"}, False),
         ({"one": "governance.p7s", "two": "identity_ca.cert.pem"}, True),  # whoever has the tree has others
     ):
+        startable = not {"key", "certificate"} & {*lacking}  # KA669
         place = tmp_path / "-".join(lacking) / "robot"
         root = fleet.robot(place)
         moved("/gripper", **lacking)(fleet, root)
         assert (beside(root) == {"backup/cert.pem": Severity.HIGH}) is expected
         assert bool(beside(root)) is expected
-        assert report(root).exit_code == int(expected)
+        assert report(root).exit_code == (4 if startable else 0)
 
 
 def test_key_certificate_and_right_may_lie_anywhere(fleet: Fleet, tmp_path: Path) -> None:
@@ -352,12 +354,52 @@ def test_what_lies_below_enclaves_is_an_enclave_and_no_keystore(fleet: Fleet, tm
     "name",
     ["cert.pem", "key.pem", "identity_ca.cert.pem", "permissions_ca.cert.pem", "governance.p7s", "permissions.p7s"],
 )
-def test_a_folder_is_an_enclave_if_it_has_all_six_files(name: str, fleet: Fleet, tmp_path: Path) -> None:
+def test_a_folder_is_an_enclave_whichever_file_is_missing(name: str, fleet: Fleet, tmp_path: Path) -> None:
+    """Without a key or a certificate nobody can be started from it: no more than a finding."""
     root = fleet.robot(tmp_path / "robot")
     moved("/gripper")(fleet, root)
-    assert inside(root) == ["backup"]
+    assert (inside(root), report(root).exit_code) == (["backup"], 4)
     (root / "backup" / name).unlink()
+    assert inside(root) == ["backup"]
+    assert report(root).exit_code == (0 if name in ("cert.pem", "key.pem") else 4)
+
+
+@pytest.mark.parametrize("name", ["cert.pem", "key.pem"])
+def test_a_certificate_or_key_alone_is_no_enclave(name: str, fleet: Fleet, tmp_path: Path) -> None:
+    root = fleet.robot(tmp_path / "robot")
+    moved("/gripper")(fleet, root)
+    for file in (root / "backup").iterdir():
+        if file.name != name:
+            file.unlink()
     assert inside(root) == []
+
+
+def test_what_the_same_run_audits_leaves_nothing_open(fleet: Fleet, tmp_path: Path) -> None:
+    root = fleet.robot(tmp_path / "robot")
+    unpacked("robot2")(fleet, root)
+    (tmp_path / "way").symlink_to(root / "robot2")
+    own = ("--engine", "native", "--at", INSTANT, "--quiet")
+    assert answer("audit", root, *own)[0] == 4
+    assert answer("audit", "-r", root, *own)[0] == 0
+    assert answer("audit", root, tmp_path / "way", *own)[0] == 0
+    assert answer("audit", root, fleet.robot(tmp_path / "other", "/camera"), *own)[0] == 4
+
+
+def test_enclaves_of_an_older_layout_are_never_passed_over(fleet: Fleet, tmp_path: Path) -> None:
+    """A keystore before Foxy, or an enclave's own folder, and a good enclaves/ laid beside what fails."""
+    root = tmp_path / "robot"
+    shutil.move(fleet.robot(tmp_path / "made", "/talker") / "enclaves", root)
+    (root / "talker/permissions.p7s").write_bytes(fleet.document("/talker", "rt/a", signer=authority("permissionsCA")))
+    (root / "ca.cert.pem").write_bytes(fleet.identity.pem)
+    alone = tmp_path / "alone"
+    shutil.copytree(root / "talker", alone)
+    assert (report(root).exit_code, report(alone).exit_code) == (1, 1)
+    for place, named in ((root, ["talker"]), (alone, ["."])):
+        fleet.robot(place, "/listener")
+        (place / "public").mkdir()
+        assert (report(place).exit_code, inside(place)) == (4, named)
+    (root / "talker/governance.p7s").unlink()
+    assert (report(root).exit_code, inside(root)) == (4, ["talker"])
 
 
 TOPICS = ("rt/a", "rt/b", "rt/c", "rt/d", "rt/dd", "other")
@@ -400,6 +442,60 @@ def test_robots_share_keys_or_subjects_and_both_are_told(fleet: Fleet, tmp_path:
     assert (list(first), list(second)) == (["high"], ["high"])
     assert str(two) in first["high"]
     assert str(one) in second["high"]
+
+
+@pytest.mark.parametrize("swapped", ["cert.pem", "identity_ca.cert.pem"])
+def test_an_identity_that_changes_behind_the_comparison_is_no_pass(
+    swapped: str, fleet: Fleet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever writes into a keystore while the run goes on: what was compared is not what is audited."""
+    import keystore_audit.fleet.run
+
+    one, two = fleet.robot(tmp_path / "one", "/talker"), fleet.robot(tmp_path / "two", "/other")
+    really = keystore_audit.fleet.run.carry_out
+    target = two / "enclaves/other" / swapped
+
+    def later(task: Task) -> Audited:
+        content = (one / "enclaves/talker/cert.pem").read_bytes() if swapped == "cert.pem" else Fleet().identity.pem
+        target.write_bytes(content)
+        return really(task)
+
+    def audited() -> tuple[int, list[str]]:
+        code, out = answer("audit", one, two, "--engine", "native", "-f", "json", "--at", INSTANT)
+        reports = json.loads(out)["reports"]
+        return code, [f["message"] for each in reports for f in each["findings"] if f["code"] == "KA666"]
+
+    assert audited() == (0, [])
+    monkeypatch.setattr(keystore_audit.fleet.run, "carry_out", later)
+    code, (message,) = audited()
+    assert (code, "not those that were compared" in message) == (4, True)
+
+
+def test_identities_that_could_not_be_read_once_are_no_pass(
+    fleet: Fleet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where there were too many open files for a moment."""
+    from keystore_audit.fleet import task
+
+    one, two = fleet.robot(tmp_path / "one"), fleet.robot(tmp_path / "two", "/other")
+    asked = ("audit", one, two, "--engine", "native", "--at", INSTANT)
+    assert answer(*asked)[0] == 0
+
+    def fails(_path: str) -> None:
+        raise OSError(24, "Too many open files")
+
+    monkeypatch.setattr(task, "read_identities", fails)
+    assert answer(*asked)[0] == 4
+
+
+def test_an_enclave_alone_is_compared_under_its_own_name(fleet: Fleet, tmp_path: Path) -> None:
+    enclave = fleet.robot(tmp_path / "one", "/talker") / "enclaves/talker"
+    two = fleet.robot(tmp_path / "two", "/camera")
+    assert shared(enclave, two) == [{}, {}]
+    shutil.copytree(enclave, two / "enclaves/talker")
+    first, second = shared(enclave, two)
+    assert "/talker and /talker in" in first["high"]
+    assert "/talker and /talker in" in second["high"]
 
 
 def test_one_subject_counts_under_one_authority_alone(fleet: Fleet, tmp_path: Path) -> None:
