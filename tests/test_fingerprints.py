@@ -170,6 +170,25 @@ def differing(rule: DomainRule) -> Store:
     return replace(TWO, enclaves=(TALKER, replace(LISTENER, changes={"governance.p7s": signed})))
 
 
+def presented(*own: str) -> Store:
+    """The talker's own document lets it publish these topics; an older one of it lies about."""
+    old = Permissions(grants=(Grant(path="/talker", rules=(Rule(publish=("rt/chatter", "rt/cmd_vel", "rt/diag")),)),))
+    return replace(rights(*own), changes={"old/p": signed_by(PERMISSIONS_CA).smime(old.xml().encode())})
+
+
+def with_one_authority(*more: str) -> Store:
+    others = (enclave(path, Rule(publish=("rt/chatter",))) for path in more)
+    return replace(TWO, permissions_ca=IDENTITY_CA, enclaves=(*TWO.enclaves, *others))
+
+
+def apart(*paths: str) -> Store:
+    """Three enclaves, of which these trust another permissions CA."""
+    other = Certificate(key=Key(label="fingerprints other CA"), subject="otherCA", ca=True)
+    three = (*TWO.enclaves, enclave("/third", Rule(publish=("rt/chatter",))))
+    trusting = {"permissions_ca.cert.pem": other.pem()}
+    return replace(TWO, enclaves=tuple(replace(e, changes=trusting) if e.path in paths else e for e in three))
+
+
 EVERYTHING = Rule(publish=("*",), subscribe=("*",))
 
 
@@ -202,6 +221,8 @@ WORSE = {
     "KA109": (holding(Key(label="fingerprints unknown").pem()), holding(PERMISSIONS_CA.key.pem())),
     "KA219": (sharing("/one", key=True), sharing("/one", "/two", key=True)),
     "KA225": (sharing("/one", key=False), sharing("/one", "/two", key=False)),
+    "KA222": (with_one_authority(), with_one_authority("/third")),
+    "KA223": (apart("/third"), apart("/third", "/listener")),
     "KA228": (again("/spare"), again("/spare", "/listener")),
     "KA302": (self_signed("rt/chatter"), self_signed("rt/chatter", "rt/cmd_vel")),
     "KA416": (
@@ -227,14 +248,16 @@ WORSE = {
         rights(talker=(Rule(publish=(Criterion(topics=("rt/a",), partitions=("?",)),)),)),
         rights(talker=(Rule(publish=(Criterion(topics=("rt/a", "rt/cmd_vel"), partitions=("?",)),)),)),
     ),
+    "KA660": (presented("rt/chatter", "rt/cmd_vel"), presented("rt/chatter")),
     "KA661": (at_large(replace(QUIET, domains=(7,))), at_large(replace(QUIET, rtps="NONE"))),
     "KA668": (replace(TWO, changes=beside("backup", "/spare")), replace(TWO, changes=beside("backup", "/admin"))),
 }  # fmt: skip
 
 
-def prints(store: Store, root: Path, code: str) -> Iterator[str]:
+def prints(store: Store, root: Path, code: str, *profiles: str) -> Iterator[str]:
     write(store.tree(), root)
-    found = [each for each in audit(str(root), Options(at=AT, engine="native")).findings if each.code == code]
+    report = audit(str(root), Options(at=AT, engine="native", profiles=profiles))
+    found = [each for each in report.findings if each.code == code]
     assert found
     yield from (each.fingerprint for each in found)
 
@@ -244,6 +267,28 @@ def test_what_is_worse_at_the_same_place_is_another_finding(code: str, tmp_path:
     before, after = WORSE[code]
     assert not {*prints(before, tmp_path / "before", code)} >= {*prints(after, tmp_path / "after", code)}
     assert {*prints(before, tmp_path / "again", code)} == {*prints(before, tmp_path / "once more", code)}
+
+
+def relaying(*topics: str) -> Store:
+    """The listener may relay these topics, none of which is encrypted for itself."""
+    relay = enclave("/listener", Rule(relay=topics))
+    protection = (*(TopicRule(expression=topic, data="NONE") for topic in topics), TopicRule())
+    return replace(TWO, enclaves=(TALKER, relay), governance=Governance(rules=(replace(QUIET, topics=protection),)))
+
+
+def test_a_property_that_nothing_explains_is_told_by_all_that_the_keystore_says(tmp_path: Path) -> None:
+    one, two = relaying("rt/chatter"), relaying("rt/chatter", "rt/cmd_vel")
+    found = [{*prints(store, tmp_path / str(n), "KA723", "spec")} for n, store in enumerate((one, two, renewed(one)))]
+    assert found[0].isdisjoint(found[1])
+    assert found[0] == found[2]
+
+
+def test_a_property_that_findings_explain_is_told_by_them(tmp_path: Path) -> None:
+    """A baseline notes which: a further right makes no other violation."""
+    open_to_all = Governance(rules=(replace(QUIET, rtps="NONE", topics=(TopicRule(metadata="NONE", data="NONE"),)),))
+    stores = (replace(rights(*topics), governance=open_to_all) for topics in (("rt/a",), ("rt/a", "rt/b")))
+    before, after = ({*prints(store, tmp_path / str(n), "KA713")} for n, store in enumerate(stores))
+    assert before == after
 
 
 @pytest.mark.parametrize("effect", EFFECTS)
@@ -274,6 +319,7 @@ ALIKE = {
     "KA511": (WORSE["KA511"][1], renewed(WORSE["KA511"][1])),
     "KA512": (lent("rt/a"), renewed(lent("rt/a"))),
     "KA632": (WORSE["KA632"][1], renewed(WORSE["KA632"][1])),
+    "KA660": (presented("rt/b", "rt/a"), renewed(presented("rt/a", "rt/b"))),
 }
 
 

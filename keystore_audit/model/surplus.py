@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 
-from keystore_audit.dataclass import dataclass
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.attacker import RealmView, realm_views
@@ -26,13 +26,15 @@ class Surplus:
 class StrayGrant:
     """A grant in force of a stray document that names an enclave of the keystore, and whose signer its peers take.
 
-    `surplus` None: the documents of the enclaves give all of it as well. `profiles`: canonical names.
+    `surplus` None: the documents of the enclaves give all of it as well. `against`: the grants of those that count for
+    the enclave, which a surplus goes beyond. `profiles`: canonical names.
     """
 
     document: str
     enclave: str
     location: Location
     surplus: Surplus | None
+    against: tuple[Location, ...]
     profiles: tuple[str, ...]
 
 
@@ -51,13 +53,10 @@ def _joined(one: StrayGrant, other: StrayGrant) -> StrayGrant:
     """The same grant under more profiles; a surplus counts for those alone that give it."""
     if (one.surplus is None) != (other.surplus is None):
         return other if one.surplus is None else one
-    profiles = tuple(dict.fromkeys((*one.profiles, *other.profiles)))
-    return StrayGrant(
-        document=one.document,
-        enclave=one.enclave,
-        location=one.location,
-        surplus=one.surplus,
-        profiles=profiles,
+    return replace(
+        one,
+        against=tuple(dict.fromkeys((*one.against, *other.against))),
+        profiles=tuple(dict.fromkeys((*one.profiles, *other.profiles))),
     )
 
 
@@ -85,20 +84,20 @@ class _System:
     def _taken(self, view: RealmView, enclave: int) -> Iterator[StrayGrant]:
         """The grants of stray documents that the realm takes from the enclave."""
         atom, permissions = self._system.enclaves[enclave], self._permissions
+        others = permissions.chosen(atom.identity, view.accepted - self._strays)
         for grant in permissions.chosen(atom.identity, view.accepted & self._strays):
             document = self._system.documents[self._system.grants[grant].document]
             yield StrayGrant(
                 document=document.label,
                 enclave=atom.label,
                 location=self._system.grants[grant].location,
-                surplus=self._surplus(view, enclave, grant),
+                surplus=self._surplus(view, grant, others),
+                against=tuple(self._system.grants[other].location for other in others),
                 profiles=self._system.profiles,
             )
 
-    def _surplus(self, view: RealmView, enclave: int, grant: int) -> Surplus | None:
-        """A channel on which no document that an enclave carries gives what the grant does; one of ROS 2 first."""
-        identity = self._system.enclaves[enclave].identity
-        others = self._permissions.chosen(identity, view.accepted - self._strays)
+    def _surplus(self, view: RealmView, grant: int, others: Collection[int]) -> Surplus | None:
+        """A channel on which none of the other grants gives what this one does; one of ROS 2 first."""
         for operation in Operation:
             more = self._permissions.allowed(grant, operation) & view.protection.governed
             for other in others:

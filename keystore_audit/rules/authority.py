@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
@@ -43,6 +43,12 @@ def authority_not_a_ca(use: CertificateUse, _context: Context) -> Iterator[Viola
                 else f"{'no basicConstraints' if certificate.is_ca is None else 'CA:FALSE'}, expected CA:TRUE"
             )
             yield at(use, certificate, f"{what(use, certificate)} may not issue certificates: got {got}.")
+
+
+def _trusting(groups: Iterable[tuple[str, Iterable[str], Iterable[Enclave]]]) -> str:
+    """Which authorities which enclaves trust in a role: one more enclave is one more that is concerned."""
+    parts = ([role, *sorted(keys), *sorted(each.path for each in enclaves)] for role, keys, enclaves in groups)
+    return "\0".join(sorted("\n".join(part) for part in parts))
 
 
 @rule(
@@ -89,7 +95,7 @@ def one_ca_for_both_roles(keystore: Keystore, context: Context) -> Iterator[Viol
             enclave=sole(enclaves),
             severity=Severity.HIGH if bites else None,
             profiles=tuple(profile.name for profile in unpinned()),
-            key=" ".join(keys),
+            key=_trusting([("both", keys, enclaves)]),
         )
 
 
@@ -129,7 +135,7 @@ def enclaves_trust_different_cas(keystore: Keystore, _context: Context) -> Itera
                 message=f"Enclaves trust {len(groups)} different {name}: {said}.",
                 # The minority first: it is what has to change.
                 locations=places(Location(path=file.file.place) for group in reversed(groups) for _, file in group),
-                key=role.value,
+                key=_trusting((role.value, keys, [enclave for enclave, _ in group]) for keys, group in trusted.items()),
             )
 
 

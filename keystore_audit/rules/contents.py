@@ -12,7 +12,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from datetime import datetime
 from enum import Enum
-from functools import cache
+from functools import cache, cached_property
 from typing import Any, Final
 
 from keystore_audit.dataclass import fields
@@ -83,6 +83,15 @@ class Contents:
         """A digest of what stands at the places, in whatever order; files that the user named are not asked."""
         found = sorted({f"{place.path}\0{self._at(place)}" for place in places if not place.beside})
         return _digest(found)
+
+    @cached_property
+    def everything(self) -> str:
+        """A digest of what the files say that enclaves carry, and documents and identities beside them."""
+        carried = [enclave.files for enclave in self._keystore.enclaves]
+        files = [file for each in carried for file in (*each.files.values(), *each.pkcs11.values())]
+        certificates = [each.certificate for each in self._keystore.identities.found]
+        places = {file.path for file in files} | {stray.place for stray in self._keystore.strays}
+        return self.at([Location(path=path) for path in {*places, *(each.path for each in certificates)}])
 
     @staticmethod
     def names(places: Collection[Location]) -> str:

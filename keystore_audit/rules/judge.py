@@ -206,18 +206,18 @@ class _Run:
 
 def _findings(run: _Run, chosen: Sequence[Rule[Any]], context: Context) -> tuple[Finding, ...]:
     """The findings, those that somebody accepts marked, and what the rules say of how they are accepted."""
-    contents = Contents(context.keystore, context.at)
-    marked = _marked(run.found, contents)
+    profiles = [profile.name for profile in context.profiles]
+    marks = _Marks(Contents(context.keystore, context.at), frozenset(profiles))
+    marked = marks.of(run.found)
     found = _made(marked)
     if not context.acceptances:
         return found
-    profiles = [profile.name for profile in context.profiles]
     codes = {rule.code for rule in chosen}
     files = uses(found, context.acceptances, context.at, profiles, codes, _outside(marked, context.keystore))
     before = len(run.found)
     run.over(chosen, [(file.path, file) for file in files])
     run.over(chosen, run.crashes())
-    return accepted(_made([*marked, *_marked(run.found[before:], contents)]), files)
+    return accepted(_made([*marked, *marks.of(run.found[before:])]), files)
 
 
 def _outside(marked: Iterable[_Marked], keystore: Keystore) -> dict[str, set[str]]:
@@ -234,22 +234,46 @@ def _outside(marked: Iterable[_Marked], keystore: Keystore) -> dict[str, set[str
     }
 
 
-def _marked(found: Iterable[_Found], contents: Contents) -> list[_Marked]:
-    """What was found, each with a fingerprint of its own.
+class _Marks:
+    """Fingerprints. `profiles`: the names of those chosen, which a finding without any of its own is about."""
 
-    Those that nothing tells apart are numbered, with how many there are: were one of them mended, the rest would
-    otherwise take its place, and with it whoever accepted it.
-    """
-    ordered = sorted(_once(found), key=lambda item: _order(*item))
-    marks = [_fingerprint(rule, violation, contents) for rule, violation in ordered]
-    alike = Counter(marks)
-    seen: Counter[str] = Counter()
-    marked: list[_Marked] = []
-    for (rule, violation), mark in zip(ordered, marks, strict=True):
-        seen[mark] += 1
-        number = f"\0{seen[mark]} of {alike[mark]}"
-        marked.append((rule, violation, mark if alike[mark] == 1 else _fingerprint(rule, violation, contents, number)))
-    return marked
+    def __init__(self, contents: Contents, profiles: frozenset[str]) -> None:
+        self._contents = contents
+        self._profiles = profiles
+
+    def of(self, found: Iterable[_Found]) -> list[_Marked]:
+        """What was found, each with a fingerprint of its own.
+
+        Those that nothing tells apart are numbered, with how many there are: were one of them mended, the rest would
+        otherwise take its place, and with it whoever accepted it.
+        """
+        ordered = sorted(_once(found), key=lambda item: _order(*item))
+        there = [self._there(rule, violation, ordered) for rule, violation in ordered]
+        marks = [_fingerprint(*item, what) for item, what in zip(ordered, there, strict=True)]
+        alike = Counter(marks)
+        seen: Counter[str] = Counter()
+        marked: list[_Marked] = []
+        for (rule, violation), what, mark in zip(ordered, there, marks, strict=True):
+            seen[mark] += 1
+            number = f"\0{seen[mark]} of {alike[mark]}"
+            own = mark if alike[mark] == 1 else _fingerprint(rule, violation, f"{what}{number}")
+            marked.append((rule, violation, own))
+        return marked
+
+    def _there(self, rule: Rule[Any], violation: Violation, found: Sequence[_Found]) -> str:
+        """What stands where it was found, if that makes it.
+
+        A property is one of the whole keystore; which example of its violation is told depends on the engine. Its
+        causes are noted by who accepts it; where nothing is its cause, all that the keystore says stands for them.
+        """
+        if rule.family != "KA7":
+            there = self._contents.at if violation.contents else self._contents.names
+            return f"\0{there(violation.locations)}"
+        causes = (cause for other, cause in found if _is_cause(other, cause, rule, violation))
+        explained = {name for cause in causes for name in cause.profiles or self._profiles}
+        if not violation.contents or explained.issuperset(violation.profiles or self._profiles):
+            return ""
+        return f"\0{self._contents.everything}"
 
 
 def _made(marked: Iterable[_Marked]) -> tuple[Finding, ...]:
@@ -271,13 +295,11 @@ def _once(found: Iterable[_Found]) -> Iterator[_Found]:
             told.add(said)
 
 
-def _fingerprint(rule: Rule[Any], violation: Violation, contents: Contents, number: str = "") -> str:
-    if rule.family == "KA7":
-        # A property is one of the whole keystore; which example of its violation is told depends on the engine.
-        return fingerprint(rule.code, None, None, violation.key + number)
-    path = violation.locations[0].path if violation.locations else None
-    there = contents.at(violation.locations) if violation.contents else contents.names(violation.locations)
-    return fingerprint(rule.code, violation.enclave, path, f"{violation.key}\0{there}{number}")
+def _fingerprint(rule: Rule[Any], violation: Violation, there: str) -> str:
+    key = f"{violation.key}{there}"
+    if rule.family == "KA7":  # the enclave and the place are those of an example
+        return fingerprint(rule.code, None, None, key)
+    return fingerprint(rule.code, violation.enclave, violation.locations[0].path if violation.locations else None, key)
 
 
 def _order(rule: Rule[Any], violation: Violation) -> tuple[object, ...]:
@@ -298,11 +320,12 @@ def _causes(rule: Rule[Any], violation: Violation, marked: Sequence[_Marked]) ->
     """Of a violated property, the findings that explain it under a profile of its own (no profiles: all of them)."""
     if rule.family != "KA7":
         return ()
-    return tuple(
-        mark
-        for other, cause, mark in marked
-        if rule.name in (other.explains if cause.explains is None else cause.explains)
-        and (not cause.profiles or not violation.profiles or {*cause.profiles} & {*violation.profiles})
+    return tuple(mark for other, cause, mark in marked if _is_cause(other, cause, rule, violation))
+
+
+def _is_cause(other: Rule[Any], cause: Violation, rule: Rule[Any], violation: Violation) -> bool:
+    return rule.name in (other.explains if cause.explains is None else cause.explains) and (
+        not cause.profiles or not violation.profiles or bool({*cause.profiles} & {*violation.profiles})
     )
 
 

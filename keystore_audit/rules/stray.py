@@ -17,6 +17,7 @@ from keystore_audit.model.inventory import may_be_taken, permissions_at_large, p
 from keystore_audit.model.stray_identity import Admitted, admitted
 from keystore_audit.model.surplus import StrayGrant, stray_grants
 from keystore_audit.model.trust import Verdict, envelope
+from keystore_audit.rules.contents import Contents
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import stray_uses
@@ -53,6 +54,12 @@ def _contents(keystore: Keystore, documents: Collection[str]) -> str:
     return " ".join(sorted({stray.file.sha256 or "" for stray in keystore.strays if stray.place in documents}))
 
 
+def _beyond(wider: Sequence[StrayGrant], context: Context) -> str:
+    """What the enclaves' own grants say: a right that is taken out of them is one more that a stray document gives."""
+    own = Contents(context.keystore, context.at).at([place for grant in wider for place in grant.against])
+    return "\0".join([own, *sorted({grant.enclave for grant in wider})])
+
+
 def _at(strays: Sequence[Stray]) -> tuple[Location, ...]:
     return places(Location(path=stray.place) for stray in strays)
 
@@ -87,7 +94,7 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
             locations=places(grant.location for grant in wider),
             enclave=first.enclave if len({grant.enclave for grant in wider}) == 1 else None,
             profiles=() if every else tuple(p.name for p in context.profiles if p.name in profiles),
-            key=f"wider {_contents(keystore, {grant.document for grant in wider})}",
+            key=f"wider {_contents(keystore, {grant.document for grant in wider})} {_beyond(wider, context)}",
         )
     known = {grant.document for grant in wider}
     equal = [grant for grant in granting if grant.document not in known]
