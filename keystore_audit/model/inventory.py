@@ -136,6 +136,18 @@ class AtLarge:
     authorities: tuple[Certificate, ...]
 
 
+def authorities_of(keystore: Keystore) -> Iterator[Certificate]:
+    """What in the CA files of enclaves is there to vouch or to sign: authorities, and the first for permissions.
+
+    Any other certificate there is an identity like one that lies elsewhere.
+    """
+    for file in dict.fromkeys(e.identity_ca for e in keystore.enclaves if e.identity_ca):
+        yield from filter(is_authority, file.certificates)
+    for file in dict.fromkeys(e.permissions_ca for e in keystore.enclaves if e.permissions_ca):
+        yield from file.certificates[:1]
+        yield from filter(is_authority, file.certificates[1:])
+
+
 @lru_cache(maxsize=2)  # asked by the systems, for doubts under each kind of implementation, and by a rule
 def identities_at_large(keystore: Keystore, at: datetime) -> tuple[AtLarge, ...]:
     """By whose certificates somebody may join `at` an instant (aware UTC) or later, beside the enclaves, by place.
@@ -143,8 +155,7 @@ def identities_at_large(keystore: Keystore, at: datetime) -> tuple[AtLarge, ...]
     Whoever has the key is a participant with what grants give the subject (measured on Cyclone DDS and Fast DDS).
     Authorities are none of these: what their keys open is asked by itself.
     """
-    files = dict.fromkeys(file for e in keystore.enclaves for file in (e.identity_ca, e.permissions_ca) if file)
-    authorities = {certificate.sha256: certificate for file in files for certificate in file.certificates}
+    authorities = {certificate.sha256: certificate for certificate in authorities_of(keystore)}
     found = {
         certificate.sha256: certificate
         for _enclave, others in certified_again(keystore)

@@ -11,7 +11,7 @@ from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Grant, PermissionsFile
-from keystore_audit.model.inventory import documents_of, may_be_taken, permissions_cas
+from keystore_audit.model.inventory import authorities_of, documents_of, may_be_taken, permissions_cas
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.revocation import revoked
 from keystore_audit.model.subject import matching
@@ -37,7 +37,7 @@ class Admitted:
 def admitted(keystore: Keystore, profiles: Sequence[Profile], at: datetime) -> tuple[Admitted, ...]:
     """Those that some peer takes under some profile `at` an instant (aware UTC), or later by a grant that begins."""
     enclaves = list({trust_files(enclave): enclave for enclave in keystore.enclaves}.values())
-    authorities = {certificate.key for enclave in enclaves for certificate in _authorities(enclave)}
+    authorities = {certificate.key for certificate in authorities_of(keystore)}
     vouched = [
         each
         for each in keystore.identities.found
@@ -64,11 +64,6 @@ def admitted(keystore: Keystore, profiles: Sequence[Profile], at: datetime) -> t
         for number, each in enumerate(vouched)
         if (right := rights.get(number, open_to_all)) is not None
     )
-
-
-def _authorities(enclave: Enclave) -> Iterator[Certificate]:
-    for file in (enclave.identity_ca, enclave.permissions_ca):
-        yield from file.certificates if file is not None else ()
 
 
 def _takes(enclave: Enclave, certificate: Certificate, profile: Profile, at: datetime) -> bool:

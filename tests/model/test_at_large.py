@@ -183,6 +183,18 @@ def test_a_second_certificate_of_a_key_is_a_way(tmp_path: Path) -> None:
     assert flows(with_it, "topic:/chatter", "/talker") == statuses(relays=Status.VIOLATED)
 
 
+@pytest.mark.parametrize("role", ["identity", "permissions"])
+def test_a_leaf_in_a_ca_file_is_an_identity_too(role: str, tmp_path: Path) -> None:
+    """It vouches for nobody; where permissions are signed by the first alone, it signs nothing."""
+    again = identity("/admin", "/talker")
+    ca = IDENTITY if role == "identity" else authority("permissionsCA")
+    for behind, expected in (((), Status.HOLDS), ((again,), Status.VIOLATED)):
+        store = replace(STORE, **{role: (ca, *behind)})  # type: ignore[arg-type]
+        root = written(tmp_path / str(len(behind)), {}, store)
+        question = FlowQuestion(source="/talker", target="/motor", attackers=(Attacker.SOURCE,))
+        assert find_flow(root, question, profiles=resolve(("cyclonedds-11",)), at=AT).status is expected
+
+
 def test_an_identity_whose_key_lies_about_is_a_way(tmp_path: Path) -> None:
     without, with_it = written(tmp_path / "a", NOBODYS), written(tmp_path / "b", LYING_ABOUT)
     assert flows(without, "/talker", "/motor") == statuses()
