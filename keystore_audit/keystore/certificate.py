@@ -175,10 +175,11 @@ def _read(part: Block | Problem, path: str) -> Certificate | RevocationList | De
         what = "a private key" if part.is_private_key else "a block"
         extra = f"expected certificates alone, found {what} ({part.label})"
         return _defect(path, Kind.CERTIFICATE_FILE_EXTRA, part.line, extra)
-    return _read_certificate(part.der, part.line, path)
+    return read_certificate(part.der, part.line, path)
 
 
-def _read_certificate(der: bytes, line: int, path: str) -> Certificate | Defect:
+def read_certificate(der: bytes, line: int, path: str) -> Certificate | Defect:
+    """Read one certificate, which stands at `line` of the file at `path`. Never raises."""
     if len(der) > MAX_CERTIFICATE_BYTES:
         long = f"a certificate of {len(der)} bytes, more than the limit of {MAX_CERTIFICATE_BYTES}"
         return _defect(path, Kind.CERTIFICATE_UNREADABLE, line, long)

@@ -40,6 +40,14 @@ def parts(structure: bytes, count: int) -> list[bytes]:
     return found
 
 
+def first_element(data: bytes) -> bytes | None:
+    """The element that `data` begins with, as OpenSSL reads a file in DER; None where it is cut off."""
+    try:
+        return data[: content_of(data, 0)[1]]
+    except ValueError:
+        return None
+
+
 def content_of(structure: bytes, position: int) -> tuple[int, int]:
     """Return where the content of the element at `position` begins and ends; raise ValueError if it is cut off."""
     if position + 2 > len(structure):

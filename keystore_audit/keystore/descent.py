@@ -263,3 +263,16 @@ def _special(mode: int) -> str:
     if stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
         return "a device"
     return "neither a file nor a directory"
+
+
+def read_at_most(descriptor: int, limit: int, size: int) -> bytes:
+    """Read to the end, but at most `limit` bytes: `size`, what the file says of itself, need not be true."""
+    content = os.read(descriptor, min(size + 1, limit))
+    if len(content) == size > 0:
+        return content  # the end came where it was said to be
+    pieces = [content]
+    left = limit - len(content)
+    while pieces[-1] and left > 0:
+        pieces.append(os.read(descriptor, min(left, 64 * 1024)))
+        left -= len(pieces[-1])
+    return b"".join(pieces)

@@ -55,6 +55,8 @@ class File:
     link: str | None = None
     holds_private_key: bool = False
     """Whether a PEM block of a private key begins somewhere in it."""
+    holds_certificates: bool = False
+    """Whether certificates may stand in it (`traces.holds_certificates`, `traces.search`)."""
     may_be_message: bool = False
     """Whether its header may be that of an S/MIME message; of a file too large to be read, its first 4,096 bytes."""
 

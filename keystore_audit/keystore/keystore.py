@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from typing import Final, TypeVar
 
 from cryptography.x509.oid import NameOID
@@ -14,16 +14,17 @@ from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore.certificate import Certificate, CertificateFile, read_certificates
 from keystore_audit.keystore.crl import CrlFile, read_crl
 from keystore_audit.keystore.defect import Defect
-from keystore_audit.keystore.files import Entry, EntryKind, File, Status
+from keystore_audit.keystore.digest import contents, digest, records, uncovered
+from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.governance import GovernanceFile, read_governance
+from keystore_audit.keystore.issuer import may_issue
 from keystore_audit.keystore.layout import EnclaveFiles, Layout, LayoutKind, Role, discover
 from keystore_audit.keystore.permissions import PermissionsFile, read_permissions
 from keystore_audit.keystore.private_key import PrivateKey, read_private_key
 from keystore_audit.keystore.root import Root
 from keystore_audit.keystore.smime import Candidates
 from keystore_audit.keystore.stray import Stray, is_message_by_name, read_strays
-from keystore_audit.keystore.stray_identity import StrayIdentities, read_stray_identities
-from keystore_audit.text import percent_path
+from keystore_audit.keystore.stray_identity import Carried, StrayIdentities, read_stray_identities
 
 MAX_FURTHER_KEYS: Final = 64
 """Files with private keys in odd places that are parsed: of the rest it is not said whose key they hold."""
@@ -59,7 +60,7 @@ class Keystore:
 
     A file shared by several enclaves, by links to one path, is read once: the same object stands in each.
     Copies of a document with the same bytes are verified once. `digest`: SHA-256 over the sorted (path,
-    type, content or link target) of every entry: see `_digest`.
+    type, content or link target) of every entry: see `digest`.
     """
 
     root: str
@@ -110,8 +111,11 @@ def read_keystore(
                 enclaves.append(reader.enclave(files, read, candidates))
                 if progress is not None:
                     progress(len(enclaves), len(layout.enclaves))
-        records = sorted(_records(root))  # with them, every file has been read
+        entries = sorted(records(root))  # with them, every file has been read
         strays = _strays(root, layout, enclaves, candidates)
+        identities = _identities(root, layout, enclaves, authorities, strays)
+        spoken_of = {file.path for file in (*identities.unread, *identities.locked)}
+        spoken_of.update(stray.file.path for stray in strays)
         return Keystore(
             root=root.path,
             layout=layout,
@@ -120,12 +124,12 @@ def read_keystore(
             authority_keys=_distinct(reader.private_key(file) for file in layout.authority_keys),
             private_keys=root.holding_private_keys(),
             further_keys=_further_keys(root, reader, layout, enclaves),
-            digest=_digest(records),
-            contents=tuple(_contents(records)),
-            uncovered=tuple(_uncovered(records)),
+            digest=digest(entries),
+            contents=tuple(contents(entries)),
+            uncovered=tuple(uncovered(entries)),
             strays=strays,
-            identities=_identities(root, reader, enclaves),
-            unread=len(_unread(root, layout)) - sum(stray.file.status.unknown for stray in strays),
+            identities=identities,
+            unread=sum(file.path not in spoken_of for file in _unread(root, layout)),
         )
 
 
@@ -257,23 +261,49 @@ def _strays(root: Root, layout: Layout, enclaves: list[Enclave], candidates: Can
     return tuple(sorted(read_strays([*read, *unread], carried, candidates), key=lambda stray: stray.place))
 
 
-def _identities(root: Root, reader: _Reader, enclaves: Sequence[Enclave]) -> StrayIdentities:
-    """Certificates in files of no enclave, with private keys of any file."""
-    files = root.certificates()
-    if not files:  # nearly always
-        return StrayIdentities()
-    own = [enclave.key for enclave in enclaves if enclave.key is not None]
-    places = {key.file.place for key in own}
-    others = [reader.private_key(file) for file in root.holding_private_keys() if file.place not in places]
-    keys = {
-        public: key.file.place
-        for key in (*own, *others)
-        if key is not None
-        for public in key.keys
-        if public is not None
-    }
-    known = [enclave.identity for enclave in enclaves if enclave.identity is not None]
-    return read_stray_identities(files, keys, known)
+def _identities(
+    root: Root,
+    layout: Layout,
+    enclaves: Sequence[Enclave],
+    authorities: Iterable[CertificateFile],
+    strays: Iterable[Stray],
+) -> StrayIdentities:
+    """Certificates that no enclave has as its own, with private keys of any file."""
+    identity_cas = dict.fromkeys(enclave.identity_ca for enclave in enclaves if enclave.identity_ca is not None)
+    permissions_cas = dict.fromkeys(
+        enclave.permissions_ca for enclave in enclaves if enclave.permissions_ca is not None
+    )
+    own = [enclave.certificate for enclave in enclaves if enclave.certificate is not None]
+    files = [*own, *identity_cas, *permissions_cas, *authorities]
+    trusted = chain.from_iterable(file.certificates for file in (*identity_cas, *permissions_cas))
+    carried = Carried(
+        identities=tuple(enclave.identity for enclave in enclaves if enclave.identity is not None),
+        authorities=(*filter(may_issue, trusted), *(file.first for file in permissions_cas if file.first is not None)),
+        others=tuple(every_certificate(enclaves, authorities, strays)),
+        files=frozenset(file.file.sha256 for file in files if not file.defects),
+        places=frozenset(file.file.place for file in files),
+        keys=tuple(enclave.key for enclave in enclaves if enclave.key is not None),
+        key_places=(
+            frozenset(enclave.files.files[Role.KEY].place for enclave in enclaves),
+            frozenset(file.place for file in layout.authority_keys),
+        ),
+    )
+    return read_stray_identities(root, carried, _unread(root, layout))
+
+
+def every_certificate(
+    enclaves: Iterable[Enclave], authorities: Iterable[CertificateFile], strays: Iterable[Stray]
+) -> Iterator[Certificate]:
+    """The certificates in files that are read as what they are: of enclaves, authorities, and inside messages."""
+    for enclave in enclaves:
+        for file in (enclave.certificate, enclave.identity_ca, enclave.permissions_ca):
+            yield from file.certificates if file is not None else ()
+        for document in (enclave.governance, enclave.permissions):
+            yield from document.signed.embedded if document is not None else ()
+    for stray in strays:
+        yield from stray.document.signed.embedded if stray.document is not None else ()
+    for file in authorities:
+        yield from file.certificates
 
 
 def _further_keys(root: Root, reader: _Reader, layout: Layout, enclaves: Sequence[Enclave]) -> tuple[PrivateKey, ...]:
@@ -328,62 +358,3 @@ def _common_name(file: CertificateFile | None) -> str | None:
     for attribute in file.first.subject_name.get_attributes_for_oid(NameOID.COMMON_NAME):
         return attribute.value if isinstance(attribute.value, str) else None
     return None
-
-
-def _digest(records: Iterable[_Record]) -> str:
-    """Hash the tree: for each entry, in order of path, path, type and value, each ended by NUL.
-
-    The value is the SHA-256 of a file's content in hexadecimal (its status where it was not hashed), a link's
-    target, and nothing for a directory (its status where it was not listed). No modes and times: a copy has
-    the same digest.
-    """
-    digest = hashlib.sha256()
-    for record in records:
-        for part in record:
-            digest.update(part + b"\0")
-    return digest.hexdigest()
-
-
-_Record = tuple[bytes, bytes, bytes]
-"""Path, type and value of an entry."""
-
-
-def _contents(records: Iterable[_Record]) -> Iterator[tuple[str, str]]:
-    """Files with the hash of what is in them."""
-    for path, kind, value in records:
-        if kind == EntryKind.FILE.value.encode() and _is_hash(value):
-            yield percent_path(path), value.decode()
-
-
-def _uncovered(records: Iterable[_Record]) -> Iterator[str]:
-    """Files that were not hashed and directories that were not listed: their values are statuses."""
-    for path, kind, value in records:
-        file = kind == EntryKind.FILE.value.encode()
-        if (file and not _is_hash(value)) or (kind == EntryKind.DIRECTORY.value.encode() and value):
-            yield percent_path(path) or "."
-
-
-def _is_hash(value: bytes) -> bool:
-    """Whether it is a SHA-256 in hexadecimal; every status is shorter."""
-    return len(value) == hashlib.sha256().digest_size * 2
-
-
-def _records(root: Root) -> Iterator[_Record]:
-    stack = [b""]
-    while stack:
-        place = stack.pop()
-        listing = root.entries(place)
-        status = listing.directory.status
-        yield place, b"directory", b"" if status is Status.DIRECTORY else status.value.encode()
-        for entry in listing.entries:
-            path = place + b"/" + entry.name if place else entry.name
-            if entry.kind is EntryKind.DIRECTORY:
-                stack.append(path)
-            else:
-                yield path, entry.kind.value.encode(), _value(root, path, entry)
-
-
-def _value(root: Root, path: bytes, entry: Entry) -> bytes:
-    if entry.kind is EntryKind.LINK:
-        return entry.target or b""
-    return root.fingerprint(path).encode()

@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import binascii
 import re
+from collections.abc import Iterator
 from typing import Final
 
 from keystore_audit.dataclass import dataclass, field
@@ -20,6 +21,10 @@ MAX_DUMP_BYTES: Final = 256 * 1024
 """Longest text that is looked at line by line: the dump of a certificate has 2 to 20 kB."""
 
 _BEGIN: Final = re.compile(rb"-----BEGIN ([A-Z0-9 ]{1,64})-----[\x00-\x20]*")
+_LOOSE: Final = re.compile(rb"-----BEGIN ([A-Z0-9 #]{1,64})-----")
+_NO_BASE64: Final = re.compile(rb"\\[nrt]|[^A-Za-z0-9+/=]")
+"""What stands between the characters of a block in a quotation, a list or a JSON string."""
+
 _ENCRYPTED: Final = b"Proc-Type: 4,ENCRYPTED"  # RFC 1421, 4.6.1.1: the header of an encrypted traditional key
 
 BEGIN_CERTIFICATES: Final = frozenset({"CERTIFICATE", "X509 CERTIFICATE"})
@@ -107,6 +112,33 @@ def read_pem(content: bytes) -> Pem:
         position = end
         line += content.count(b"\n", begin, end)
     return Pem(parts=tuple(parts), texts=tuple(texts))
+
+
+def loose_blocks(content: bytes, *labels: str) -> Iterator[Block]:
+    """Every block whose label ends in one of these, wherever it stands: indented, quoted, within other text.
+
+    No run time reads it there, and whoever wants it takes it out. `der` is None where it is encrypted or no base64.
+    """
+    line, before = 1, 0
+    for opening in _LOOSE.finditer(content):
+        label = opening[1].decode("ascii")
+        if label.endswith(labels):
+            line += content.count(b"\n", before, opening.start())
+            before = opening.start()
+            closing = content.find(b"-----", opening.end())
+            body = content[opening.end() : closing if closing >= 0 else len(content)]
+            yield Block(label=label, line=line, der=_loosely_decoded(body))
+
+
+def _loosely_decoded(body: bytes) -> bytes | None:
+    if _ENCRYPTED in body:
+        return None
+    header = body.rfind(b":")  # of other fields, too
+    text = body[_end_of_line(body, header) :] if header >= 0 else body
+    try:
+        return binascii.a2b_base64(_NO_BASE64.sub(b"", text))
+    except binascii.Error:
+        return None
 
 
 def _text(text: bytes, line: int) -> Text:

@@ -14,8 +14,10 @@ from cryptography.utils import CryptographyDeprecationWarning
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore import public_key
 from keystore_audit.keystore.defect import Defect, Kind
+from keystore_audit.keystore.der import first_element
 from keystore_audit.keystore.files import File
-from keystore_audit.keystore.pem import Block, Problem, read_pem
+from keystore_audit.keystore.pem import Block, Problem, loose_blocks, read_pem
+from keystore_audit.keystore.traces import is_pkcs12
 
 MAX_KEY_BYTES: Final = 64 * 1024
 """Longest key that is parsed: an RSA key of 16,384 bits, the largest that OpenSSL uses, has 9,300 bytes."""
@@ -30,6 +32,10 @@ _LABELS: Final = frozenset(
 
 MAX_OTHER_KEYS: Final = 64
 """Further keys of one file of which the public half is looked at; of the rest it is not known whose they are."""
+
+
+MAX_HELD_KEYS: Final = 1_000
+"""Private keys of one file of no enclave that are looked at; whose the rest are is not known."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,6 +99,33 @@ def read_private_key(file: File) -> PrivateKey:
         defects=second,
         others=further,
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldKeys:
+    """Whose private keys a file holds, in whatever form. `keys` as in `PrivateKey`, each once.
+
+    `locked`: there is one that could not be read: with a password, or in another form. `sealed`: it is a PKCS #12
+    file, which may hold the certificate, too.
+    """
+
+    keys: tuple[str, ...] = ()
+    locked: bool = False
+    sealed: bool = False
+
+
+def read_held_keys(file: File) -> HeldKeys:
+    """Look at every private key of a file that is no enclave's. Never raises or asks."""
+    content = file.content
+    if content is None:
+        return HeldKeys(locked=True)
+    if is_pkcs12(content[:64]):
+        return HeldKeys(sealed=True)
+    blocks = [*loose_blocks(content, "PRIVATE KEY")] or [Block(label="", line=1, der=first_element(content))]
+    blocks = [block for block in blocks if block.der != b""]  # a text about keys
+    read = [_public_half(block) for block in blocks[:MAX_HELD_KEYS]]
+    keys = dict.fromkeys(public_key.identity(key) for key in read if key is not None)
+    return HeldKeys(keys=tuple(keys), locked=None in read or len(blocks) > MAX_HELD_KEYS)
 
 
 def _with(unread: PrivateKey, second: tuple[Defect, ...], others: tuple[OtherKey, ...]) -> PrivateKey:

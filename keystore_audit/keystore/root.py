@@ -19,13 +19,14 @@ from keystore_audit.keystore.descent import (
     Refusal,
     display,
     names,
+    read_at_most,
     reason,
     refusal,
     refuse_unless_file,
 )
 from keystore_audit.keystore.files import Entry, EntryKind, File, Listing, Status
 from keystore_audit.keystore.message import concealed, may_be_message
-from keystore_audit.keystore.traces import MAX_SEARCHED, holds_private_key, search
+from keystore_audit.keystore.traces import MAX_SEARCHED, holds_certificates, holds_private_key, search
 
 MAX_FILE_BYTES: Final = 4 * 1024 * 1024
 """Largest file that is read: a permissions document of 20,000 topics has about 2 MB; no parser gets more."""
@@ -35,9 +36,6 @@ MAX_TOTAL_BYTES: Final = 256 * 1024 * 1024
 
 MAX_ENTRIES: Final = 200_000
 """Most directory entries listed: 20,000 enclaves, each a directory and nine files, in about a second."""
-
-_CERTIFICATE: Final = b"CERTIFICATE-----"
-"""How the first line of a certificate in PEM ends (RFC 7468, 5.1)."""
 
 _LIST_FLAGS: Final = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 _READ_FLAGS: Final = os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC
@@ -56,6 +54,7 @@ class _Reading:
     mode: int | None = None
     shared_group: bool = False
     holds_private_key: bool = False
+    holds_certificates: bool = False
     may_be_message: bool = False
 
 
@@ -63,8 +62,7 @@ class Root:
     """An open keystore directory; a context manager, since it keeps descriptors.
 
     Paths are relative to it, as bytes or as `os.fsencode` takes them. Each inode is read once, so that
-    everybody sees the same bytes even when the tree changes meanwhile (sealed files are read again to be
-    parsed).
+    everybody sees the same bytes even when the tree changes meanwhile (sealed files are read again to be parsed).
     """
 
     def __init__(self, path: str, descent: Descent) -> None:
@@ -158,17 +156,16 @@ class Root:
 
     def holding_private_keys(self) -> tuple[File, ...]:
         """The files read so far in which a private key is, each once, by place and without content."""
-        read = (*self._files.values(), *self._sealed.values())
-        found = {file.place: file.holding(None) for file in read if file.holds_private_key}
+        found = {file.place: file.holding(None) for file in self._met() if file.holds_private_key}
         return tuple(found[place] for place in sorted(found))
 
     def messages(self) -> tuple[File, ...]:
         """The files read so far that may be S/MIME messages, by place, each content once, and with it."""
-        return _each_once((*self._files.values(), *self._sealed.values()), self._messages)
+        return _each_once(self._met(), self._messages)
 
     def certificates(self) -> tuple[File, ...]:
-        """The files that nobody parses and in which certificates are, as `messages`."""
-        return _each_once(self._sealed.values(), self._certificates)
+        """The files read so far in which certificates may be, as `messages`."""
+        return _each_once(self._met(), self._certificates)
 
     def passed(self) -> frozenset[str]:
         """The paths of the directories so far in which stand links that other links led over."""
@@ -176,8 +173,11 @@ class Root:
 
     def unread(self) -> tuple[File, ...]:
         """The entries met so far in which a robot might read something that we did not, by path."""
-        found = {file.path: file for file in (*self._files.values(), *self._sealed.values()) if file.status.unknown}
+        found = {file.path: file for file in self._met() if file.status.unknown}
         return tuple(found[path] for path in sorted(found))
+
+    def _met(self) -> tuple[File, ...]:
+        return (*self._files.values(), *self._sealed.values())
 
     def entries(self, relative: bytes | str) -> Listing:
         """List the directory at `relative` (`b""`: the root itself), links not followed. Never raises."""
@@ -223,6 +223,7 @@ class Root:
             shared_group=reading.shared_group,
             link=display(target) if target is not None else None,
             holds_private_key=reading.holds_private_key,
+            holds_certificates=reading.holds_certificates,
             may_be_message=reading.may_be_message,
         )
 
@@ -286,7 +287,7 @@ class Root:
         elif size > self._bytes_left:
             too_large = f"was not read: with it, the keystore's files hold more than {MAX_TOTAL_BYTES} bytes"
         else:
-            content = _read_at_most(descriptor, MAX_FILE_BYTES + 1, size)
+            content = read_at_most(descriptor, MAX_FILE_BYTES + 1, size)
             self._bytes_left -= len(content)
             if len(content) > MAX_FILE_BYTES:
                 too_large = f"holds more than the limit of {MAX_FILE_BYTES} bytes"
@@ -300,13 +301,14 @@ class Root:
                 mode=mode,
                 shared_group=shared,
                 holds_private_key=traces.private_key,
+                holds_certificates=traces.certificate,
                 may_be_message=traces.message,
             )
         digest = hashlib.sha256(content).hexdigest()
         message = may_be_message(content) or concealed(content) != ""
         if message:
             self._messages.setdefault(digest, content)
-        if _CERTIFICATE in content:
+        if certificates := holds_certificates(content):
             self._certificates.setdefault(digest, content)
         if secret := holds_private_key(content):
             self._secrets.setdefault(digest, content)
@@ -317,6 +319,7 @@ class Root:
             mode=mode,
             shared_group=shared,
             holds_private_key=secret,
+            holds_certificates=certificates,
             may_be_message=message,
         )
 
@@ -384,16 +387,3 @@ def _described(entry: os.DirEntry[str], directory: int) -> Entry:
     if entry.is_file(follow_symlinks=False):
         return Entry(name=name, kind=EntryKind.FILE)
     return Entry(name=name, kind=EntryKind.SPECIAL)
-
-
-def _read_at_most(descriptor: int, limit: int, size: int) -> bytes:
-    """Read to the end, but at most `limit` bytes: `size`, what the file says of itself, need not be true."""
-    content = os.read(descriptor, min(size + 1, limit))
-    if len(content) == size > 0:
-        return content  # the end came where it was said to be
-    pieces = [content]
-    left = limit - len(content)
-    while pieces[-1] and left > 0:
-        pieces.append(os.read(descriptor, min(left, 64 * 1024)))
-        left -= len(pieces[-1])
-    return b"".join(pieces)

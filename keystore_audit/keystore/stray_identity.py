@@ -1,19 +1,34 @@
 """Identities beside the enclaves: certificates that no enclave carries, with private keys that lie in the same tree.
 
-Whoever has both is a participant, whatever folder they are in: a run time starts from any six files.
+Whoever has both is a participant, whatever folder they are in: a run time starts from any six files. So certificates
+and keys are taken from wherever they stand: files that are parsed for something else, other text, DER.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
-from keystore_audit.keystore.certificate import Certificate, read_certificates
-from keystore_audit.keystore.files import File
+from keystore_audit.dataclass import dataclass, replace
+from keystore_audit.keystore.certificate import Certificate, read_certificate
+from keystore_audit.keystore.cms import CmsError, read_signed_data
+from keystore_audit.keystore.der import first_element
+from keystore_audit.keystore.files import File, Status
+from keystore_audit.keystore.message import SIGNED_DATA
+from keystore_audit.keystore.pem import Block, loose_blocks
+from keystore_audit.keystore.private_key import HeldKeys, PrivateKey, read_held_keys
+from keystore_audit.keystore.root import Root
+from keystore_audit.keystore.traces import is_certificate_in_der
 
 MAX_BYTES: Final = 4 * 1024 * 1024
 """Of files with certificates outside enclaves that are parsed: 5,000 certificates, a quarter of a second."""
+
+_LABELS: Final = ("CERTIFICATE", "PKCS7", "CMS", "SIGNED DATA")
+"""How those of blocks in PEM end in which certificates are: also `TRUSTED CERTIFICATE` and `PKCS #7 SIGNED DATA`."""
+
+_CERTIFICATE_NAMES: Final = (".pem", ".crt", ".cer", ".der", ".p12", ".pfx", ".p7b", ".p7c")
+_KEY_NAMES: Final = (".key", "key.pem", "key.der")
+"""How the names end of files that hold certificates, and of those that hold a private key alone."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -26,30 +41,171 @@ class StrayIdentity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StrayIdentities:
-    """Those of a keystore, by place. `unread`: files that were not parsed, beyond the limit."""
+    """Those of a keystore, by place.
+
+    `keyless`: certificates of no enclave whose private key was not found. `locked`: files with private keys of which it
+    is not known whose they are. `unread`: files in which whole identities may be, with the reason as their detail.
+    """
 
     found: tuple[StrayIdentity, ...] = ()
+    keyless: tuple[Certificate, ...] = ()
+    locked: tuple[File, ...] = ()
     unread: tuple[File, ...] = ()
 
+    @property
+    def possible(self) -> tuple[StrayIdentity, ...]:
+        """Those whose private key may be in a file that could not be read, the first of which is named."""
+        keys = [file.place for file in self.locked[:1]]
+        return tuple(StrayIdentity(certificate=each, key=key) for key in keys for each in self.keyless)
 
-def read_stray_identities(
-    files: Iterable[File], keys: Mapping[str, str], known: Iterable[Certificate]
-) -> StrayIdentities:
-    """What the certificates in `files` and the private keys make.
 
-    `files`: with content. `keys`: by the identity of the public half (`Certificate.key`), where the private one lies.
-    `known`: certificates that enclaves have, which are no strays.
+def is_certificate_by_name(file: File) -> bool:
+    """Whether a file that could not be read is to count as one of certificates."""
+    return file.path.lower().endswith(_CERTIFICATE_NAMES) and not is_key_by_name(file)
+
+
+def is_key_by_name(file: File) -> bool:
+    """Whether a file that could not be read is to count as one of a private key."""
+    return file.path.lower().endswith(_KEY_NAMES)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Carried:
+    """What the files of enclaves and authorities hold: it is read where they are.
+
+    `identities`: the certificates of enclaves. `authorities`: those that vouch or sign. `others`: whatever else stands
+    beside them or inside messages. `files`: the digests of those in which nothing else stands. `places`: those of which
+    it is said elsewhere what cannot be read. `keys`: the private keys of enclaves. `key_places`: where these should be,
+    and those of authorities.
     """
-    ours = {certificate.sha256 for certificate in known}
-    found: dict[str, StrayIdentity] = {}
-    unread: list[File] = []
+
+    identities: tuple[Certificate, ...]
+    authorities: tuple[Certificate, ...]
+    others: tuple[Certificate, ...]
+    files: frozenset[str | None]
+    places: frozenset[str]
+    keys: tuple[PrivateKey, ...]
+    key_places: tuple[frozenset[str], frozenset[str]]
+
+
+def read_stray_identities(root: Root, carried: Carried, unread: Iterable[File]) -> StrayIdentities:
+    """What the certificates and the private keys of the tree make. `unread`: files of no enclave that were not read.
+
+    A further certificate of an enclave's key that stands in the files of enclaves is none of these.
+    """
+    keys = _Keys(root, carried, unread)
+    not_read = keys.unread
+    ours = {certificate.key for certificate in carried.identities}
+    again = (certificate for certificate in carried.others if certificate.key in ours)
+    known = {certificate.sha256 for certificate in (*carried.identities, *carried.authorities, *again)}
+    certificates = {certificate.sha256: certificate for certificate in carried.others}
     left = MAX_BYTES
-    for file in files:
-        left -= len(file.content or b"")
-        if left < 0:
-            unread.append(file.holding(None))
+    for file in root.certificates():
+        if file.sha256 in carried.files:
             continue
-        for certificate in read_certificates(file).certificates:
-            if certificate.key in keys and certificate.sha256 not in ours:
-                found.setdefault(certificate.sha256, StrayIdentity(certificate=certificate, key=keys[certificate.key]))
-    return StrayIdentities(found=tuple(found.values()), unread=tuple(unread))
+        left -= len(file.content or b"") if file.place not in carried.places else 0
+        if left < 0:
+            detail = f"was not read: with it, files with certificates hold more than {MAX_BYTES} bytes"
+            not_read.append(replace(file, content=None, detail=detail))
+            continue
+        for found in certificates_in(file):
+            if isinstance(found, Certificate):
+                certificates.setdefault(found.sha256, found)
+            elif file.place not in carried.places:
+                not_read.append(
+                    replace(file, content=None, detail=f"holds a certificate in line {found} that cannot be read")
+                )
+                break
+    strays = [certificate for certificate in certificates.values() if certificate.sha256 not in known]
+    return StrayIdentities(
+        found=tuple(
+            StrayIdentity(certificate=each, key=keys.places[each.key]) for each in strays if each.key in keys.places
+        ),
+        keyless=tuple(each for each in strays if each.key not in keys.places),
+        locked=keys.locked,
+        unread=tuple(sorted(not_read, key=lambda file: file.place)),
+    )
+
+
+class _Keys:
+    """The private keys of the tree.
+
+    `places`: where that of each public key is. `locked`: files of which it is not known whose keys are in them.
+    `unread`: files in which a certificate may be with its key.
+    """
+
+    def __init__(self, root: Root, carried: Carried, unread: Iterable[File]) -> None:
+        self.places: dict[str, str] = {}
+        self.unread: list[File] = []
+        self._locked: dict[str, File] = {}
+        for key in carried.keys:
+            self._of_enclave(key)
+        for file in unread:
+            if file.holds_certificates or is_certificate_by_name(file):
+                self.unread.append(file)
+            elif is_key_by_name(file):
+                self._locked[file.place] = file
+        enclaves, authorities = carried.key_places
+        for file in root.holding_private_keys():
+            if file.place not in enclaves:
+                self._held(file, read_held_keys(root.unsealed(file) if file.status is Status.PRESENT else file))
+        theirs = authorities & self._locked.keys()
+        named = [place for place in theirs if self._locked[place].link is None]
+        if len(named) <= len({certificate.key for certificate in carried.authorities} - self.places.keys()):
+            for place in theirs:  # an authority's key with a password, say
+                del self._locked[place]
+
+    @property
+    def locked(self) -> tuple[File, ...]:
+        """By place."""
+        return tuple(self._locked[place] for place in sorted(self._locked))
+
+    def _of_enclave(self, key: PrivateKey) -> None:
+        for public in key.keys:
+            if public is not None:
+                self.places.setdefault(public, key.file.place)
+        if any(other.key is None for other in key.others):
+            self._locked[key.file.place] = key.file
+
+    def _held(self, file: File, held: HeldKeys) -> None:
+        for public in held.keys:
+            self.places.setdefault(public, file.place)
+        if held.sealed:
+            self.unread.append(replace(file, detail="is a PKCS #12 file, made for a certificate with its key"))
+        elif held.locked:
+            self._locked[file.place] = file
+
+
+def certificates_in(file: File) -> Iterator[Certificate | int]:
+    """Every certificate that can be taken out of a file; the line of each that cannot be read.
+
+    What is cut off, or no DER, is no certificate, as in a text about certificates.
+    """
+    content = file.content or b""
+    for block in (*loose_blocks(content, *_LABELS), Block(label="", line=1, der=content)):
+        der = first_element(block.der) if block.der is not None and block.der[:1] == b"0" else None
+        if der is None:
+            continue
+        if SIGNED_DATA in der[:32]:
+            yield from _in_message(der, block.line, file)
+        elif block.label or is_certificate_in_der(der[:64]):
+            yield from _certificate(der, block.line, file, sure=bool(block.label))
+
+
+def _in_message(der: bytes, line: int, file: File) -> Iterator[Certificate | int]:
+    """What a message carries; one that cannot be read counts as a document (`message.concealed`)."""
+    try:
+        certificates = read_signed_data(der).certificates
+    except CmsError:
+        return
+    for certificate in certificates:
+        yield from _certificate(certificate, line, file, sure=True)
+
+
+def _certificate(der: bytes, line: int, file: File, *, sure: bool) -> Iterator[Certificate | int]:
+    """`sure`: it is one, while revocation lists and requests in DER begin alike."""
+    read = read_certificate(der, line, file.place)
+    if isinstance(read, Certificate):
+        yield read
+    elif sure:
+        yield line

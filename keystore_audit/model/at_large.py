@@ -1,9 +1,9 @@
 """Identities that are no enclave's own (`inventory.identities_at_large`) as participants of a system.
 
-Whoever has such a certificate's key joins under it, with the grants of its subject, and peers cannot tell. Nothing of
-that is unknown, so they are in both readings. MAY has to have them, or a flow over them would be missing. MUST has to
-have them as well: peers let them in for certain, and else a doubt about something else would make unknown of what they
-do. That nothing good rests on them, which is a matter of claims, is seen to there (`model.claims`).
+Whoever has such a certificate's key joins under it, with the grants of its subject, and peers cannot tell. Where
+nothing of that is unknown, they are in both readings. MAY has to have them, or a flow over them would be missing. MUST
+has to have them as well: peers let them in for certain, and else a doubt about something else would make unknown of
+what they do. That nothing good rests on them, which is a matter of claims, is seen to there (`model.claims`).
 """
 
 from __future__ import annotations
@@ -27,11 +27,15 @@ MAX_AT_LARGE: Final = 2_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Candidate:
-    """An identity at large by the index of its certificate. `doubted`: whether peers take it for whom is unknown."""
+    """An identity at large by the index of its certificate.
+
+    `doubted`: whether peers take it for whom is unknown. `possible`: so is whether anybody has its key.
+    """
 
     certificate: Certificate
     number: int
     doubted: bool
+    possible: bool = False
 
 
 def at_large_atoms(
@@ -81,6 +85,7 @@ def at_large_atoms(
                 permissions=None,
                 opaque=each.doubted,
                 at_large=True,
+                possible=each.possible,
             )
 
 

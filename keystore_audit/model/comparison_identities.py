@@ -49,7 +49,7 @@ def _admitted(keystore: Keystore, sides: Sides) -> Mapping[_Identity, Mapping[st
     found: dict[_Identity, dict[str, Location | None]] = {}
     if keystore.identities.found:  # nearly never
         for profile in sides.profiles:
-            for each in admitted(keystore, (profile,), sides.at):
+            for each in admitted(keystore, keystore.identities.found, (profile,), sides.at):
                 identity = each.certificate.subject, each.certificate.key
                 found.setdefault(identity, {}).setdefault(profile.name, place_of(each.certificate))
     return found

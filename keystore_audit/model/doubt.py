@@ -31,13 +31,13 @@ def keystore_doubts(keystore: Keystore, profile: Profile, accesses: AccessViews)
     for file in (*keystore.layout.directory_links, *keystore.layout.unreadable_directories):
         yield Doubt(enclave=None, location=Location(path=file.path), reason=file.detail)
     for file in keystore.identities.unread:
-        reason = "holds certificates outside enclaves, more than are read: whom peers let in is unknown"
+        reason = f"it may hold an identity that peers let in: it {file.detail}"
         yield Doubt(enclave=None, location=Location(path=file.place), reason=reason)
     row = accesses.row(profile.access)
     by_enclave = (enclave_doubts(enclave, profile.trust, row, accesses) for enclave in keystore.enclaves)
     strays = _stray_doubts(keystore, profile.trust, row, accesses)
     at_large = filter(None, map(at_large_doubt, identities_at_large(keystore, accesses.at)))
-    for doubt in chain(chain.from_iterable(by_enclave), strays, at_large):
+    for doubt in chain(chain.from_iterable(by_enclave), strays, at_large, _possible(keystore, profile, accesses)):
         place = (doubt.location.path, doubt.location.line)
         if place not in seen:
             seen.add(place)
@@ -112,6 +112,19 @@ def identity_doubt(enclave: Enclave) -> Doubt | None:
 def at_large_doubt(identity: AtLarge) -> Doubt | None:
     """The same of an identity that is no enclave's own."""
     return _doubt_of(None, identity.certificate, identity.authorities)
+
+
+def _possible(keystore: Keystore, profile: Profile, accesses: AccessViews) -> Iterator[Doubt]:
+    """Identities that peers let in and whose key may be in a file that could not be read."""
+    if not keystore.identities.possible:  # nearly always
+        return
+    from keystore_audit.model.stray_identity import admitted  # it asks for views, which ask for doubts
+
+    for each in admitted(keystore, keystore.identities.possible, (profile,), accesses.at):
+        place = Location(path=each.certificate.path, line=each.certificate.line)
+        yield Doubt(
+            enclave=None, location=place, reason=f"its private key may be in {each.key}, which could not be read"
+        )
 
 
 def _doubt_of(enclave: str | None, certificate: Certificate, authorities: tuple[Certificate, ...]) -> Doubt | None:

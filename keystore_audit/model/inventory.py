@@ -10,7 +10,7 @@ from typing import Final
 from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.governance import GovernanceFile
-from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.keystore import Enclave, Keystore, every_certificate
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.smime import SignedDocument
@@ -108,7 +108,8 @@ def instants_of(certificates: Iterable[Certificate], grants: Iterable[ReadGrant]
 def certified_again(keystore: Keystore) -> Iterator[tuple[Enclave, tuple[Certificate, ...]]]:
     """Enclaves whose identity's key has certificates in files of the keystore that are no enclave's own, with these."""
     known: dict[str, dict[str, Certificate]] = {}
-    for certificate in _every_certificate(keystore):
+    carried = every_certificate(keystore.enclaves, keystore.authorities, keystore.strays)
+    for certificate in (*carried, *keystore.identities.keyless):
         known.setdefault(certificate.key, {}).setdefault(certificate.sha256, certificate)
     firsts = {e.certificate.first.sha256 for e in keystore.enclaves if e.certificate and e.certificate.first}
     for enclave in keystore.enclaves:
@@ -118,22 +119,16 @@ def certified_again(keystore: Keystore) -> Iterator[tuple[Enclave, tuple[Certifi
             yield enclave, tuple(others)
 
 
-def _every_certificate(keystore: Keystore) -> Iterator[Certificate]:
-    for enclave in keystore.enclaves:
-        for file in (enclave.certificate, enclave.identity_ca, enclave.permissions_ca):
-            yield from file.certificates if file is not None else ()
-        for document in (enclave.governance, enclave.permissions):
-            yield from document.signed.embedded if document is not None else ()
-    for file in keystore.authorities:
-        yield from file.certificates
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AtLarge:
-    """An identity that is no enclave's own, and that the identity CA of some enclave vouches for: `authorities`."""
+    """An identity that is no enclave's own, and that the identity CA of some enclave vouches for: `authorities`.
+
+    `key`: a file that may hold its private key and could not be read; None where it is known that somebody has it.
+    """
 
     certificate: Certificate
     authorities: tuple[Certificate, ...]
+    key: str | None = None
 
 
 def authorities_of(keystore: Keystore) -> Iterator[Certificate]:
@@ -166,14 +161,18 @@ def identities_at_large(keystore: Keystore, at: datetime) -> tuple[AtLarge, ...]
     for stray in keystore.identities.found:
         if stray.certificate.key not in keys:
             found.setdefault(stray.certificate.sha256, stray.certificate)
-    if not found:  # nearly always
+    possible = {stray.certificate.sha256: stray for stray in keystore.identities.possible}
+    possible = {sha256: stray for sha256, stray in possible.items() if sha256 not in found}
+    if not found and not possible:  # nearly always
         return ()
+    found |= {sha256: stray.certificate for sha256, stray in possible.items()}
     trusted = dict.fromkeys(e.identity_ca for e in keystore.enclaves if e.identity_ca)
     vouching = [c for c in dict.fromkeys(c for file in trusted for c in file.certificates) if is_authority(c)]
     known = (
         AtLarge(
             certificate=each,
             authorities=tuple(authority for authority in vouching if may_have_issued(authority, each)),
+            key=possible[each.sha256].key if each.sha256 in possible else None,
         )
         for each in sorted(found.values(), key=lambda c: (c.path, c.line, c.sha256))
         if at <= each.not_after

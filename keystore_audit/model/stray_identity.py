@@ -11,6 +11,7 @@ from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Grant, PermissionsFile
+from keystore_audit.keystore.stray_identity import StrayIdentity
 from keystore_audit.model.inventory import authorities_of, documents_of, may_be_taken, permissions_cas
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.revocation import revoked
@@ -34,13 +35,18 @@ class Admitted:
     enclave: str | None
 
 
-def admitted(keystore: Keystore, profiles: Sequence[Profile], at: datetime) -> tuple[Admitted, ...]:
-    """Those that some peer takes under some profile `at` an instant (aware UTC), or later by a grant that begins."""
+def admitted(
+    keystore: Keystore, strays: Sequence[StrayIdentity], profiles: Sequence[Profile], at: datetime
+) -> tuple[Admitted, ...]:
+    """Those of `strays` that some peer takes under some profile `at` an instant, or later by a grant that begins.
+
+    `at`: aware UTC.
+    """
     enclaves = list({trust_files(enclave): enclave for enclave in keystore.enclaves}.values())
     authorities = {certificate.key for certificate in authorities_of(keystore)}
     vouched = [
         each
-        for each in keystore.identities.found
+        for each in strays
         if each.certificate.key not in authorities
         and any(_takes(enclave, each.certificate, profile, at) for enclave in enclaves for profile in profiles)
     ]

@@ -88,6 +88,7 @@ class EnclaveAtom:
     """An enclave. `opaque`: (MAY only) its identity could not be read, so it may be anybody.
 
     `at_large`: no enclave of the keystore, but an identity beside those of its enclaves, in whoever's hands.
+    `possible`: (MAY only) whether anybody has its key is unknown.
     `reads_alone`, `writes_alone`: channels that its own implementation lets it read, and write, where that may be more
     than peers concede. `refused_writes`, `refused_reads`: those on which it refuses a writer, or a reader, that peers
     would take.
@@ -100,6 +101,7 @@ class EnclaveAtom:
     permissions: int | None
     opaque: bool
     at_large: bool = False
+    possible: bool = False
     reads_alone: frozenset[int] = frozenset()
     writes_alone: frozenset[int] = frozenset()
     refused_writes: frozenset[int] = frozenset()
@@ -288,5 +290,5 @@ class System:
     @property
     def has_doubt(self) -> bool:
         """Whether anything in it is opaque or unread, so that the other reading may differ."""
-        opaque = any(d.opaque for d in self.documents) or any(e.opaque for e in self.enclaves)
+        opaque = any(d.opaque for d in self.documents) or any(e.opaque or e.possible for e in self.enclaves)
         return opaque or any(realm.list_unread for realm in self.realms)

@@ -239,7 +239,7 @@ class SystemBuilder:
             )
             for place in (self._unread_places if may else ())
         )
-        at_large = (each for each in self._at_large if may or not each.doubted)
+        at_large = (each for each in self._at_large if may or not (each.doubted or each.possible))
         names = self._views.names(kind.trust)
         enclaves += list(at_large_atoms(at_large, enclaves, tuple(realms), self._certificate_atoms, names))
         if may:
@@ -339,6 +339,7 @@ class SystemBuilder:
                 certificate=each.certificate,
                 number=self._number[each.certificate.sha256],
                 doubted=at_large_doubt(each) is not None,
+                possible=each.key is not None,
             )
             for each in identities_at_large(self._keystore, self._at)
         )

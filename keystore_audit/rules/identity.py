@@ -306,9 +306,10 @@ def subject_shared_by_certificates(keystore: Keystore, _context: Context) -> Ite
 def identity_key_certified_again(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """The key of an enclave's identity has another certificate in this keystore, by which the enclave may go as well.
 
-    A second certificate in cert.pem or inside a message is read by no run time there, and serves whoever has the key:
-    as another identity, with the grants of its subject, or as a signer (measured on Cyclone DDS and Fast DDS). Where
-    the identity CA of an enclave vouches for it, flows and properties count it among the participants. What was
+    A second certificate in cert.pem, in a CA file or inside a message is read by no run time there, or vouches for
+    nobody, and serves whoever has the key: as another identity, with the grants of its subject, or as a signer
+    (measured on Cyclone DDS and Fast DDS). Where the identity CA of an enclave vouches for it, flows and properties
+    count it among the participants. Of one in any other file KA668 speaks, where the private key can be read. What was
     certified elsewhere is not seen.
     """
     joining = {identity.certificate.sha256 for identity in identities_at_large(keystore, context.at)}

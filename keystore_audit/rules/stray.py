@@ -12,7 +12,6 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.stray import Stray
-from keystore_audit.keystore.stray_identity import MAX_BYTES
 from keystore_audit.model.inventory import may_be_taken, permissions_at_large, permissions_cas
 from keystore_audit.model.stray_identity import Admitted, admitted
 from keystore_audit.model.surplus import StrayGrant, stray_grants
@@ -29,6 +28,12 @@ _REVOKE: Final = (
     "Deleting the file does not end what it gives: whoever has a copy may present it until its dates end. Give the "
     "enclave a certificate with another subject, or make a new permissions CA and sign every document again; then "
     "delete it."
+)
+
+_FIND_OUT: Final = (
+    "Find out what it holds (`openssl pkcs12 -in FILE -nokeys`, `openssl pkey -in FILE -pubout`), and take it out of "
+    "the keystore. If it is the identity of a robot, whoever has a copy goes on being that participant: revoke its "
+    "certificate, or let no grant name its subject."
 )
 
 _CRASHES: Final = (Kind.EMPTY_TOPIC, Kind.RULE_WITHOUT_DOMAINS, Kind.EMPTY_ELEMENT)
@@ -219,7 +224,9 @@ def document_at_large_unread(keystore: Keystore, context: Context) -> Iterator[V
     remedy="If a robot needs it, move its folder below enclaves/, so that it is audited with the others. If not, "
     "delete the key, and revoke the certificate or let no grant name its subject: whoever has a copy of both is this "
     "participant.",
-    applies=lambda keystore, _context: bool(keystore.identities.found or keystore.identities.unread),
+    applies=lambda keystore, _context: bool(
+        keystore.identities.found or keystore.identities.possible or keystore.identities.unread
+    ),
 )
 def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A certificate outside the enclaves, its private key somewhere in the tree, and peers that let it in.
@@ -227,10 +234,16 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
     Whoever has the tree can start it: a run time needs no more than a folder of six files, and may get them from
     anywhere. It is no enclave here; flows and properties count it among the participants. Medium where an enclave has
     the same subject, since it has no rights then that this enclave has not. Grants that begin later count, and a
-    governance with join access control off, where no grant is needed. Keys with a password and in other forms than PEM
-    are not seen, nor are certificates without a key in the tree.
+    governance with join access control off, where no grant is needed. Certificates and keys are taken from wherever
+    they stand: PEM within any file, DER, PKCS #7.
+
+    Undecided where a key that cannot be read (a password, another form, too large) may be that of such a certificate,
+    and where a file may hold both: PKCS #12, too large with a certificate in it, not readable and called like one. Keys
+    in places of authorities that cannot be read are taken for theirs, for as many as have none that can be. Not seen is
+    what is in compressed archives, Java key stores and PKCS #11 tokens, nor a certificate without a key in the tree.
     """
-    found = admitted(keystore, context.profiles, context.at)
+    identities = keystore.identities
+    found = admitted(keystore, identities.found, context.profiles, context.at)
     for same in (False, True):
         some = [each for each in found if (each.enclave is not None) is same]
         if some:
@@ -244,20 +257,34 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
                 severity=Severity.MEDIUM if same else None,
                 key="same subject" if same else "other subject",
             )
-    unread = keystore.identities.unread
-    if unread:
+    possible = admitted(keystore, identities.possible, context.profiles, context.at)
+    if possible:
+        first = possible[0]
+        more = f" (and {len(possible) - 1} more like it)" if len(possible) > 1 else ""
         yield Violation(
-            message=f"{len(unread)} files with certificates outside enclaves were not read, {quoted(unread[0].place)} "
-            f"first (limit {MAX_BYTES} bytes): whether peers take any of them is unknown.",
+            message=f"Peers let in whoever has the key of {first.certificate.path} "
+            f"({quoted(first.certificate.subject)}). Whether {first.key} holds it is unknown: it could not be read"
+            f"{more}.",
+            locations=places(place for each in possible for place in _identity_at(each, "perhaps its private key")),
+            undecided=True,
+            remedy=_FIND_OUT,
+            key="possible",
+        )
+    unread = identities.unread
+    if unread:
+        more = f" (and {len(unread) - 1} more files like it)" if len(unread) > 1 else ""
+        yield Violation(
+            message=f"{unread[0].place} may hold an identity that peers let in: it {unread[0].detail}{more}.",
             locations=places(Location(path=file.place) for file in unread),
             undecided=True,
+            remedy=_FIND_OUT,
             key="unread",
         )
 
 
-def _identity_at(each: Admitted) -> Iterator[Location]:
+def _identity_at(each: Admitted, key: str = "the private key") -> Iterator[Location]:
     yield Location(path=each.certificate.path, line=each.certificate.line)
-    yield Location(path=each.key, message="the private key")
+    yield Location(path=each.key, message=key)
     yield Location(path=each.right.path, line=each.right.line, message="what lets it in")
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from keystore_audit.keystore.traces import LEAST, MAX_SEARCHED, holds_private_key, search
+from keystore_audit.keystore.traces import LEAST, MAX_SEARCHED, holds_certificates, holds_private_key, search
 
 FORMS = {
     "ec": ("genpkey", "-algorithm", "EC", "-pkeyopt", "ec_paramgen_curve:P-256"),
@@ -57,6 +57,17 @@ def test_every_form_of_a_key_is_seen(key: Path, certificate: Path) -> None:
     assert [number for number, form in enumerate(forms) if not holds_private_key(form)] == []
 
 
+def test_every_form_of_a_certificate_is_seen(certificate: Path, key: Path) -> None:
+    forms = [openssl("x509", "-in", certificate, "-outform", form) for form in ("DER", "PEM")]
+    forms.append(openssl("x509", "-in", certificate, "-trustout"))
+    bag = ("crl2pkcs7", "-nocrl", "-certfile", certificate, "-outform")
+    forms += [openssl(*bag, form) for form in ("DER", "PEM")]
+    assert [number for number, form in enumerate(forms) if not holds_certificates(form)] == []
+    others = [openssl("pkey", "-in", key, *more) for more in ((), ("-outform", "DER"), ("-pubout", "-outform", "DER"))]
+    others.append(openssl("req", "-new", "-key", key, "-subj", "/CN=e"))
+    assert [number for number, form in enumerate(others) if holds_certificates(form)] == []
+
+
 def test_what_is_no_key_is_none(key: Path, certificate: Path, tmp_path: Path) -> None:
     document = tmp_path / "d.xml"
     document.write_text("<dds/>")
@@ -99,6 +110,24 @@ def test_a_large_file_is_searched_across_its_pieces(before: int, tmp_path: Path)
         content = text + what + b"\n\n" + bytes(2 * MIB)
         assert searched(tmp_path / "large", content) == (found, len(content))
     assert searched(tmp_path / "large", text + b"\n\n" + bytes(2 * MIB))[0] == (False, False)
+
+
+@pytest.mark.parametrize("before", [0, MIB - 20, 3 * MIB])
+def test_certificates_in_a_large_file(before: int, tmp_path: Path) -> None:
+    """What was not searched to its end may hold some."""
+    path = tmp_path / "large"
+    for what, most, expected in (
+        (b"-----BEGIN CERTIFICATE-----", MAX_SEARCHED, True),
+        (b"-----BEGIN TRUSTED CERTIFICATE-----", MAX_SEARCHED, True),
+        (b"-----BEGIN CERTIFICATE REQUEST-----", MAX_SEARCHED, False),
+        (b"", MIB, True),
+    ):
+        path.write_bytes(b"x" * before + what + bytes(MIB))
+        descriptor = os.open(path, os.O_RDONLY)
+        try:
+            assert search(descriptor, most)[0].certificate is (expected and (what != b"" or before > 0))
+        finally:
+            os.close(descriptor)
 
 
 def test_what_was_searched_to_its_end_has_a_hash(tmp_path: Path) -> None:

@@ -10,7 +10,13 @@ from pathlib import Path
 
 import pytest
 from cryptography import x509
-from cryptography.hazmat.primitives.serialization import load_pem_private_key
+from cryptography.hazmat.primitives.serialization import (
+    BestAvailableEncryption,
+    Encoding,
+    PrivateFormat,
+    load_pem_private_key,
+)
+from cryptography.hazmat.primitives.serialization.pkcs12 import serialize_key_and_certificates
 from cryptography.x509.name import _ASN1Type
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -324,6 +330,35 @@ def test_what_is_too_much_to_be_parsed_is_no_pass(fleet: Fleet, tmp_path: Path) 
     assert "backup/cert.pem" in {
         place.path for f in report(root).findings if f.code == "KA668" for place in f.locations
     }
+
+
+def test_an_identity_that_could_not_be_read_is_no_pass(fleet: Fleet, tmp_path: Path) -> None:
+    """Where peers would let in who has its key, and wherever nobody knows what the file holds."""
+    password = BestAvailableEncryption(b"secret")
+    for name, subject, content, code in (
+        ("key.pem", "/gripper", "key", 4),
+        ("key.pem", "/nobody", "key", 0),
+        ("some.p12", "/nobody", "both", 4),
+    ):
+        root = fleet.robot(tmp_path / (subject + content).strip("/"))
+        (root / "old").write_bytes(fleet.document("/gripper", "rt/*"))
+        made = certificate(subject, fleet.identity)
+        locked = made.key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, password)
+        both = serialize_key_and_certificates(None, made.key, made.certificate, None, password)
+        (root / name).write_bytes(locked if content == "key" else both)
+        if content == "key":
+            (root / "spare").write_bytes(made.pem)
+        findings = [finding for finding in report(root).findings if finding.code == "KA668"]
+        assert [finding.severity for finding in findings] == [Severity.HIGH] * (code == 4)
+        assert report(root).exit_code == code
+
+
+def test_a_file_by_whose_name_it_may_hold_one(fleet: Fleet, tmp_path: Path) -> None:
+    for name, code in (("spare.crt", 4), ("spare.PEM", 4), ("spare.key", 0), ("spare.txt", 0)):
+        root = fleet.robot(tmp_path / name)
+        (root / name).symlink_to("/etc/hostname")
+        assert bool(beside(root)) is (code == 4)
+        assert report(root).exit_code == code
 
 
 # --- keystores in the keystore

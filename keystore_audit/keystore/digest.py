@@ -1,0 +1,69 @@
+"""What identifies a keystore's content: a digest of all that lies in its directory."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Iterator
+
+from keystore_audit.keystore.files import Entry, EntryKind, Status
+from keystore_audit.keystore.root import Root
+from keystore_audit.text import percent_path
+
+Record = tuple[bytes, bytes, bytes]
+"""Path, type and value of an entry."""
+
+
+def digest(records: Iterable[Record]) -> str:
+    """Hash the tree: for each entry, in order of path, path, type and value, each ended by NUL.
+
+    The value is the SHA-256 of a file's content in hexadecimal (its status where it was not hashed), a link's
+    target, and nothing for a directory (its status where it was not listed). No modes and times: a copy has
+    the same digest.
+    """
+    hashed = hashlib.sha256()
+    for record in records:
+        for part in record:
+            hashed.update(part + b"\0")
+    return hashed.hexdigest()
+
+
+def contents(records: Iterable[Record]) -> Iterator[tuple[str, str]]:
+    """Files with the hash of what is in them."""
+    for path, kind, value in records:
+        if kind == EntryKind.FILE.value.encode() and _is_hash(value):
+            yield percent_path(path), value.decode()
+
+
+def uncovered(records: Iterable[Record]) -> Iterator[str]:
+    """Files that were not hashed and directories that were not listed: their values are statuses."""
+    for path, kind, value in records:
+        file = kind == EntryKind.FILE.value.encode()
+        if (file and not _is_hash(value)) or (kind == EntryKind.DIRECTORY.value.encode() and value):
+            yield percent_path(path) or "."
+
+
+def _is_hash(value: bytes) -> bool:
+    """Whether it is a SHA-256 in hexadecimal; every status is shorter."""
+    return len(value) == hashlib.sha256().digest_size * 2
+
+
+def records(root: Root) -> Iterator[Record]:
+    """Every entry below the root; with it, every file has been read."""
+    stack = [b""]
+    while stack:
+        place = stack.pop()
+        listing = root.entries(place)
+        status = listing.directory.status
+        yield place, b"directory", b"" if status is Status.DIRECTORY else status.value.encode()
+        for entry in listing.entries:
+            path = place + b"/" + entry.name if place else entry.name
+            if entry.kind is EntryKind.DIRECTORY:
+                stack.append(path)
+            else:
+                yield path, entry.kind.value.encode(), _value(root, path, entry)
+
+
+def _value(root: Root, path: bytes, entry: Entry) -> bytes:
+    if entry.kind is EntryKind.LINK:
+        return entry.target or b""
+    return root.fingerprint(path).encode()

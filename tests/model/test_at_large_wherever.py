@@ -1,0 +1,181 @@
+"""An identity at large counts wherever its certificate and its key stand, and what could not be read may be one."""
+
+from __future__ import annotations
+
+import base64
+from pathlib import Path
+
+import pytest
+from cryptography.hazmat.primitives.serialization import (
+    BestAvailableEncryption,
+    Encoding,
+    PrivateFormat,
+    load_pem_private_key,
+    pkcs7,
+    pkcs12,
+)
+
+from keystore_audit.engine.native import NativeEngine
+from keystore_audit.flow import FlowQuestion, find_flow
+from keystore_audit.keystore.root import MAX_FILE_BYTES
+from keystore_audit.model.claim import Attacker, ClaimKind
+from keystore_audit.model.claims import Globs
+from keystore_audit.model.profiles import resolve
+from keystore_audit.model.system import Reading
+from keystore_audit.properties import Status
+from tests.engine.alloy_batch import compare_batch
+from tests.engine.test_agreement import holding
+from tests.model.comparing import AT, authority
+from tests.model.test_at_large import ADMIN, Files, added, claim, identity, understood, written
+
+KEY = load_pem_private_key(ADMIN.key_pem, None)
+DER = ADMIN.certificate.public_bytes(Encoding.DER)
+BAG = pkcs7.serialize_certificates([ADMIN.certificate], Encoding.DER)
+STRANGE = DER.replace(b"\xa0\x03\x02\x01\x02", b"\xa0\x03\x02\x01\x09", 1)
+"""Of a version that there is not."""
+LINES = ADMIN.pem.splitlines(keepends=True)
+TRUSTED = ADMIN.pem.replace(b" CERTIFICATE", b" TRUSTED CERTIFICATE")
+LARGE = b"# \n" * (MAX_FILE_BYTES // 3 + 1)
+WITH_PASSWORD = BestAvailableEncryption(b"secret")
+
+
+def key_as(encoding: Encoding, form: PrivateFormat, *, locked: bool = False) -> bytes:
+    from cryptography.hazmat.primitives.serialization import NoEncryption
+
+    return KEY.private_bytes(encoding, form, WITH_PASSWORD if locked else NoEncryption())
+
+
+LOCKED = key_as(Encoding.PEM, PrivateFormat.PKCS8, locked=True)
+CONTAINER = pkcs12.serialize_key_and_certificates(None, KEY, ADMIN.certificate, None, WITH_PASSWORD)  # type: ignore[arg-type]
+
+
+def armour(label: str, der: bytes) -> bytes:
+    return f"-----BEGIN {label}-----\n{base64.encodebytes(der).decode()}-----END {label}-----\n".encode()
+
+
+def way(root: Path) -> Status:
+    """Whether anything gets from /talker to /motor if nobody attacks."""
+    question = FlowQuestion(source="/talker", target="/motor", attackers=(Attacker.HONEST,))
+    return find_flow(root, question, profiles=resolve(()), at=AT).status
+
+
+@pytest.mark.parametrize(
+    "certificates",
+    [
+        {"backup/cert.der": DER},
+        {"backup/cert.der": DER + b"\n"},
+        {"backup/chain.p7b": BAG},
+        {"backup/chain.p7b": armour("PKCS7", BAG)},
+        {"backup/trusted.pem": TRUSTED},
+        {"backup/secret.yaml": b"tls.crt: |\n" + b"".join(b"  " + line for line in LINES)},
+        {"backup/secret.json": b'{"cert": "' + ADMIN.pem.replace(b"\n", b"\\n") + b'"}'},
+        {"public/ghost_ca.cert.pem": ADMIN.pem},
+        {"enclaves/talker/permissions.xml": ADMIN.pem},
+        {"enclaves/talker/key.pem": identity("/talker", "/talker").key_pem + ADMIN.pem},
+        {"enclaves/talker/cert.pem": identity("/talker", "/talker").pem + ADMIN.pem},
+        {"enclaves/talker/identity_ca.cert.pem": authority("identityCA").pem + ADMIN.pem},
+    ],
+)
+def test_its_certificate_may_stand_anywhere(certificates: Files, tmp_path: Path) -> None:
+    assert way(written(tmp_path / "a", certificates)) is Status.HOLDS
+    assert way(written(tmp_path / "b", {**certificates, "backup/key.pem": ADMIN.key_pem})) is Status.VIOLATED
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        key_as(Encoding.DER, PrivateFormat.PKCS8),
+        key_as(Encoding.DER, PrivateFormat.TraditionalOpenSSL),
+        key_as(Encoding.PEM, PrivateFormat.TraditionalOpenSSL),
+        identity("/other", "other").key_pem + ADMIN.key_pem,
+        LOCKED + ADMIN.key_pem,
+        b"  > " + ADMIN.key_pem.replace(b"\n", b"\n  > "),
+    ],
+)
+def test_so_may_its_key(key: bytes, tmp_path: Path) -> None:
+    for of, status in ((ADMIN, Status.VIOLATED), (identity("/admin", "somebody"), Status.HOLDS)):
+        root = tmp_path / str(status)
+        locked = key.startswith(LOCKED) and of is not ADMIN
+        expected = Status.UNKNOWN if locked else status
+        assert way(written(root, {"backup/cert.pem": of.pem, "backup/held": key})) is expected
+
+
+@pytest.mark.parametrize(
+    "files",
+    [
+        {"backup/admin.p12": CONTAINER},
+        {"backup/cert.pem": ADMIN.pem, "backup/key.pem": LOCKED},
+        {"backup/cert.pem": ADMIN.pem, "backup/key": key_as(Encoding.DER, PrivateFormat.PKCS8, locked=True)},
+        {
+            "backup/cert.pem": ADMIN.pem,
+            "backup/key": key_as(Encoding.PEM, PrivateFormat.TraditionalOpenSSL, locked=True),
+        },
+        {"backup/cert.pem": ADMIN.pem, "backup/key": LARGE + ADMIN.key_pem},
+        {"backup/cert.pem": ADMIN.pem, "enclaves/talker/key.pem": identity("/talker", "/talker").key_pem + LOCKED},
+        {"backup/cert.pem": LARGE + ADMIN.pem, "backup/key.pem": ADMIN.key_pem},
+        {"backup/cert.pem": armour("CERTIFICATE", STRANGE), "backup/key.pem": ADMIN.key_pem},
+    ],
+)
+def test_what_could_not_be_read_may_be_one(files: Files, tmp_path: Path) -> None:
+    root = written(tmp_path, files)
+    assert way(root) is Status.UNKNOWN
+    found = {system.reading: bool(added(system)) for system in understood(root)}
+    assert found == {Reading.MAY: True, Reading.MUST: False}
+
+
+@pytest.mark.parametrize(
+    "files",
+    [
+        {"backup/key.pem": LOCKED},
+        {"backup/cert.pem": identity("/admin", "admin", authority("other")).pem, "backup/key.pem": LOCKED},
+        {"backup/cert.pem": identity("/nobody", "admin").pem, "backup/key.pem": LOCKED},
+        {"backup/cert.pem": ADMIN.pem, "private/ca.key.pem": LOCKED},
+        {"backup/cert.pem": ADMIN.pem, "backup/large": LARGE},
+        {"backup/ca.pem": authority("identityCA").pem, "private/ca.key.pem": authority("identityCA").key_pem},
+        {"backup/README": b"-----BEGIN CERTIFICATE-----\nMIIB...\n-----END CERTIFICATE-----\n"},
+        {
+            "backup/README": b"-----BEGIN PRIVATE KEY-----\n...\n-----END PRIVATE KEY-----\n",
+            "backup/cert.pem": ADMIN.pem,
+        },
+    ],
+)
+def test_what_is_none_leaves_no_doubt(files: Files, tmp_path: Path) -> None:
+    """Also the key of an authority, with a password, where its place says so."""
+    assert way(written(tmp_path, files)) is Status.HOLDS
+
+
+def test_more_locked_keys_than_authorities_may_be_of_identities(tmp_path: Path) -> None:
+    files = {"backup/cert.pem": ADMIN.pem, "private/a.key.pem": LOCKED, "private/b.key.pem": LOCKED}
+    assert way(written(tmp_path / "a", files)) is Status.HOLDS
+    assert way(written(tmp_path / "b", {**files, "private/c.key.pem": LOCKED})) is Status.UNKNOWN
+    known = {"private/b.key.pem": authority("identityCA").key_pem, "private/c.key.pem": LOCKED}
+    assert way(written(tmp_path / "c", {**files, **known})) is Status.UNKNOWN
+
+
+def test_a_second_certificate_of_a_key_that_could_not_be_read(tmp_path: Path) -> None:
+    """The enclave has its key all the same."""
+    again = {"backup/cert.pem": identity("/admin", "/talker").pem}
+    for name, files, status in (("a", {}, Status.HOLDS), ("b", again, Status.VIOLATED)):
+        root = written(tmp_path / name, files)
+        (root / "enclaves/talker/key.pem").unlink()
+        question = FlowQuestion(source="/talker", target="/motor", attackers=(Attacker.SOURCE,))
+        assert find_flow(root, question, profiles=resolve(()), at=AT).status is status
+
+
+@pytest.mark.alloy
+@pytest.mark.xdist_group("alloy")
+def test_both_engines_say_so(tmp_path: Path) -> None:
+    """In one reading of the two there is a way."""
+    asked = claim(ClaimKind.NO_FLOW, Globs(enclaves=("/talker",)), Globs(enclaves=("/motor",)))
+    root = written(tmp_path, {"backup/cert.pem": ADMIN.pem, "backup/key.pem": LOCKED})
+    may = next(each for each in understood(root, (asked,)) if each.reading is Reading.MAY)
+    must = next(each for each in understood(root, (asked,)) if each.reading is Reading.MUST)
+    native = NativeEngine((may, must)).answers
+    assert [answers["x"].status for answers in native] == [Status.VIOLATED, Status.HOLDS]
+    for theirs, expected in zip(
+        compare_batch((may, must), [holding(answers) for answers in native]),
+        (Status.VIOLATED, Status.HOLDS),
+        strict=True,
+    ):
+        assert theirs.differing == ()
+        assert theirs.claims["x"] is expected
