@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
+from itertools import islice
 from typing import Final
 
 from cryptography.exceptions import UnsupportedAlgorithm
@@ -121,9 +122,9 @@ def read_held_keys(file: File) -> HeldKeys:
         return HeldKeys(locked=True)
     if is_pkcs12(content[:64]):
         return HeldKeys(sealed=True)
-    blocks = [*loose_blocks(content, "PRIVATE KEY")] or [Block(label="", line=1, der=first_element(content))]
-    blocks = [block for block in blocks if block.der != b""]  # a text about keys
-    read = [_public_half(block) for block in blocks[:MAX_HELD_KEYS]]
+    blocks = list(islice(loose_blocks(content, "PRIVATE KEY"), MAX_HELD_KEYS + 1))
+    blocks = blocks or [Block(label="", line=1, der=first_element(content))]
+    read = [_public_half(block) for block in blocks[:MAX_HELD_KEYS] if block.der != b""]  # else a text about keys
     keys = dict.fromkeys(public_key.identity(key) for key in read if key is not None)
     return HeldKeys(keys=tuple(keys), locked=None in read or len(blocks) > MAX_HELD_KEYS)
 

@@ -7,6 +7,7 @@ and keys are taken from wherever they stand: files that are parsed for something
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from itertools import islice
 from typing import Final
 
 from keystore_audit.dataclass import dataclass, replace
@@ -22,6 +23,9 @@ from keystore_audit.keystore.traces import is_certificate_in_der
 
 MAX_BYTES: Final = 4 * 1024 * 1024
 """Of files with certificates outside enclaves that are parsed: 5,000 certificates, a quarter of a second."""
+
+MAX_LOOSE: Final = 10_000
+"""Blocks of one such file that are looked at; what begins a further one counts as a certificate that cannot be read."""
 
 _LABELS: Final = ("CERTIFICATE", "PKCS7", "CMS", "SIGNED DATA")
 """How those of blocks in PEM end in which certificates are: also `TRUSTED CERTIFICATE` and `PKCS #7 SIGNED DATA`."""
@@ -182,7 +186,10 @@ def certificates_in(file: File) -> Iterator[Certificate | int]:
     What is cut off, or no DER, is no certificate, as in a text about certificates.
     """
     content = file.content or b""
-    for block in (*loose_blocks(content, *_LABELS), Block(label="", line=1, der=content)):
+    blocks = list(islice(loose_blocks(content, *_LABELS), MAX_LOOSE + 1))
+    if len(blocks) > MAX_LOOSE:
+        yield blocks.pop().line
+    for block in (*blocks, Block(label="", line=1, der=content)):
         der = first_element(block.der) if block.der is not None and block.der[:1] == b"0" else None
         if der is None:
             continue
