@@ -15,6 +15,7 @@ from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import Certificate
+from keystore_audit.model.local_moments import Endpoints
 from keystore_audit.model.system import CertificateAtom, EnclaveAtom, RealmAtom
 from keystore_audit.text import shorten
 
@@ -44,11 +45,13 @@ def at_large_atoms(
     realms: Sequence[RealmAtom],
     certificates: Sequence[CertificateAtom],
     names: Mapping[str, frozenset[int]],
+    own: Mapping[tuple[int, int], Sequence[Endpoints]],
 ) -> Iterator[EnclaveAtom]:
     """The identities that a realm lets in, in its realm if that is the holder's; else in each that lets them in.
 
     Whose realm it is matters for what it takes itself: a holder has its own files, of others nobody knows which they
-    use. `names`: the certificates that subjects of grants mean. One that is like an enclave's own, or like another,
+    use. `names`: the certificates that subjects of grants mean. `own`: by certificate and realm, the endpoints that
+    their implementation creates with each document that names them. One that is like an enclave's own, or like another,
     in all that peers look at adds nothing and is left out: a certificate that was renewed, for instance. Raises
     errors.BudgetExceeded.
     """
@@ -86,6 +89,8 @@ def at_large_atoms(
                 opaque=each.doubted,
                 at_large=True,
                 possible=each.possible,
+                reads_alone=frozenset[int]().union(*(ends.reads for ends in own.get((each.number, realm), ()))),
+                writes_alone=frozenset[int]().union(*(ends.writes for ends in own.get((each.number, realm), ()))),
             )
 
 

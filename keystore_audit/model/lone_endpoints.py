@@ -38,7 +38,7 @@ NOTHING = Alone(NO_ENDPOINTS, NO_ENDPOINTS)
 
 
 class LoneEndpoints:
-    """Of the enclaves of one keystore, at all the `moments`.
+    """Of the enclaves of one keystore, and of `holders` beside them, at all the `moments`.
 
     `meets`: by channel, those in which endpoints of its partition are met; empty where partitions are plain names.
     """
@@ -50,8 +50,9 @@ class LoneEndpoints:
         channels: Channels,
         moments: LocalMoments,
         meets: Sequence[frozenset[int]],
+        holders: Iterable[Enclave] = (),
     ) -> None:
-        self._keystore = keystore
+        self._enclaves = (*keystore.enclaves, *holders)
         self._accesses = accesses
         self._channels = channels
         self._moments = moments
@@ -63,20 +64,20 @@ class LoneEndpoints:
         self._covered: dict[tuple[Interval, ...], frozenset[int]] = {}
 
     def of(self, profile: Profile) -> tuple[Alone, ...]:
-        """By enclave; empty where no enclave may differ from what peers concede it."""
+        """By enclave, then by holder; empty where none may differ from what peers concede it."""
         row = self._accesses.row(profile.access)
         odd_names = self._odd_names and profile.local.reads_names_as_expressions
         if (row, odd_names) not in self._differing:
             self._differing[row, odd_names] = {
                 number
-                for number, enclave in enumerate(self._keystore.enclaves)
+                for number, enclave in enumerate(self._enclaves)
                 if enclave.governance is not None
                 and (odd_names or self._may_differ(enclave.governance, self._moments.grants(enclave, row), row))
             }
         differing = self._differing[row, odd_names]
         if not differing:  # nearly always
             return ()
-        enclaves = enumerate(self._keystore.enclaves)
+        enclaves = enumerate(self._enclaves)
         found = tuple(self._alone(each, profile) if number in differing else NOTHING for number, each in enclaves)
         return found if any(any(each.possible) for each in found) else ()
 

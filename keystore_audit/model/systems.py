@@ -22,6 +22,7 @@ from keystore_audit.model.at_large import Candidate, at_large_atoms, unread_atom
 from keystore_audit.model.channels import Channels, Named, Point, document_channels
 from keystore_audit.model.claims import Claim, claim_regions
 from keystore_audit.model.doubt import at_large_doubt, identity_doubt, realm_doubt
+from keystore_audit.model.holders import Holder, holders_of
 from keystore_audit.model.inventory import (
     Document,
     certificates_of,
@@ -30,7 +31,7 @@ from keystore_audit.model.inventory import (
     identities_at_large,
     instants_of,
 )
-from keystore_audit.model.local_moments import NO_ENDPOINTS, LocalMoments
+from keystore_audit.model.local_moments import NO_ENDPOINTS, Endpoints, LocalMoments
 from keystore_audit.model.lone_endpoints import NOTHING, LoneEndpoints
 from keystore_audit.model.lone_refusals import LoneRefusals
 from keystore_audit.model.profiles import Access, Profile
@@ -143,7 +144,8 @@ class SystemBuilder:
     def kinds(self) -> dict[Kind, tuple[str, ...]]:
         """The names of the profiles that read this keystore alike, under the rows of one of them."""
         moments = LocalMoments(self._accesses, self.channels, self._at)
-        lone = LoneEndpoints(self._keystore, self._accesses, self.channels, moments, self._meets)
+        holders = [holder.enclave for holder in self._holders]
+        lone = LoneEndpoints(self._keystore, self._accesses, self.channels, moments, self._meets, holders)
         refusals = LoneRefusals(self._keystore, moments)
         return self._views.kinds(self._profiles, lone, refusals)
 
@@ -202,9 +204,10 @@ class SystemBuilder:
         realms: dict[RealmAtom, int] = {}
         trusts: dict[TrustFiles, RealmAtom] = {}
         enclaves: list[EnclaveAtom] = []
-        alone = kind.alone or (NOTHING,) * len(self._keystore.enclaves)
-        refusals = kind.refusals or (NO_ENDPOINTS,) * len(self._keystore.enclaves)
-        rows = zip(self._keystore.enclaves, self._unknown, self._realm_doubts, alone, refusals, strict=True)
+        count = len(self._keystore.enclaves)
+        alone = kind.alone or (NOTHING,) * (count + len(self._holders))
+        refusals = kind.refusals or (NO_ENDPOINTS,) * count
+        rows = zip(self._keystore.enclaves, self._unknown, self._realm_doubts, alone[:count], refusals, strict=True)
         for enclave, unknown, doubt, lone, refused in rows:
             if not may and (unknown or doubt is not None):  # of what it accepts, nothing is certain
                 continue
@@ -241,7 +244,12 @@ class SystemBuilder:
         )
         at_large = (each for each in self._at_large if may or not (each.doubted or each.possible))
         names = self._views.names(kind.trust)
-        enclaves += list(at_large_atoms(at_large, enclaves, tuple(realms), self._certificate_atoms, names))
+        own: dict[tuple[int, int], list[Endpoints]] = {}
+        for holder, lone in zip(self._holders, alone[count:], strict=True):
+            if holder.realm in trusts:
+                at = (self._at_large[holder.identity].number, realms[trusts[holder.realm]])
+                own.setdefault(at, []).append(lone.possible if may else lone.certain)
+        enclaves += list(at_large_atoms(at_large, enclaves, tuple(realms), self._certificate_atoms, names, own))
         if may:
             enclaves += unread_atoms([file.place for file in self._keystore.identities.unread], tuple(realms))
         return tuple(enclaves), tuple(realms)
@@ -343,6 +351,12 @@ class SystemBuilder:
             )
             for each in identities_at_large(self._keystore, self._at)
         )
+
+    @cached_property
+    def _holders(self) -> tuple[Holder, ...]:
+        """Whoever has them."""
+        identities = [each.certificate for each in self._at_large]
+        return holders_of(self._keystore, identities, self._documents, self._profiles)
 
     def _identity(self, enclave: Enclave) -> int | None:
         first = enclave.identity

@@ -36,8 +36,9 @@ TrustFiles = tuple[CertificateFile | None, CertificateFile | None, GovernanceFil
 class Kind(NamedTuple):
     """Implementations that read a keystore alike, by the rows of one of them.
 
-    `alone`: by enclave, what they let it do by themselves; empty where that is what peers concede it.
-    `refusals`: by enclave, the endpoints that they refuse it and peers would take; empty where there are none.
+    `alone`: by enclave, and then by holder of an identity at large, what they let it do by themselves; empty where that
+    is what peers concede it. `refusals`: by enclave, the endpoints that they refuse it and peers would take; empty
+    where there are none.
     """
 
     trust: Trust

@@ -1,0 +1,91 @@
+"""Whoever has an identity at large, as an enclave: what their own implementation lets them do is asked like one's own.
+
+They start it in a folder with files of their own. Of trust and governance these are those of some realm, or peers would
+have nothing to do with them; of permissions any document that names them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+from keystore_audit.dataclass import dataclass
+from keystore_audit.errors import BudgetExceeded
+from keystore_audit.keystore.certificate import Certificate, CertificateFile
+from keystore_audit.keystore.files import File, Status
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.layout import EnclaveFiles, Role
+from keystore_audit.keystore.permissions import Grant, PermissionsFile
+from keystore_audit.keystore.private_key import PrivateKey
+from keystore_audit.model.inventory import Document
+from keystore_audit.model.profiles import Profile
+from keystore_audit.model.subject import matching
+from keystore_audit.model.views import TrustFiles, trust_files
+
+MAX_HOLDERS: Final = 4_000
+"""Identities at large, each with each document that names it in each realm: as many as enclaves in a large keystore."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Holder:
+    """One with a document, in a realm; the certificate is named by its index among those that were given."""
+
+    identity: int
+    realm: TrustFiles
+    enclave: Enclave
+
+
+def holders_of(
+    keystore: Keystore, identities: Sequence[Certificate], documents: Iterable[Document], profiles: Sequence[Profile]
+) -> tuple[Holder, ...]:
+    """Everybody who may start with one of these. Raises errors.BudgetExceeded."""
+    if not identities:  # nearly always
+        return ()
+    files = [document.file for document in documents if isinstance(document.file, PermissionsFile)]
+    named = _named(files, identities, profiles)
+    realms = {trust_files(enclave): enclave for enclave in keystore.enclaves}
+    if sum(map(len, named)) * len(realms) > MAX_HOLDERS:
+        raise BudgetExceeded(
+            f"{len(identities)} identities that are no enclave's own may start in more than {MAX_HOLDERS} ways, with "
+            "the documents that name them."
+        )
+    return tuple(
+        Holder(identity=number, realm=realm, enclave=_enclave(identities[number], file, host))
+        for file, numbers in zip(files, named, strict=True)
+        for number in sorted(numbers)
+        for realm, host in realms.items()
+    )
+
+
+def _named(
+    files: Iterable[PermissionsFile], identities: Sequence[Certificate], profiles: Iterable[Profile]
+) -> list[frozenset[int]]:
+    """By document the identities that one of its grants names, to some implementation."""
+    texts = [frozenset(grant.subject_name.text for grant in _grants(file)) for file in files]
+    every = sorted(frozenset[str]().union(*texts))
+    named: dict[str, frozenset[int]] = {}
+    for comparison in dict.fromkeys(profile.trust.subjects for profile in profiles):
+        for text, numbers in matching(every, identities, comparison).items():
+            named[text] = named.get(text, frozenset()) | numbers
+    return [frozenset[int]().union(*(named[text] for text in each)) for each in texts]
+
+
+def _grants(file: PermissionsFile) -> tuple[Grant, ...]:
+    return file.permissions.grants if file.permissions is not None else ()
+
+
+def _enclave(certificate: Certificate, permissions: PermissionsFile, host: Enclave) -> Enclave:
+    """The host's folder with this identity and document in place of its own."""
+    there = File(path=certificate.path, resolved=certificate.path, status=Status.PRESENT)
+    files = dict.fromkeys(Role, there) | {Role.CRL: host.files.files[Role.CRL]}
+    directory = f"{host.files.directory} {certificate.sha256} {permissions.signed.file.place}"  # tells it from others
+    return Enclave(
+        files=EnclaveFiles(path=certificate.subject, directory=directory, files=files, pkcs11={}, unsigned={}),
+        identity_ca=host.identity_ca,
+        certificate=CertificateFile(file=there, certificates=(certificate,), revocation_lists=(), defects=()),
+        key=PrivateKey(file=there, key=certificate.key, key_kind=certificate.key_kind, encrypted=False, defects=()),
+        permissions_ca=host.permissions_ca,
+        governance=host.governance,
+        permissions=permissions,
+        crl=host.crl,
+    )

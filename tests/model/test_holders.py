@@ -1,0 +1,91 @@
+"""What the own implementation of whoever has an identity at large creates, as that of an enclave does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from keystore_audit.engine.native import NativeEngine
+from keystore_audit.errors import BudgetExceeded
+from keystore_audit.flow import FlowQuestion, find_flow
+from keystore_audit.model import holders
+from keystore_audit.model.claim import Attacker, ClaimKind
+from keystore_audit.model.claims import Globs
+from keystore_audit.model.profiles import resolve
+from keystore_audit.properties import Status
+from tests.engine.alloy_batch import compare_batch
+from tests.engine.test_agreement import holding
+from tests.model.comparing import AT, Member, Store, criterion, grant, permissions, rule
+from tests.model.test_at_large import ADMIN, LYING_ABOUT, STORE, added, claim, understood, written
+
+FAR = "<id>7</id>"
+
+
+def admin(domains: str) -> str:
+    """It reads /chatter in these domains, and writes /motor in domain 0."""
+    reads = rule(criterion("subscribe", "rt/chatter"), domains=domains)
+    return permissions(grant("/admin", reads, rule(criterion("publish", "rt/motor"))))
+
+
+def at_large(domains: str) -> Store:
+    return replace(STORE, strays={"old.p7s": admin(domains)})
+
+
+def way(root: Path, profile: str) -> Status:
+    """From /talker, which attacks, to /motor."""
+    question = FlowQuestion(source="/talker", target="/motor", attackers=(Attacker.SOURCE,))
+    return find_flow(root, question, profiles=resolve((profile,)), at=AT).status
+
+
+@pytest.mark.parametrize("profile", ["fastdds-3.6", "cyclonedds-11"])
+def test_it_reads_what_an_enclave_of_its_document_would(profile: str, tmp_path: Path) -> None:
+    """Fast DDS applies rules of other domains to its own endpoints."""
+    enclave = Member(permissions=admin(FAR), serial=104)
+    as_enclave = replace(STORE, members={**STORE.members, "/admin": enclave}, strays={})
+    expected = Status.VIOLATED if profile == "fastdds-3.6" else Status.HOLDS
+    assert way(written(tmp_path / "a", {}, as_enclave), profile) is expected
+    assert way(written(tmp_path / "b", LYING_ABOUT, at_large(FAR)), profile) is expected
+    assert way(written(tmp_path / "c", {"backup/cert.pem": ADMIN.pem}, at_large(FAR)), profile) is Status.HOLDS
+    assert way(written(tmp_path / "d", LYING_ABOUT, at_large("<id>0</id>")), profile) is Status.VIOLATED
+
+
+def test_by_every_document_that_names_it(tmp_path: Path) -> None:
+    """One of them gives it nothing more than peers concede, another does."""
+    store = replace(at_large("<id>0</id>"), strays={"a.p7s": permissions(grant("/admin")), "b.p7s": admin(FAR)})
+    for system in understood(written(tmp_path, LYING_ABOUT, store)):
+        (atom,) = added(system)
+        heard = {system.channels[number].topic for number in atom.reads_alone}
+        assert ("rt/chatter" in heard) is ("fastdds-3.6" in system.profiles)
+
+
+def test_without_a_document_that_names_it_it_reads_nothing_alone(tmp_path: Path) -> None:
+    store = replace(STORE, strays={"old.p7s": permissions(grant("/other", rule(criterion("subscribe", "rt/chatter"))))})
+    for system in understood(written(tmp_path, LYING_ABOUT, store)):
+        assert not any(atom.reads_alone or atom.writes_alone for atom in added(system))
+
+
+@pytest.mark.alloy
+@pytest.mark.xdist_group("alloy")
+def test_both_engines_say_so(tmp_path: Path) -> None:
+    asked = replace(
+        claim(ClaimKind.NO_FLOW, Globs(enclaves=("/talker",)), Globs(enclaves=("/motor",))), attacker=Attacker.SOURCE
+    )
+    for domains, ways in ((FAR, 1), ("<id>0</id>", 2)):
+        systems = understood(written(tmp_path / str(ways), LYING_ABOUT, at_large(domains)), (asked,))
+        some = [next(s for s in systems if name in s.profiles) for name in ("fastdds-3.6", "cyclonedds-11")]
+        some = list({id(system): system for system in some}.values())
+        native = NativeEngine(some).answers
+        found = tuple(compare_batch(some, [holding(answers) for answers in native]))
+        assert all(theirs.differing == () for theirs in found)
+        assert [theirs.claims["x"] for theirs in found] == [ours["x"].status for ours in native]
+        assert (Status.HOLDS in [ours["x"].status for ours in native]) is (ways == 1)
+        assert native[0]["x"].status is Status.VIOLATED
+
+
+def test_too_many_ways_to_start_are_no_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    root = written(tmp_path, LYING_ABOUT, at_large(FAR))
+    monkeypatch.setattr(holders, "MAX_HOLDERS", 0)
+    with pytest.raises(BudgetExceeded, match="more than 0 ways"):
+        understood(root)
