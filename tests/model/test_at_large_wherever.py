@@ -152,6 +152,16 @@ def test_more_locked_keys_than_authorities_may_be_of_identities(tmp_path: Path) 
     assert way(written(tmp_path / "c", {**files, **known})) is Status.UNKNOWN
 
 
+@pytest.mark.parametrize("limit", ["stray_identity.MAX_LOOSE", "private_key.MAX_HELD_KEYS"])
+def test_what_is_too_much_to_look_at_may_be_one(limit: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    other = identity("/other", "other")
+    keys = {"backup/keys.pem": other.key_pem + identity("/third", "third").key_pem}
+    root = written(tmp_path, {"backup/certs.pem": other.pem + ADMIN.pem, **keys})
+    assert way(root) is Status.HOLDS
+    monkeypatch.setattr(f"keystore_audit.keystore.{limit}", 1)
+    assert way(root) is Status.UNKNOWN
+
+
 def test_a_second_certificate_of_a_key_that_could_not_be_read(tmp_path: Path) -> None:
     """The enclave has its key all the same."""
     again = {"backup/cert.pem": identity("/admin", "/talker").pem}
