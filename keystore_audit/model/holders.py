@@ -6,7 +6,7 @@ have nothing to do with them; of permissions any document that names them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
@@ -18,6 +18,8 @@ from keystore_audit.keystore.layout import EnclaveFiles, Role
 from keystore_audit.keystore.permissions import Grant, PermissionsFile
 from keystore_audit.keystore.private_key import PrivateKey
 from keystore_audit.model.inventory import Document
+from keystore_audit.model.local_moments import Endpoints
+from keystore_audit.model.lone_endpoints import Alone
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.subject import matching
 from keystore_audit.model.views import TrustFiles, trust_files
@@ -28,7 +30,7 @@ MAX_HOLDERS: Final = 4_000
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Holder:
-    """One with a document, in a realm; the certificate is named by its index among those that were given."""
+    """One with a document, in a realm. `identity`: the number of the certificate."""
 
     identity: int
     realm: TrustFiles
@@ -36,13 +38,17 @@ class Holder:
 
 
 def holders_of(
-    keystore: Keystore, identities: Sequence[Certificate], documents: Iterable[Document], profiles: Sequence[Profile]
+    keystore: Keystore,
+    identities: Mapping[int, Certificate],
+    documents: Iterable[Document],
+    profiles: Sequence[Profile],
 ) -> tuple[Holder, ...]:
-    """Everybody who may start with one of these. Raises errors.BudgetExceeded."""
+    """Everybody who may start with one of these, by number. Raises errors.BudgetExceeded."""
     if not identities:  # nearly always
         return ()
     files = [document.file for document in documents if isinstance(document.file, PermissionsFile)]
-    named = _named(files, identities, profiles)
+    numbered = tuple(identities)
+    named = _named(files, [*identities.values()], profiles)
     realms = {trust_files(enclave): enclave for enclave in keystore.enclaves}
     if sum(map(len, named)) * len(realms) > MAX_HOLDERS:
         raise BudgetExceeded(
@@ -51,10 +57,25 @@ def holders_of(
         )
     return tuple(
         Holder(identity=number, realm=realm, enclave=_enclave(identities[number], file, host))
-        for file, numbers in zip(files, named, strict=True)
-        for number in sorted(numbers)
+        for file, places in zip(files, named, strict=True)
+        for number in (numbered[place] for place in sorted(places))
         for realm, host in realms.items()
     )
+
+
+def own_endpoints(
+    holders: Iterable[Holder], alone: Iterable[Alone], realms: Mapping[TrustFiles, int], *, may: bool
+) -> dict[tuple[int, int], list[Endpoints]]:
+    """By certificate and realm what their own implementation creates, possibly (MAY) or certainly (MUST).
+
+    `alone`: by holder. Whose realm could not be read is left out: there everybody may do anything.
+    """
+    found: dict[tuple[int, int], list[Endpoints]] = {}
+    for holder, each in zip(holders, alone, strict=True):
+        if holder.realm in realms:
+            own = each.possible if may else each.certain
+            found.setdefault((holder.identity, realms[holder.realm]), []).append(own)
+    return found
 
 
 def _named(

@@ -22,7 +22,7 @@ from keystore_audit.model.at_large import Candidate, at_large_atoms, unread_atom
 from keystore_audit.model.channels import Channels, Named, Point, document_channels
 from keystore_audit.model.claims import Claim, claim_regions
 from keystore_audit.model.doubt import at_large_doubt, identity_doubt, realm_doubt
-from keystore_audit.model.holders import Holder, holders_of
+from keystore_audit.model.holders import Holder, holders_of, own_endpoints
 from keystore_audit.model.inventory import (
     Document,
     certificates_of,
@@ -31,7 +31,7 @@ from keystore_audit.model.inventory import (
     identities_at_large,
     instants_of,
 )
-from keystore_audit.model.local_moments import NO_ENDPOINTS, Endpoints, LocalMoments
+from keystore_audit.model.local_moments import NO_ENDPOINTS, LocalMoments
 from keystore_audit.model.lone_endpoints import NOTHING, LoneEndpoints
 from keystore_audit.model.lone_refusals import LoneRefusals
 from keystore_audit.model.profiles import Access, Profile
@@ -244,11 +244,8 @@ class SystemBuilder:
         )
         at_large = (each for each in self._at_large if may or not (each.doubted or each.possible))
         names = self._views.names(kind.trust)
-        own: dict[tuple[int, int], list[Endpoints]] = {}
-        for holder, lone in zip(self._holders, alone[count:], strict=True):
-            if holder.realm in trusts:
-                at = (self._at_large[holder.identity].number, realms[trusts[holder.realm]])
-                own.setdefault(at, []).append(lone.possible if may else lone.certain)
+        known = {files: realms[realm] for files, realm in trusts.items()}
+        own = own_endpoints(self._holders, alone[count:], known, may=may)
         enclaves += list(at_large_atoms(at_large, enclaves, tuple(realms), self._certificate_atoms, names, own))
         if may:
             enclaves += unread_atoms([file.place for file in self._keystore.identities.unread], tuple(realms))
@@ -355,7 +352,7 @@ class SystemBuilder:
     @cached_property
     def _holders(self) -> tuple[Holder, ...]:
         """Whoever has them."""
-        identities = [each.certificate for each in self._at_large]
+        identities = {each.number: each.certificate for each in self._at_large}
         return holders_of(self._keystore, identities, self._documents, self._profiles)
 
     def _identity(self, enclave: Enclave) -> int | None:
