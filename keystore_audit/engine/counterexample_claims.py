@@ -14,7 +14,7 @@ from keystore_audit.engine.native_claims import claims_at
 from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind
 from keystore_audit.model.claim import Place as ClaimPlace
-from keystore_audit.model.elsewhere import UNREAD
+from keystore_audit.model.elsewhere import UNREAD, same_elsewhere
 from keystore_audit.model.flow import Flows
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.permission import Decisions, Permissions, bits, union
@@ -63,6 +63,8 @@ def _reading(case: Case, attacker: Attacker, when: str) -> Counterexample:
     if attacker is Attacker.OUTSIDER:
         text = f"Anybody on the network can read {case.topic}: {case.kinds()}{when}."
         return Counterexample(text=text, steps=case.governance_steps())
+    if Role.CERTIFICATE in case.witness:
+        return _stranger_reading(case, case.witness[Role.CERTIFICATE], when)
     enclave = case.witness[Role.ENCLAVE]
     view = case.view
     packets = view.abilities(enclave).overhears | view.readable
@@ -71,6 +73,19 @@ def _reading(case: Case, attacker: Attacker, when: str) -> Counterexample:
         found = way(case, enclave, "subscribe", alone=False)
     text = f"{case.enclave.label}, which may not, can read {case.topic}: {found.why}{when}."
     return Counterexample(text=text, steps=found.steps)
+
+
+def _stranger_reading(case: Case, identity: int, when: str) -> Counterexample:
+    """Why somebody who has a certificate that no enclave has, or one that was left out, reads a topic."""
+    system, view = case.system, case.view
+    named = Permissions(system).chosen(identity, view.accepted)
+    unread = None if named else next((each.location for each in system.documents if each.opaque), None)
+    if unread is None:
+        who, place = _who_has(system, identity), system.certificates[identity].location
+    else:
+        who, place = f"Whoever {unread.path}, which could not be read, lets in", unread
+    text = f"{who} can read {case.topic} without a right to: {case.kinds()}{when}."
+    return Counterexample(text=text, steps=(case.step(place), *case.governance_steps()))
 
 
 def _cut_off(system: System, claim: ClaimAtom, answer: Answer) -> str:
@@ -121,16 +136,25 @@ def _stranger(case: Case, identity: int, when: str) -> Counterexample:
         return Counterexample(text=text, steps=(case.step(unread), *case.governance_steps()))
     place = taken[0].location if taken else system.certificates[identity].location
     steps = (case.step(place), *(() if taken else case.governance_steps()))
-    for each in system.left_out:
-        if each.identity == identity:
-            return Counterexample(text=f"{each.label} may publish {case.topic} too{when}.", steps=steps)
+    if any(each.identity == identity for each in system.left_out):
+        return Counterexample(text=f"{_who_has(system, identity)} may publish {case.topic} too{when}.", steps=steps)
     where = place.path if place.line is None else f"{place.path}:{place.line}"
-    unknown = any(each.identity is None for each in system.left_out) or any(each.opaque for each in system.enclaves)
-    which = "that could be read" if unknown else "of this keystore"
     why = f"peers take the grant in {where} from whoever has that subject" if taken else "nobody asks for such a grant"
-    who = shorten(system.certificates[identity].label, MAX_SUBJECT)
-    text = f"Whoever is {who}, which is no enclave {which}, may publish {case.topic}{when}: {why}."
+    text = f"{_who_has(system, identity)} may publish {case.topic}{when}: {why}."
     return Counterexample(text=text, steps=steps)
+
+
+def _who_has(system: System, certificate: int) -> str:
+    """Who has a certificate that no enclave has, or one that was left out, as the beginning of a sentence."""
+    left_out = next((each.label for each in system.left_out if each.identity == certificate), None)
+    if left_out is not None:
+        return left_out
+    who = f"Whoever is {shorten(system.certificates[certificate].label, MAX_SUBJECT)}"
+    for number, enclave in enumerate(system.enclaves):
+        if certificate in same_elsewhere(system, number):
+            return f"{who} beside {enclave.label}, whose certificate peers refuse,"
+    unknown = any(each.identity is None for each in system.left_out) or any(each.opaque for each in system.enclaves)
+    return f"{who}, which is no enclave {'that could be read' if unknown else 'of this keystore'},"
 
 
 def _then(system: System, answer: Answer) -> tuple[str, System]:

@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterable
 
 from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.claim import Place
+from keystore_audit.model.elsewhere import same_elsewhere
 from keystore_audit.model.globs import all_matching
 from keystore_audit.model.named_enclaves import named_enclaves
 from keystore_audit.model.permission import bits
@@ -15,7 +16,8 @@ from keystore_audit.model.system import LeftOut, System
 def permitted(system: System, globs: Collection[str], known: Collection[str], channels: frozenset[int]) -> Place:
     """Whom the globs name, of all enclaves (`known`) those that are in the system; without globs some writer.
 
-    And (MUST) what may be of enclaves that were left out and that are meant: that they publish is no violation.
+    With whoever has the subject of one elsewhere, where its peers refuse the certificate that it has here. And (MUST)
+    with what may be of enclaves that were left out and that are meant: that they publish is no violation.
     """
     if globs:
         meant = all_matching(globs, [each.label for each in system.left_out])
@@ -26,7 +28,7 @@ def permitted(system: System, globs: Collection[str], known: Collection[str], ch
 
 
 def _with_theirs(system: System, enclaves: frozenset[int], unread: Iterable[LeftOut]) -> Place:
-    """The enclaves, and each certificate that may be one of `unread`, in a system that all certificates are in."""
+    """The enclaves, whoever has their subjects elsewhere, and each certificate that may be one of `unread`."""
     identities = {each.identity for each in unread}
     keys = {system.certificates[identity].key for identity in identities if identity is not None}
     anybody = None in identities
@@ -35,20 +37,25 @@ def _with_theirs(system: System, enclaves: frozenset[int], unread: Iterable[Left
     certificates = range(len(system.certificates)) if anybody else identities - {None}
     return Place(
         enclaves=enclaves | at_large,
-        certificates=frozenset(each for each in certificates if each is not None and each not in here),
+        certificates=frozenset(each for each in certificates if each is not None and each not in here)
+        | frozenset(each for enclave in enclaves for each in same_elsewhere(system, enclave)),
     )
 
 
 def _some_writer(system: System, channels: frozenset[int]) -> frozenset[int]:
     """One enclave that may write one of the channels at the audit instant, none where nobody may.
 
-    One that could be read is taken rather than one that may be anybody, and none that is no enclave's identity. That
-    nobody else writes there is not said.
+    One that could be read is taken rather than one that may be anybody, and none that is no enclave's identity; one
+    whose subject alone may, elsewhere, where there is no other. That nobody else writes there is not said.
     """
     asked = bits(channels)
     views = realm_views(system)
     enclaves = [number for number, enclave in enumerate(system.enclaves) if not enclave.at_large]
     for number in sorted(enclaves, key=lambda number: system.enclaves[number].opaque):
         if any(view.abilities(number).may_write & asked for view in views):
+            return frozenset({number})
+    writing = {each for view in views for each, able in view.elsewhere.items() if able.may_write & asked}
+    for number in enclaves if writing else ():
+        if writing.intersection(same_elsewhere(system, number)):
             return frozenset({number})
     return frozenset()

@@ -15,6 +15,7 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.model.blast_radius import NOTHING, BlastRadius, Radii
 from keystore_audit.model.system import CertificateAtom, EnclaveAtom, GrantAtom, System
+from keystore_audit.model.told_subject import grants_naming
 
 MAX_SUBJECTS: Final = 5_000
 """Identities that are made for the holder of an authority's key: half a minute."""
@@ -59,19 +60,27 @@ def holding_both(system: System, key: int) -> System:
 def _subjects(system: System) -> Iterable[frozenset[int]]:
     """Which grants name a subject, for every subject that some grant names, and for one that none does.
 
-    Of grants that name nobody here, each has a subject of its own.
+    Those of certificates that are here, and those that grants tell: to Cyclone DDS a grant names who is here where
+    its subject begins as theirs, and whoever has just that subject may be named by fewer grants.
     """
     by_certificate: dict[int, set[int]] = {}
     found = {frozenset[int]()}
+    texts: dict[str, None] = {}
     for number, grant in enumerate(system.grants):
         for certificate in grant.names:
             by_certificate.setdefault(certificate, set()).add(number)
-        if not grant.names:
+        if grant.subject:
+            texts[grant.subject] = None
+        elif not grant.names:
             found.add(frozenset({number}))
     found.update(frozenset(grants) for grants in by_certificate.values())
-    if len(found) > MAX_SUBJECTS:
+    count = max(len(found), len(texts))
+    if count <= MAX_SUBJECTS:
+        found.update(grants for sets in grants_naming(system, texts).values() for grants in sets)
+        count = len(found)
+    if count > MAX_SUBJECTS:
         raise BudgetExceeded(
-            f"{len(found)} subjects that grants name are more identities than can be tried (limit {MAX_SUBJECTS})."
+            f"{count} subjects that grants name are more identities than can be tried (limit {MAX_SUBJECTS})."
         )
     return sorted(found, key=sorted)
 

@@ -8,10 +8,10 @@ writes; they differ about order, blanks, quotes, escapes, repeated attributes an
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache, partial
 from itertools import chain
-from typing import Final
+from typing import Final, Protocol
 
 from cryptography import x509
 
@@ -58,12 +58,29 @@ _SHORT_NAMES: Final[Mapping[str, str]] = {
     "1.2.840.113549.1.9.1": "emailAddress",
 }
 
+OBJECT_IDENTIFIERS: Final[Mapping[str, x509.ObjectIdentifier]] = {
+    name: x509.ObjectIdentifier(number) for number, name in _SHORT_NAMES.items()
+}
+"""By OpenSSL's short names."""
+
 Attributes = tuple[tuple[str, str], ...]
 """Types and values, in order."""
 
 
+class Subject(Hashable, Protocol):
+    """Whom a certificate is about, as `Certificate` has it; the certificate need not be here."""
+
+    @property
+    def subject(self) -> str:
+        """As RFC 4514 writes it."""
+
+    @property
+    def subject_name(self) -> x509.Name:
+        """Its attributes."""
+
+
 def matching(
-    subjects: Sequence[str], certificates: Sequence[Certificate], comparison: SubjectComparison
+    subjects: Sequence[str], certificates: Sequence[Subject], comparison: SubjectComparison
 ) -> dict[str, frozenset[int]]:
     """For each text of `subjects` the certificates (indices) that a grant with this subject_name is taken to name."""
     wanted = dict.fromkeys(subjects)
@@ -82,7 +99,7 @@ def matching(
 
 
 def _equal(
-    subjects: Iterable[str], numbers: Iterable[int], certificates: Sequence[Certificate]
+    subjects: Iterable[str], numbers: Iterable[int], certificates: Sequence[Subject]
 ) -> dict[str, frozenset[int]]:
     by_name: dict[str, set[int]] = {}
     for number in numbers:
@@ -92,7 +109,7 @@ def _equal(
 
 @lru_cache(maxsize=2)
 def _tokenwise(
-    subjects: tuple[str, ...], certificates: tuple[Certificate, ...], comparison: SubjectComparison
+    subjects: tuple[str, ...], certificates: tuple[Subject, ...], comparison: SubjectComparison
 ) -> dict[str, frozenset[int]]:
     """As Cyclone DDS: where nothing has blanks it does not matter whether they are taken off, so one table is both."""
     if comparison is SubjectComparison.CYCLONEDDS_TRIMMED:
@@ -105,7 +122,7 @@ def _tokenwise(
 def _compared(
     subjects: Iterable[str],
     numbers: Sequence[int],
-    certificates: Sequence[Certificate],
+    certificates: Sequence[Subject],
     comparison: SubjectComparison,
 ) -> dict[str, frozenset[int]]:
     """By the comparison itself, for the certificates `numbers`."""
@@ -146,7 +163,7 @@ def same_meaning(subject: str, certificate: Certificate) -> bool:
     return sorted(map(sorted, text)) == sorted(map(sorted, own))
 
 
-def printed(certificate: Certificate, *, escape_non_ascii: bool) -> str:
+def printed(certificate: Subject, *, escape_non_ascii: bool) -> str:
     """The subject as X509_NAME_print_ex gives it with XN_FLAG_RFC2253, without ASN1_STRFLGS_ESC_MSB unless asked.
 
     As the implementations compute it: Fast DDS leaves UTF-8 as it is (PKIDH.cpp), Cyclone DDS escapes each byte of it
@@ -161,10 +178,10 @@ def printed(certificate: Certificate, *, escape_non_ascii: bool) -> str:
 def _attribute(attribute: x509.NameAttribute[str | bytes], *, escape: bool) -> str:
     kind = attribute.oid.dotted_string
     value = attribute.value if isinstance(attribute.value, str) else "#" + attribute.value.hex().upper()
-    return f"{_SHORT_NAMES.get(kind, kind)}={_escaped(value, escape=escape)}"
+    return f"{_SHORT_NAMES.get(kind, kind)}={escaped(value, escape=escape)}"
 
 
-def _escaped(value: str, *, escape: bool) -> str:
+def escaped(value: str, *, escape: bool = False) -> str:
     """Escapes of RFC 2253, 2.4, as do_esc_char of OpenSSL makes them (crypto/asn1/a_strex.c)."""
     pieces = []
     for place, character in enumerate(value):
@@ -182,7 +199,7 @@ def _escaped(value: str, *, escape: bool) -> str:
 
 
 @lru_cache(maxsize=32_768)
-def _printed(certificate: Certificate, *, escape_non_ascii: bool) -> str:
+def _printed(certificate: Subject, *, escape_non_ascii: bool) -> str:
     return printed(certificate, escape_non_ascii=escape_non_ascii)
 
 
@@ -212,15 +229,15 @@ def _trimmed(piece: str) -> str:
 def _distinguished(text: str) -> tuple[frozenset[tuple[str, str]], ...] | str:
     """OpenDDS: relative names in order, each a set of attributes, blanks off and escapes resolved (read only)."""
     relative = []
-    for rdn in _split(text, ","):
-        attributes = [each.partition("=") for each in _split(rdn, "+")]
+    for rdn in split(text, ","):
+        attributes = [each.partition("=") for each in split(rdn, "+")]
         if not all(sign for _kind, sign, _value in attributes):
             return text
-        relative.append(frozenset((kind.strip(" "), _unescaped(value.strip(" "))) for kind, _sign, value in attributes))
+        relative.append(frozenset((kind.strip(" "), unescaped(value.strip(" "))) for kind, _sign, value in attributes))
     return tuple(relative)
 
 
-def _split(text: str, delimiter: str) -> Iterator[str]:
+def split(text: str, delimiter: str) -> Iterator[str]:
     """The pieces between delimiters that no backslash escapes and no quotes enclose."""
     begin, place, quoted = 0, 0, False
     while place < len(text):
@@ -235,7 +252,8 @@ def _split(text: str, delimiter: str) -> Iterator[str]:
     yield text[begin:]
 
 
-def _unescaped(value: str) -> str:
+def unescaped(value: str) -> str:
+    """Without the quotes around it and the backslashes in it."""
     if len(value) > 1 and value[0] == value[-1] == '"':
         value = value[1:-1]
     pieces = value.split("\\")
@@ -323,7 +341,7 @@ def _fastdds_attributes(text: str) -> Attributes:
 
 def _cut(text: str, delimiter: str) -> tuple[str, str, str]:
     """Like str.partition, at the first delimiter outside quotes and escapes."""
-    head = next(_split(text, delimiter))
+    head = next(split(text, delimiter))
     return head, text[len(head) : len(head) + 1], text[len(head) + 1 :]
 
 

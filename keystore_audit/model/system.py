@@ -37,7 +37,8 @@ class CertificateAtom:
 
     `authority`: CA:TRUE and, where keyUsage is present, keyCertSign. `fit_to_sign`: fit for S/MIME signing.
     `not_before`, `not_after`: instants. `key`: equal keys have equal numbers. `opaque`: (MAY only) it stands
-    for all that CA files that could not be read may hold.
+    for all that CA files that could not be read may hold. `elsewhere`: it is not here, and stands for whatever
+    certificate somebody has whose subject is `label` (`model.elsewhere`).
     """
 
     label: str
@@ -49,6 +50,7 @@ class CertificateAtom:
     not_before: int
     not_after: int
     opaque: bool = False
+    elsewhere: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cryptography.hazmat.primitives.serialization import Encoding
 
-from tests.cli.keystores import AT, DOCUMENT, answer, properties, rule, signed_keystore
-from tests.keystore.builder import GOVERNANCE
+from tests.cli.keystores import AT, DOCUMENT, answer, properties, rule, signed_keystore, write_enclave
+from tests.keystore.builder import GOVERNANCE, authority, certificate, crl
 
 SETTINGS = """single_writer = ["/x"]
 [[property]]
@@ -24,11 +25,11 @@ OPEN = (
 )
 
 
-def built(root: Path, *, ghost: str = "", governance: bytes = GOVERNANCE) -> Path:
-    """`ghost`: the rules that the talker's document has for somebody who is no enclave here."""
+def built(root: Path, *, ghost: str = "", governance: bytes = GOVERNANCE, path: str = "/ghost") -> Path:
+    """`ghost`: the rules that the talker's document has for somebody who is no enclave here, by the name of `path`."""
     talker = DOCUMENT.format(path="/talker", rules=rule(("rt/x",)), default="DENY")
     if ghost:
-        grant = GRANT.format(path="/ghost", rules=ghost, default="DENY")
+        grant = GRANT.format(path=path, rules=ghost, default="DENY")
         talker = talker.replace("  </permissions>", f"{grant}  </permissions>")
     listener = DOCUMENT.format(path="/listener", rules=rule((), ("rt/x",)), default="DENY")
     return signed_keystore(root, {"/talker": talker.encode(), "/listener": listener.encode()}, governance=governance)
@@ -145,3 +146,84 @@ def test_whom_an_unread_document_names_is_no_certificate_that_happens_to_be_ther
         "Whoever enclaves/talker/governance.p7s, which could not be read, lets in may publish /x (topic) in domain 0."
     }
     assert [each for each in asked_for["forgers"] if "CA" in each] == []
+
+
+@pytest.mark.parametrize("profile", ["spec", "fastdds-3.6", "cyclonedds-11"])
+@pytest.mark.parametrize(("topic", "status"), [("rt/x", "violated"), ("rt/y", "holds")])
+def test_who_has_a_longer_name_than_an_enclave_is_not_that_enclave(
+    tmp_path: Path, topic: str, status: str, profile: str
+) -> None:
+    """Cyclone DDS takes a grant of CN=/talker/arm for one of CN=/talker too: it was taken to be the enclave's alone."""
+    root = built(tmp_path / "keys", ghost=rule((topic,)), path="/talker/arm")
+    every = properties(root, SETTINGS, "--profile", profile)
+    for name in ("only-talker", "single-writer-x"):
+        assert every[name]["status"] == status
+        told = every[name]["profiles"][profile]["counterexample"]
+        assert told is None or told["text"].startswith("Whoever is CN=/talker/arm, which is no enclave of this")
+
+
+@pytest.mark.parametrize("spelling", ["CN=/talker", 'CN="/talker"', "CN=/talker,"])
+def test_an_enclave_that_a_grant_names_in_other_words_is_nobody_else(tmp_path: Path, spelling: str) -> None:
+    talker = DOCUMENT.format(path="/talker", rules=rule(("rt/x",)), default="DENY").replace("CN=/talker", spelling)
+    root = signed_keystore(tmp_path / "keys", {"/talker": talker.encode()})
+    every = properties(root, SETTINGS, "--profile", "fastdds-3.6")
+    assert every["only-talker"]["status"] == "holds"
+
+
+def with_ghost(root: Path, *, taken: bool = True, revoked: bool = False, publisher: str = "/talker") -> Path:
+    """The talker's document also grants the topic to a subject that an enclave has.
+
+    `taken`: by its peers, since their authority issued its certificate. `publisher`: whom the first grant names.
+    """
+    identity, permissions = authority("identityCA"), authority("permissionsCA")
+    grant = GRANT.format(path="/ghost", rules=rule(("rt/x",)), default="DENY")
+    talker = DOCUMENT.format(path=publisher, rules=rule(("rt/x",)), default="DENY")
+    reader = DOCUMENT.format(path="/ghost", rules=rule((), ("rt/x",)), default="DENY")
+    issuer = identity if taken else authority("another CA")
+    ghost = certificate("/ghost", issuer)
+    for path, own, document in (
+        ("/talker", certificate("/talker", identity), talker.replace("  </permissions>", f"{grant}  </permissions>")),
+        ("/ghost", ghost, reader),
+    ):
+        directory = root / "enclaves" / path.strip("/")
+        write_enclave(directory, own, document.encode(), identity, permissions, GOVERNANCE)
+        if revoked:
+            revocations = crl(identity, [ghost.certificate.serial_number])
+            (directory / "crl.pem").write_bytes(revocations.public_bytes(Encoding.PEM))
+    return root
+
+
+BOTH = """single_writer = ["/x"]
+[[property]]
+name = "only-talker"
+only_publish = { topic = "/x", enclaves = "/talker" }
+[[property]]
+name = "ghost-too"
+only_publish = { topic = "/x", enclaves = ["/talker", "/ghost"] }
+"""
+
+
+@pytest.mark.parametrize("refused", [{"taken": False}, {"revoked": True}])
+@pytest.mark.parametrize("profile", ["spec", "cyclonedds-11"])
+def test_an_enclave_that_peers_refuse_is_not_who_the_grant_names(
+    tmp_path: Path, refused: dict[str, bool], profile: str
+) -> None:
+    """Another robot may have the subject with a certificate that they take, and so may whom the settings allow."""
+    every = properties(with_ghost(tmp_path / "keys", **refused), BOTH, "--profile", profile)
+    told = every["only-talker"]["profiles"][profile]["counterexample"]["text"]
+    assert told.startswith("Whoever is CN=/ghost beside /ghost, whose certificate peers refuse, may publish /x")
+    statuses = {name: every[name]["status"] for name in ("only-talker", "single-writer-x", "ghost-too")}
+    assert statuses == {"only-talker": "violated", "single-writer-x": "violated", "ghost-too": "holds"}
+
+
+def test_an_enclave_that_peers_take_is_who_the_grant_names(tmp_path: Path) -> None:
+    every = properties(with_ghost(tmp_path / "keys"), BOTH, *PROFILE)
+    told = every["only-talker"]["profiles"]["cyclonedds-11"]["counterexample"]["text"]
+    assert told.startswith("/ghost may publish /x")
+    assert every["ghost-too"]["status"] == "holds"
+
+
+def test_the_one_writer_may_be_who_is_refused_here(tmp_path: Path) -> None:
+    """Whoever has its subject is one, wherever it runs."""
+    root = with_ghost(tmp_path / "keys", taken=False, publisher="/ghost")
+    assert properties(root, BOTH, *PROFILE)["single-writer-x"]["status"] == "holds"
