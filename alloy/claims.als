@@ -8,7 +8,7 @@
 module claims
 open information_flow
 
--- only these publish: enclaves, whoever else has a subject that grants name, and anybody who may join without one
+-- whoever else has a subject that grants name, and is no enclave here
 
 /** Certificates that no enclave here has, and whose holders the realm lets in with a grant, or may (a grant unread). */
 fun elsewhere[realm: Realm]: set Certificate {
@@ -17,20 +17,47 @@ fun elsewhere[realm: Realm]: set Certificate {
 		(known & named) - Enclave.identity
 }
 
+/** The same where a document could not be read, which may let them in and grant them anything. */
+fun unread_elsewhere[realm: Realm]: set Certificate { some opaque & Document implies realm.elsewhere else none }
+
 /** Domains that whoever has such a certificate can join: as `joins`. */
 fun joins_elsewhere[realm: Realm]: Certificate -> Domain {
-	let others = realm.elsewhere, unread = some opaque & Document implies others else none |
-		others -> realm.join_uncontrolled + unread -> realm.governed_domain
-		+ { c: others, d: (c.admitting & realm.accepted.grant).joining & realm.governed_domain }
+	realm.elsewhere -> realm.join_uncontrolled + realm.unread_elsewhere -> realm.governed_domain
+	+ { c: realm.elsewhere, d: (c.admitting & realm.accepted.grant).joining & realm.governed_domain }
+}
+
+/** Channels in whose domain whoever has such a certificate takes part: as `within_reach`. */
+fun reaches_elsewhere[realm: Realm]: Certificate -> Channel {
+	joins_elsewhere[realm].(~in_domain & Domain -> realm.governed)
+}
+
+/** Rights of the kind `allowed` of whoever has such a certificate: as `presentable`. */
+fun presentable_elsewhere[realm: Realm, allowed: Grant -> Channel]: Certificate -> Channel {
+	let rights = { c: realm.elsewhere, t: (c.chosen & realm.accepted.grant).allowed } |
+		rights + rights.meets + realm.unread_elsewhere -> Channel
 }
 
 /** Channels on which peers match a writer of whoever has such a certificate: as `may_write`. */
 fun writes_elsewhere[realm: Realm]: Certificate -> Channel {
-	let others = realm.elsewhere, unread = some opaque & Document implies others else none,
-		rights = { c: others, t: (c.chosen & realm.accepted.grant).publish_allowed } |
-		{ c: others, t: realm.governed & (realm.write_uncontrolled + c.(unread -> Channel + rights + rights.meets)) |
-			t.in_domain in c.(joins_elsewhere[realm]) }
+	reaches_elsewhere[realm]
+	& (realm.elsewhere -> realm.write_uncontrolled + presentable_elsewhere[realm, publish_allowed])
 }
+
+/** Channels on which peers match a reader of whoever has such a certificate, by a grant that could be read or without. */
+fun reads_elsewhere[realm: Realm]: Certificate -> Channel {
+	let granted = presentable_elsewhere[realm, subscribe_allowed] - realm.unread_elsewhere -> Channel |
+		reaches_elsewhere[realm] & (realm.elsewhere -> realm.read_uncontrolled + granted)
+}
+
+/** Channels whose payloads whoever has such a certificate recovers from packets: as `overhears`. */
+fun overhears_elsewhere[realm: Realm]: Certificate -> Channel {
+	let unsealed = Channel - realm.(payload_protection[encrypting]),
+		bare = unsealed - realm.(submessage_protection[encrypting]),
+		relayed = presentable_elsewhere[realm, relay_allowed] & realm.elsewhere -> unsealed |
+		reaches_elsewhere[realm] & (realm.elsewhere -> bare + relayed)
+}
+
+-- only these publish: enclaves, whoever else has a subject that grants name, and anybody who may join without one
 
 /** Channels that anybody writes who joins the domain without an identity: their readers look into such messages. */
 fun writes_unauthenticated: Realm -> Channel { unguarded & unauthenticated_allowed.~in_domain }
@@ -43,9 +70,14 @@ fun publishes[realm: Realm]: (Enclave + Certificate + Outsider) -> Channel {
 
 -- encrypted against insiders
 
-/** Channels that each enclave learns as anybody whose key it has, or as anybody can, and is not itself a reader of. */
-fun listens_in[realm: Realm]: Enclave -> Channel {
-	in_any_guise[Enclave, knows[realm]] + Enclave -> realm.in_clear - may_read[realm]
+/**
+ * Channels that each enclave learns as anybody whose key it has, or as anybody can, and is not itself a reader of. And
+ * those of whoever is none here; whom a document lets in that could not be read may not even be in the domain.
+ */
+fun listens_in[realm: Realm]: (Enclave + Certificate) -> Channel {
+	(in_any_guise[Enclave, knows[realm]] + Enclave -> realm.in_clear - may_read[realm])
+	+ (overhears_elsewhere[realm] + realm.elsewhere -> realm.in_clear - reads_elsewhere[realm])
+	+ realm.unread_elsewhere -> realm.in_clear
 }
 
 /** Everybody but second certificates of keys that enclaves have: these are asked with all that their keys open. */

@@ -64,16 +64,18 @@ class Claims:
         """Channels of the target whose payload somebody reads who may not."""
         asked = bits(claim.target.channels)
         for realm, view in enumerate(self._realms):
-            if claim.attacker is Attacker.INSIDER:
-                for enclave in self._insiders:
-                    learnt = union(view.abilities(each).knows for each in self._flows.acting(enclave))
-                    recovered = learnt | view.readable  # if only as anybody can
-                    for channel in members(recovered & ~view.abilities(enclave).may_read & asked):
-                        yield {Role.REALM: realm, Role.ENCLAVE: enclave, Role.CHANNEL: channel}, ()
-                continue
-            for enclave in range(len(self._system.enclaves)):
-                for channel in members(view.abilities(enclave).writes_at_all & view.readable & asked):
+            if claim.attacker is not Attacker.INSIDER:  # whoever names a topic means that somebody writes it
+                for channel in members(view.readable & asked):
                     yield {Role.REALM: realm, Role.CHANNEL: channel}, ()
+                continue
+            for enclave in self._insiders:
+                learnt = union(view.abilities(each).knows for each in self._flows.acting(enclave))
+                recovered = learnt | view.readable  # if only as anybody can
+                for channel in members(recovered & ~view.abilities(enclave).may_read & asked):
+                    yield {Role.REALM: realm, Role.ENCLAVE: enclave, Role.CHANNEL: channel}, ()
+            for certificate, learnt in view.learnt_elsewhere.items():
+                for channel in members(learnt & asked):
+                    yield {Role.REALM: realm, Role.CERTIFICATE: certificate, Role.CHANNEL: channel}, ()
 
     def shared_domains(self, claim: ClaimAtom) -> Iterator[Found]:
         """Domains that an enclave of the source and one of the target can join, or the one can and the other starts in.

@@ -271,6 +271,17 @@ class RealmView:
         return found
 
     @cached_property
+    def learnt_elsewhere(self) -> Mapping[int, int]:
+        """By certificate that no enclave here has: channels that whoever has it learns, and may not read.
+
+        Whom a document lets in that could not be read may be granted to join, or to relay, and nothing to read.
+        """
+        if self._any_opaque:
+            controlled = self.protection.read_controlled
+            return {each: able.overhears & controlled | self.readable for each, able in self.elsewhere.items()}
+        return {each: (able.overhears | self.readable) & ~able.may_read for each, able in self.elsewhere.items()}
+
+    @cached_property
     def joining_anybody(self) -> int:
         """Channels on which readers take samples from participants without any identity, who join their domain."""
         return self._permissions.within(members(self.protection.unauthenticated)) & self.injectable

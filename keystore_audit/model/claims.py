@@ -179,7 +179,7 @@ def with_claims(
     if not claims or not systems:
         return tuple(systems)
     _check(claims, systems, channels, keystore)
-    if any(claim.kind is ClaimKind.ONLY_PUBLISH for claim in claims):
+    if any(claim.kind in (ClaimKind.ONLY_PUBLISH, ClaimKind.ENCRYPTED) for claim in claims):
         from keystore_audit.model.elsewhere import with_subjects_elsewhere  # most settings have none
 
         systems = with_subjects_elsewhere(systems)

@@ -22,6 +22,8 @@ class Role(str, Enum):
     OTHER_CHANNEL = "other_channel"
     PUBLISHER = "publisher"
     """An enclave, a certificate that no enclave has, or (none of both) anybody; a witness names what it is."""
+    INSIDER = "insider"
+    """An enclave, or a certificate that no enclave has; a witness names what it is."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

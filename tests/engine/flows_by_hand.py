@@ -318,10 +318,49 @@ def published_elsewhere(
     return found
 
 
+def read_elsewhere(s: System, view: RealmView, permissions: Permissions, realm: int) -> set[int]:
+    """What in the realm is read without a right to by who is no enclave here, with a grant."""
+    here, unread = {enclave.identity for enclave in s.enclaves}, any(document.opaque for document in s.documents)
+    p, trust = view.protection, s.realms[realm]
+    found = set()
+    for number, certificate in enumerate(s.certificates):
+        vouching = (s.certificates[issuer] for issuer in certificate.issuers & trust.identity_ca)
+        known = view.open or (number not in trust.revoked and any(issuer.authority for issuer in vouching))
+        grants = permissions.chosen(number, view.accepted)
+        if number in here or not known or not (grants or unread):
+            continue
+        admitting = permissions.admitting(number, view.accepted)
+        for channel in members(p.governed):
+            domain = s.channels[channel].domain
+
+            def granted(operation: Operation, channel: int = channel, grants: frozenset[int] = grants) -> bool:
+                return any(permissions.met(permissions.allowed(g, operation)) >> channel & 1 for g in grants)
+
+            def off(bit_set: int, channel: int = channel) -> bool:
+                return not bit_set >> channel & 1
+
+            may_join = unread or any(permissions.joins(grant) >> domain & 1 for grant in admitting)
+            joins = may_join or not p.join_controlled >> domain & 1
+            bare = off(p.data_encrypts) and (off(p.metadata_encrypts) or unread or granted(Operation.RELAY))
+            reader = off(p.read_controlled) or (not unread and granted(Operation.SUBSCRIBE))
+            clear = off(p.rtps_encrypts | p.metadata_encrypts | p.data_encrypts)
+            if (joins and bare and not reader) or (clear and (unread or not (joins and reader))):
+                found.add(channel)
+    return found
+
+
 def published_by_others(hand: ByHand, permitted: frozenset[int]) -> set[int]:
     views = enumerate(hand.views)
     found = (published_elsewhere(hand.system, view, hand.permissions, realm, permitted) for realm, view in views)
     return set[int]().union(*found)
+
+
+def read_by_others(hand: ByHand, attacker: Attacker) -> set[int]:
+    """What somebody reads who is no enclave here: anybody, or (an insider) with a grant."""
+    if attacker is not Attacker.INSIDER:
+        return set[int]().union(*(hand.in_clear(realm) for realm in range(len(hand.views))))
+    views = enumerate(hand.views)
+    return set[int]().union(*(read_elsewhere(hand.system, view, hand.permissions, realm) for realm, view in views))
 
 
 def violated(hand: ByHand, claim: ClaimAtom) -> bool:
@@ -339,6 +378,8 @@ def violated_by_some(hand: ByHand, claim: ClaimAtom) -> bool:
     if claim.kind is ClaimKind.ONLY_PUBLISH and claim.target.channels & published_by_others(
         hand, claim.source.certificates
     ):
+        return True
+    if claim.kind is ClaimKind.ENCRYPTED and claim.target.channels & read_by_others(hand, claim.attacker):
         return True
     for realm in range(len(s.realms)):
         for e in hand.enclaves:
@@ -358,6 +399,4 @@ def violated_by_some(hand: ByHand, claim: ClaimAtom) -> bool:
                 learnt = hand.in_clear(realm).union(*(hand.powers(f, realm).learns() for f in hand.acts_as(e)))
                 if (learnt - powers.reads) & claim.target.channels:
                     return True
-            elif (powers.writes | hand.written_alone(e, realm)) & hand.in_clear(realm) & claim.target.channels:
-                return True
     return False

@@ -18,7 +18,7 @@ from keystore_audit.model.permission import Permissions, members
 from keystore_audit.model.system import Reading, System
 from keystore_audit.properties import Answer, Status
 from keystore_audit.properties.property import Hop
-from tests.engine.flows_by_hand import published_elsewhere
+from tests.engine.flows_by_hand import published_elsewhere, read_elsewhere
 from tests.engine.systems import (
     CHATTER,
     IDENTITY_CA,
@@ -209,15 +209,11 @@ def violated(definitions: Definitions, claim: ClaimAtom) -> bool:
             for r in d.realms
         )
     if claim.kind is ClaimKind.ENCRYPTED and claim.attacker is Attacker.OUTSIDER:
-        return any(
-            d.able("may_write", e, r) & d.readable(r) & channels
-            or (d.member(e) == r and d.shows(e) & d.readable(r) & channels)
-            for r, e in pairs
-        )
+        return any(d.readable(r) & channels for r in d.realms)
     if claim.kind is ClaimKind.ENCRYPTED:
         return any(
             ((d.able("overhears", e, r) | d.readable(r)) - d.able("may_read", e, r)) & channels for r, e in pairs
-        )
+        ) or any(read_elsewhere(d.system, d.view[r], d.permissions, r) & channels for r in d.realms)
     assert claim.kind is ClaimKind.SEPARATE_DOMAINS
 
     def there(realm: int, enclave: int) -> set[int]:

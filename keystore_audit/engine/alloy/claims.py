@@ -43,7 +43,7 @@ _OR: Final = "\n\t\tor "
 _ROLES: Final = {
     (ClaimKind.ONLY_PUBLISH, None): (Role.REALM, Role.PUBLISHER, Role.CHANNEL),
     (ClaimKind.ENCRYPTED, Attacker.OUTSIDER): (Role.REALM, Role.CHANNEL),
-    (ClaimKind.ENCRYPTED, Attacker.INSIDER): (Role.REALM, Role.ENCLAVE, Role.CHANNEL),
+    (ClaimKind.ENCRYPTED, Attacker.INSIDER): (Role.REALM, Role.INSIDER, Role.CHANNEL),
     (ClaimKind.SEPARATE_DOMAINS, None): (Role.REALM, Role.ENCLAVE, Role.OTHER, Role.DOMAIN),
 }
 """The variables of a check; of `encrypted` by attacker."""
@@ -182,9 +182,9 @@ def condition(claim: ClaimAtom, number: int) -> str:
         there = f"enclave.(enters[realm] + {at.starts}) & other.(enters[realm] + {at.starts})"
         return f"all realm: Realm, {who} |\n\t\tdomain not in {there} & (enclave + other).(enters[realm])"
     if claim.attacker is Attacker.INSIDER:
-        who = f"enclave: insiders, channel: {at.last}"
-        return f"all realm: Realm, {who} | channel not in enclave.(listens_in[realm])"
-    return f"all realm: Realm, channel: {at.last} | channel not in realm.readable_outside"
+        who = f"insider: insiders + Certificate, channel: {at.last}"
+        return f"all realm: Realm, {who} | channel not in insider.(listens_in[realm])"
+    return f"all realm: Realm, channel: {at.last} | channel not in realm.in_clear"
 
 
 def inhabited(claims: Sequence[ClaimAtom]) -> str:

@@ -84,8 +84,8 @@ def _roles(atoms: Mapping[str, str], command: str, roles: Sequence[Role], sizes:
     found: dict[Role, int] = {}
     for asked in roles:
         answer, role = atoms.get(asked.value, ""), asked
-        if asked is Role.PUBLISHER:
-            if _OUTSIDER.fullmatch(answer):
+        if asked in (Role.PUBLISHER, Role.INSIDER):
+            if asked is Role.PUBLISHER and _OUTSIDER.fullmatch(answer):
                 continue
             role = Role.ENCLAVE if index_of(answer, Role.CERTIFICATE) is None else Role.CERTIFICATE
         index = index_of(answer, role)

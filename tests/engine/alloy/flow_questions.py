@@ -113,6 +113,28 @@ def weak(**kinds: ProtectionKind) -> Builder:
     return b
 
 
+def in_messages(b: Builder, metadata: ProtectionKind = ProtectionKind.NONE) -> Builder:
+    """Payloads are protected with whole messages, and in submessages at most; every enclave here may read them."""
+    none = ProtectionKind.NONE
+    b.topic_rules[0] = replace(b.topic_rules[0], metadata_protection_kind=metadata, data_protection_kind=none)
+    b.domain_rules[0] = replace(b.domain_rules[0], rtps_protection_kind=ProtectionKind.ENCRYPT)
+    return with_readers(b)
+
+
+def reading(b: Builder) -> Builder:
+    b.rule(len(b.grants) - 1, [0], subscribe=[OTHER_TOPIC])
+    return b
+
+
+def relaying(b: Builder) -> Builder:
+    b.rule(len(b.grants) - 1, [0], relay=[OTHER_TOPIC])
+    return b
+
+
+def encrypted_from(attacker: Attacker, channel: int) -> ClaimAtom:
+    return claim(Place(), on_channel(channel), attacker, kind=ClaimKind.ENCRYPTED)
+
+
 def shut_out(**kinds: ProtectionKind) -> Builder:
     """The third's grant is out of date, so that peers let it into no domain."""
     b = weak(**kinds)
@@ -316,7 +338,35 @@ def questions() -> list[Question]:
         (wilful(silent(weak(**clear))), claim(at(THIRD), OUT, left_out=(OTHER_TOPIC,)), True),
         (silent(weak(**clear)), claim(at(THIRD), OUT, left_out=(OTHER_TOPIC,)), False),
         (wilful(silent(weak(**clear))), claim(Place(), on_channel(CHATTER), outsider, kind=encrypted), True),
-        (silent(weak(**clear)), claim(Place(), on_channel(CHATTER), outsider, kind=encrypted), False),
+        (
+            silent(weak(**clear)),
+            claim(Place(), on_channel(CHATTER), outsider, kind=encrypted),
+            True,
+            "written by nobody",
+        ),
+        (silent(weak(**{**clear, "metadata": ProtectionKind.ENCRYPT})), encrypted_from(outsider, CHATTER), False),
+        # who is no enclave here, and is let in by a grant, reads what is in messages that all members open
+        (with_readers(elsewhere([IDENTITY_CA])), encrypted_from(Attacker.INSIDER, OTHER_TOPIC), False),
+        (in_messages(elsewhere([])), encrypted_from(Attacker.INSIDER, OTHER_TOPIC), False),
+        (in_messages(elsewhere([IDENTITY_CA])), encrypted_from(Attacker.INSIDER, OTHER_TOPIC), True, "read elsewhere"),
+        (
+            in_messages(reading(elsewhere([IDENTITY_CA]))),
+            encrypted_from(Attacker.INSIDER, OTHER_TOPIC),
+            False,
+            "read elsewhere, by right",
+        ),
+        (in_messages(over(elsewhere([IDENTITY_CA]))), encrypted_from(Attacker.INSIDER, OTHER_TOPIC), False),
+        (
+            in_messages(relaying(elsewhere([IDENTITY_CA])), metadata=ProtectionKind.ENCRYPT),
+            encrypted_from(Attacker.INSIDER, OTHER_TOPIC),
+            True,
+            "relayed elsewhere",
+        ),
+        (
+            in_messages(elsewhere([IDENTITY_CA]), metadata=ProtectionKind.ENCRYPT),
+            encrypted_from(Attacker.INSIDER, OTHER_TOPIC),
+            False,
+        ),
         # who attacks gets samples of a channel that its own implementation alone lets it read
         (stubborn(), claim(on_channel(OTHER_TOPIC), at(TALKER)), True, "a stubborn reader of a channel"),
         (stubborn(), claim(on_channel(OTHER_TOPIC), at(TALKER), source), False, "a stubborn reader, the source alone"),

@@ -162,6 +162,13 @@ MUTANTS = {
         "in_any_guise[Enclave, knows[realm]]",
         "knows[realm]",
     ),
+    "who is no enclave here overhears nothing": (
+        "read elsewhere",
+        "overhears_elsewhere[realm] + realm.elsewhere -> realm.in_clear",
+        "realm.elsewhere -> realm.in_clear",
+    ),
+    "who is no enclave here relays nothing": ("relayed elsewhere", "-> bare + relayed", "-> bare"),
+    "who is no enclave here may read nothing": ("read elsewhere, by right", " - reads_elsewhere[realm]", ""),
     "nobody comes in without an identity": (
         "apart, without identities",
         " + Enclave -> realm.unauthenticated_allowed",

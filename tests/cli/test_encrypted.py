@@ -1,0 +1,81 @@
+"""Whether a topic is encrypted, whoever writes it and whoever may join: also those who are no enclaves here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.cli.keystores import DOCUMENT, properties, signed_keystore
+from tests.keystore.builder import GOVERNANCE
+
+SETTINGS = """[[property]]
+name = "outside"
+encrypted = { topic = "/x" }
+[[property]]
+name = "inside"
+encrypted = { topic = "/x", against = "insider" }
+"""
+PROFILE = "cyclonedds-11"
+GRANT = DOCUMENT[DOCUMENT.index("    <grant") : DOCUMENT.index("  </permissions>")]
+PAYLOADS_OPEN = (
+    GOVERNANCE.replace(b"<metadata_protection_kind>ENCRYPT", b"<metadata_protection_kind>NONE")
+    .replace(b"<data_protection_kind>ENCRYPT", b"<data_protection_kind>NONE")
+    .replace(b"<rtps_protection_kind>SIGN", b"<rtps_protection_kind>ENCRYPT")
+)
+ALL_OPEN = PAYLOADS_OPEN.replace(b"<rtps_protection_kind>ENCRYPT", b"<rtps_protection_kind>NONE")
+
+
+def rule(publish: str = "", subscribe: str = "") -> str:
+    """Allows these topics in every partition."""
+    words = "".join(
+        f"<{way}><topics><topic>{topic}</topic></topics><partitions><partition>*</partition></partitions></{way}>"
+        for way, topic in (("publish", publish), ("subscribe", subscribe))
+        if topic
+    )
+    return f"<allow_rule><domains><id>0</id></domains>{words}</allow_rule>"
+
+
+def found(root: Path, governance: bytes, *grants: tuple[str, str]) -> dict[str, str]:
+    """Of a robot that subscribes to the topic. `grants`: whom else its document names, and by which rules."""
+    document = DOCUMENT.format(path="/listener", rules=rule(subscribe="rt/x"), default="DENY")
+    more = "".join(GRANT.format(path=path, rules=rules, default="DENY") for path, rules in grants)
+    whole = document.replace("  </permissions>", f"{more}  </permissions>")
+    signed_keystore(root, {"/listener": whole.encode()}, governance=governance)
+    every = properties(root, SETTINGS, "--profile", PROFILE)
+    return {name: every[name]["status"] for name in ("outside", "inside")}
+
+
+@pytest.mark.parametrize(("governance", "status"), [(ALL_OPEN, "violated"), (PAYLOADS_OPEN, "holds")])
+@pytest.mark.parametrize("camera", [(), (("/camera", rule("rt/x")),)])
+def test_what_nobody_here_writes_is_in_the_clear_all_the_same(
+    tmp_path: Path, governance: bytes, status: str, camera: tuple[tuple[str, str], ...]
+) -> None:
+    """A robot reads what another one writes: nobody would read what nobody wrote."""
+    assert found(tmp_path / "keys", governance, *camera)["outside"] == status
+
+
+@pytest.mark.parametrize(
+    ("rules", "status"),
+    [(rule("rt/y"), "violated"), (rule("rt/y", "rt/x"), "holds")],
+)
+def test_who_is_no_enclave_here_may_join_and_overhear(tmp_path: Path, rules: str, status: str) -> None:
+    """The keys of messages go to all that join, whether they may read or not."""
+    assert found(tmp_path / "keys", PAYLOADS_OPEN, ("/ghost", rules)) == {"outside": "holds", "inside": status}
+    every = properties(tmp_path / "keys", SETTINGS, "--profile", PROFILE)
+    told = every["inside"]["profiles"][PROFILE]["counterexample"]
+    if status == "holds":
+        assert told is None
+        return
+    assert told["text"].startswith("Whoever is CN=/ghost, which is no enclave of this keystore, can read ")
+    assert told["steps"][0]["path"] == "enclaves/listener/permissions.p7s"
+
+
+def test_who_is_no_enclave_here_opens_no_payload_that_is_encrypted_for_its_readers(tmp_path: Path) -> None:
+    assert found(tmp_path / "keys", GOVERNANCE, ("/ghost", rule("rt/y"))) == {"outside": "holds", "inside": "holds"}
+
+
+def test_whom_a_document_lets_in_that_could_not_be_read_is_not_known(tmp_path: Path) -> None:
+    assert found(tmp_path / "keys", PAYLOADS_OPEN)["inside"] == "holds"
+    (tmp_path / "keys/enclaves/listener/permissions.p7s").write_bytes(b"#" * 5_000_000)
+    assert properties(tmp_path / "keys", SETTINGS, "--profile", PROFILE)["inside"]["status"] == "unknown"
