@@ -22,7 +22,7 @@ def other_dates(old: Dates, new: Dates) -> tuple[str, tuple[Aspect, ...]]:
         if before != after:
             later = after is None or (before is not None and before < after)
             words.append(f"{verb} {'later' if later else 'earlier'}")
-            aspects.append(Aspect(what=what, old=_told(before), new=_told(after), direction=Direction.CHANGED))
+            aspects.append(Aspect(what=what, old=told(before), new=told(after), direction=Direction.CHANGED))
     return " and ".join(words), tuple(aspects)
 
 
@@ -46,5 +46,6 @@ def _span(values: Sequence[str | None]) -> str | None:
     return f"{known[0]} to {known[-1]}"
 
 
-def _told(moment: datetime | None) -> str:
+def told(moment: datetime | None) -> str:
+    """As reports write it."""
     return _NEVER if moment is None else f"{moment.year:04}-{moment:%m-%dT%H:%M:%SZ}"

@@ -2,20 +2,79 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from datetime import datetime
+from typing import Final
 
+from keystore_audit.dataclass import dataclass, field
 from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.comparison import Aspect, Direction, Layer, direction_of
+from keystore_audit.model.comparison_dates import told
 from keystore_audit.model.comparison_drafts import Draft, in_order
 from keystore_audit.model.comparison_facts import Fact, Placed, place_of
 from keystore_audit.model.comparison_sides import Sides
 from keystore_audit.model.inventory import certified_again
-from keystore_audit.model.stray_identity import admitted
+from keystore_audit.model.profiles import Profile
+from keystore_audit.model.stray_identity import Takers, admitted
 
-_Identity = tuple[str, str]
-"""Subject and key."""
+_Identity = tuple[str, str, str]
+"""Subject and key; and which certificate, where they are too many to ask who takes each."""
+
+_Period = tuple[datetime, datetime]
+
+MAX_PAIRS: Final = 1_000_000
+"""Certificates and enclaves that may take them; beyond it every other certificate is another one."""
+
+MAX_PATHS: Final = 3
+"""Enclaves that are told by their names; the rest are counted."""
+
+
+@dataclass(slots=True, kw_only=True)
+class _Taken:
+    """Certificates that say the same of somebody. `place`: of the first. `periods`: by enclave that takes one."""
+
+    place: Location | None
+    periods: dict[str, _Period] = field(default_factory=dict)
+
+    def add(self, certificate: Certificate, paths: Iterable[str]) -> None:
+        """One more, which these enclaves take; what lies between two periods counts as one."""
+        for path in paths:
+            begin, end = self.periods.get(path, (certificate.not_before, certificate.not_after))
+            self.periods[path] = min(begin, certificate.not_before), max(end, certificate.not_after)
+
+    def among(self, paths: Collection[str]) -> tuple[str, _Period] | None:
+        """Which of these enclaves take it, in words, and from when to when; None where none does."""
+        known = sorted(self.periods.keys() & paths)
+        if not known:
+            return None
+        more = f" and {len(known) - MAX_PATHS} more" if len(known) > MAX_PATHS else ""
+        periods = [self.periods[path] for path in known]
+        whole = min(begin for begin, _end in periods), max(end for _begin, end in periods)
+        return ", ".join(known[:MAX_PATHS]) + more, whole
+
+
+def _beyond(one: _Taken, other: _Taken, paths: Collection[str]) -> frozenset[str]:
+    """Those of the enclaves that take `one` when they do not take `other`."""
+    found = set()
+    for path in one.periods.keys() & paths:
+        begin, end = one.periods[path]
+        before, after = other.periods.get(path, (end, begin))
+        if begin < before or after < end:
+            found.add(path)
+    return frozenset(found)
+
+
+def _told(taken: _Taken, paths: Collection[str]) -> str:
+    known = taken.among(paths)
+    return "by nobody" if known is None else f"by {known[0]}, from {told(known[1][0])} until {told(known[1][1])}"
+
+
+def _in_both(sides: Sides) -> frozenset[str]:
+    """The enclaves that both keystores have: what others take is said with them."""
+    old, new = ({enclave.path for enclave in keystore.enclaves} for keystore in sides.keystores)
+    return frozenset(old & new)
 
 
 def identities_let_in(sides: Sides) -> Iterator[Draft]:
@@ -31,56 +90,162 @@ def identities_let_in(sides: Sides) -> Iterator[Draft]:
         for identity, by_profile in here.items():
             profiles = by_profile.keys() - there.get(identity, {}).keys()
             if profiles:
-                place = next(place for profile, place in by_profile.items() if profile in profiles)
-                yield Draft(
-                    layer=Layer.TRUST,
-                    kind="identity-at-large",
-                    direction=direction,
-                    what=f"{verb} {identity[0]}, an identity of no enclave whose private key lies in the keystore",
-                    enclaves=(),
-                    profiles=in_order(profiles, sides),
+                place = next(taken.place for profile, taken in by_profile.items() if profile in profiles)
+                yield _at_large(
+                    identity,
+                    verb,
+                    direction,
+                    in_order(profiles, sides),
                     old=None if here is new else place,
                     new=place if here is new else None,
                 )
+    yield from _let_in_otherwise(old, new, sides)
 
 
-def _admitted(keystore: Keystore, sides: Sides) -> Mapping[_Identity, Mapping[str, Location | None]]:
-    """By identity and profile the place of the certificate."""
-    found: dict[_Identity, dict[str, Location | None]] = {}
+_Admitted = Mapping[_Identity, Mapping[str, _Taken]]
+"""By identity and profile."""
+
+
+def _at_large(
+    identity: _Identity,
+    verb: str,
+    direction: Direction,
+    profiles: tuple[str, ...],
+    aspects: tuple[Aspect, ...] = (),
+    *,
+    old: Location | None,
+    new: Location | None,
+) -> Draft:
+    return Draft(
+        layer=Layer.TRUST,
+        kind="identity-at-large",
+        direction=direction,
+        what=f"{verb} {identity[0]}, an identity of no enclave whose private key lies in the keystore",
+        enclaves=(),
+        profiles=profiles,
+        aspects=aspects,
+        old=old,
+        new=new,
+    )
+
+
+def _let_in_otherwise(old: _Admitted, new: _Admitted, sides: Sides) -> Iterator[Draft]:
+    """Identities that peers let in in both keystores, but other peers, or from or until another time."""
+    both = _in_both(sides)
+    for identity, by_profile in new.items():
+        found: dict[tuple[Direction, Aspect], list[str]] = {}
+        before = old.get(identity, {})
+        for profile in by_profile.keys() & before.keys():
+            one, other = before[profile], by_profile[profile]
+            more, fewer = _beyond(other, one, both), _beyond(one, other, both)
+            if more or fewer:
+                direction = direction_of(gains=bool(more), losses=bool(fewer))
+                paths = more | fewer
+                aspect = Aspect(what="let in", old=_told(one, paths), new=_told(other, paths), direction=direction)
+                found.setdefault((direction, aspect), []).append(profile)
+        for (direction, aspect), profiles in found.items():
+            yield _at_large(
+                identity,
+                _VERBS[direction],
+                direction,
+                in_order(profiles, sides),
+                (aspect,),
+                old=before[profiles[0]].place,
+                new=by_profile[profiles[0]].place,
+            )
+
+
+_VERBS: Final = {
+    Direction.GAINED: "more peers, or peers for longer, let in",
+    Direction.LOST: "fewer peers, or peers for shorter, let in",
+    Direction.MIXED: "other peers, or peers at other times, let in",
+}
+
+
+def _admitted(keystore: Keystore, sides: Sides) -> _Admitted:
+    """By identity and profile, who takes its certificates, and the place of the first."""
+    found: dict[_Identity, dict[str, _Taken]] = {}
+    strays = [len(each.identities.found) for each in sides.keystores]
+    asked = _Asked(keystore, sides, max(strays))
     if keystore.identities.found:  # nearly never
         for profile in sides.profiles:
             for each in admitted(keystore, keystore.identities.found, (profile,), sides.at):
-                identity = each.certificate.subject, each.certificate.key
-                found.setdefault(identity, {}).setdefault(profile.name, place_of(each.certificate))
+                certificate = each.certificate
+                by_profile = found.setdefault((certificate.subject, certificate.key, asked.which(certificate)), {})
+                taken = by_profile.setdefault(profile.name, _Taken(place=place_of(certificate)))
+                taken.add(certificate, asked.takers(certificate, (profile,)))
     return found
 
 
+class _Asked:
+    """Who takes certificates of a keystore, where they are at most `count` of either; else nobody is asked."""
+
+    def __init__(self, keystore: Keystore, sides: Sides, count: int) -> None:
+        enclaves = max(len(each.enclaves) for each in sides.keystores)
+        self._takers = Takers(keystore, sides.at) if 0 < count * enclaves <= MAX_PAIRS else None
+
+    def which(self, certificate: Certificate) -> str:
+        """What tells it from others of its name: nothing where it is known who takes it."""
+        return certificate.sha256 if self._takers is None else ""
+
+    def takers(self, certificate: Certificate, profiles: Sequence[Profile]) -> Iterable[str]:
+        """The enclaves that take it."""
+        return () if self._takers is None else self._takers.of(certificate, profiles)
+
+
 def identities_certified_again(sides: Sides) -> Iterator[tuple[str, Placed]]:
-    """The enclaves of either keystore whose identity key has other certificates there than before (KA228)."""
+    """The enclaves of either keystore whose identity key has other certificates there than before (KA228).
+
+    Or whose further certificates other peers take than before, or from or until another time.
+    """
     old, new = ({enclave.path: others for enclave, others in certified_again(each)} for each in sides.keystores)
+    both = _in_both(sides)
+    count = max(sum(map(len, each.values())) for each in (old, new))
+    asked = [_Asked(keystore, sides, count) for keystore in sides.keystores]
     for path in sorted({*old, *new}):
-        one, other = (_by_name(each.get(path, ())) for each in (old, new))
-        gone, come = one.keys() - other.keys(), other.keys() - one.keys()
+        one = _by_name(old.get(path, ()), asked[0], sides.profiles)
+        other = _by_name(new.get(path, ()), asked[1], sides.profiles)
+        gone, come = _differing(one, other, both), _differing(other, one, both)
         if not gone and not come:
             continue
         direction = direction_of(gains=bool(come), losses=bool(gone))
-        told = [", ".join(f"{subject}, issued by {issuer}" for _, subject, issuer in sorted(s)) for s in (gone, come)]
-        aspect = Aspect(what="certified as", old=told[0] or None, new=told[1] or None, direction=direction)
+        names = {*gone, *come}
+        texts = [_words(side, sorted(names & side.keys()), one.keys() & other.keys(), both) for side in (one, other)]
+        aspect = Aspect(what="certified as", old=texts[0] or None, new=texts[1] or None, direction=direction)
         verb = {Direction.GAINED: "has further certificates", Direction.LOST: "has fewer further certificates"}
         what = f"its identity key {verb.get(direction, 'has other further certificates')}"
         # Whom grants name by these subjects, each implementation says in its own way.
         fact = Fact("identity-certified-again", direction, what, (aspect,), whole=True)
-        places = [found[min(names or found)] if found else None for found, names in ((one, gone), (other, come))]
+        places = [found[min(names & found.keys() or found)].place if found else None for found in (one, other)]
         yield path, (fact, places[0], places[1])
 
 
-_Name = tuple[str, str, str]
-"""Key, subject and issuer."""
+_Name = tuple[str, str, str, str]
+"""Key, subject and issuer; and which certificate, as of `_Identity`."""
+
+_ByName = Mapping[_Name, _Taken]
 
 
-def _by_name(certificates: Iterable[Certificate]) -> Mapping[_Name, Location | None]:
-    """By name the place of the first certificate."""
-    found: dict[_Name, Location | None] = {}
+def _differing(one: _ByName, other: _ByName, paths: Collection[str]) -> list[_Name]:
+    """Names that are in `one` alone, or whose certificates there are taken when they are not in `other`."""
+    return [name for name, taken in one.items() if name not in other or _beyond(taken, other[name], paths)]
+
+
+def _words(side: _ByName, names: Iterable[_Name], in_both: Collection[_Name], paths: Collection[str]) -> str:
+    """Whom they name, and who issued them; where both keystores have such certificates, also who takes them."""
+    texts = []
+    for name in names:
+        _key, subject, issuer, _which = name
+        taken = f", let in {_told(side[name], paths)}" if name in in_both else ""
+        texts.append(f"{subject}, issued by {issuer}{taken}")
+    return ", ".join(texts)
+
+
+def _by_name(certificates: Iterable[Certificate], asked: _Asked, profiles: Sequence[Profile]) -> _ByName:
+    """By name who takes the certificates, and the place of the first."""
+    found: dict[_Name, _Taken] = {}
     for certificate in certificates:
-        found.setdefault((certificate.key, certificate.subject, certificate.issuer), place_of(certificate))
+        name = certificate.key, certificate.subject, certificate.issuer, asked.which(certificate)
+        taken = found.setdefault(name, _Taken(place=place_of(certificate)))
+        taken.add(certificate, asked.takers(certificate, profiles))
     return found

@@ -18,7 +18,7 @@ from keystore_audit.model.revocation import revoked
 from keystore_audit.model.subject import matching
 from keystore_audit.model.trust import is_issued
 from keystore_audit.model.validity import ANY_ZONE, DateReading, read_date
-from keystore_audit.model.views import trust_files
+from keystore_audit.model.views import TrustFiles, trust_files
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,3 +120,19 @@ def _without_grants(enclaves: Sequence[Enclave]) -> Iterator[Location]:
         for rule in file.governance.domain_rules if file is not None and file.governance is not None else ():
             if file is not None and not rule.enable_join_access_control:
                 yield Location(path=file.signed.file.place, line=rule.line)
+
+
+class Takers:
+    """Which enclaves of a keystore authenticate somebody `at` an instant (aware UTC), or later."""
+
+    def __init__(self, keystore: Keystore, at: datetime) -> None:
+        self._at = at
+        self._alike: dict[TrustFiles, list[Enclave]] = {}
+        for enclave in keystore.enclaves:
+            self._alike.setdefault(trust_files(enclave), []).append(enclave)
+
+    def of(self, certificate: Certificate, profiles: Sequence[Profile]) -> Iterator[str]:
+        """The paths of those that do so under some of the profiles."""
+        for enclaves in self._alike.values():
+            if any(_takes(enclaves[0], certificate, profile, self._at) for profile in profiles):
+                yield from (enclave.path for enclave in enclaves)

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from keystore_audit.keystore import stray_identity
+from keystore_audit.model import comparison_identities
 from keystore_audit.model.comparison import Comparison, FailOn
 from keystore_audit.model.profiles import resolve
 from tests.keystore.builder import Signed, certificate
@@ -89,6 +90,7 @@ def test_certificates_that_nobody_parsed_are_unknown(tmp_path: Path, monkeypatch
     assert [(each.side, each.location.path) for each in found.unknown] == [("new", "backup/cert.pem")]
 
 
+OTHERS_LISTENER = certificate("/listener", authority("other"), key=key("/listener"))
 TALKER = identity("/listener", "/talker")
 ELSEWHERE = identity("/listener", "/talker", authority("other"))
 
@@ -110,3 +112,64 @@ def test_the_key_of_an_enclave_certified_again(old: Files, new: Files, expected:
     if expected == "gained":
         (aspect,) = found.changes[0].aspects
         assert (aspect.old, aspect.new) == (None, "CN=/listener, issued by CN=identityCA")
+
+
+def test_an_identity_that_another_peer_lets_in_is_a_gain(tmp_path: Path) -> None:
+    """Two authorities: who was let in by the one only, is then by the other too."""
+    other = authority("other")
+    ours = {"enclaves/listener/identity_ca.cert.pem": other.pem, "enclaves/listener/cert.pem": OTHERS_LISTENER.pem}
+    both = {**KEY, "backup/cert.pem": ADMIN.pem, "backup/again.pem": identity(issuer=other).pem, **ours}
+    one = {**KEY, "backup/cert.pem": ADMIN.pem, **ours}
+    instead = {**KEY, "backup/cert.pem": identity(issuer=other).pem, **ours}
+    for number, (old, new, direction) in enumerate(
+        [(one, both, "gained"), (both, one, "lost"), (one, instead, "mixed"), (both, both, None)]
+    ):
+        found = changed(tmp_path / str(number), old, new)
+        told = [change.direction.value for change in found.changes if change.kind == "identity-at-large"]
+        assert told == ([direction] if direction else [])
+        assert bool(found.failing(FailOn.GAINED)) is (direction in ("gained", "mixed"))
+    (change,) = changed(tmp_path / "told", one, both).changes
+    assert change.aspects[0].old == "by nobody"
+    assert change.aspects[0].new is not None
+    assert change.aspects[0].new.startswith("by /listener, from ")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "direction"),
+    [
+        ({"start": AT + timedelta(days=9)}, {}, "gained"),
+        ({}, {"start": AT + timedelta(days=9)}, "lost"),
+        ({"end": AT + timedelta(days=9)}, {}, "gained"),
+        ({}, {"end": AT + timedelta(days=9)}, "lost"),
+        ({"end": AT + timedelta(days=9)}, {"start": AT + timedelta(days=1)}, "mixed"),
+    ],
+)
+def test_dates_of_identities_beside_the_enclaves(
+    old: dict[str, object], new: dict[str, object], direction: str, tmp_path: Path
+) -> None:
+    """Also those of an enclave's key: nobody is let in before and after."""
+    at_large = [{**KEY, "backup/cert.pem": identity(**more).pem} for more in (old, new)]
+    again = [{"public/x_ca.cert.pem": identity("/admin", "/talker", **more).pem} for more in (old, new)]
+    for name, files, kind in (("a", at_large, "identity-at-large"), ("b", again, "identity-certified-again")):
+        told = [(each.kind, each.direction.value) for each in changed(tmp_path / name, files[0], files[1]).changes]
+        assert told == [(kind, direction)]
+
+
+def test_a_further_certificate_that_peers_come_to_take(tmp_path: Path) -> None:
+    """It had the same name before, and was over, or of another authority that is called the same."""
+    over = identity("/admin", "/talker", end=AT - timedelta(days=1))
+    namesake = certificate("/admin", certificate("identityCA", ca=True, key=key("another")), key=key("/talker"))
+    good = {"public/x_ca.cert.pem": identity("/admin", "/talker").pem}
+    for number, before in enumerate((over, namesake)):
+        found = changed(tmp_path / str(number), {"public/x_ca.cert.pem": before.pem}, good)
+        assert [(each.kind, each.direction.value) for each in found.changes] == [("identity-certified-again", "gained")]
+        (aspect,) = found.changes[0].aspects
+        assert aspect.old == "CN=/admin, issued by CN=identityCA, let in by nobody"
+
+
+def test_certificates_that_are_too_many_to_ask_about_are_told_one_by_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(comparison_identities, "MAX_PAIRS", 1)
+    old, new = ({**KEY, "backup/cert.pem": each.pem} for each in (ADMIN, identity(serial=9)))
+    assert [each.direction.value for each in changed(tmp_path, old, new).changes] == ["gained", "lost"]
