@@ -13,7 +13,7 @@ from functools import cached_property
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind
-from keystore_audit.model.permission import Permissions, members
+from keystore_audit.model.permission import Permissions, members, union
 from keystore_audit.model.system import System
 
 OUTSIDER = -1
@@ -329,21 +329,17 @@ def read_elsewhere(s: System, view: RealmView, permissions: Permissions, realm: 
         grants = permissions.chosen(number, view.accepted)
         if number in here or not known or not (grants or unread):
             continue
-        admitting = permissions.admitting(number, view.accepted)
+        domains = union(permissions.joins(grant) for grant in permissions.admitting(number, view.accepted))
+        read, relayed = (
+            union(permissions.met(permissions.allowed(grant, operation)) for grant in grants)
+            for operation in (Operation.SUBSCRIBE, Operation.RELAY)
+        )
         for channel in members(p.governed):
-            domain = s.channels[channel].domain
-
-            def granted(operation: Operation, channel: int = channel, grants: frozenset[int] = grants) -> bool:
-                return any(permissions.met(permissions.allowed(g, operation)) >> channel & 1 for g in grants)
-
-            def off(bit_set: int, channel: int = channel) -> bool:
-                return not bit_set >> channel & 1
-
-            may_join = unread or any(permissions.joins(grant) >> domain & 1 for grant in admitting)
-            joins = may_join or not p.join_controlled >> domain & 1
-            bare = off(p.data_encrypts) and (off(p.metadata_encrypts) or unread or granted(Operation.RELAY))
-            reader = off(p.read_controlled) or (not unread and granted(Operation.SUBSCRIBE))
-            clear = off(p.rtps_encrypts | p.metadata_encrypts | p.data_encrypts)
+            domain, bit = s.channels[channel].domain, 1 << channel
+            joins = unread or (domains | ~p.join_controlled) >> domain & 1
+            bare = not bit & p.data_encrypts and (unread or bit & (relayed | ~p.metadata_encrypts))
+            reader = not bit & p.read_controlled or (not unread and bit & read)
+            clear = not bit & (p.rtps_encrypts | p.metadata_encrypts | p.data_encrypts)
             if (joins and bare and not reader) or (clear and (unread or not (joins and reader))):
                 found.add(channel)
     return found

@@ -10,7 +10,7 @@ from keystore_audit.engine.native import NativeEngine
 from keystore_audit.model.claim import ClaimKind
 from keystore_audit.model.system import System
 from keystore_audit.properties import PROPERTIES, Answer, Status
-from tests.engine.alloy.flow_questions import at, claim
+from tests.engine.alloy.flow_builders import at, claim
 from tests.engine.alloy_batch import compare_batch, decide_batch
 from tests.engine.flows_by_hand import ByHand, violated
 from tests.engine.systems import LISTENER, TALKER, healthy, lively, random_system, with_claims

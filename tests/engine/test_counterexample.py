@@ -19,7 +19,7 @@ from keystore_audit.model.system import Reading, System
 from keystore_audit.properties import BY_ID, PROPERTIES
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Role, Status
-from tests.engine.alloy.flow_questions import THIRD, at, claim, shut_out
+from tests.engine.alloy.flow_builders import THIRD, at, claim, shut_out
 from tests.engine.systems import (
     CHATTER,
     GOVERNANCE,

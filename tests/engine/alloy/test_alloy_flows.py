@@ -19,7 +19,8 @@ from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind
 from keystore_audit.model.system import System
 from keystore_audit.properties import Answer, Status
 from keystore_audit.properties.property import Role
-from tests.engine.alloy.flow_questions import THIRD, at, chain, claim, questions
+from tests.engine.alloy.flow_builders import THIRD, at, chain, claim
+from tests.engine.alloy.flow_questions import questions
 from tests.engine.alloy_batch import decide_claims, outcomes, shipped
 from tests.engine.flows_by_hand import ByHand, Flow
 from tests.engine.systems import (

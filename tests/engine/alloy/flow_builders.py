@@ -1,0 +1,141 @@
+"""Keystores that differ by one change at a time, and claims about them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from keystore_audit.findings import Location
+from keystore_audit.keystore.governance import ProtectionKind
+from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
+from tests.engine.systems import (
+    CHATTER,
+    IDENTITY_CA,
+    LISTENER,
+    OTHER_TOPIC,
+    PERMISSIONS_CA,
+    TALKER,
+    TALKER_PERMISSIONS,
+    Builder,
+    healthy_builder,
+)
+
+THIRD = 2
+"""An enclave that subscribes to what the listener passes on."""
+
+
+def chain() -> Builder:
+    """The talker writes to the listener, and the listener to a third."""
+    b = healthy_builder()
+    identity = b.certificate([IDENTITY_CA], label="/third")
+    document = b.document([PERMISSIONS_CA])
+    b.enclave(0, identity, document, label="/third")
+    b.rule(b.grant(document, [identity]), [0], subscribe=[OTHER_TOPIC])
+    b.rule(1, [0], publish=[OTHER_TOPIC])
+    return b
+
+
+def claim(
+    source: Place,
+    target: Place,
+    attacker: Attacker = Attacker.RELAYS,
+    *,
+    kind: ClaimKind = ClaimKind.NO_FLOW,
+    through: tuple[int, ...] = (),
+    left_out: tuple[int, ...] = (),
+    until: int | None = None,
+) -> ClaimAtom:
+    return ClaimAtom(
+        id="asked",
+        kind=kind,
+        attacker=attacker,
+        source=source,
+        target=target,
+        through=frozenset(through),
+        left_out=frozenset(left_out),
+        until=until,
+        location=Location(path="keystore-audit.toml", line=3),
+    )
+
+
+def starting(asked: ClaimAtom) -> ClaimAtom:
+    """The same, where the talker's own implementation starts it in the domain, whatever peers say."""
+    return replace(asked, starts=frozenset({(TALKER, 0)}))
+
+
+def at(*enclaves: int) -> Place:
+    return Place(enclaves=frozenset(enclaves))
+
+
+def on_channel(*channels: int) -> Place:
+    return Place(channels=frozenset(channels))
+
+
+OUT = Place(outsider=True)
+
+
+def elsewhere(issuers: list[int]) -> Builder:
+    """The talker's document also grants its topic to somebody whose identity is on another robot."""
+    b = chain()
+    grant = b.grant(TALKER_PERMISSIONS, [b.certificate(issuers, label="/ghost")])
+    b.rule(grant, [0], publish=[CHATTER])
+    return b
+
+
+def ghost_too(place: Place) -> Place:
+    """The same, and whoever has the last certificate of `elsewhere`: it may be one of an enclave that is meant."""
+    return replace(place, certificates=frozenset({len(chain().certificates)}))
+
+
+def over(b: Builder) -> Builder:
+    b.grants[-1] = replace(b.grants[-1], not_after=1)
+    return b
+
+
+def weak(**kinds: ProtectionKind) -> Builder:
+    b = chain()
+    rtps = kinds.pop("rtps", b.domain_rules[0].rtps_protection_kind)
+    b.domain_rules[0] = replace(b.domain_rules[0], rtps_protection_kind=rtps)
+    b.topic_rules[0] = replace(b.topic_rules[0], **{f"{k}_protection_kind": v for k, v in kinds.items()})
+    return b
+
+
+def in_messages(b: Builder, metadata: ProtectionKind = ProtectionKind.NONE) -> Builder:
+    """Payloads are protected with whole messages, and in submessages at most; every enclave here may read them."""
+    none = ProtectionKind.NONE
+    b.topic_rules[0] = replace(b.topic_rules[0], metadata_protection_kind=metadata, data_protection_kind=none)
+    b.domain_rules[0] = replace(b.domain_rules[0], rtps_protection_kind=ProtectionKind.ENCRYPT)
+    return with_readers(b)
+
+
+def reading(b: Builder) -> Builder:
+    b.rule(len(b.grants) - 1, [0], subscribe=[OTHER_TOPIC])
+    return b
+
+
+def relaying(b: Builder) -> Builder:
+    b.rule(len(b.grants) - 1, [0], relay=[OTHER_TOPIC])
+    return b
+
+
+def encrypted_from(attacker: Attacker, channel: int) -> ClaimAtom:
+    return claim(Place(), on_channel(channel), attacker, kind=ClaimKind.ENCRYPTED)
+
+
+def shut_out(**kinds: ProtectionKind) -> Builder:
+    """The third's grant is out of date, so that peers let it into no domain."""
+    b = weak(**kinds)
+    b.grants[THIRD] = replace(b.grants[THIRD], not_after=1)
+    return b
+
+
+def with_readers(b: Builder) -> Builder:
+    """Whoever joins may read everything."""
+    for grant in (TALKER, LISTENER):
+        b.rule(grant, [0], subscribe=[CHATTER, OTHER_TOPIC])
+    return b
+
+
+def unauthenticated(b: Builder) -> Builder:
+    """Participants without an identity are let in."""
+    b.domain_rules[0] = replace(b.domain_rules[0], allow_unauthenticated_participants=True)
+    return b
