@@ -81,7 +81,7 @@ def _stranger_reading(case: Case, identity: int, when: str) -> Counterexample:
     named = Permissions(system).chosen(identity, view.accepted)
     unread = None if named else next((each.location for each in system.documents if each.opaque), None)
     if unread is None:
-        who, place = _who_has(system, identity), system.certificates[identity].location
+        who, place = _who_has(case, identity), system.certificates[identity].location
     else:
         who, place = f"Whoever {unread.path}, which could not be read, lets in", unread
     text = f"{who} can read {case.topic} without a right to: {case.kinds()}{when}."
@@ -137,21 +137,22 @@ def _stranger(case: Case, identity: int, when: str) -> Counterexample:
     place = taken[0].location if taken else system.certificates[identity].location
     steps = (case.step(place), *(() if taken else case.governance_steps()))
     if any(each.identity == identity for each in system.left_out):
-        return Counterexample(text=f"{_who_has(system, identity)} may publish {case.topic} too{when}.", steps=steps)
+        return Counterexample(text=f"{_who_has(case, identity)} may publish {case.topic} too{when}.", steps=steps)
     where = place.path if place.line is None else f"{place.path}:{place.line}"
     why = f"peers take the grant in {where} from whoever has that subject" if taken else "nobody asks for such a grant"
-    text = f"{_who_has(system, identity)} may publish {case.topic}{when}: {why}."
+    text = f"{_who_has(case, identity)} may publish {case.topic}{when}: {why}."
     return Counterexample(text=text, steps=steps)
 
 
-def _who_has(system: System, certificate: int) -> str:
+def _who_has(case: Case, certificate: int) -> str:
     """Who has a certificate that no enclave has, or one that was left out, as the beginning of a sentence."""
+    system, view = case.system, case.view
     left_out = next((each.label for each in system.left_out if each.identity == certificate), None)
     if left_out is not None:
         return left_out
     who = f"Whoever is {shorten(system.certificates[certificate].label, MAX_SUBJECT)}"
     for number, enclave in enumerate(system.enclaves):
-        if certificate in same_elsewhere(system, number):
+        if not view.authenticated(number) and certificate in same_elsewhere(system, number):
             return f"{who} beside {enclave.label}, whose certificate peers refuse,"
     unknown = any(each.identity is None for each in system.left_out) or any(each.opaque for each in system.enclaves)
     return f"{who}, which is no enclave {'that could be read' if unknown else 'of this keystore'},"
