@@ -134,8 +134,12 @@ fun reads_by_own[realm: Realm]: Enclave -> Channel {
 	- out_of_reach_by_own[realm] - refused_reads
 }
 
-/** As `next` by right: whom one hop reaches from some of `holders`, if every enclave uses its own documents alone. */
+/**
+ * As `next` by right: whom one hop reaches from some of `holders`, if every enclave uses its own documents alone and
+ * tells its peers the truth about its permissions CA.
+ */
 fun next_by_own[holders: set Enclave + Outsider, usable: set Channel, sending, receiving: Realm]: set Enclave {
+	receiving in sending.refuses_realm implies none else
 	{ e: in_realm.receiving, c: e.(reads_by_own[receiving] & reads_by_own[sending]) }
 		.(usable & holders.({ e: in_realm.sending, c: e.(writes_by_own[receiving] & writes_by_own[sending]) }))
 }

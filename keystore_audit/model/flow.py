@@ -125,6 +125,8 @@ class Flows:
             written = [rights[there].abilities(enclave).may_write for enclave in everybody]
             read = [rights[there].abilities(e).may_read if self._member[e] == there else 0 for e in everybody]
             for here in used:
+                if own and not self._system.realms[here].talks_to(self._system.realms[there]):
+                    continue
                 sent, shared = written, read
                 if here != there:
                     shared = [one and one & rights[here].abilities(e).may_read for e, one in enumerate(read)]

@@ -76,6 +76,8 @@ class RealmAtom:
     A peer's verdict depends on its realm only. `identity_ca`, `permissions_ca`: the certificates of those
     files; `governance`: the document, None where it is missing or (MUST) unreadable; `revoked`: certificates
     on its CRL; `list_unread`: (MAY only) what is on it is unknown, so that anybody may be revoked.
+    `told`: what its members tell peers of their permissions CA, if they and their peers compare that: members of realms
+    that tell different things refuse each other, unless one of them tells what the other wants to hear. None: unknown.
     """
 
     identity_ca: frozenset[int]
@@ -83,6 +85,11 @@ class RealmAtom:
     governance: int | None
     revoked: frozenset[int]
     list_unread: bool = False
+    told: int | None = 0
+
+    def talks_to(self, other: RealmAtom) -> bool:
+        """Whether members of both may talk, as far as what they tell of their permissions CAs goes."""
+        return self.told == other.told or None in (self.told, other.told)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -283,7 +283,9 @@ class SystemBuilder:
             DocumentAtom(label=place, location=Location(path=place), intact=False, signers=frozenset(), opaque=True)
         )
         unread = frozenset({len(self._certificate_atoms)})
-        return RealmAtom(identity_ca=unread, permissions_ca=unread, governance=len(atoms) - 1, revoked=frozenset())
+        return RealmAtom(
+            identity_ca=unread, permissions_ca=unread, governance=len(atoms) - 1, revoked=frozenset(), told=None
+        )
 
     @cached_property
     def _unread(self) -> CertificateAtom:
@@ -321,6 +323,7 @@ class SystemBuilder:
             governance=number.get(place) if place else None,
             revoked=revoked if may or not unread else frozenset(range(len(self._certificates))),
             list_unread=may and unread,
+            told=self._views.told(enclave, kind.trust),
         )
 
     def _governance_place(self, enclave: Enclave) -> str | None:

@@ -88,6 +88,14 @@ def authorities_read(file: CertificateFile, trust: Trust) -> tuple[Certificate, 
     return file.certificates[:1] if trust.first_authority_only else file.certificates[:MAX_AUTHORITIES]
 
 
+def introduction(file: CertificateFile | None) -> tuple[str, bool]:
+    """What a participant with this permissions CA file tells its peers of it: the name of the first certificate, and
+    whether it is signed with RSA (Fast DDS tells no more of how, whose `ca_algorithms` are this and ECDSA).
+    """
+    first = file.first if file is not None else None
+    return ("", False) if first is None else (first.subject, "RSA" in first.signature_algorithm)
+
+
 @lru_cache(maxsize=4096)
 def trusted_authorities(file: CertificateFile, trust: Trust, at: datetime | None = None) -> tuple[Certificate, ...]:
     """The authorities of an identity CA file that can vouch for an identity, in force at `at` with all above them.

@@ -25,6 +25,7 @@ from keystore_audit.model.trust import (
     authorities_read,
     document_verdict,
     envelope,
+    introduction,
     is_first_embedded,
     is_root,
     trusted_authorities,
@@ -74,6 +75,7 @@ class Views:
         self._number = {certificate.sha256: number for number, certificate in enumerate(certificates)}
         self._realms = list({trust_files(enclave): enclave for enclave in keystore.enclaves}.values())
         self._permissions_cas = list(dict.fromkeys(enclave.permissions_ca for enclave in keystore.enclaves))
+        self._told = list(dict.fromkeys(map(introduction, self._permissions_cas)))
         self._named: dict[SubjectComparison, dict[str, frozenset[int]]] = {}
 
     def kinds(
@@ -97,6 +99,7 @@ class Views:
             trust.pins_signer,
             tuple(self.authorities(enclave, trust) for enclave in self._realms),
             tuple(list_unread(enclave, trust) is not None for enclave in self._realms),
+            tuple(self.told(enclave, trust) for enclave in self._realms),
             tuple(self.names(trust).items()),
             self.opaque(kind),
             () if trust.pins_signer else tuple(self.signers(document, trust) for document in self._documents),
@@ -113,6 +116,10 @@ class Views:
             frozenset(self._number[certificate.sha256] for certificate in signing),
             frozenset(self._number[c.sha256] for c in revoked(enclave, self._certificates, trust, self._at)),
         )
+
+    def told(self, enclave: Enclave, trust: Trust) -> int:
+        """What the enclave tells peers of its permissions CA: equal numbers, equal things."""
+        return self._told.index(introduction(enclave.permissions_ca)) if trust.compares_permissions_ca else 0
 
     def names(self, trust: Trust) -> dict[str, frozenset[int]]:
         """The certificates that each subject_name of a grant is taken to name."""

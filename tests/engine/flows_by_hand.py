@@ -189,9 +189,16 @@ class Flow:
         home = self.member(f)
         for e in self.hand.enclaves:
             there = self.member(e)
+            if self.able and self.strangers(there, home):
+                continue
             written = self.writes(e, home) & self.writes(e, there) if self.able else self.writes(e, home)
             for c in written & self.reads(f, home) & self.reads(f, there):
                 yield e, c, f
+
+    def strangers(self, one: int, other: int) -> bool:
+        """Whether members of the two realms refuse each other for what they tell of their permissions CAs."""
+        told = {self.hand.system.realms[realm].told for realm in (one, other)} - {None}
+        return len(told) > 1
 
     def _imposed(self, f: int) -> Iterator[tuple[int, int, int]]:
         for guise in self.hand.acts_as(f) if self.relays else {f}:

@@ -395,6 +395,7 @@ class _Chance:
             self.permissions(document)
         self.liveliness()
         self.unread()
+        self.permissions_cas()
         return self.b.system()
 
     def liveliness(self) -> None:
@@ -413,6 +414,12 @@ class _Chance:
         """A realm whose CA files could not be read: drawn last as well."""
         if self.opaque and self.random.random() >= 0.5:
             self.b.unread(self.random.randrange(len(self.b.realms)))
+
+    def permissions_cas(self) -> None:
+        """What realms tell of their permissions CAs, where it is compared: drawn after all others."""
+        if self.odd(0.4):
+            told = [0, 1, None] if self.b.reading is Reading.MAY else [0, 1]
+            self.b.realms = [replace(realm, told=self.random.choice(told)) for realm in self.b.realms]
 
     def dates(self) -> tuple[int, int]:
         if not self.odd(0.3):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -18,14 +19,17 @@ from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.profiles import resolve
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.properties import Status
+from tests.keystore.builder import Signed, certificate
 from tests.model.comparing import (
     AT,
     Member,
     Store,
+    authority,
     criterion,
     domain_rule,
     governance,
     grant,
+    key,
     permissions,
     rule,
     topic_rule,
@@ -187,3 +191,25 @@ def test_one_that_starts_there_before_the_date(tmp_path: Path) -> None:
     assert apart(later, tmp_path / "now", "fastdds-3.6")
     assert apart(later, tmp_path / "before", "fastdds-3.6", until=BEFORE)
     assert not apart(later, tmp_path / "after", "fastdds-3.6", until=AFTER)
+
+
+ONE, OTHER = authority("one"), authority("other")
+NAMESAKE = certificate("one", ca=True, key=key("namesake"), serial=8)
+
+
+@pytest.mark.parametrize(
+    ("profile", "theirs", "expected"),
+    [
+        ("fastdds", (ONE, OTHER), True),
+        ("fastdds", (OTHER, ONE), False),
+        ("fastdds-2.6", (OTHER, ONE), False),
+        ("fastdds", (NAMESAKE, ONE, OTHER), True),  # names are compared, not keys
+        ("spec", (OTHER, ONE), True),
+    ],
+)
+def test_fastdds_compares_the_names_of_the_first_permissions_cas(
+    profile: str, theirs: tuple[Signed, ...], expected: bool, tmp_path: Path
+) -> None:
+    store = replace(STORE, permissions=(ONE, OTHER), governance_signer=ONE).member("/f", signer=OTHER)
+    files = {"enclaves/f/permissions_ca.cert.pem": b"".join(each.pem for each in theirs)}
+    assert holds(replace(store, files=files), tmp_path, profiles=(profile,)) is expected

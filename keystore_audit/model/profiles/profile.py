@@ -40,7 +40,8 @@ class Trust:
     loaded (X509_V_FLAG_X509_STRICT). `ca_algorithms`, `identity_algorithms`: signature algorithms, as OpenSSL names
     them, of the first certificate of each CA file and of the identity (None: all). `identity_keys`: kinds of key of the
     identity and of the identity CA (None: all). `compares_key`: whether a private key of another certificate keeps the
-    participant from being created.
+    participant from being created. `compares_permissions_ca`: a participant refuses peers that tell another name, or
+    kind of signature, of their permissions CA, the first certificate of the file, than its own.
     """
 
     pins_signer: bool
@@ -55,6 +56,7 @@ class Trust:
     identity_algorithms: frozenset[str] | None
     identity_keys: frozenset[str] | None
     compares_key: bool
+    compares_permissions_ca: bool
 
 
 class Evidence(str, Enum):

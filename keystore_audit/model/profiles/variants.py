@@ -29,6 +29,7 @@ _SPEC: Final = Trust(
     identity_algorithms=None,
     identity_keys=None,
     compares_key=True,
+    compares_permissions_ca=False,
 )
 """DDS-Security 1.1: each certificate of a CA file is an anchor (9.3.1.1), it signs documents itself (9.4.1.1)."""
 
@@ -48,6 +49,7 @@ _FASTDDS: Final = Trust(
     identity_algorithms=_FASTDDS_ALGORITHMS,
     identity_keys=None,
     compares_key=True,
+    compares_permissions_ca=True,
 )
 _FASTDDS_2_6: Final = replace(_FASTDDS, subjects=SubjectComparison.FASTDDS_ORDERED)
 _FASTDDS_UNPINNED: Final = replace(_FASTDDS_2_6, pins_signer=False, strict_authorities=False)
@@ -66,6 +68,7 @@ _CYCLONEDDS_11: Final = Trust(
     # RSA of 2,048 bits, or EC of 256 bits on whatever curve (auth_utils.c, check_key_type_and_size).
     identity_keys=frozenset({"RSA 2048", "EC secp256r1", "EC secp256k1", "EC brainpoolP256r1"}),
     compares_key=False,
+    compares_permissions_ca=False,
 )
 _CYCLONEDDS_0_10: Final = replace(
     _CYCLONEDDS_11, pins_signer=False, checks_permissions_ca=True, subjects=SubjectComparison.CYCLONEDDS

@@ -24,7 +24,8 @@ sig intact, unreadable in Document {}
 
 sig AnyRealm extends Realm {
 	identity_ca, permissions_ca, revoked: set Certificate,
-	governance: lone Document
+	governance: lone Document,
+	refuses_realm: set Realm
 }
 sig pins_signer, requires_grant in Realm {}
 
