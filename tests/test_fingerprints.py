@@ -30,6 +30,7 @@ from tools.samples.documents import (
     Rule,
     TopicRule,
 )
+from tools.samples.identity_stories import revocation_list
 from tools.samples.keys import Key
 from tools.samples.smime import signed_by
 from tools.samples.store import Enclave, Store, write
@@ -209,7 +210,22 @@ DATED = Grant(path="/talker", rules=(EVERYTHING,), not_before="2020-01-01T00:00:
 LATER = replace(DATED, not_before="2099-01-01T00:00:00")
 OVER = replace(DATED, not_after="2021-01-01T00:00:00")
 FIRST = replace(DATED, rules=(Rule(publish=("rt/chatter",)), DISCOVERY))
+
+
+def held_by(certificate: Certificate, **changes: bytes) -> Store:
+    """The talker may do everything, and this is its certificate."""
+    store = granted(DATED)
+    mine = tuple(replace(each, changes=changes) for each in store.enclaves)
+    return replace(store, enclaves=(replace(mine[0], certificate=certificate), mine[1]))
+
+
+LET_IN = TALKER.certificate
+STRANGER = replace(IDENTITY_CA, key=Key(label="fingerprints stranger"))
 EFFECTS = {
+    "is of somebody else": (held_by(replace(LET_IN, subject="/somebody")), held_by(LET_IN)),
+    "is of somebody who is over": (held_by(replace(LET_IN, not_after=AT - timedelta(days=1))), held_by(LET_IN)),
+    "is of a stranger": (held_by(replace(LET_IN, issuer=STRANGER)), held_by(LET_IN)),
+    "is of somebody revoked": (held_by(LET_IN, **{"crl.pem": revocation_list(LET_IN)}), held_by(LET_IN)),
     "begins": (granted(LATER), granted(DATED)),
     "begins again": (granted(OVER), granted(DATED)),
     "stands first": (granted(FIRST, DATED), granted(DATED)),
@@ -303,6 +319,25 @@ def test_a_grant_that_keeps_its_effect_is_the_same_finding(tmp_path: Path) -> No
     stores = granted(DATED), granted(replace(DATED, not_before="2025-01-01T00:00:00"), domains=(0, 9))
     before, after = ({*prints(store, tmp_path / str(n), "KA511")} for n, store in enumerate(stores))
     assert before == after
+
+
+def test_a_new_certificate_of_the_same_subject_makes_no_other_finding(tmp_path: Path) -> None:
+    stores = (
+        held_by(LET_IN),
+        held_by(replace(LET_IN, key=Key(label="fingerprints renewed"), not_after=AT + timedelta(days=9000))),
+    )
+    before, after = ({*prints(store, tmp_path / str(n), "KA511")} for n, store in enumerate(stores))
+    assert before == after
+
+
+def test_an_identity_at_large_that_is_granted_more_elsewhere_is_another_finding(tmp_path: Path) -> None:
+    """Its own document grants it little, and the talker's more."""
+    more = Grant(path="/spare", rules=(Rule(publish=("rt/cmd_vel",)),))
+    few = replace(TWO, changes=beside("backup", "/spare"))
+    talker = replace(TALKER, permissions=Permissions(grants=(*TALKER.permissions.grants, more)))
+    stores = few, replace(few, enclaves=(talker, LISTENER))
+    before, after = ({*prints(store, tmp_path / str(n), "KA668")} for n, store in enumerate(stores))
+    assert before.isdisjoint(after)
 
 
 def renewed(store: Store) -> Store:

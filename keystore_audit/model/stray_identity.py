@@ -25,13 +25,13 @@ from keystore_audit.model.views import TrustFiles, trust_files
 class Admitted:
     """An identity beside the enclaves that peers take. `key`: where its private key lies.
 
-    `right`: what lets it in: a grant that names it, in a document that a peer may take, or a governance that wants
-    none. `enclave`: one that has the same subject, and so the same rights already; None: nobody has.
+    `rights`: what lets it in: grants that name it, in documents that a peer may take, or a governance that wants none.
+    `enclave`: one that has the same subject, and so the same rights already; None: nobody has.
     """
 
     certificate: Certificate
     key: str
-    right: Location
+    rights: tuple[Location, ...]
     enclave: str | None
 
 
@@ -53,22 +53,22 @@ def admitted(
     if not vouched:  # nearly always
         return ()
     certificates = [each.certificate for each in vouched]
-    rights = _granted(keystore, certificates, profiles, at)
+    granted = _granted(keystore, certificates, profiles, at)
     subjects = {
         enclave.certificate.first.subject: enclave.path
         for enclave in keystore.enclaves
         if enclave.certificate is not None and enclave.certificate.first is not None
     }
-    open_to_all = next(_without_grants(enclaves), None)
+    open_to_all = [*_without_grants(enclaves)][:1]
     return tuple(
         Admitted(
             certificate=each.certificate,
             key=each.key,
-            right=right,
+            rights=rights,
             enclave=subjects.get(each.certificate.subject),
         )
         for number, each in enumerate(vouched)
-        if (right := rights.get(number, open_to_all)) is not None
+        if (rights := tuple(granted.get(number, open_to_all)))
     )
 
 
@@ -85,8 +85,8 @@ def _takes(enclave: Enclave, certificate: Certificate, profile: Profile, at: dat
 
 def _granted(
     keystore: Keystore, certificates: Sequence[Certificate], profiles: Sequence[Profile], at: datetime
-) -> dict[int, Location]:
-    """By certificate, a grant that has not ended and names it, in a document that some peer may take."""
+) -> dict[int, list[Location]]:
+    """By certificate, the grants that have not ended and name it, in documents that some peer may take."""
     files = permissions_cas(keystore)
     grants = [
         (grant, Location(path=file.signed.file.place, line=grant.line))
@@ -100,10 +100,10 @@ def _granted(
     for comparison in dict.fromkeys(profile.trust.subjects for profile in profiles):
         for text, numbers in matching(texts, certificates, comparison).items():
             named[text] |= numbers
-    found: dict[int, Location] = {}
+    found: dict[int, list[Location]] = {}
     for grant, place in grants:
         for number in named[grant.subject_name.text]:
-            found.setdefault(number, place)
+            found.setdefault(number, []).append(place)
     return found
 
 

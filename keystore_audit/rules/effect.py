@@ -7,11 +7,17 @@ from datetime import datetime
 from functools import cached_property
 from hashlib import sha256
 
+from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.governance import Text
-from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.keystore.permissions import Grant
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.permissions import Grant, PermissionsFile
 from keystore_audit.model.domains import HIGHEST_DOMAIN, covered, domain_bits
+from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.permission import union
+from keystore_audit.model.profiles import VARIANTS, SubjectComparison, Trust
+from keystore_audit.model.revocation import revoked
+from keystore_audit.model.subject import matching
+from keystore_audit.model.trust import is_issued
 from keystore_audit.model.validity import DateReading, read_date
 from keystore_audit.rules.subjects import governance_uses
 
@@ -31,15 +37,18 @@ class Effects:
     def __init__(self, keystore: Keystore, at: datetime) -> None:
         self._keystore = keystore
         self._at = at
+        self._told: dict[str, str] = {}
+        self._lists: dict[tuple[int, Trust], frozenset[Certificate]] = {}
 
     def of(self, grants: Sequence[Grant]) -> Iterator[str]:
-        """For each grant of a document: whether it is in force, in which governed domains it allows anything, and
-        which grants stand before it, since the first that names somebody may be the only one that counts.
+        """For each grant of a document: whether it is in force, in which governed domains it allows anything, whether
+        peers let in whom it names, and which grants stand before it, since the first that names somebody may be the
+        only one that counts.
         """
         before = ""
         for grant in grants:
             in_force = self._in_force(grant)
-            yield f"{in_force} {self._allowed(grant) & self._governed:x} {before}"
+            yield f"{in_force} {self._allowed(grant) & self._governed:x} {self._let_in(grant)}{before}"
             before = sha256(
                 f"{before}\0{in_force}\0{grant.subject_name.text}".encode("utf-8", "surrogatepass")
             ).hexdigest()
@@ -47,6 +56,62 @@ class Effects:
     def _in_force(self, grant: Grant) -> bool:
         start, end = instant_of(grant.not_before), instant_of(grant.not_after)
         return start is not None and end is not None and start <= self._at <= end
+
+    def _let_in(self, grant: Grant) -> str:
+        """Nothing where every implementation lets in all whom the grant names, else whom, and which ones do.
+
+        So a new certificate for the same subject changes nothing.
+        """
+        text = grant.subject_name.text
+        if text not in self._told:
+            by: dict[str, set[str]] = {}
+            for profile in VARIANTS.values():
+                for number in self._named[profile.trust.subjects].get(text, ()):
+                    names = by.setdefault(self._identities[number].subject, set())
+                    names.update([profile.name] if self._is_let_in(number, profile.trust) else ())
+            everybody = by and all(len(names) == len(VARIANTS) for names in by.values())
+            told = sorted((subject, *sorted(names)) for subject, names in by.items() if names)
+            self._told[text] = "" if everybody else f"{told} "
+        return self._told[text]
+
+    def _is_let_in(self, number: int, trust: Trust) -> bool:
+        """Whether some enclave's peers take the identity for what it says."""
+        certificate = self._identities[number]
+        return certificate.not_before <= self._at <= certificate.not_after and any(
+            file is not None
+            and is_issued(file, certificate, trust, self._at)
+            and certificate not in self._revoked(realm, trust)
+            for realm, file in enumerate(each.identity_ca for each in self._realms)
+        )
+
+    def _revoked(self, realm: int, trust: Trust) -> frozenset[Certificate]:
+        if (realm, trust) not in self._lists:
+            found = revoked(self._realms[realm], self._identities, trust, self._at)
+            self._lists[realm, trust] = frozenset(found)
+        return self._lists[realm, trust]
+
+    @cached_property
+    def _realms(self) -> list[Enclave]:
+        """Enclaves, one for all that let in the same."""
+        files = ((each.identity_ca, each.crl) for each in self._keystore.enclaves)
+        digests = (tuple(file.file.sha256 if file else None for file in both) for both in files)
+        return list(dict(zip(digests, self._keystore.enclaves, strict=True)).values())
+
+    @cached_property
+    def _identities(self) -> list[Certificate]:
+        """Whoever's private key may be in the tree."""
+        carried = (each.certificate.first for each in self._keystore.enclaves if each.certificate is not None)
+        found = [*filter(None, carried), *(each.certificate for each in self._keystore.identities.found)]
+        return list({each.sha256: each for each in found}.values())
+
+    @cached_property
+    def _named(self) -> dict[SubjectComparison, dict[str, frozenset[int]]]:
+        """By implementation and subject_name of a grant, the identities that it names."""
+        files = (each.file for each in documents_of(self._keystore))
+        read = (each.permissions for each in files if isinstance(each, PermissionsFile))
+        texts = {grant.subject_name.text for each in read if each is not None for grant in each.grants}
+        kinds = {profile.trust.subjects for profile in VARIANTS.values()}
+        return {kind: matching(sorted(texts), self._identities, kind) for kind in kinds}
 
     @staticmethod
     def _allowed(grant: Grant) -> int:

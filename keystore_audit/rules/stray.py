@@ -285,7 +285,8 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
 def _identity_at(each: Admitted, key: str = "the private key") -> Iterator[Location]:
     yield Location(path=each.certificate.path, line=each.certificate.line)
     yield Location(path=each.key, message=key)
-    yield Location(path=each.right.path, line=each.right.line, message="what lets it in")
+    for right in each.rights:
+        yield Location(path=right.path, line=right.line, message="what lets it in")
 
 
 @rule(
