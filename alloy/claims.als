@@ -88,6 +88,9 @@ fun insiders: set Enclave { Enclave - (AtLarge & (Enclave - AtLarge).one_key) }
 /** Domains in which each enclave takes part: as a participant that peers authenticate, or without, as anybody may. */
 fun enters[realm: Realm]: Enclave -> Domain { joins[realm] + Enclave -> realm.unauthenticated_allowed }
 
+/** Domains in which each takes part with the peers of some realm: who is in one with others is in it all the same. */
+fun enters_somewhere: Enclave -> Domain { { e: Enclave, d: Domain | some realm: Realm | d in e.(enters[realm]) } }
+
 -- able: what an enclave can do by its own documents alone, as it is meant to, and as a peer that is right would see it
 
 /** The permissions document that each enclave holds, as far as the realm obeys it. */

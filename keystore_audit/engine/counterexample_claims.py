@@ -40,6 +40,8 @@ def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Countere
     if claim.kind is ClaimKind.ABLE:
         refused = any(enclave.refused_writes or enclave.refused_reads for enclave in system.enclaves)
         but = ", some of which their own implementations refuse them (`can` says why)" if refused else ""
+        if len({realm.told for realm in system.realms} - {None}) > 1:
+            but += "; and enclaves refuse each other whose permissions CA files begin with certificates of different names"
         text = f"Nothing gets {_cut_off(system, claim, answer)} with the rights that enclaves have{but}{when}."
         return Counterexample(text=text, steps=())
     if answer.path:

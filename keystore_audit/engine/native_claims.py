@@ -80,18 +80,22 @@ class Claims:
     def shared_domains(self, claim: ClaimAtom) -> Iterator[Found]:
         """Domains that an enclave of the source and one of the target can join, or the one can and the other starts in.
 
-        Who attacks takes whomever it finds there, and joins without its identity where anybody may.
+        Who attacks takes whomever it finds there, and joins without its identity where anybody may; so each may join by
+        another realm, of peers that the other has nothing to do with.
         """
+        joined = {
+            enclave: [view.joined(enclave) | view.protection.unauthenticated for view in self._realms]
+            for enclave in claim.source.enclaves | claim.target.enclaves
+        }
         alone: dict[int, int] = {}
         for enclave, domain in claim.starts:
             alone[enclave] = alone.get(enclave, 0) | 1 << domain
-        for realm, view in enumerate(self._realms):
-            anybody = view.protection.unauthenticated
+        somewhere = {enclave: union(domains) | alone.get(enclave, 0) for enclave, domains in joined.items()}
+        for realm in range(len(self._realms)):
             for one in sorted(claim.source.enclaves):
                 for other in sorted(claim.target.enclaves):
-                    here, there = view.joined(one) | anybody, view.joined(other) | anybody
-                    both = (here | alone.get(one, 0)) & (there | alone.get(other, 0))
-                    for domain in members(both & (here | there)):
+                    here = joined[one][realm] | joined[other][realm]
+                    for domain in members(somewhere[one] & somewhere[other] & here):
                         roles = {Role.REALM: realm, Role.ENCLAVE: one, Role.OTHER: other, Role.DOMAIN: domain}
                         yield roles, ()
 

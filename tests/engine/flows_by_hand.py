@@ -284,9 +284,13 @@ class Flow:
         return min(found, default=None)
 
 
-def found_by(hand: ByHand, claim: ClaimAtom, realm: int, one: int, other: int) -> bool:
-    """Whether both may be in one domain: peers let both in, or one, and the other starts there."""
-    here, there = (hand.powers(each, realm).joins | hand.lets_anybody_in(realm) for each in (one, other))
+def found_by(hand: ByHand, claim: ClaimAtom, one: int, other: int) -> bool:
+    """Whether both may be in one domain: peers let both in, of one realm or of two, or one, and the other starts."""
+    realms = range(len(hand.system.realms))
+    here, there = (
+        {domain for realm in realms for domain in hand.powers(each, realm).joins | hand.lets_anybody_in(realm)}
+        for each in (one, other)
+    )
     return any(
         (domain in there or (other, domain) in claim.starts)
         if domain in here
@@ -391,9 +395,7 @@ def violated_by_some(hand: ByHand, claim: ClaimAtom) -> bool:
                 if e not in claim.source.enclaves and powers.publishes & claim.target.channels:
                     return True
             elif claim.kind is ClaimKind.SEPARATE_DOMAINS:
-                if e in claim.source.enclaves and any(
-                    found_by(hand, claim, realm, e, f) for f in claim.target.enclaves
-                ):
+                if e in claim.source.enclaves and any(found_by(hand, claim, e, f) for f in claim.target.enclaves):
                     return True
             elif claim.attacker is Attacker.INSIDER:
                 holders = [f for f in hand.acts_as(e) if not (s.enclaves[f].opaque or s.enclaves[f].at_large)]

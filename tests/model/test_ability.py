@@ -19,7 +19,7 @@ from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.profiles import resolve
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.properties import Status
-from tests.keystore.builder import Signed, certificate
+from tests.keystore.builder import Signed, certificate, signed_document
 from tests.model.comparing import (
     AT,
     Member,
@@ -34,6 +34,9 @@ from tests.model.comparing import (
     rule,
     topic_rule,
 )
+
+ONE, OTHER = authority("one"), authority("other")
+NAMESAKE = certificate("one", ca=True, key=key("namesake"), serial=8)
 
 ENDS = datetime(2027, 3, 1, tzinfo=timezone.utc)
 BEFORE, AFTER = (datetime(year, 2, 1, tzinfo=timezone.utc) for year in (2027, 2028))
@@ -182,6 +185,19 @@ def test_one_that_starts_where_the_other_may_be(profile: str, by: str, expected:
     assert not apart(parted(by, own="<id>0</id>"), tmp_path / "same", profile)
 
 
+@pytest.mark.parametrize("profile", ["spec", "cyclonedds-11"])
+@pytest.mark.parametrize(("own", "expected"), [("<id>0</id>", False), ("<id>9</id>", True)])
+def test_members_of_one_domain_who_trust_different_authorities(
+    profile: str, own: str, expected: bool, tmp_path: Path
+) -> None:
+    """Each is let in by peers that trust as it does. In domains of their own they are apart."""
+    first, second = (governance(domain_rule(domain)) for domain in ("<id>0</id>", own))
+    store = parted(first, own).member("/f", signer=ONE, governance=second)
+    signed = signed_document(second.encode(), ONE)
+    files = {"enclaves/f/permissions_ca.cert.pem": ONE.pem, "enclaves/f/governance.p7s": signed}
+    assert apart(replace(store, files=files), tmp_path, profile) is expected
+
+
 def test_a_domain_that_no_governance_covers_is_none_to_start_in(tmp_path: Path) -> None:
     assert apart(parted(governance(domain_rule("<id>9</id>"))), tmp_path / "k", "cyclonedds-11")
 
@@ -191,10 +207,6 @@ def test_one_that_starts_there_before_the_date(tmp_path: Path) -> None:
     assert apart(later, tmp_path / "now", "fastdds-3.6")
     assert apart(later, tmp_path / "before", "fastdds-3.6", until=BEFORE)
     assert not apart(later, tmp_path / "after", "fastdds-3.6", until=AFTER)
-
-
-ONE, OTHER = authority("one"), authority("other")
-NAMESAKE = certificate("one", ca=True, key=key("namesake"), serial=8)
 
 
 @pytest.mark.parametrize(

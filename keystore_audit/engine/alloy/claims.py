@@ -177,9 +177,8 @@ def condition(claim: ClaimAtom, number: int) -> str:
         return f"all realm: Realm, {who} | channel not in publisher.(publishes[realm])"
     if claim.kind is ClaimKind.SEPARATE_DOMAINS:
         who = f"enclave: Enclave & {at.source}, other: Enclave & {at.target}, domain: Domain"
-        if not claim.starts:
-            return f"all realm: Realm, {who} |\n\t\tdomain not in enclave.(enters[realm]) & other.(enters[realm])"
-        there = f"enclave.(enters[realm] + {at.starts}) & other.(enters[realm] + {at.starts})"
+        somewhere = f"(enters_somewhere + {at.starts})" if claim.starts else "enters_somewhere"
+        there = f"enclave.{somewhere} & other.{somewhere}"
         return f"all realm: Realm, {who} |\n\t\tdomain not in {there} & (enclave + other).(enters[realm])"
     if claim.attacker is Attacker.INSIDER:
         who = f"insider: insiders + Certificate, channel: {at.last}"
