@@ -62,10 +62,16 @@ fun overhears_elsewhere[realm: Realm]: Certificate -> Channel {
 /** Channels that anybody writes who joins the domain without an identity: their readers look into such messages. */
 fun writes_unauthenticated: Realm -> Channel { unguarded & unauthenticated_allowed.~in_domain }
 
+/** Channels that whoever has an identity of the CA writes, whatever grants it has: there are others than are here. */
+fun writes_known: Realm -> Channel {
+	{ realm: Realm, t: realm.governed & realm.write_uncontrolled |
+		t.in_domain in realm.join_uncontrolled and (realm in open_realm or some realm.identity_ca & authority) }
+}
+
 /** Channels on which each of these publishes by a grant of the permissions CA, or writes without one. */
 fun publishes[realm: Realm]: (Enclave + Certificate + Outsider) -> Channel {
 	may_write[realm] + (granted[realm, publish_allowed] - out_of_reach[realm])
-	+ writes_elsewhere[realm] + Outsider -> realm.writes_unauthenticated
+	+ writes_elsewhere[realm] + Outsider -> realm.(writes_unauthenticated + writes_known)
 }
 
 -- encrypted against insiders

@@ -41,7 +41,7 @@ def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Countere
         refused = any(enclave.refused_writes or enclave.refused_reads for enclave in system.enclaves)
         but = ", some of which their own implementations refuse them (`can` says why)" if refused else ""
         if len({realm.told for realm in system.realms} - {None}) > 1:
-            but += "; and enclaves refuse each other whose permissions CA files begin with certificates of different names"
+            but += "; enclaves refuse each other whose permissions CA files begin with certificates of different names"
         text = f"Nothing gets {_cut_off(system, claim, answer)} with the rights that enclaves have{but}{when}."
         return Counterexample(text=text, steps=())
     if answer.path:
@@ -116,6 +116,13 @@ def _publisher(case: Case, when: str) -> Counterexample:
         return Counterexample(
             text=f"{case.enclave.label} may publish {case.topic} too{when}.",
             steps=case.right_steps(case.witness[Role.ENCLAVE], "publish") or case.governance_steps(),
+        )
+    if Role.CERTIFICATE not in case.witness and not case.view.joining_anybody >> case.witness[Role.CHANNEL] & 1:
+        grant = " and some grant of the permissions CA" if case.system.requires_grant else ""
+        return Counterexample(
+            text=f"Whoever has an identity of the CA{grant} may publish {case.topic}, robots elsewhere too, since "
+            f"enable_join_access_control and enable_write_access_control are false{when}.",
+            steps=case.governance_steps(),
         )
     if Role.CERTIFICATE not in case.witness:
         return Counterexample(

@@ -57,7 +57,7 @@ class Claims:
             for certificate, able in view.elsewhere.items():
                 for channel in members(able.may_write & asked if certificate not in claim.source.certificates else 0):
                     yield {Role.REALM: realm, Role.CERTIFICATE: certificate, Role.CHANNEL: channel}, ()
-            for channel in members(view.joining_anybody & asked):
+            for channel in members((view.joining_anybody | view.joining_known) & asked):
                 yield {Role.REALM: realm, Role.CHANNEL: channel}, ()
 
     def readings(self, claim: ClaimAtom) -> Iterator[Found]:

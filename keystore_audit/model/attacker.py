@@ -286,6 +286,14 @@ class RealmView:
         """Channels on which readers take samples from participants without any identity, who join their domain."""
         return self._permissions.within(members(self.protection.unauthenticated)) & self.injectable
 
+    @cached_property
+    def joining_known(self) -> int:
+        """Channels on which readers take samples from whoever has an identity of the CA, whatever grants it has."""
+        p, certificates = self.protection, self._system.certificates
+        if not self.open and not any(certificates[number].authority for number in self._realm.identity_ca):
+            return 0
+        return self._reach(p.ruled & ~p.join_controlled) & ~p.write_controlled
+
     def _able(self, joined: int, rights: Sequence[int], writes_alone: int = 0, reads_alone: int = 0) -> Abilities:
         """What somebody can do in these domains with these rights, by operation, and what its implementation adds."""
         published, subscribed, relayed = rights

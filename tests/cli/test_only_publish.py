@@ -80,6 +80,24 @@ def test_where_anybody_joins_and_is_heard_anybody_publishes(tmp_path: Path, gove
     assert told is None if status == "holds" else told["text"].startswith("Anybody on the network may join")
 
 
+@pytest.mark.parametrize(
+    ("off", "status"), [(("join", "write"), "violated"), (("join", "read"), "holds"), (("write", "read"), "holds")]
+)
+def test_where_no_grant_is_asked_for_whoever_has_an_identity_publishes(
+    tmp_path: Path, off: tuple[str, ...], status: str
+) -> None:
+    """The only enclave of this keystore is not the only one that its identity CA vouches for."""
+    governance = GOVERNANCE
+    for each in off:
+        flag = f"enable_{each}_access_control>".encode()
+        governance = governance.replace(b"<" + flag + b"true", b"<" + flag + b"false")
+    talker = DOCUMENT.format(path="/talker", rules=rule(("rt/x",)), default="DENY")
+    answers = found(signed_keystore(tmp_path / "keys", {"/talker": talker.encode()}, governance=governance))
+    assert {each["status"] for each in answers.values()} == {status}
+    told = answers["only-talker"]["profiles"]["cyclonedds-11"]["counterexample"]
+    assert told is None if status == "holds" else "Whoever has an identity of the CA may publish" in told["text"]
+
+
 def test_an_outsider_that_only_forges_is_said_beside_and_violates_nothing(tmp_path: Path) -> None:
     closed = OPEN.replace(b"<allow_unauthenticated_participants>true", b"<allow_unauthenticated_participants>false")
     answers = found(built(tmp_path / "keys", governance=closed))

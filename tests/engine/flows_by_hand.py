@@ -302,7 +302,8 @@ def found_by(hand: ByHand, claim: ClaimAtom, one: int, other: int) -> bool:
 def published_elsewhere(
     s: System, view: RealmView, permissions: Permissions, realm: int, permitted: frozenset[int]
 ) -> set[int]:
-    """What is published in the realm by who is no enclave here, with a grant, and by anybody without an identity.
+    """What is published in the realm by who is no enclave here, with a grant or where none is asked
+    for, and by anybody without an identity.
 
     `permitted`: certificates that do not count.
     """
@@ -313,6 +314,9 @@ def published_elsewhere(
         domain = s.channels[channel].domain
         guards = p.metadata_authenticates | p.data_authenticates
         if p.unauthenticated >> domain & 1 and not guards >> channel & 1:
+            found.add(channel)
+        issuing = view.open or any(s.certificates[number].authority for number in trust.identity_ca)
+        if issuing and not p.join_controlled >> domain & 1 and not p.write_controlled >> channel & 1:
             found.add(channel)
         for number, certificate in enumerate(s.certificates):
             vouching = (s.certificates[issuer] for issuer in certificate.issuers & trust.identity_ca)
