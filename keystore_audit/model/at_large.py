@@ -47,33 +47,31 @@ def at_large_atoms(
     names: Mapping[str, frozenset[int]],
     own: Mapping[tuple[int, int], Sequence[Endpoints]],
 ) -> Iterator[EnclaveAtom]:
-    """The identities that a realm lets in, in its realm if that is the holder's; else in each that lets them in.
+    """The identities that a realm lets in, in each that does.
 
-    Whose realm it is matters for what it takes itself: a holder has its own files, of others nobody knows which they
-    use. `names`: the certificates that subjects of grants mean. `own`: by certificate and realm, the endpoints that
-    their implementation creates with each document that names them. One that is like an enclave's own, or like another,
-    in all that peers look at adds nothing and is left out: a certificate that was renewed, for instance. Raises
-    errors.BudgetExceeded.
+    Whose realm it is matters for what it takes itself, and nobody knows which files it is started with: an enclave that
+    has its key need not use its own, nor need anybody else. `names`: the certificates that subjects of grants mean.
+    `own`: by certificate and realm, the endpoints that their implementation creates with each document that names them.
+    One that is like an enclave's own, or like another, in all that peers look at adds nothing and is left out: a
+    certificate that was renewed, for instance. Raises errors.BudgetExceeded.
     """
     candidates = tuple(candidates)
     if not candidates:  # nearly always
         return
     told = _Told(realms, certificates, names)
     known: set[object] = set()
-    homes: dict[int, set[int]] = {}
     for enclave in enclaves:
         if enclave.identity is not None:
             known.add(told.of(enclave.identity))
-            homes.setdefault(certificates[enclave.identity].key, set()).add(enclave.realm)
     count = 0
     for each in candidates:
         about = told.of(each.number)
         if about in known and not each.doubted:
             continue
         known.add(about)
-        admitting = [number for number, realm in enumerate(realms) if _admits(realm, each.number, certificates)]
-        at_home = [realm for realm in admitting if realm in homes.get(certificates[each.number].key, ())]
-        for realm in at_home or admitting:
+        for realm, atom in enumerate(realms):
+            if not _admits(atom, each.number, certificates):
+                continue
             count += 1
             if count > MAX_AT_LARGE:
                 raise BudgetExceeded(

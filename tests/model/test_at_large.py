@@ -342,15 +342,33 @@ def test_what_was_not_read_may_be_anybody(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_realms(tmp_path: Path) -> None:
-    """Of a key that an enclave has, the enclave's realm; else every one that lets it in."""
+    """Every one that lets it in, whether or not an enclave has its key: nobody knows with which files it is started."""
     own = governance(domain_rule(rtps_protection_kind="ENCRYPT"))
     store = replace(STORE, members={**STORE.members, "/talker": replace(TALKER, governance=own)})
     for system in understood(written(tmp_path, {**HELD, **LYING_ABOUT}, store)):
         assert len(system.realms) == 2
-        talker = next(each for each in system.enclaves if each.label == "/talker")
-        again = [each for each in added(system) if "listener" in each.label]
-        assert [each.realm for each in again] == [talker.realm]
-        assert sorted(each.realm for each in added(system) if "admin" in each.label) == [0, 1]
+        for name in ("listener", "admin"):
+            assert sorted(each.realm for each in added(system) if name in each.label) == [0, 1]
+
+
+@pytest.mark.parametrize("of", ["admin", "/talker", "/motor", "/third"])
+@pytest.mark.parametrize(("names", "status"), [("/admin", Status.VIOLATED), ("/nobody", Status.HOLDS)])
+def test_a_key_that_an_enclave_has_too_takes_no_flow_away(of: str, names: str, status: Status, tmp_path: Path) -> None:
+    """/third, in a domain of its own, has a governance of its own: whoever has its key needs no part of that."""
+    third = Member(
+        permissions=permissions(grant("/third", rule(criterion("publish", "rt/else"), domains="<id>5</id>"))),
+        governance=governance(domain_rule("<id>5</id>")),
+        serial=104,
+    )
+    store = replace(
+        STORE,
+        members={**STORE.members, "/third": third},
+        strays={"old.p7s": permissions(grant(names, ADMIN_RULE))},
+    )
+    admin = identity("/admin", of)
+    root = written(tmp_path, {"backup/cert.pem": admin.pem, "backup/key.pem": admin.key_pem}, store)
+    found = flows(root, "/talker", "/motor")
+    assert {found[Attacker.HONEST], found[Attacker.SOURCE]} == {status}
 
 
 def test_too_many_are_no_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
