@@ -116,8 +116,10 @@ def certificate_file_holds_more(use: CertificateUse, _context: Context) -> Itera
     """The file holds more than one certificate.
 
     Of an identity file only the first certificate is read, a chain in it is not used. Of a CA file Fast DDS takes all
-    certificates and revocation lists, Cyclone DDS the first certificate (measured): one file, two meanings. sros2's
-    readable dump before a certificate is no such thing.
+    certificates and revocation lists, Cyclone DDS the first certificate (measured): one file, two meanings. Fast DDS
+    tells peers the name of the first certificate of the permissions CA file, and refuses those that tell another one
+    (read in its source): while an authority is changed, the order has to be the same everywhere. Claims of `able` count
+    that. sros2's readable dump before a certificate is no such thing.
     """
     certificates, lists = use.certificates.certificates, use.certificates.revocation_lists
     differ = (
