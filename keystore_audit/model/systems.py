@@ -118,8 +118,7 @@ class SystemBuilder:
 
     def _identified(self) -> tuple[tuple[frozenset[int], ...], list[bool]]:
         """Who issued each certificate, and of which enclaves the identity is unknown."""
-        issuers = self._issue()
-        return issuers, [identity_doubt(each) is not None for each in self._keystore.enclaves]
+        return self._issue(), [identity_doubt(each) is not None for each in self._keystore.enclaves]
 
     def _issue(self) -> tuple[frozenset[int], ...]:
         """For each certificate, those of CA files and messages that issued it: names and signature, not dates."""
@@ -144,18 +143,16 @@ class SystemBuilder:
     def kinds(self) -> dict[Kind, tuple[str, ...]]:
         """The names of the profiles that read this keystore alike, under the rows of one of them."""
         moments = LocalMoments(self._accesses, self.channels, self._at)
-        holders = [holder.enclave for holder in self._holders]
-        lone = LoneEndpoints(self._keystore, self._accesses, self.channels, moments, self._meets, holders)
-        refusals = LoneRefusals(self._keystore, moments)
-        return self._views.kinds(self._profiles, lone, refusals)
+        at_large = [holder.enclave for holder in self._holders]
+        lone = LoneEndpoints(self._keystore, self._accesses, self.channels, moments, self._meets, at_large)
+        return self._views.kinds(self._profiles, lone, LoneRefusals(self._keystore, moments))
 
     def systems(self) -> tuple[System, ...]:
         """One for each way in which the profiles read the keystore, and a MUST reading beside each with doubt."""
         systems: list[System] = []
         for kind, names in self.kinds().items():
-            may = self.build(kind, profiles=names, reading=Reading.MAY)
-            systems.append(may)
-            if may.has_doubt:
+            systems.append(self.build(kind, profiles=names, reading=Reading.MAY))
+            if systems[-1].has_doubt:
                 systems.append(self.build(kind, profiles=names, reading=Reading.MUST))
         return tuple(systems)
 
