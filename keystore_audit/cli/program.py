@@ -91,7 +91,7 @@ def run(args: Sequence[str]) -> int:
             prog_name=NAME,
             # Scripts of completion call the bare command. Beside a command line the variable would be an exit 0 that
             # nobody audited for.
-            complete_var=None if not args else "",
+            complete_var=None if not args else "=",  # which no variable is called
             standalone_mode=False,
             obj=session,
         )

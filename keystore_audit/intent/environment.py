@@ -3,7 +3,8 @@
 The file is one of assignments, as a shell's `export`, systemd's EnvironmentFile or a container's env file has them.
 Nothing is expanded or run, and a line that these read differently is an error: one that goes on after a backslash, a
 carriage return (a shell takes it into the value), a comment behind a value without `export` (systemd and containers
-take it into the value), blanks there (containers take them into it). Source of what the variables mean: rcl's
+take it into the value), blanks there (containers take them into it), and in the values of other variables whatever a
+shell would run or go on in (asked of bash in tests/rules/test_environment_rules.py). Source of what the variables mean: rcl's
 `security.c` and rmw_dds_common's `security.cpp`.
 """
 
@@ -38,12 +39,14 @@ _ASSIGNMENT: Final = re.compile(r"(export[ \t]+)?([A-Za-z_][A-Za-z0-9_]*)=(.*)",
 _COMMENT: Final = re.compile(r"[ \t]+#.*|[ \t]*")
 _QUOTED: Final = re.compile(r"""'([^']*)'|"([^"\\$`]*)\"""")
 _BARE: Final = re.compile(r"""[^\s'"\\$`#;&|<>()]*""")
-_OPEN: Final = re.compile(r"""(?:[^\s'"\\]|\s(?!#)|\\.|'[^']*'|"(?:[^"\\]|\\.)*")*(?:\s#.*)?""")
-"""A value whose quotes end in the line, as a shell reads it."""
-_TEXT: Final = re.compile(r"""'[^']*'|"(?:[^"\\]|\\.)*"|\\.|\$\([^()]*\)|`[^`]*`""")
-"""What a shell takes for text, or for the output of what it runs beside itself, which changes none of its variables."""
-_BEFORE_COMMAND: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*=|[0-9]*[<>]")
-"""How words begin behind which a command may still follow: another assignment, a redirection."""
+_CLOSED: Final = re.compile(r"""((?:[^\s'"\\]|\s(?!#)|\\.|'[^']*'|"(?:[^"\\]|\\.)*")*)(?:\s#.*)?""")
+"""A value whose quotes end in the line, as a shell reads it, and a comment."""
+_TEXT: Final = re.compile(r"""'[^']*'|"(?:[^"\\]|\\.)*"|\\.""")
+_EXPANSION: Final = re.compile(r"""\$(?:[('"[]|\{(?![A-Za-z_][A-Za-z0-9_]*\}))|`""")
+"""Where a shell pairs quotes anew: it may go on in the next line, and hide what is run."""
+_STRUCTURE: Final = re.compile(r"[()<>]")
+_ANOTHER: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*=")
+"""How another assignment begins, behind which a command may still follow."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,13 +147,20 @@ def _value(text: str, place: str, *, commented: bool) -> str:
 
 def _pass_over(text: str, place: str, *, exported: bool) -> None:
     """Raises UsageError where the value of another variable may set, hide or take back one of `VARIABLES`."""
-    if _OPEN.fullmatch(text) is None:
+    closed = _CLOSED.fullmatch(text)
+    if closed is None:
         raise UsageError(f"{place}: a quote that does not end in its line; expected a plain or quoted value.")
-    bare = re.sub(r"\s#.*", "", _TEXT.sub("text", text))
-    named = next((name for name in VARIABLES if name in bare), None)
-    if named is not None or _runs_something(bare, exported=exported):
+    value = closed[1]
+    bare = _TEXT.sub("text", value)
+    expanded = _TEXT.sub(lambda quoted: quoted[0] if quoted[0].startswith('"') else "", value)  # "${NAME:=value}" sets
+    named = next((name for name in VARIABLES if name in expanded), None)
+    special = _EXPANSION.search(expanded) or _STRUCTURE.search(bare) or _runs_something(bare, exported=exported)
+    if named is not None or special:
         also = f" It names {named}." if named else ""
-        raise UsageError(f"{place}: more than one assignment, or a command; expected NAME=VALUE.{also}")
+        raise UsageError(
+            f"{place}: more than one assignment, or a command; expected NAME=VALUE, what is special to a shell between "
+            f"single quotes.{also}"
+        )
 
 
 def _runs_something(value: str, *, exported: bool) -> bool:
@@ -159,11 +169,13 @@ def _runs_something(value: str, *, exported: bool) -> bool:
     Systemd and containers take all of it for the value. Behind `export` any further word is exported, too. A word that
     begins as an option is the name of no command.
     """
-    first, *commands = re.split(r"[;&|]+", value)
+    first, *commands = re.split(r"[;&|]", value)
     words = re.split(r"\s+", first.rstrip())[1:]
     if exported and words:
         return True
+    if any(not each.strip() for each in commands):  # what follows a sign at the end is the next line
+        return True
     for each in (words, *map(str.split, commands)):
-        if not next((word for word in each if not _BEFORE_COMMAND.match(word)), "-").startswith("-"):
+        if not next((word for word in each if not _ANOTHER.match(word)), "-").startswith("-"):
             return True
     return False

@@ -40,9 +40,9 @@ def test_commands_directories_options_and_words(words: str, place: int, wanted: 
 
 @pytest.mark.parametrize("instruction", ["bash_source", "bash_complete", "zsh_source", "fish_source", "nonsense"])
 def test_beside_a_command_line_nothing_is_offered_and_the_audit_is_made(instruction: str, repository: Path) -> None:
-    environment = {**os.environ, "_KEYSTORE_AUDIT_COMPLETE": instruction, "COMP_WORDS": "", "COMP_CWORD": "0"}
+    variables = [f"{name}={instruction}" for name in ("_KEYSTORE_AUDIT_COMPLETE", "")]
     command = [sys.executable, "-m", "keystore_audit", "--engine", "native", "sample_keystores/stock/talker_listener"]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=repository)
+    done = subprocess.run(["env", *variables, *command], capture_output=True, text=True, cwd=repository)
     assert (done.returncode, done.stderr) == (1, "")
     assert "FAIL" in done.stdout
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import subprocess
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Result
@@ -87,10 +91,7 @@ def test_one_enclave_alone_may_be_every_process(tmp_path: Path) -> None:
         ("export ROS_DISTRO=humble # a comment", "humble"),
         ("PATH=$PATH:/bin\nROS_DISTRO=humble", "humble"),
         ("A='ROS_DISTRO=foxy; x' # it's so\nB=-a -b x \"z\\\" 'z\"\nROS_DISTRO=humble", "humble"),
-        (
-            'A=http://h/?a=1&b=2\nB=<Domain Id="1"><Log/>\nexport C="$(cat /x)"$(ls | wc -l)\nROS_DISTRO=humble',
-            "humble",
-        ),
+        ("A=http://h/?a=1&b=2\nB='<Log/>'\nexport C=\"$D/x\"\nROS_DISTRO=humble", "humble"),
         ("ROS_DISTRO=", ""),
         ("", ""),
     ],
@@ -123,7 +124,13 @@ def test_assignments_are_read(text: str, value: str, tmp_path: Path) -> None:
         ("A=1 >/dev/null source ./weaken", "robot.env:1: more than one assignment"),
         ("A=1&&return", "robot.env:1: more than one assignment"),
         ("A=a;b", "robot.env:1: more than one assignment"),
-        ("A=`id` B", "robot.env:1: more than one assignment"),
+        ("A=`id`", "robot.env:1: more than one assignment"),
+        ('A=$(echo "a)");export ROS_DISTRO=humble "b"', "robot.env:1: more than one assignment"),
+        ('A="$(echo "a)");export ROS_DISTRO=humble "b"', "robot.env:1: a quote"),
+        ("A=$(\nROS_DISTRO=humble\nB=1)", "robot.env:1: more than one assignment"),
+        ("A=1 <<B=2\nROS_DISTRO=humble\nB=2", "robot.env:1: more than one assignment"),
+        ('A="${ROS_DISTRO:=humble}"', "It names ROS_DISTRO"),
+        ("A=$'\\'';export ROS_DISTRO=humble;B=''''", "robot.env:1: "),
         ('export A=1 ROS_"DISTRO"=humble', "robot.env:1: more than one assignment"),
         ("A=1\\\nROS_DISTRO=humble", "robot.env:1: a line that goes on"),
         ("# a comment \\\nROS_DISTRO=humble", "robot.env:1: a line that goes on"),
@@ -158,3 +165,26 @@ def test_no_file_is_an_error(tmp_path: Path) -> None:
 )
 def test_the_variants_that_run(distribution: str, middleware: str, expected: tuple[str, ...]) -> None:
     assert running(distribution, middleware) == expected
+
+
+SIGNS = "'\"\\$`();&|<> =-#{}!a1"
+WORDS = ("ROS_DISTRO=x", "export ", "unset ", "${", ":=", "$(", "$'", "<<a", "eval ", ". ", "# ")
+PIECES = st.sampled_from([*SIGNS, *WORDS])
+
+
+@settings(max_examples=400)
+@given(value=st.lists(PIECES, max_size=9).map("".join), export=st.booleans())
+def test_a_shell_has_what_was_read(
+    value: str, export: bool, oracle: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """What precedes and follows the line of another variable is what bash has, or the line is refused."""
+    folder = tmp_path_factory.mktemp("shell")
+    line = f"{'export ' if export else ''}A={value}"
+    try:
+        read(folder, f"ROS_DISTRO=humble\n{line}\nROS_DOMAIN_ID=3\n")
+    except UsageError:
+        return
+    script = '. ./robot.env >/dev/null 2>&1; printf %s "$ROS_DISTRO $ROS_DOMAIN_ID"'
+    command = [oracle("bash"), "--noprofile", "--norc", "-c", script]
+    done = subprocess.run(command, cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, timeout=10)
+    assert done.stdout == b"humble 3"
