@@ -108,8 +108,9 @@ assert RelaysCannotRead {
 }
 
 /**
- * No enclave reads in one domain and writes in another, as whomever and in whatever realms; domains of one class (`Domain`) are one.
- * `carried_across` decides; the second channel is asked for so that a counterexample names both ends of the bridge.
+ * No enclave reads in one domain and writes in another, as whomever and in whatever realms; domains of one class
+ * (`Domain`) are one. `carried_across` decides; the second channel is asked for so that a counterexample names both ends
+ * of the bridge.
  */
 assert NoEnclaveBridgesDomains {
 	all realm: Realm, other_realm: Realm, enclave: Enclave, channel: enclave.(carried_across[realm, other_realm]),

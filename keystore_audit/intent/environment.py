@@ -4,8 +4,7 @@ The file is one of assignments, as a shell's `export`, systemd's EnvironmentFile
 Nothing is expanded or run, and a line that these read differently is an error: one that goes on after a backslash, a
 carriage return (a shell takes it into the value), a comment behind a value without `export` (systemd and containers
 take it into the value), blanks there (containers take them into it), and in the values of other variables whatever a
-shell would run or go on in (asked of bash in tests/rules/test_environment_rules.py). Source of what the variables mean: rcl's
-`security.c` and rmw_dds_common's `security.cpp`.
+shell would run or go on in. Source of what the variables mean: rcl's `security.c` and rmw_dds_common's `security.cpp`.
 """
 
 from __future__ import annotations

@@ -126,7 +126,7 @@ def test_a_swapped_large_file_breaks_it(keystore: Path, name: str) -> None:
 
 @pytest.mark.parametrize("size", [MAX_SEARCHED, MAX_SEARCHED + 1, 10 * 1024**3])
 def test_what_nobody_hashed_passes_in_no_statement(tmp_path: Path, size: int) -> None:
-    """Of a file that is larger than what is searched nobody knows what is in it: its last byte may be another one."""
+    """Of a file that is larger than what is searched nobody knows what is in it: an identity with its key (KA668)."""
     root = tmp_path / "keys"
     shutil.copytree(SAMPLE.parents[1] / "rules/KA115-deprecated-layout/good", root, symlinks=True)
     (root / "enclaves/talker/key.pem").chmod(0o600)
@@ -138,10 +138,14 @@ def test_what_nobody_hashed_passes_in_no_statement(tmp_path: Path, size: int) ->
     assert bool(said["predicate"]["properties"]) is hashed
     assert ("map.bin" in {subject["name"] for subject in said["subject"]}) is hashed
     result = statement(root, kind="statement")["predicate"]
-    assert result["result"] == ("PASSED" if hashed else "WARNED")
+    assert result["result"] == ("PASSED" if hashed else "FAILED")
     assert result["keystoreAudit"]["uncovered"] == ([] if hashed else ["map.bin"])
     report = audit(str(root), Options(at=NOW, engine="native"))
     assert any("in no digest" in sentence for sentence in report.scope.not_checked) is not hashed
+    assert report.exit_code == (0 if hashed else 4)
+    assert [each.locations[0].path for each in report.findings if each.code == "KA668"] == (
+        [] if hashed else ["map.bin"]
+    )
 
 
 @pytest.mark.parametrize(

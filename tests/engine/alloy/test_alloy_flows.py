@@ -163,6 +163,11 @@ MUTANTS = {
         "in_any_guise[Enclave, knows[realm]]",
         "knows[realm]",
     ),
+    "what no enclave here writes is hidden": (
+        "written by nobody",
+        "governed - message_protection[encrypting]",
+        "(governed & written_at_all) - message_protection[encrypting]",
+    ),
     "who is no enclave here overhears nothing": (
         "read elsewhere",
         "overhears_elsewhere[realm] + realm.elsewhere -> realm.in_clear",

@@ -137,10 +137,10 @@ check OneDomainHasNoBridge {
 	one Domain implies all sending, receiving: Realm | no carried_across[sending, receiving]
 } for 3 but 6 Entry, 2 Instant expect 0
 
-/** What an enclave can carry across, it can put somewhere: the two ends of a bridge exist together. */
+/** What an enclave can carry across, it can put somewhere, as whomever: the two ends of a bridge exist together. */
 check BridgesHaveTwoEnds {
 	all sending, receiving: Realm, enclave: Enclave, channel: enclave.(carried_across[sending, receiving]) |
-		some other_channel: enclave.(feeds[receiving]) | channel.in_domain != other_channel.in_domain
+		some other_channel: enclave.acts_as.(feeds[receiving]) | channel.in_domain != other_channel.in_domain
 } for 3 but 6 Entry, 2 Instant expect 0
 
 -- every property can fail, and not only for what could not be read
