@@ -94,7 +94,7 @@ class Suggester:
         certificate = enclave.identity
         if certificate is None:
             raise UsageError(f"The certificate of {policy.path!r} cannot be read: a grant has to name its subject.")
-        if terminal(certificate.subject) != certificate.subject:
+        if any(terminal(sign) != sign for sign in certificate.subject):
             raise UsageError(f"The subject {certificate.subject!r} holds what no plain document can.")
         domains = self._domains(enclave)
         if not domains:

@@ -118,9 +118,17 @@ def _flows(
 
 
 def _named(system: System, names: _Names, place: Place) -> str:
-    enclaves = [system.enclaves[enclave].label for enclave in sorted(place.enclaves)]
+    enclaves = [_called(system, enclave) for enclave in sorted(place.enclaves)]
     topics = sorted({f"topic {names[channel]}" for channel in place.channels})
     return ", ".join([*enclaves, *topics, *(["outsider"] if place.outsider else [])])
+
+
+def _called(system: System, number: int) -> str:
+    """An enclave by its path; an identity at large also by all of its subject, of which its label holds a part."""
+    enclave = system.enclaves[number]
+    if not enclave.at_large or enclave.identity is None:
+        return enclave.label
+    return f"{enclave.label} {system.certificates[enclave.identity].label}"
 
 
 def _told(system: System, names: _Names, witness: Witness) -> str:
@@ -128,7 +136,7 @@ def _told(system: System, names: _Names, witness: Witness) -> str:
     told = []
     for role, atom in sorted(witness.items()):
         if role in (Role.ENCLAVE, Role.OTHER):
-            told.append(system.enclaves[atom].label)
+            told.append(_called(system, atom))
         elif role is Role.CERTIFICATE:
             told.append(system.certificates[atom].label)
         elif role is Role.CHANNEL:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
-from keystore_audit.keystore.files import File, Status
+from keystore_audit.keystore.files import File
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.rules.context import Context
@@ -23,8 +23,6 @@ _AUTHORITIES: Final = (Role.IDENTITY_CA, Role.PERMISSIONS_CA)
 def _written_by_others(file: File) -> bool:
     """Whether others than the owner may write it. Unknown where there are no modes: then nothing is said."""
     mode = file.mode or 0
-    if file.status is Status.DIRECTORY and mode & _STICKY:
-        return False
     return bool(mode & _EVERYBODY or (mode & _GROUP and file.shared_group))
 
 
@@ -45,7 +43,8 @@ def writable_by_others(keystore: Keystore, context: Context) -> Iterator[Violati
     High in a tree that goes on a robot (--deployed), medium elsewhere, as in the checkout of a pipeline. One finding
     for each of the three. A file's group counts unless it is the owner's own: where the two have one number, as on
     distributions that give every user a group (0664 is usual there). In a sticky folder others can add files but
-    replace none: it does not count. Who is in a group, who owns what, access control lists and folders above the
+    replace none: it does not count, unless it is an enclave's, where a crl.pem or a `.p11` may be added, which Fast DDS
+    takes before the `.pem`. Who is in a group, who owns what, access control lists and folders above the
     keystore are not looked at.
     """
     enclaves = keystore.layout.enclaves
@@ -64,9 +63,11 @@ def writable_by_others(keystore: Keystore, context: Context) -> Iterator[Violati
     }
     severity, less = (Severity.HIGH, Severity.MEDIUM) if context.deployed else (Severity.MEDIUM, Severity.LOW)
     trusted = "whoever puts a CA certificate of his own there issues identities or signs rights that the enclaves trust"
+    own = {each.directory for each in enclaves}
+    folders = [each for each in keystore.layout.folders if each.place in own or not (each.mode or 0) & _STICKY]
     yield from _found(authorities.values(), ("CA certificate", "CA certificates"), trusted, severity)
     replaced = "whoever may write in one replaces what it leads to, with CA certificates of his own"
-    yield from _found(keystore.layout.folders, ("folder", "folders"), replaced, severity)
+    yield from _found(folders, ("folder", "folders"), replaced, severity)
     again = "whoever kept an older one of its authority can put it back"
     yield from _found(others.values(), ("signed file", "signed files"), again, less)
 

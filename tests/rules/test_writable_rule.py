@@ -66,6 +66,7 @@ def rated(report: str) -> list[tuple[str, list[str]]]:
         (".", 0o777, PRIVATE, "high"),
         (".", 0o1777, PRIVATE, None),
         ("enclaves/talker", 0o777, PRIVATE, "high"),
+        ("enclaves/talker", 0o1777, PRIVATE, "high"),
         ("public", 0o757, PRIVATE, "high"),
         ("enclaves/talker/permissions.xml", 0o666, PRIVATE, None),
     ],

@@ -81,7 +81,7 @@ def merge(system: System) -> Merged:
 
 def _asked(system: System) -> System:
     """The system without what properties and claims do not speak of."""
-    return replace(system, determinism=(), places=(), nodes=())
+    return replace(system, determinism=(), places=(), nodes=(), left_out=())
 
 
 def _few_instants(system: System) -> System:
