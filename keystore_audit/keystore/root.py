@@ -62,7 +62,7 @@ class Root:
     """An open keystore directory; a context manager, since it keeps descriptors.
 
     Paths are relative to it, as bytes or as `os.fsencode` takes them. Each inode is read once, so that
-    everybody sees the same bytes even when the tree changes meanwhile (sealed files are read again to be parsed).
+    everybody sees the same bytes even when the tree changes meanwhile; a sealed file gives what was hashed, or nothing.
     """
 
     def __init__(self, path: str, descent: Descent) -> None:

@@ -72,6 +72,7 @@ def at_large_atoms(
         for realm, atom in enumerate(realms):
             if not _admits(atom, each.number, certificates):
                 continue
+            ends = own.get((each.number, realm), ())
             count += 1
             if count > MAX_AT_LARGE:
                 raise BudgetExceeded(
@@ -87,8 +88,8 @@ def at_large_atoms(
                 opaque=each.doubted,
                 at_large=True,
                 possible=each.possible,
-                reads_alone=frozenset[int]().union(*(ends.reads for ends in own.get((each.number, realm), ()))),
-                writes_alone=frozenset[int]().union(*(ends.writes for ends in own.get((each.number, realm), ()))),
+                reads_alone=frozenset[int]().union(*(end.reads for end in ends)),
+                writes_alone=frozenset[int]().union(*(end.writes for end in ends)),
             )
 
 

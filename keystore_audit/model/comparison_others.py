@@ -144,7 +144,7 @@ def _own_subjects(view: View, pair: Pair, sides: Sides, side: int) -> frozenset[
     firsts: dict[int, Certificate] = {}
     for enclave in view.system.enclaves:
         evidence = sides.enclaves[side].get(enclave.label)
-        first = evidence.certificate.first if evidence is not None and evidence.certificate is not None else None
+        first = evidence.identity if evidence is not None else None
         if first is not None and enclave.identity is not None:
             firsts[enclave.identity] = first
     found = {first.subject for first in firsts.values()}

@@ -225,8 +225,8 @@ class _Naming:
         files = [document.file for document in documents_of(keystore)]
         self._files = [file for file in files if isinstance(file, PermissionsFile) and file.permissions is not None]
         self._authorities = permissions_cas(keystore)
-        firsts = [enclave.certificate.first for enclave in keystore.enclaves if enclave.certificate is not None]
-        self._certificates = list({first.sha256: first for first in firsts if first is not None}.values())
+        identities = filter(None, (enclave.identity for enclave in keystore.enclaves))
+        self._certificates = list({each.sha256: each for each in identities}.values())
         self._holding: dict[str, list[PermissionsFile]] = {}
         for file in self._files:
             for subject in dict.fromkeys(grant.subject_name.text for grant in _grants(file)):

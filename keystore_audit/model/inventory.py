@@ -83,8 +83,8 @@ def certificates_of(keystore: Keystore, documents: Iterable[Document], at: datet
         for file in (enclave.identity_ca, enclave.permissions_ca):
             for certificate in file.certificates if file else ():
                 found.setdefault(certificate.sha256, certificate)
-        if enclave.certificate is not None and enclave.certificate.first is not None:
-            found.setdefault(enclave.certificate.first.sha256, enclave.certificate.first)
+        if enclave.identity is not None:
+            found.setdefault(enclave.identity.sha256, enclave.identity)
     for document in documents:
         for signer in envelope(document.file.signed).signers if document.file else ():
             found.setdefault(signer.sha256, signer)
@@ -111,7 +111,7 @@ def certified_again(keystore: Keystore) -> Iterator[tuple[Enclave, tuple[Certifi
     carried = every_certificate(keystore.enclaves, keystore.authorities, keystore.strays)
     for certificate in (*carried, *keystore.identities.keyless):
         known.setdefault(certificate.key, {}).setdefault(certificate.sha256, certificate)
-    firsts = {e.certificate.first.sha256 for e in keystore.enclaves if e.certificate and e.certificate.first}
+    firsts = {enclave.identity.sha256 for enclave in keystore.enclaves if enclave.identity is not None}
     for enclave in keystore.enclaves:
         first = enclave.identity
         others = [c for c in known.get(first.key, {}).values() if c.sha256 not in firsts] if first is not None else []

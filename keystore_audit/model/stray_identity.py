@@ -54,11 +54,7 @@ def admitted(
         return ()
     certificates = [each.certificate for each in vouched]
     granted = _granted(keystore, certificates, profiles, at)
-    subjects = {
-        enclave.certificate.first.subject: enclave.path
-        for enclave in keystore.enclaves
-        if enclave.certificate is not None and enclave.certificate.first is not None
-    }
+    subjects = {each.identity.subject: each.path for each in keystore.enclaves if each.identity is not None}
     open_to_all = [*_without_grants(enclaves)][:1]
     return tuple(
         Admitted(

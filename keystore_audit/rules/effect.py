@@ -100,7 +100,7 @@ class Effects:
     @cached_property
     def _identities(self) -> list[Certificate]:
         """Whoever's private key may be in the tree."""
-        carried = (each.certificate.first for each in self._keystore.enclaves if each.certificate is not None)
+        carried = (each.identity for each in self._keystore.enclaves)
         found = [*filter(None, carried), *(each.certificate for each in self._keystore.identities.found)]
         return list({each.sha256: each for each in found}.values())
 
