@@ -128,22 +128,41 @@ def _how(status: int | None) -> str:
 
 @contextmanager
 def _forkserver() -> Iterator[ForkServerContext]:
-    """Where processes come from.
+    """Where processes come from."""
+    from multiprocessing.forkserver import ensure_running
 
-    It is started with SIGINT ignored, as are its children from their first moment: an interrupt at the terminal goes
-    to this process, which ends them.
-    """
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(_PRELOADED))
-    if threading.current_thread() is threading.main_thread():
-        from multiprocessing.forkserver import ensure_running
-
-        kept = signal.signal(signal.SIGINT, signal.SIG_IGN)
-        try:
-            ensure_running()
-        finally:
-            signal.signal(signal.SIGINT, kept)
+    with _at_the_root(), _interrupts_ignored():
+        ensure_running()
     yield context
+
+
+@contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    """What is started ignores SIGINT from its first moment, as do its children: an interrupt at the terminal goes to
+    this process, which ends them.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    kept = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, kept)
+
+
+@contextmanager
+def _at_the_root() -> Iterator[None]:
+    """What is started by `python -c` imports from its working directory first, which may be an audited one."""
+    before = os.open(".", getattr(os, "O_PATH", os.O_RDONLY))
+    try:
+        os.chdir("/")
+        yield
+    finally:
+        os.fchdir(before)
+        os.close(before)
 
 
 def _serve(connection: Connection[Any, Any], work: Callable[[Any], Any], directory: str, thresholds: Any) -> None:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import os
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
@@ -70,3 +73,25 @@ def test_nothing_is_left_running() -> None:
     assert not [pid for pid in processes if psutil.pid_exists(pid)]
     left = set(psutil.Process().children(recursive=True)) - before
     assert not {process.pid for process in left} & processes
+
+
+def test_nothing_is_imported_from_where_the_audit_runs(tmp_path: Path) -> None:
+    """What is audited may hold modules that are called like Python's own."""
+    script = tmp_path / "bin/script.py"
+    script.parent.mkdir()
+    script.write_text(
+        "from keystore_audit.fleet.processes import Processes\n"
+        "from tests.fleet import work\n"
+        "if __name__ == '__main__':\n"
+        "    print(sorted(result for _number, result in Processes(2).run(work.square, [1, 2])))\n"
+    )
+    here = tmp_path / "workspace"
+    here.mkdir()
+    for module in ("selectors", "signal", "struct", "tempfile", "socket"):
+        (here / f"{module}.py").write_text("open('imported', 'w')\nraise SystemExit(1)\n")
+    path = os.pathsep.join([str(Path(__file__).parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])])
+    done = subprocess.run(
+        [sys.executable, script], cwd=here, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True
+    )
+    assert (done.stdout, done.stderr, done.returncode) == ("[1, 4]\n", "", 0)
+    assert not (here / "imported").exists()
