@@ -44,6 +44,11 @@ _TEXT: Final = re.compile(r"""'[^']*'|"(?:[^"\\]|\\.)*"|\\.""")
 _EXPANSION: Final = re.compile(r"""\$(?:[('"[]|\{(?![A-Za-z_][A-Za-z0-9_]*\}))|`""")
 """Where a shell pairs quotes anew: it may go on in the next line, and hide what is run."""
 _STRUCTURE: Final = re.compile(r"[()<>]")
+_COUNTER: Final = re.compile(
+    "BAUD|COLUMNS|DIRSTACKSIZE|E?[GU]ID|ERRNO|FUNCNEST|HISTCMD|HISTSIZE|KEYTIMEOUT|LINENO|LINES|LISTMAX|LOGCHECK"
+    "|MAILCHECK|OPTIND|PERIOD|S?RANDOM|REPORTMEMORY|REPORTTIME|SAVEHIST|SECONDS|SHLVL|TMOUT|TRY_BLOCK_[A-Z]+"
+)
+"""Variables that bash, zsh or ksh take for numbers: what is assigned is worked out, and `NAME=0` in it assigns, too."""
 _ANOTHER: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*=")
 """How another assignment begins, behind which a command may still follow."""
 
@@ -115,6 +120,8 @@ def read_environment(path: Path) -> Environment:
                 location=Location(path=str(path), line=number, beside=True),
             )
         else:
+            if _COUNTER.fullmatch(name) and not re.fullmatch(r"""(["']?)[0-9]*\1""", value):
+                raise UsageError(f"{place}: {name} is a number to a shell, which works out its value; expected digits.")
             _pass_over(value, place, exported=export is not None)
     return Environment(file=GivenFile.of(str(path), data), settings=found)
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.errors import UsageError
@@ -92,6 +92,7 @@ def test_one_enclave_alone_may_be_every_process(tmp_path: Path) -> None:
         ("PATH=$PATH:/bin\nROS_DISTRO=humble", "humble"),
         ("A='ROS_DISTRO=foxy; x' # it's so\nB=-a -b x \"z\\\" 'z\"\nROS_DISTRO=humble", "humble"),
         ("A=http://h/?a=1&b=2\nB='<Log/>'\nexport C=\"$D/x\"\nROS_DISTRO=humble", "humble"),
+        ("ROS_DISTRO=humble\nSHLVL=1\nOPTIND=2\nRANDOM=", "humble"),
         ("ROS_DISTRO=", ""),
         ("", ""),
     ],
@@ -135,6 +136,7 @@ def test_assignments_are_read(text: str, value: str, tmp_path: Path) -> None:
         ("A=1\\\nROS_DISTRO=humble", "robot.env:1: a line that goes on"),
         ("# a comment \\\nROS_DISTRO=humble", "robot.env:1: a line that goes on"),
         ('A="x\nROS_DISTRO=humble\nB=x"', "robot.env:1: a quote"),
+        ("RANDOM='ROS_DISTRO=0'", "robot.env:1: RANDOM is a number"),
         (b"A=1\n\xff", "robot.env:2: not UTF-8"),
         (b"#" * (1024 * 1024 + 1), "larger than"),
     ],
@@ -169,17 +171,58 @@ def test_the_variants_that_run(distribution: str, middleware: str, expected: tup
 
 SIGNS = "'\"\\$`();&|<> =-#{}!a1"
 WORDS = ("ROS_DISTRO=x", "export ", "unset ", "${", ":=", "$(", "$'", "<<a", "eval ", ". ", "# ")
+SHELLS_OWN = [
+    "BASH",
+    "BASHOPTS",
+    "BASHPID",
+    "BASH_ARGV0",
+    "BASH_COMMAND",
+    "BASH_COMPAT",
+    "BASH_SUBSHELL",
+    "COLUMNS",
+    "DIRSTACK",
+    "EPOCHSECONDS",
+    "EUID",
+    "FUNCNAME",
+    "GROUPS",
+    "HISTCMD",
+    "HISTSIZE",
+    "HOME",
+    "IFS",
+    "LANG",
+    "LC_ALL",
+    "LINENO",
+    "LINES",
+    "MAILCHECK",
+    "OPTERR",
+    "OPTIND",
+    "PATH",
+    "POSIXLY_CORRECT",
+    "PPID",
+    "PS4",
+    "PWD",
+    "RANDOM",
+    "REPLY",
+    "SECONDS",
+    "SHELLOPTS",
+    "SHLVL",
+    "SRANDOM",
+    "TMOUT",
+    "UID",
+    "_",
+]
 PIECES = st.sampled_from([*SIGNS, *WORDS])
 
 
 @settings(max_examples=400)
-@given(value=st.lists(PIECES, max_size=9).map("".join), export=st.booleans())
+@given(name=st.sampled_from(["A", *SHELLS_OWN]), value=st.lists(PIECES, max_size=9).map("".join), export=st.booleans())
+@example(name="RANDOM", value="'ROS_DISTRO=0'", export=False)
 def test_a_shell_has_what_was_read(
-    value: str, export: bool, oracle: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory
+    name: str, value: str, export: bool, oracle: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     """What precedes and follows the line of another variable is what bash has, or the line is refused."""
     folder = tmp_path_factory.mktemp("shell")
-    line = f"{'export ' if export else ''}A={value}"
+    line = f"{'export ' if export else ''}{name}={value}"
     try:
         read(folder, f"ROS_DISTRO=humble\n{line}\nROS_DOMAIN_ID=3\n")
     except UsageError:
