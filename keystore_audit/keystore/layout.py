@@ -362,8 +362,9 @@ def _nested(tree: _Tree, kind: LayoutKind) -> Iterator[Nested]:
             continue
         names = tree.names(place) - (set() if place else {b"enclaves"})
         if starts_by_itself(names):
-            found = place or None  # an enclave in the root hides nothing below it
             startable = b"enclaves" in names or bool(names & _CERTIFICATE and names & _KEY)
+            if startable and place:  # an enclave in the root hides nothing below it, nor what nobody can start
+                found = place
             yield Nested(path=display(place), startable=startable)
 
 

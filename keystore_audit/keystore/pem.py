@@ -10,6 +10,7 @@ import base64
 import binascii
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Final
 
 from keystore_audit.dataclass import dataclass, field
@@ -117,7 +118,8 @@ def read_pem(content: bytes) -> Pem:
 def loose_blocks(content: bytes, *labels: str) -> Iterator[Block]:
     """Every block whose label ends in one of these, wherever it stands: indented, quoted, within other text.
 
-    No run time reads it there, and whoever wants it takes it out. `der` is None where it is encrypted or no base64.
+    No run time reads it there, and whoever wants it takes it out. `der` is None where it is encrypted; where it is no
+    base64 it is the text, which is no DER.
     """
     line, before = 1, 0
     for opening in _LOOSE.finditer(content):
@@ -135,10 +137,10 @@ def _loosely_decoded(body: bytes) -> bytes | None:
         return None
     header = body.rfind(b":")  # of other fields, too
     text = body[_end_of_line(body, header) :] if header >= 0 else body
-    try:
-        return binascii.a2b_base64(_NO_BASE64.sub(b"", text))
-    except binascii.Error:
-        return None
+    for each in (text, text.partition(b"-")[0]):  # OpenSSL's base64 ends at the first hyphen
+        with suppress(binascii.Error):
+            return binascii.a2b_base64(_NO_BASE64.sub(b"", each))
+    return text
 
 
 def _text(text: bytes, line: int) -> Text:

@@ -18,7 +18,7 @@ from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.der import first_element
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.pem import Block, Problem, loose_blocks, read_pem
-from keystore_audit.keystore.traces import is_pkcs12
+from keystore_audit.keystore.traces import is_key_in_der, is_pkcs12
 
 MAX_KEY_BYTES: Final = 64 * 1024
 """Longest key that is parsed: an RSA key of 16,384 bits, the largest that OpenSSL uses, has 9,300 bytes."""
@@ -123,7 +123,8 @@ def read_held_keys(file: File) -> HeldKeys:
     if is_pkcs12(content[:64]):
         return HeldKeys(sealed=True)
     blocks = list(islice(loose_blocks(content, "PRIVATE KEY"), MAX_HELD_KEYS + 1))
-    blocks = blocks or [Block(label="", line=1, der=first_element(content))]
+    if not blocks or is_key_in_der(content[:64]):
+        blocks.insert(0, Block(label="", line=1, der=first_element(content)))
     read = [_public_half(block) for block in blocks[:MAX_HELD_KEYS] if block.der != b""]  # else a text about keys
     keys = dict.fromkeys(public_key.identity(key) for key in read if key is not None)
     return HeldKeys(keys=tuple(keys), locked=None in read or len(blocks) > MAX_HELD_KEYS)

@@ -190,6 +190,8 @@ def certificates_in(file: File) -> Iterator[Certificate | int]:
     if len(blocks) > MAX_LOOSE:
         yield blocks.pop().line
     for block in (*blocks, Block(label="", line=1, der=content)):
+        if block.encrypted:
+            yield block.line
         der = first_element(block.der) if block.der is not None and block.der[:1] == b"0" else None
         if der is None:
             continue

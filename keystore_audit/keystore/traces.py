@@ -56,7 +56,7 @@ class Traces(NamedTuple):
 
 def holds_private_key(content: bytes) -> bool:
     """Whether a private key in PEM stands in it, or it is one in DER, or a PKCS #12 file, which is made for one."""
-    return b"PRIVATE KEY-----" in content or _is_key_in_der(content[:64])
+    return b"PRIVATE KEY-----" in content or is_key_in_der(content[:64])
 
 
 def holds_certificates(content: bytes) -> bool:
@@ -79,7 +79,7 @@ def is_pkcs12(beginning: bytes) -> bool:
     return body is not None and body[:3] == _VERSION + b"\x03" and _CONTENT in body[3:27]
 
 
-def _is_key_in_der(beginning: bytes) -> bool:
+def is_key_in_der(beginning: bytes) -> bool:
     """By the first elements: PKCS #8 (RFC 5958), encrypted or not; RSA, DSA and EC keys (RFC 8017, RFC 5915);
     PKCS #12 (RFC 7292).
     """
@@ -119,7 +119,7 @@ def search(descriptor: int, most: int) -> tuple[Traces, int]:
         text = (before + piece).lower()
         if at == 0:
             message = piece[:1] == b"0" and SIGNED_DATA in piece[:32]
-            key, certificate = _is_key_in_der(piece[:64]), is_certificate_in_der(piece[:64])
+            key, certificate = is_key_in_der(piece[:64]), is_certificate_in_der(piece[:64])
         key = key or _KEY in text
         certificate = certificate or _CERTIFICATE.lower() in text
         message = message or any(word in text for word in (*TYPES, *_ARMOUR))

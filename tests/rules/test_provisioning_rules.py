@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import shutil
 from collections.abc import Callable
@@ -13,6 +14,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import (
     BestAvailableEncryption,
     Encoding,
+    NoEncryption,
     PrivateFormat,
     load_pem_private_key,
 )
@@ -353,6 +355,47 @@ def test_an_identity_that_could_not_be_read_is_no_pass(fleet: Fleet, tmp_path: P
         assert report(root).exit_code == code
 
 
+def encrypted(der: bytes) -> bytes:
+    """A certificate in PEM that wants a password: OpenSSL reads such (RFC 1421, 4.6.1.1)."""
+    return (
+        b"-----BEGIN CERTIFICATE-----\nProc-Type: 4,ENCRYPTED\nDEK-Info: AES-256-CBC,"
+        + b"00" * 16
+        + b"\n\n"
+        + base64.encodebytes(der)
+        + b"-----END CERTIFICATE-----\n"
+    )
+
+
+def in_der(made: Signed) -> bytes:
+    return made.key.private_bytes(Encoding.DER, PrivateFormat.PKCS8, NoEncryption())
+
+
+EMPTY_KEY = b"-----BEGIN PRIVATE KEY----------END PRIVATE KEY-----\n"
+
+
+@pytest.mark.parametrize(
+    ("spare", "key", "code"),
+    [
+        (lambda made: made.pem, lambda made: made.key_pem, 1),
+        (lambda made: made.pem, lambda made: in_der(made) + EMPTY_KEY, 1),
+        (lambda made: made.pem.replace(b"\n-----END", b"\n-A\n-----END"), lambda made: made.key_pem, 1),
+        (lambda made: encrypted(made.certificate.public_bytes(Encoding.DER)), lambda made: made.key_pem, 4),
+        (lambda made: made.pem, lambda _made: EMPTY_KEY, 0),
+        (lambda _made: b"-----BEGIN CERTIFICATE-----\n...\n-----END CERTIFICATE-----\n", lambda made: made.key_pem, 0),
+    ],
+)
+def test_an_identity_that_openssl_reads_counts_however_it_is_written(
+    spare: Callable[[Signed], bytes], key: Callable[[Signed], bytes], code: int, fleet: Fleet, tmp_path: Path
+) -> None:
+    root = fleet.robot(tmp_path / "robot")
+    made = certificate("/gripper", fleet.identity)
+    (root / "old").write_bytes(fleet.document("/gripper", "rt/*"))
+    (root / "a").write_bytes(spare(made))
+    (root / "b").write_bytes(key(made))
+    assert bool(beside(root)) is (code != 0)
+    assert report(root).exit_code == code
+
+
 def test_a_file_by_whose_name_it_may_hold_one(fleet: Fleet, tmp_path: Path) -> None:
     for name, code in (("spare.crt", 4), ("spare.PEM", 4), ("spare.key", 0), ("spare.txt", 0)):
         root = fleet.robot(tmp_path / name)
@@ -397,6 +440,15 @@ def test_a_folder_is_an_enclave_whichever_file_is_missing(name: str, fleet: Flee
     (root / "backup" / name).unlink()
     assert inside(root) == ["backup"]
     assert report(root).exit_code == (0 if name in ("cert.pem", "key.pem") else 4)
+
+
+def test_what_nobody_can_start_hides_nothing_below_it(fleet: Fleet, tmp_path: Path) -> None:
+    root = fleet.robot(tmp_path / "robot")
+    moved("/gripper", "backup")(fleet, root)
+    moved("/arm", "backup/old/arm")(fleet, root)
+    assert (inside(root), report(root).exit_code) == (["backup"], 4)
+    (root / "backup/key.pem").unlink()
+    assert (inside(root), report(root).exit_code) == (["backup", "backup/old/arm"], 4)
 
 
 @pytest.mark.parametrize("name", ["cert.pem", "key.pem"])
