@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from keystore_audit.dataclass import replace
 from keystore_audit.engine.horizon import Horizon
 from keystore_audit.findings import Finding, Result, Severity
-from keystore_audit.intent.environment import DOMAIN, Environment
+from keystore_audit.intent.environment import DOMAIN, RMW, Environment
 from keystore_audit.model.profiles import DEFAULT, Profile, running
 from keystore_audit.options import DEFAULT_NOTICE, Options
 from keystore_audit.properties import Status
@@ -79,7 +79,7 @@ def passed_over(options: Options, profiles: Sequence[Profile], environment: Envi
     domain = environment.value(DOMAIN)
     if domain and environment.domain != options.domain:
         found.append(f"--domain {options.domain} in place of {DOMAIN}={domain} in {environment.file.path}")
-    named = environment.value("ROS_DISTRO"), environment.value("RMW_IMPLEMENTATION")
+    named = environment.value("ROS_DISTRO"), environment.value(RMW)
     missing = set(running(*named)) - {profile.name for profile in profiles} if any(named) else ()
     if missing:
         left_out = ", ".join(sorted(missing))

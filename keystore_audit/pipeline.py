@@ -17,7 +17,7 @@ from keystore_audit.engine.label_answers import with_label_answers
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.gate import acceptances, complete, passed_over, verdict, weakened, while_accepted
 from keystore_audit.given import GivenFile
-from keystore_audit.intent.environment import Environment, read_environment
+from keystore_audit.intent.environment import RMW, Environment, read_environment
 from keystore_audit.intent.intent import Intent, Origin
 from keystore_audit.intent.observed import read_observed
 from keystore_audit.keystore.identity import Beside
@@ -148,7 +148,7 @@ def _drawn(report: Report, context: Context, accesses: AccessViews, options: Opt
 
 def _as_started(options: Options, environment: Environment) -> Options:
     """The options with the profiles and the domain of the environment, where none were given."""
-    shipped = running(environment.value("ROS_DISTRO"), environment.value("RMW_IMPLEMENTATION"))
+    shipped = running(environment.value("ROS_DISTRO"), environment.value(RMW))
     return replace(
         options,
         profiles=options.profiles or shipped,

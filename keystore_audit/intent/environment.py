@@ -27,11 +27,12 @@ KEYSTORE: Final = "ROS_SECURITY_KEYSTORE"
 OVERRIDE: Final = "ROS_SECURITY_ENCLAVE_OVERRIDE"
 """The variable that replaces the enclave of every process that has it (rcl's `security.c`)."""
 DOMAIN: Final = "ROS_DOMAIN_ID"
+RMW: Final = "RMW_IMPLEMENTATION"
 
 SECURE: Final = {ENABLE: "true", STRATEGY: "Enforce"}
 """The one value with which there is security, exactly (rcl's `security.c`)."""
 
-VARIABLES: Final = (ENABLE, STRATEGY, KEYSTORE, OVERRIDE, DOMAIN, "RMW_IMPLEMENTATION", "ROS_DISTRO")
+VARIABLES: Final = (ENABLE, STRATEGY, KEYSTORE, OVERRIDE, DOMAIN, RMW, "ROS_DISTRO")
 """Those that are looked at; others are passed over."""
 
 _ASSIGNMENT: Final = re.compile(r"(export[ \t]+)?([A-Za-z_][A-Za-z0-9_]*)=(.*)", re.DOTALL)

@@ -155,8 +155,8 @@ class NodeNames:
 class StartNode(Action):
     """A process with a node; `components` are loaded into it.
 
-    `arguments`: the words of its command line; `ros_arguments`: those that come behind `--ros-args`. `prefix`: what
-    stands before the program, None: what is set for all.
+    `arguments`: the words of its command line; `ros_arguments`: those that come behind `--ros-args`. `clean`: it has
+    `environment` alone. `prefix`: what stands before the program, None: what is set for all.
     """
 
     kind: NodeKind
@@ -164,6 +164,7 @@ class StartNode(Action):
     arguments: tuple[Text, ...] = ()
     ros_arguments: tuple[Text, ...] = ()
     environment: tuple[tuple[Text, Text], ...] = ()
+    clean: bool = False
     prefix: Text | None = None
     components: tuple[NodeNames, ...] = ()
 

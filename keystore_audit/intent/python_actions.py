@@ -28,6 +28,7 @@ from keystore_audit.intent.launch_actions import (
     Unread,
     Variable,
 )
+from keystore_audit.intent.launch_environment import NAMES
 from keystore_audit.intent.python_values import (
     NONE,
     ActionValue,
@@ -214,7 +215,8 @@ def _node(call: Call) -> Value:
         names=names,
         arguments=arguments,
         ros_arguments=(*unknown, *ros_arguments, *unknown_ros),
-        environment=(*_mapping(call.get("additional_env")), *_mapping(call.get("env"))),
+        environment=(*_mapping(call.get("env")), *_mapping(call.get("additional_env"))),
+        clean=call.get("env") != NONE,
         prefix=call.optional("prefix"),
         components=components,
     )
@@ -327,6 +329,14 @@ def _set(call: Call) -> Value:
     return ActionValue(action=action)
 
 
+def _environment(call: Call) -> Value:
+    """All variables are replaced, by those that are named or by earlier ones."""
+    before = "" if call.name == "ReplaceEnvironmentVariables" else Unknown(reason="an earlier environment")
+    values = (*(((name,), (before,)) for name in NAMES), *_mapping(call.get("environment", 0)))
+    actions = tuple(AssignEnvironment(line=call.line, name=name, value=value) for name, value in values)
+    return ActionValue(action=Group(line=call.line, conditions=call.conditions, actions=actions, scoped=False))
+
+
 def _inert(call: Call) -> Value:
     return ActionValue(action=Group(line=call.line, actions=()))
 
@@ -366,8 +376,9 @@ def _table() -> Mapping[str, Callable[[Call], Value]]:
         _description: "LaunchDescription",
         _set: "DeclareLaunchArgument SetLaunchConfiguration UnsetLaunchConfiguration SetEnvironmentVariable "
         "UnsetEnvironmentVariable AppendEnvironmentVariable SetRemap PushRosNamespace PushROSNamespace",
+        _environment: "ReplaceEnvironmentVariables ResetEnvironment PopEnvironment",
         _inert: "LogInfo LogDebug LogWarning LogError SetParameter SetParametersFromFile SetUseSimTime SetROSLogDir "
-        "Shutdown EmitEvent LifecycleTransition",
+        "PushEnvironment Shutdown EmitEvent LifecycleTransition",
         _process: "ExecuteProcess ExecuteLocal",
         _function: "OpaqueFunction OpaqueCoroutine",
     }

@@ -7,7 +7,7 @@ from difflib import get_close_matches
 from typing import Any, Final
 
 from keystore_audit.findings import Severity
-from keystore_audit.intent.environment import ENABLE, SECURE, STRATEGY, Environment
+from keystore_audit.intent.environment import ENABLE, RMW, SECURE, STRATEGY, Environment
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.profiles import DISTRIBUTIONS, MIDDLEWARE, running
 from keystore_audit.rules.context import Context
@@ -189,12 +189,12 @@ def middleware_not_modelled(_keystore: Keystore, context: Context) -> Iterator[V
     rmw_zenoh_cpp takes its own access control file; it enforces neither governance.p7s nor permissions.p7s.
     """
     environment = _of(context)
-    name = environment.value("RMW_IMPLEMENTATION")
+    name = environment.value(RMW)
     if name and name not in MIDDLEWARE:
         why = "enforces neither governance.p7s nor permissions.p7s" if name == ZENOH else "is not known here"
         yield _found(
             environment,
-            "RMW_IMPLEMENTATION",
+            RMW,
             f"RMW_IMPLEMENTATION is {quoted(name)}, which {why}: this report does not speak of it.",
             undecided=True,
         )
@@ -218,7 +218,7 @@ def distribution_not_modelled(_keystore: Keystore, context: Context) -> Iterator
     environment = _of(context)
     name = environment.value("ROS_DISTRO")
     if name and name not in DISTRIBUTIONS:
-        assumed = running(name, environment.value("RMW_IMPLEMENTATION"))
+        assumed = running(name, environment.value(RMW))
         chosen = tuple(profile.name for profile in context.profiles) != assumed
         what = "the profiles chosen are judged instead" if chosen else "every release that is known is judged instead"
         yield _found(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
-from keystore_audit.intent.environment import DOMAIN, ENABLE, SECURE, STRATEGY
+from keystore_audit.intent.environment import DOMAIN, ENABLE, RMW, SECURE, STRATEGY
 from keystore_audit.intent.intent import Action, SetVariable
 from keystore_audit.intent.ros_names import ROOT
 from keystore_audit.keystore.governance import DomainRule
@@ -17,6 +17,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.keystore.permissions import Rule as PermissionsRule
 from keystore_audit.model.domains import contains, covered
 from keystore_audit.model.names import ros_name
+from keystore_audit.model.profiles import MIDDLEWARE
 from keystore_audit.rules.commands import CREATE_ENCLAVE
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN
@@ -284,7 +285,7 @@ def _reasons(messages: Iterable[str]) -> str:
     applies=_observes,
 )
 def launch_changes_security(keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """A launch file starts a process without security, or not with this keystore and in the domain asked about.
+    """A launch file starts a process without security, or not with this keystore, domain and middleware.
 
     What it sets comes before what the robot's environment says (`--env`). A value that cannot be told without running
     the file leaves the audit open. A domain is high where no governance covers it, low where all do and every enclave
@@ -300,7 +301,7 @@ def launch_changes_security(keystore: Keystore, context: Context) -> Iterator[Vi
                 locations=(_beside(variable.location),),
                 severity=severity,
                 key=f"{variable.node} {variable.name} {variable.value}",
-                undecided=variable.value is None,
+                undecided=variable.value is None or (variable.name == RMW and variable.value not in MIDDLEWARE),
             )
 
 
@@ -313,9 +314,18 @@ def _harm(variable: SetVariable, keystore: Keystore, context: Context) -> tuple[
     if variable.name == STRATEGY:
         follows = "it starts without security where its enclave does not load"
         return Severity.HIGH, f"unless the value is exactly 'Enforce', {follows}"
+    if variable.name == RMW:
+        return _harm_of_middleware(variable.value, context)
     if variable.name == DOMAIN:
         return _harm_of_domain(variable.value, keystore, context)
     return Severity.MEDIUM, "whether that is this keystore is not known"
+
+
+def _harm_of_middleware(value: str | None, context: Context) -> tuple[Severity, str] | None:
+    vendor = MIDDLEWARE.get(value or "")
+    if value == "" or any(profile.name.rpartition("-")[0] == vendor for profile in context.profiles):
+        return None
+    return Severity.HIGH, "this report does not speak of what that middleware enforces"
 
 
 def _harm_of_domain(value: str | None, keystore: Keystore, context: Context) -> tuple[Severity, str]:

@@ -10,8 +10,9 @@ import pytest
 from keystore_audit.errors import UsageError
 from keystore_audit.intent.intent import Action, Intent
 from keystore_audit.intent.launch import MAX_ACTIONS, MAX_REMAPS, MAX_SET, read_launch
+from keystore_audit.intent.launch_environment import NAMES, OVERRIDE
 from keystore_audit.intent.launch_nodes import MAX_NODES
-from tests.intent.launched import all_of, launch, names, nodes, unresolved
+from tests.intent.launched import all_of, described, launch, names, nodes, unresolved
 from tools.samples.healthy import TURTLESIM, VEHICLE
 from tools.samples.policy import Node
 
@@ -154,6 +155,67 @@ def test_a_prefix_that_cannot_be_told_leaves_the_enclave_open(prefix: str, tmp_p
     intent = launch(tmp_path, f'<node pkg="p" exec="e" name="n" launch-prefix="{prefix}"/>')
     assert (nodes(intent), intent.enclaves) == (set(), ())
     assert len(unresolved(intent)) == 1
+
+
+def variables(intent: Intent) -> dict[str, str | None]:
+    return {variable.name.removeprefix("ROS_"): variable.value for variable in intent.variables}
+
+
+CLEAN = dict.fromkeys([each.removeprefix("ROS_") for each in NAMES if each != OVERRIDE], "")
+OPEN = {"SECURITY_ENABLE": None}
+
+
+@pytest.mark.parametrize(
+    ("prefix", "expected"),
+    [
+        ("env ROS_SECURITY_ENABLE=false", {"SECURITY_ENABLE": "false"}),
+        ("env ROS_SECURITY_'ENABLE'=false", {"SECURITY_ENABLE": "false"}),
+        ("/usr/bin/env A=b nice -n 5 gdb -ex run --args", {}),
+        ("xterm -e gdb --args", {}),
+        ("env -i PATH=/bin", OPEN),
+        ("env ROS_DOMAIN_ID=1 --unset=ROS_SECURITY_ENABLE", {**OPEN, "DOMAIN_ID": "1"}),
+        ("nice sudo -u robot", OPEN),
+        ("nice ROS_SECURITY_ENABLE", OPEN),
+        ("./wrapper", OPEN),
+        ("sh -c '. ./weaken'", OPEN),
+        ("$(env WRAPPER)", OPEN),
+    ],
+)
+def test_what_stands_before_the_program_may_change_its_variables(
+    prefix: str, expected: dict[str, str | None], tmp_path: Path
+) -> None:
+    intent = launch(tmp_path, f'<node pkg="p" exec="e" name="n" launch-prefix="{prefix}"/>')
+    assert variables(intent) == expected
+    for_all = f'<let name="launch-prefix" value="{prefix}"/><node pkg="p" exec="e" name="n"/>'
+    assert variables(launch(tmp_path, for_all)) == expected
+    some = f'<let name="launch-prefix-filter" value="e.*"/>{for_all}'
+    assert variables(launch(tmp_path, some)) == dict.fromkeys(expected)
+
+
+@pytest.mark.parametrize(
+    ("before", "given", "expected"),
+    [
+        ("", "", {}),
+        ("", "env={'PATH': '/bin'}", CLEAN),
+        ("", "env={}", CLEAN),
+        ("", "env=None", {}),
+        ("", "additional_env={'ROS_SECURITY_ENABLE': 'true'}", {"SECURITY_ENABLE": "true"}),
+        (
+            "",
+            "env={'ROS_SECURITY_ENABLE': 'true'}, additional_env={'ROS_SECURITY_ENABLE': 'false'}",
+            {**CLEAN, "SECURITY_ENABLE": "false"},
+        ),
+        ("ReplaceEnvironmentVariables({'ROS_DOMAIN_ID': '3'}),", "", {**CLEAN, "DOMAIN_ID": "3"}),
+        ("ResetEnvironment(),", "", dict.fromkeys(CLEAN)),
+        ("PopEnvironment(),", "", dict.fromkeys(CLEAN)),
+        ("PushEnvironment(),", "", {}),
+    ],
+)
+def test_what_replaces_all_variables(before: str, given: str, expected: dict[str, str | None], tmp_path: Path) -> None:
+    names = "PopEnvironment, PushEnvironment, ReplaceEnvironmentVariables, ResetEnvironment"
+    node = f"Node(executable='e', name='n', {given})"
+    text = f"from launch.actions import {names}\n{described(before + node)}"
+    assert variables(launch(tmp_path, text, "py")) == expected
 
 
 def test_a_prefix_for_all_is_that_of_those_without_their_own(tmp_path: Path) -> None:

@@ -76,7 +76,7 @@ def test_nothing_in_an_xml_or_yaml_launch_file_runs(form: str, tmp_path: Path) -
         "xml": f"""<executable cmd="touch {marker}"/>
             <executable cmd="touch {marker}" shell="true"/>
             <node pkg="p" exec="e" name="$(command 'touch {marker}')"/>
-            <node pkg="p" exec="e" name="n" if="$(eval &quot;{code}&quot;)" launch-prefix="touch {marker}"/>""",
+            <node pkg="p" exec="e" name="n" if="$(eval &quot;{code}&quot;)" launch-prefix="nice touch {marker}"/>""",
         "yaml": f"""launch:
   - executable: {{cmd: "touch {marker}"}}
   - node: {{pkg: p, exec: e, name: "$(command 'touch {marker}')"}}

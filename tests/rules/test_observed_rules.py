@@ -88,12 +88,23 @@ def test_one_cause_makes_one_rule_speak(code: str) -> None:
         ("ROS_DOMAIN_ID", "9999999999999", Severity.MEDIUM),
         ("ROS_DOMAIN_ID", "two", Severity.MEDIUM),
         ("ROS_DOMAIN_ID", None, Severity.MEDIUM),
+        ("RMW_IMPLEMENTATION", "", None),
+        ("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp", None),
+        ("RMW_IMPLEMENTATION", None, Severity.HIGH),
     ],
 )
 def test_what_a_launch_file_makes_of_security(name: str, value: str | None, severity: Severity | None) -> None:
     spoke = spoken(granted(CHATTER), launch(uses("/talker", "/chatter"), variables=(variable(name, value),)))
     assert [each.severity for each in spoke] == ([severity] if severity is not None else [])
     assert all(each.undecided is (value is None) for each in spoke)
+
+
+def test_a_middleware_that_no_profile_speaks_of() -> None:
+    """One that is not known here leaves the audit open."""
+    for value, undecided in (("rmw_zenoh_cpp", True), ("rmw_fastrtps_cpp", False)):
+        files = launch(uses("/talker", "/chatter"), variables=(variable("RMW_IMPLEMENTATION", value),))
+        (finding,) = spoken(granted(CHATTER), files, names=("cyclonedds-0.10",))
+        assert (finding.code, finding.severity, finding.undecided) == ("KA655", Severity.HIGH, undecided)
 
 
 def test_a_domain_that_is_covered_and_where_one_may_do_nothing() -> None:
