@@ -41,7 +41,12 @@ def parts(structure: bytes, count: int) -> list[bytes]:
 
 
 def first_element(data: bytes) -> bytes | None:
-    """The element that `data` begins with, as OpenSSL reads a file in DER; None where it is cut off."""
+    """The element that `data` begins with, as OpenSSL reads a file in DER; None where it is cut off.
+
+    All of `data` where the element does not say how long it is (BER).
+    """
+    if data[1:2] == b"\x80":
+        return data
     try:
         return data[: content_of(data, 0)[1]]
     except ValueError:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import binascii
-import re
+from itertools import islice
 from typing import Final
 
 from keystore_audit.keystore.cms import CmsError, read_signed_data
+from keystore_audit.keystore.pem import loose_blocks
 
 _BLANK_LINES: Final = (b"\n\n", b"\n\r", b"\n\0")
 """What ends a header: OpenSSL ends lines at LF, and one that begins with CR, LF or NUL is blank (asn_mime.c)."""
@@ -22,11 +22,19 @@ _MAX_FIELD: Final = 1024
 MAX_MENTIONS: Final = 1000
 """Mentions of a type below the first header that are looked at."""
 
-SIGNED_DATA: Final = bytes.fromhex("06092a864886f70d010702")
-"""The identifier of signed data (RFC 5652, 5.1), near the beginning of a signature in DER or BER."""
+_SIGNED_DATA: Final = bytes.fromhex("2a864886f70d010702")
+"""The identifier of signed data (RFC 5652, 5.1)."""
 
-_ARMOUR: Final = re.compile(rb"-----BEGIN (PKCS7|CMS|PKCS #7 SIGNED DATA)-----([^-]*)-----END \1-----")
-"""A signature in the textual encoding of RFC 7468, or as OpenSSL calls it."""
+HEADERS: Final = 300
+"""Bytes in which the identifier ends: OpenSSL takes lengths of up to 127 bytes before it and before the whole."""
+
+ARMOUR: Final = ("CERTIFICATE", "PKCS7", "CMS", "SIGNED DATA")
+"""How the labels end of PEM in which messages are, and certificates: OpenSSL takes the first for a message, too, knows
+`TRUSTED CERTIFICATE`, and writes `PKCS #7 SIGNED DATA` itself.
+"""
+
+MAX_ARMOURED: Final = 10_000
+"""Blocks of one file that are looked at."""
 
 
 def ends_header(data: bytes) -> bool:
@@ -56,9 +64,10 @@ def concealed(data: bytes) -> str:
     """
     if _further(data):
         return "a signed message stands in it below other text"
-    if data[:1] == b"0" and SIGNED_DATA in data[:32] and _is_signed(data):
+    if is_signed_data(data) and _is_signed(data):
         return "it is a signature in DER, without the S/MIME around it"
-    if any(_is_signed(_decoded(armour[2])) for armour in _ARMOUR.finditer(data)):
+    blocks = islice(loose_blocks(data, *ARMOUR), MAX_ARMOURED)
+    if any(is_signed_data(block.der or b"") and _is_signed(block.der or b"") for block in blocks):
         return "a signature in PEM stands in it, without the S/MIME around it"
     return ""
 
@@ -86,11 +95,9 @@ def _further(data: bytes) -> bool:
     return False
 
 
-def _decoded(text: bytes) -> bytes:
-    try:
-        return binascii.a2b_base64(text)
-    except ValueError:
-        return b""
+def is_signed_data(data: bytes) -> bool:
+    """Whether it begins as a signed message in DER or BER does."""
+    return data[:1] == b"0" and _SIGNED_DATA in data[:HEADERS]
 
 
 def _is_signed(der: bytes) -> bool:

@@ -120,10 +120,10 @@ def read_held_keys(file: File) -> HeldKeys:
     content = file.content
     if content is None:
         return HeldKeys(locked=True)
-    if is_pkcs12(content[:64]):
+    if is_pkcs12(content):
         return HeldKeys(sealed=True)
     blocks = list(islice(loose_blocks(content, "PRIVATE KEY"), MAX_HELD_KEYS + 1))
-    if not blocks or is_key_in_der(content[:64]):
+    if not blocks or is_key_in_der(content):
         blocks.insert(0, Block(label="", line=1, der=first_element(content)))
     read = [_public_half(block) for block in blocks[:MAX_HELD_KEYS] if block.der != b""]  # else a text about keys
     keys = dict.fromkeys(public_key.identity(key) for key in read if key is not None)

@@ -15,20 +15,14 @@ from keystore_audit.keystore.certificate import Certificate, read_certificate
 from keystore_audit.keystore.cms import CmsError, read_signed_data
 from keystore_audit.keystore.der import first_element
 from keystore_audit.keystore.files import File, Status
-from keystore_audit.keystore.message import SIGNED_DATA
+from keystore_audit.keystore.message import ARMOUR, MAX_ARMOURED, is_signed_data
 from keystore_audit.keystore.pem import Block, loose_blocks
 from keystore_audit.keystore.private_key import HeldKeys, PrivateKey, read_held_keys
 from keystore_audit.keystore.root import Root
-from keystore_audit.keystore.traces import is_certificate_in_der
+from keystore_audit.keystore.traces import has_certificate_version, is_certificate_in_der
 
 MAX_BYTES: Final = 4 * 1024 * 1024
 """Of files with certificates outside enclaves that are parsed: 5,000 certificates, a quarter of a second."""
-
-MAX_LOOSE: Final = 10_000
-"""Blocks of one such file that are looked at; what begins a further one counts as a certificate that cannot be read."""
-
-_LABELS: Final = ("CERTIFICATE", "PKCS7", "CMS", "SIGNED DATA")
-"""How those of blocks in PEM end in which certificates are: also `TRUSTED CERTIFICATE` and `PKCS #7 SIGNED DATA`."""
 
 _CERTIFICATE_NAMES: Final = (".pem", ".crt", ".cer", ".der", ".p12", ".pfx", ".p7b", ".p7c")
 _KEY_NAMES: Final = (".key", "key.pem", "key.der")
@@ -186,8 +180,8 @@ def certificates_in(file: File) -> Iterator[Certificate | int]:
     What is cut off, or no DER, is no certificate, as in a text about certificates.
     """
     content = file.content or b""
-    blocks = list(islice(loose_blocks(content, *_LABELS), MAX_LOOSE + 1))
-    if len(blocks) > MAX_LOOSE:
+    blocks = list(islice(loose_blocks(content, *ARMOUR), MAX_ARMOURED + 1))
+    if len(blocks) > MAX_ARMOURED:  # what begins there counts as a certificate that cannot be read
         yield blocks.pop().line
     for block in (*blocks, Block(label="", line=1, der=content)):
         if block.encrypted:
@@ -195,10 +189,10 @@ def certificates_in(file: File) -> Iterator[Certificate | int]:
         der = first_element(block.der) if block.der is not None and block.der[:1] == b"0" else None
         if der is None:
             continue
-        if SIGNED_DATA in der[:32]:
+        if is_signed_data(der):
             yield from _in_message(der, block.line, file)
-        elif block.label or is_certificate_in_der(der[:64]):
-            yield from _certificate(der, block.line, file, sure=bool(block.label))
+        elif block.label or is_certificate_in_der(der):
+            yield from _certificate(der, block.line, file, sure=bool(block.label) or has_certificate_version(der))
 
 
 def _in_message(der: bytes, line: int, file: File) -> Iterator[Certificate | int]:

@@ -8,7 +8,7 @@ import hashlib
 import os
 from typing import Final, NamedTuple
 
-from keystore_audit.keystore.message import SIGNED_DATA, TYPES, ends_header
+from keystore_audit.keystore.message import HEADERS, TYPES, ends_header, is_signed_data
 
 MAX_SEARCHED: Final = 64 * 1024 * 1024
 """Bytes of files too large to be read that are searched and hashed, all files of a keystore together: a fifth of a
@@ -33,12 +33,13 @@ _ARMOUR: Final = (b"-----begin pkcs7-----", b"-----begin cms-----", b"-----begin
 _BAGS: Final = (b"-----BEGIN PKCS", b"-----BEGIN CMS-")
 """How messages in PEM begin, which may carry certificates and no signature."""
 
-_VERSION: Final = b"\x02\x01"
+_INTEGER: Final = b"\x02"
+_IDENTIFIER: Final = b"\x06"
 _SEQUENCE: Final = b"\x30"
 _PASSWORDS: Final = (bytes.fromhex("2a864886f70d0105"), bytes.fromhex("2a864886f70d010c01"))
 """PKCS #5 and PKCS #12: how a private key is encrypted with a password (RFC 8018, RFC 7292)."""
 
-_CONTENT: Final = bytes.fromhex("06092a864886f70d0107")
+_CONTENT: Final = bytes.fromhex("2a864886f70d0107")
 """The content types of PKCS #7, up to the last number; one stands near the beginning of every PKCS #12 file."""
 
 
@@ -56,51 +57,60 @@ class Traces(NamedTuple):
 
 def holds_private_key(content: bytes) -> bool:
     """Whether a private key in PEM stands in it, or it is one in DER, or a PKCS #12 file, which is made for one."""
-    return b"PRIVATE KEY-----" in content or is_key_in_der(content[:64])
+    return b"PRIVATE KEY-----" in content or is_key_in_der(content)
 
 
 def holds_certificates(content: bytes) -> bool:
     """Whether a certificate in PEM may stand in it, or it is one in DER, or a message that may carry some."""
-    if any(word in content for word in (_CERTIFICATE, *_BAGS)) or is_certificate_in_der(content[:64]):
+    if any(word in content for word in (_CERTIFICATE, *_BAGS)) or is_certificate_in_der(content):
         return True
-    return content[:1] == _SEQUENCE and SIGNED_DATA in content[:32]
+    return is_signed_data(content)
 
 
-def is_certificate_in_der(beginning: bytes) -> bool:
+def is_certificate_in_der(data: bytes) -> bool:
     """By the first elements (RFC 5280, 4.1): the version, or the serial number of one of version 1."""
-    body = _inside(beginning)
-    signed = None if body is None else _inside(body)
-    return signed is not None and signed[:1] in (b"\xa0", b"\x02")
+    return has_certificate_version(data) or _first(data, _SEQUENCE, _SEQUENCE, _INTEGER) is not None
 
 
-def is_pkcs12(beginning: bytes) -> bool:
+def has_certificate_version(data: bytes) -> bool:
+    """By the first elements: what else begins with a number, as revocation lists and requests do, has no such field."""
+    return _first(data, _SEQUENCE, _SEQUENCE, b"\xa0") is not None
+
+
+def is_pkcs12(data: bytes) -> bool:
     """By the first elements (RFC 7292, 4)."""
-    body = _inside(beginning)
-    return body is not None and body[:3] == _VERSION + b"\x03" and _CONTENT in body[3:27]
+    version = _first(data, _SEQUENCE, _INTEGER)
+    return version is not None and version[:1] == b"\x03" and _CONTENT in version[1:HEADERS]
 
 
-def is_key_in_der(beginning: bytes) -> bool:
+def is_key_in_der(data: bytes) -> bool:
     """By the first elements: PKCS #8 (RFC 5958), encrypted or not; RSA, DSA and EC keys (RFC 8017, RFC 5915);
     PKCS #12 (RFC 7292).
     """
-    body = _inside(beginning)
-    if body is None or is_pkcs12(beginning):
-        return body is not None
-    if body[:2] != _VERSION:
-        algorithm = _inside(body)
-        return algorithm is not None and any(algorithm[2:].startswith(each) for each in _PASSWORDS)
-    version, rest = body[2:3], body[3:]
-    algorithm = _inside(rest)
-    if algorithm is not None:
-        return version in (b"\0", b"\x01") and algorithm[:1] == b"\x06"
-    return (version, rest[:1]) in ((b"\0", b"\x02"), (b"\x01", b"\x04"))
+    version = _first(data, _SEQUENCE, _INTEGER)
+    if version is None:
+        algorithm = _first(data, _SEQUENCE, _SEQUENCE, _IDENTIFIER)
+        return algorithm is not None and algorithm.startswith(_PASSWORDS)
+    if is_pkcs12(data):
+        return True
+    number, rest = version[:1], version[1:]
+    if _first(rest, _SEQUENCE, _IDENTIFIER) is not None:
+        return number in (b"\0", b"\x01")
+    return (number, rest[:1]) in ((b"\0", _INTEGER), (b"\x01", b"\x04"))
 
 
-def _inside(data: bytes) -> bytes | None:
-    """What follows tag and length of a SEQUENCE; None where there is none."""
-    if data[:1] != _SEQUENCE or len(data) < 2:
-        return None
-    return data[2:] if data[1] < 0x80 else data[2 + (data[1] & 0x7F) :]
+def _first(data: bytes, *tags: bytes) -> bytes | None:
+    """What follows tag and length of the last of these, each of which begins with the next; None where one does not.
+
+    OpenSSL takes lengths in more bytes than they need.
+    """
+    position = 0
+    for tag in tags:
+        if data[position : position + 1] != tag or len(data) < position + 2:
+            return None
+        length = data[position + 1]
+        position += 2 + (length & 0x7F if length & 0x80 else 0)
+    return data[position : position + 2 * HEADERS]
 
 
 def search(descriptor: int, most: int) -> tuple[Traces, int]:
@@ -118,8 +128,8 @@ def search(descriptor: int, most: int) -> tuple[Traces, int]:
         digest.update(piece)
         text = (before + piece).lower()
         if at == 0:
-            message = piece[:1] == b"0" and SIGNED_DATA in piece[:32]
-            key, certificate = is_key_in_der(piece[:64]), is_certificate_in_der(piece[:64])
+            message = is_signed_data(piece)
+            key, certificate = is_key_in_der(piece), is_certificate_in_der(piece)
         key = key or _KEY in text
         certificate = certificate or _CERTIFICATE.lower() in text
         message = message or any(word in text for word in (*TYPES, *_ARMOUR))

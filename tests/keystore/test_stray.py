@@ -26,6 +26,7 @@ from keystore_audit.keystore.root import MAX_FILE_BYTES
 from keystore_audit.keystore.smime import Candidates
 from keystore_audit.keystore.stray import MAX_STRAYS, read_strays
 from tests.keystore.builder import GOVERNANCE, PERMISSIONS, Signed, authority, flat, present, signed_document, sros2
+from tests.keystore.test_traces import loosened
 
 DOCUMENT = PERMISSIONS.format(name="/talker").replace("rt/chatter", "rt/old").encode()
 
@@ -268,6 +269,9 @@ CONCEALED: dict[str, Callable[[bytes], bytes]] = {
     "folded": lambda message: b"\n" + message.replace(b"Content-Type: multipart", b"Content-Type:\n multipart"),
     "DER": lambda message: by_openssl(message, "-outform", "DER"),
     "PEM": lambda message: b"notes\n" + by_openssl(message, "-outform", "PEM"),
+    "BER": lambda message: loosened(by_openssl(message, "-outform", "DER")),
+    "a certificate's label": lambda message: by_openssl(message, "-outform", "PEM").replace(b" CMS-", b" CERTIFICATE-"),
+    "a hyphen": lambda message: by_openssl(message, "-outform", "PEM").replace(b"\n-----END", b"\n-A\n-----END"),
 }
 
 
@@ -275,6 +279,8 @@ CONCEALED: dict[str, Callable[[bytes], bytes]] = {
 def test_a_message_in_another_form_may_say_anything(form: str, message: bytes, tmp_path: Path) -> None:
     content = CONCEALED[form](message)
     assert concealed(content) != ""
+    if form in ("DER", "PEM", "BER", "a certificate's label", "a hyphen"):
+        assert by_openssl(content, "-inform", "DER" if content[:1] == b"0" else "PEM").startswith(b"MIME-Version")
     root = sros2(tmp_path / "keys", ["/talker"])
     (root / "notes").write_bytes(content)
     (stray,) = read_keystore(root).strays

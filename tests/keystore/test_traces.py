@@ -68,6 +68,33 @@ def test_every_form_of_a_certificate_is_seen(certificate: Path, key: Path) -> No
     assert [number for number, form in enumerate(others) if holds_certificates(form)] == []
 
 
+def loosened(der: bytes) -> bytes:
+    """The same with longer lengths than needed, of the whole and of what it begins with, which DER forbids."""
+    start = 2 + (der[1] & 0x7F if der[1] & 0x80 else 0)
+    end = start + (int.from_bytes(der[2:start], "big") if der[1] & 0x80 else der[1])
+    inner = loosened(der[start:end]) if der[0] & 0x20 else der[start:end]
+    return der[:1] + b"\x85" + len(inner).to_bytes(5, "big") + inner + der[end:]
+
+
+def test_what_is_no_der_and_openssl_reads_is_seen(key: Path, certificate: Path, tmp_path: Path) -> None:
+    path = tmp_path / "loose"
+    bag = ("pkcs12", "-export", "-inkey", key, "-in", certificate, "-passout", "pass:a")
+    for made, read in (
+        (("pkey", "-in", key, "-outform", "DER"), ("pkey", "-inform", "DER")),
+        (("pkcs8", "-topk8", "-in", key, "-outform", "DER", "-passout", "pass:a"), ("pkey", "-passin", "pass:a")),
+        (bag, ("pkcs12", "-passin", "pass:a", "-noenc")),
+    ):
+        path.write_bytes(loosened(openssl(*made)))
+        assert b"PRIVATE KEY" in openssl(*read, "-in", path)
+        assert holds_private_key(path.read_bytes())
+    der = openssl("x509", "-in", certificate, "-outform", "DER")
+    content = der[4:]  # of more than 255 bytes and less than 64 kB
+    for form in (loosened(der), b"0\x80" + content + b"\0\0"):
+        path.write_bytes(form)
+        assert b"BEGIN CERTIFICATE" in openssl("x509", "-inform", "DER", "-in", path)
+        assert holds_certificates(form)
+
+
 def test_what_is_no_key_is_none(key: Path, certificate: Path, tmp_path: Path) -> None:
     document = tmp_path / "d.xml"
     document.write_text("<dds/>")

@@ -152,7 +152,7 @@ def test_more_locked_keys_than_authorities_may_be_of_identities(tmp_path: Path) 
     assert way(written(tmp_path / "c", {**files, **known})) is Status.UNKNOWN
 
 
-@pytest.mark.parametrize("limit", ["stray_identity.MAX_LOOSE", "private_key.MAX_HELD_KEYS"])
+@pytest.mark.parametrize("limit", ["stray_identity.MAX_ARMOURED", "private_key.MAX_HELD_KEYS"])
 def test_what_is_too_much_to_look_at_may_be_one(limit: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     other = identity("/other", "other")
     keys = {"backup/keys.pem": other.key_pem + identity("/third", "third").key_pem}

@@ -34,6 +34,7 @@ from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
 from tests.cli.keystores import answer
 from tests.keystore.builder import GOVERNANCE, PERMISSIONS, Signed, authority, certificate, signed_document
+from tests.keystore.test_traces import loosened
 
 AT = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
 INSTANT = "2026-11-21T12:00:00Z"
@@ -366,6 +367,11 @@ def encrypted(der: bytes) -> bytes:
     )
 
 
+def without_length(made: x509.Certificate) -> bytes:
+    """In BER, as OpenSSL reads it."""
+    return b"0\x80" + made.public_bytes(Encoding.DER)[4:] + b"\0\0"
+
+
 def in_der(made: Signed) -> bytes:
     return made.key.private_bytes(Encoding.DER, PrivateFormat.PKCS8, NoEncryption())
 
@@ -379,6 +385,12 @@ EMPTY_KEY = b"-----BEGIN PRIVATE KEY----------END PRIVATE KEY-----\n"
         (lambda made: made.pem, lambda made: made.key_pem, 1),
         (lambda made: made.pem, lambda made: in_der(made) + EMPTY_KEY, 1),
         (lambda made: made.pem.replace(b"\n-----END", b"\n-A\n-----END"), lambda made: made.key_pem, 1),
+        (
+            lambda made: b"0\x80" + made.certificate.public_bytes(Encoding.DER)[4:] + b"\0\0",
+            lambda made: made.key_pem,
+            4,
+        ),
+        (lambda made: made.pem, lambda made: loosened(in_der(made)), 4),
         (lambda made: encrypted(made.certificate.public_bytes(Encoding.DER)), lambda made: made.key_pem, 4),
         (lambda made: made.pem, lambda _made: EMPTY_KEY, 0),
         (lambda _made: b"-----BEGIN CERTIFICATE-----\n...\n-----END CERTIFICATE-----\n", lambda made: made.key_pem, 0),
