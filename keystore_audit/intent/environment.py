@@ -39,8 +39,9 @@ _ASSIGNMENT: Final = re.compile(r"(export[ \t]+)?([A-Za-z_][A-Za-z0-9_]*)=(.*)",
 _COMMENT: Final = re.compile(r"[ \t]+#.*|[ \t]*")
 _QUOTED: Final = re.compile(r"""'([^']*)'|"([^"\\$`]*)\"""")
 _BARE: Final = re.compile(r"""[^\s'"\\$`#;&|<>()]*""")
-_CLOSED: Final = re.compile(r"""((?:[^\s'"\\]|\s(?!#)|\\.|'[^']*'|"(?:[^"\\]|\\.)*")*)(?:\s#.*)?""")
-"""A value whose quotes end in the line, as a shell reads it, and a comment."""
+_CLOSED: Final = re.compile(r"""((?:[^ \t'"\\]|[ \t](?!#)|\\.|'[^']*'|"(?:[^"\\]|\\.)*")*)(?:[ \t]#.*)?""")
+"""A value whose quotes end in the line, as a shell reads it, and a comment; other blanks part no words there."""
+_WORD: Final = re.compile(r"[^ \t]+")
 _TEXT: Final = re.compile(r"""'[^']*'|"(?:[^"\\]|\\.)*"|\\.""")
 _EXPANSION: Final = re.compile(r"""\$(?:[('"[]|\{(?![A-Za-z_][A-Za-z0-9_]*\}))|`""")
 """Where a shell pairs quotes anew: it may go on in the next line, and hide what is run."""
@@ -159,7 +160,8 @@ def _pass_over(text: str, place: str, *, exported: bool) -> None:
         raise UsageError(f"{place}: a quote that does not end in its line; expected a plain or quoted value.")
     value = closed[1]
     bare = _TEXT.sub("text", value)
-    expanded = _TEXT.sub(lambda quoted: quoted[0] if quoted[0].startswith('"') else "", value)  # "${NAME:=value}" sets
+    # "${NAME:=value}" sets, and $' reads on in its own way
+    expanded = _TEXT.sub(lambda quoted: {"'": "''", "\\": ""}.get(quoted[0][0], quoted[0]), value)
     named = next((name for name in VARIABLES if name in expanded), None)
     special = _EXPANSION.search(expanded) or _STRUCTURE.search(bare) or _runs_something(bare, exported=exported)
     if named is not None or special:
@@ -176,13 +178,12 @@ def _runs_something(value: str, *, exported: bool) -> bool:
     Systemd and containers take all of it for the value. Behind `export` any further word is exported, too. A word that
     begins as an option is the name of no command.
     """
-    first, *commands = re.split(r"[;&|]", value)
-    words = re.split(r"\s+", first.rstrip())[1:]
+    (_own, *words), *commands = (_WORD.findall(part) for part in re.split(r"[;&|]", f"={value}"))
     if exported and words:
         return True
-    if any(not each.strip() for each in commands):  # what follows a sign at the end is the next line
+    if not all(commands):  # what follows a sign at the end is the next line
         return True
-    for each in (words, *map(str.split, commands)):
+    for each in (words, *commands):
         if not next((word for word in each if not _ANOTHER.match(word)), "-").startswith("-"):
             return True
     return False

@@ -132,6 +132,9 @@ def test_assignments_are_read(text: str, value: str, tmp_path: Path) -> None:
         ("A=1 <<B=2\nROS_DISTRO=humble\nB=2", "robot.env:1: more than one assignment"),
         ('A="${ROS_DISTRO:=humble}"', "It names ROS_DISTRO"),
         ("A=$'\\'';export ROS_DISTRO=humble;B=''''", "robot.env:1: "),
+        ("A=$'\\'''\nROS_DISTRO=humble\nB=$'\\'''", "robot.env:1: more than one assignment"),
+        ("A=1\u00a0#'\nROS_DISTRO=humble\nB=1\u00a0#'", "robot.env:1: a quote"),
+        ("A=1 B=2\u00a0-c source ./weaken", "robot.env:1: more than one assignment"),
         ('export A=1 ROS_"DISTRO"=humble', "robot.env:1: more than one assignment"),
         ("A=1\\\nROS_DISTRO=humble", "robot.env:1: a line that goes on"),
         ("# a comment \\\nROS_DISTRO=humble", "robot.env:1: a line that goes on"),
@@ -169,7 +172,7 @@ def test_the_variants_that_run(distribution: str, middleware: str, expected: tup
     assert running(distribution, middleware) == expected
 
 
-SIGNS = "'\"\\$`();&|<> =-#{}!a1"
+SIGNS = "'\"\\$`();&|<> \u00a0=-#{}!a1"
 WORDS = ("ROS_DISTRO=x", "export ", "unset ", "${", ":=", "$(", "$'", "<<a", "eval ", ". ", "# ")
 SHELLS_OWN = [
     "BASH",
