@@ -128,8 +128,8 @@ def search(descriptor: int, most: int) -> tuple[Traces, int]:
         digest.update(piece)
         text = (before + piece).lower()
         if at == 0:
-            message = is_signed_data(piece)
-            key, certificate = is_key_in_der(piece), is_certificate_in_der(piece)
+            message, key = is_signed_data(piece), is_key_in_der(piece)
+            certificate = is_certificate_in_der(piece) or is_pkcs12(piece)
         key = key or _KEY in text
         certificate = certificate or _CERTIFICATE.lower() in text
         message = message or any(word in text for word in (*TYPES, *_ARMOUR))

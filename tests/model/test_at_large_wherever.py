@@ -104,6 +104,7 @@ def test_so_may_its_key(key: bytes, tmp_path: Path) -> None:
     "files",
     [
         {"backup/admin.p12": CONTAINER},
+        {"backup/admin": CONTAINER + bytes(MAX_FILE_BYTES)},
         {"backup/cert.pem": ADMIN.pem, "backup/key.pem": LOCKED},
         {"backup/cert.pem": ADMIN.pem, "backup/key": key_as(Encoding.DER, PrivateFormat.PKCS8, locked=True)},
         {
