@@ -161,6 +161,7 @@ def discover(root: Root) -> Layout:
     shared = {LayoutKind.SROS2: b"enclaves/", LayoutKind.ENCLAVE: None}.get(kind, b"")
     enclaves = [_enclave(tree, place, kind, one_authority=single) for place in places]
     authorities = tuple(_authorities(tree, places))
+    folders = tuple(_folders(tree, authorities, enclaves))  # before further links are looked at
     return Layout(
         kind=kind,
         enclaves=tuple(sorted(enclaves, key=lambda enclave: (enclave.path, enclave.directory))),
@@ -173,7 +174,7 @@ def discover(root: Root) -> Layout:
         expected=tuple(_expected(tree, kind)),
         provisioning=tuple(_provisioning(tree)),
         nested=tuple(_nested(tree, kind)),
-        folders=tuple(_folders(tree, authorities, enclaves)),
+        folders=folders,
     )
 
 

@@ -119,8 +119,9 @@ def test_what_enclaves_have_copies_of_counts_by_each_copy(tmp_path: Path) -> Non
 def test_a_folder_that_leads_to_nothing_is_nobodys_matter(store: Path) -> None:
     (store / "notes").mkdir()
     (store / "notes").chmod(0o777)
+    (store / "notes/ca.pem").symlink_to("../public/identity_ca.cert.pem")
+    (store / "public/notes").symlink_to("../notes/ca.pem")
     assert found(store) == []
     (store / "enclaves/talker/identity_ca.cert.pem").unlink()
     (store / "enclaves/talker/identity_ca.cert.pem").symlink_to("../../notes/ca.pem")
-    (store / "notes/ca.pem").symlink_to("../public/identity_ca.cert.pem")
     assert found(store) == [("high", ["notes"])], "a link on the way is as good as the file"
