@@ -19,6 +19,7 @@ class Identities:
         self._inside: defaultdict[str, set[str]] = defaultdict(set)
         self._own: dict[int, tuple[Identity, ...]] = {}
         self._named: dict[int, Collection[str]] = {}
+        self._subjects: set[tuple[str, ...]] = set()
         self._by_key: defaultdict[str, set[int]] = defaultdict(set)
         self._by_subject: defaultdict[tuple[tuple[str, ...], str], set[int]] = defaultdict(set)
 
@@ -30,6 +31,7 @@ class Identities:
             self._inside[str(parent)].add(place)
         self._own[number] = tuple(identities)
         for identity in identities:
+            self._subjects.add(identity.subject_alike)
             self._by_key[identity.key].add(number)
             for authority in identity.authorities:
                 self._by_subject[identity.subject_alike, authority].add(number)
@@ -53,14 +55,14 @@ class Identities:
         own = self.of(number)
         keys = {identity.key for identity in own}
         subjects = {(identity.subject_alike, authority) for identity in own for authority in identity.authorities}
-        authorities = {authority for identity in own for authority in identity.authorities}
-        named = {alike(name) for name in self._named.get(number, ())}
+        authorities = {authority for _subject, authority in subjects}
+        named = self._subjects.intersection(map(alike, self._named.get(number, ())))  # most are nobody's
         subjects.update((name, authority) for name in named for authority in authorities)
         others: set[int] = set()
         for key in keys:
             others |= self._by_key[key]
         for subject in subjects:
-            others |= self._by_subject[subject]
+            others.update(self._by_subject.get(subject, ()))
         here = self._places.get(number)
         return tuple(
             identity
