@@ -315,7 +315,7 @@ def _further_keys(root: Root, reader: _Reader, layout: Layout, enclaves: Sequenc
 
 def _unread(root: Root, layout: Layout) -> list[File]:
     """Files that a robot might read and we did not, apart from those of enclaves and links to directories."""
-    known = {file.path for enclave in layout.enclaves for file in (*enclave.files.values(), *enclave.pkcs11.values())}
+    known = {file.path for enclave in layout.enclaves for file in enclave.for_run_time}
     known.update(file.path for file in layout.directory_links)
     return [file for file in root.unread() if file.path not in known]
 

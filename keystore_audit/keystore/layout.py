@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from collections.abc import Set as AbstractSet
 from enum import Enum
+from pathlib import PurePosixPath
 from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
@@ -54,9 +55,14 @@ class EnclaveFiles:
     unsigned: Mapping[Role, File]
 
     @property
+    def for_run_time(self) -> tuple[File, ...]:
+        """Those that a run time may read."""
+        return (*self.files.values(), *self.pkcs11.values())
+
+    @property
     def every(self) -> tuple[File, ...]:
         """All of them."""
-        return (*self.files.values(), *self.pkcs11.values(), *self.unsigned.values())
+        return (*self.for_run_time, *self.unsigned.values())
 
 
 class Nested(NamedTuple):
@@ -370,20 +376,10 @@ def _nested(tree: _Tree, kind: LayoutKind) -> Iterator[Nested]:
 
 
 def _folders(tree: _Tree, authorities: Iterable[File], enclaves: Iterable[EnclaveFiles]) -> Iterator[File]:
-    read = (file for enclave in enclaves for file in (*enclave.files.values(), *enclave.pkcs11.values()))
-    folders = {_folder(path) for file in (*authorities, *read) for path in (file.path, file.place)}
-    above = [*folders, *tree.root.passed()]
-    folders.update(above)
-    while above:
-        folder = _folder(above.pop())
-        if folder not in folders:
-            folders.add(folder)
-            above.append(folder)
+    read = (file for enclave in enclaves for file in enclave.for_run_time)
+    own = {path.rpartition("/")[0] for file in (*authorities, *read) for path in (file.path, file.place)}
+    folders = {str(each) for path in own | tree.root.passed() for each in PurePosixPath(path, "file").parents}
     return (each.directory for each in tree.listings.values() if each.directory.path in folders)
-
-
-def _folder(path: str) -> str:
-    return path.rpartition("/")[0] or "."
 
 
 def _expected(tree: _Tree, kind: LayoutKind) -> Iterator[str]:

@@ -87,11 +87,11 @@ class Contents:
     @cached_property
     def everything(self) -> str:
         """A digest of what the files say that enclaves carry, and documents and identities beside them."""
-        carried = [enclave.files for enclave in self._keystore.enclaves]
-        files = [file for each in carried for file in (*each.files.values(), *each.pkcs11.values())]
-        certificates = [each.certificate for each in self._keystore.identities.found]
-        places = {file.path for file in files} | {stray.place for stray in self._keystore.strays}
-        return self.at([Location(path=path) for path in {*places, *(each.path for each in certificates)}])
+        keystore = self._keystore
+        paths = {file.path for enclave in keystore.enclaves for file in enclave.files.for_run_time}
+        paths.update(stray.place for stray in keystore.strays)
+        paths.update(each.certificate.path for each in keystore.identities.found)
+        return self.at([Location(path=path) for path in paths])
 
     @staticmethod
     def names(places: Collection[Location]) -> str:

@@ -54,7 +54,7 @@ def _required(enclave: Enclave, *statuses: Status) -> Iterator[File]:
 def _unread(enclave: Enclave, status: Status) -> Iterator[File]:
     """Run-time files in this state, each path once."""
     seen: set[str] = set()
-    for file in (*enclave.files.files.values(), *enclave.files.pkcs11.values()):
+    for file in enclave.files.for_run_time:
         if file.status is status and file.path not in seen:
             seen.add(file.path)
             yield file

@@ -58,7 +58,7 @@ def writable_by_others(keystore: Keystore, context: Context) -> Iterator[Violati
     others = {
         file.place: file
         for each in enclaves
-        for file in (*each.files.values(), *each.pkcs11.values())
+        for file in each.for_run_time
         if file.place not in authorities and file is not each.files[Role.KEY]  # KA108 has that one
     }
     severity, less = (Severity.HIGH, Severity.MEDIUM) if context.deployed else (Severity.MEDIUM, Severity.LOW)
