@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from datetime import datetime
 from itertools import islice
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
-from keystore_audit.keystore.certificate import CertificateFile, read_certificates
-from keystore_audit.keystore.files import File, Status
-from keystore_audit.keystore.keystore import Keystore, with_subject_as_path
+from keystore_audit.keystore.certificate import CertificateFile
+from keystore_audit.keystore.files import File
+from keystore_audit.keystore.keystore import Keystore, Reader, with_subject_as_path
 from keystore_audit.keystore.layout import Role, discover
 from keystore_audit.keystore.root import Root
 
@@ -70,8 +70,7 @@ def read_identities(path: str | os.PathLike[str]) -> tuple[tuple[Identity, ...],
     Raises NothingToAudit if there is no directory or no enclave in it.
     """
     with Root.open(path) as root:
-        read = _reader()
-        layout = discover(root)
+        read, layout = Reader(root).certificates, discover(root)
         roles = (Role.CERTIFICATE, Role.IDENTITY_CA)
         certificates = [{role: read(files.files[role]) for role in roles} for files in layout.enclaves]
         enclaves = zip(with_subject_as_path(layout, certificates).enclaves, certificates, strict=True)
@@ -125,17 +124,3 @@ def alike(subject: str) -> tuple[str, ...]:
     """
     attributes = re.split(r"(?<!\\)[,+]", subject)
     return tuple(sorted(" ".join(attribute.casefold().split()) for attribute in attributes))
-
-
-def _reader() -> Callable[[File], CertificateFile | None]:
-    """Reads each distinct file once: the enclaves of one keystore share their authorities by links."""
-    done: dict[str, CertificateFile] = {}
-
-    def read(file: File) -> CertificateFile | None:
-        if file.status is not Status.PRESENT:
-            return None
-        if file.place not in done:
-            done[file.place] = read_certificates(file)
-        return done[file.place]
-
-    return read

@@ -82,7 +82,7 @@ class Keystore:
     identities: StrayIdentities = StrayIdentities()
     """Identities beside the enclaves."""
     unread: int = 0
-    """Other files that were not read: neither name nor beginning is that of a signed message."""
+    """Other files that were not read: by name and beginning of no signed message, certificate or key."""
 
 
 def read_keystore(
@@ -96,7 +96,7 @@ def read_keystore(
     """
     with Root.open(path) as root:
         layout = discover(root)
-        reader = _Reader(root)
+        reader = Reader(root)
         certificates = [reader.certificates_of(files) for files in layout.enclaves]
         layout = with_subject_as_path(layout, certificates)
         authorities = _distinct(reader.certificates(file) for file in layout.authorities)
@@ -112,8 +112,10 @@ def read_keystore(
                 if progress is not None:
                     progress(len(enclaves), len(layout.enclaves))
         entries = sorted(records(root))  # with them, every file has been read
-        strays = _strays(root, layout, enclaves, candidates)
-        identities = _identities(root, layout, enclaves, authorities, strays)
+        unread, private_keys = _unread(root, layout), root.holding_private_keys()
+        strays = _strays(root, unread, enclaves, candidates)
+        carried = _carried(layout, enclaves, authorities, strays)
+        identities = read_stray_identities(root, carried, unread)
         spoken_of = {file.path for file in (*identities.unread, *identities.locked)}
         spoken_of.update(stray.file.path for stray in strays)
         return Keystore(
@@ -122,14 +124,14 @@ def read_keystore(
             enclaves=tuple(enclaves),
             authorities=authorities,
             authority_keys=_distinct(reader.private_key(file) for file in layout.authority_keys),
-            private_keys=root.holding_private_keys(),
-            further_keys=_further_keys(root, reader, layout, enclaves),
+            private_keys=private_keys,
+            further_keys=_further_keys(reader, private_keys, layout, enclaves),
             digest=digest(entries),
             contents=tuple(contents(entries)),
             uncovered=tuple(uncovered(entries)),
             strays=strays,
             identities=identities,
-            unread=sum(file.path not in spoken_of for file in _unread(root, layout)),
+            unread=sum(file.path not in spoken_of for file in unread),
         )
 
 
@@ -141,7 +143,7 @@ _Reading = TypeVar("_Reading", CertificateFile, PrivateKey, CrlFile)
 _Document = TypeVar("_Document", GovernanceFile, PermissionsFile)
 
 
-class _Reader:
+class Reader:
     """Reads each distinct file once."""
 
     def __init__(self, root: Root) -> None:
@@ -153,10 +155,12 @@ class _Reader:
         self._permissions: dict[str, PermissionsFile] = {}
 
     def certificates_of(self, files: EnclaveFiles) -> _CertificatesOf:
+        """The certificates of an enclave."""
         roles = (Role.IDENTITY_CA, Role.CERTIFICATE, Role.PERMISSIONS_CA)
         return {role: self.certificates(files.files[role]) for role in roles}
 
     def enclave(self, files: EnclaveFiles, read: _CertificatesOf, candidates: Candidates) -> Enclave:
+        """The enclave with these certificates, and all else of it read."""
         by_role = files.files
         return Enclave(
             files=files,
@@ -193,9 +197,11 @@ class _Reader:
             self._keys.setdefault(key.file.place, key)
 
     def certificates(self, file: File) -> CertificateFile | None:
+        """What a file of certificates holds; None where it is not there."""
         return _once(file, self._certificates, read_certificates)
 
     def private_key(self, file: File) -> PrivateKey | None:
+        """The public half of what a file of a key holds, and what is to be said of it; None where it is not there."""
         return _once(file, self._keys, lambda sealed: read_private_key(self._root.unsealed(sealed)))
 
 
@@ -248,7 +254,9 @@ def _moved(document: _Document, file: File) -> _Document:
     return replace(document, signed=moved, defects=defects(document.defects))
 
 
-def _strays(root: Root, layout: Layout, enclaves: list[Enclave], candidates: Candidates) -> tuple[Stray, ...]:
+def _strays(
+    root: Root, unread: Iterable[File], enclaves: Iterable[Enclave], candidates: Candidates
+) -> tuple[Stray, ...]:
     """Read the signed messages that no enclave carries; one that could not be read is known by name or beginning."""
     carried = {
         document.signed.file.sha256 or document.signed.file.place
@@ -256,19 +264,13 @@ def _strays(root: Root, layout: Layout, enclaves: list[Enclave], candidates: Can
         for document in (enclave.governance, enclave.permissions)
         if document is not None
     }
-    unread = [file for file in _unread(root, layout) if file.may_be_message or is_message_by_name(file)]
-    read = [file for file in root.messages() if file.status is Status.PRESENT]
-    return tuple(sorted(read_strays([*read, *unread], carried, candidates), key=lambda stray: stray.place))
+    unknown = [file for file in unread if file.may_be_message or is_message_by_name(file)]
+    return tuple(sorted(read_strays([*root.messages(), *unknown], carried, candidates), key=lambda stray: stray.place))
 
 
-def _identities(
-    root: Root,
-    layout: Layout,
-    enclaves: Sequence[Enclave],
-    authorities: Iterable[CertificateFile],
-    strays: Iterable[Stray],
-) -> StrayIdentities:
-    """Certificates that no enclave has as its own, with private keys of any file."""
+def _carried(
+    layout: Layout, enclaves: Sequence[Enclave], authorities: Iterable[CertificateFile], strays: Iterable[Stray]
+) -> Carried:
     identity_cas = dict.fromkeys(enclave.identity_ca for enclave in enclaves if enclave.identity_ca is not None)
     permissions_cas = dict.fromkeys(
         enclave.permissions_ca for enclave in enclaves if enclave.permissions_ca is not None
@@ -276,7 +278,7 @@ def _identities(
     own = [enclave.certificate for enclave in enclaves if enclave.certificate is not None]
     files = [*own, *identity_cas, *permissions_cas, *authorities]
     trusted = chain.from_iterable(file.certificates for file in (*identity_cas, *permissions_cas))
-    carried = Carried(
+    return Carried(
         identities=tuple(enclave.identity for enclave in enclaves if enclave.identity is not None),
         authorities=(*filter(may_issue, trusted), *(file.first for file in permissions_cas if file.first is not None)),
         others=tuple(every_certificate(enclaves, authorities, strays)),
@@ -288,7 +290,6 @@ def _identities(
             frozenset(file.place for file in layout.authority_keys),
         ),
     )
-    return read_stray_identities(root, carried, _unread(root, layout))
 
 
 def every_certificate(
@@ -306,10 +307,12 @@ def every_certificate(
         yield from file.certificates
 
 
-def _further_keys(root: Root, reader: _Reader, layout: Layout, enclaves: Sequence[Enclave]) -> tuple[PrivateKey, ...]:
+def _further_keys(
+    reader: Reader, found: Sequence[File], layout: Layout, enclaves: Sequence[Enclave]
+) -> tuple[PrivateKey, ...]:
     known = {enclave.key.file.place for enclave in enclaves if enclave.key is not None}
     known.update(file.place for file in layout.authority_keys)
-    files = [file for file in root.holding_private_keys() if file.place not in known]
+    files = [file for file in found if file.place not in known]
     return _distinct(reader.private_key(file) for file in files[:MAX_FURTHER_KEYS])
 
 
