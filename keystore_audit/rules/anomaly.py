@@ -19,7 +19,7 @@ from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN, all_grants
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, PermissionsUse, speaks
-from keystore_audit.rules.wording import listed, places, quoted, sole
+from keystore_audit.rules.wording import listed, more_like, places, quoted, sole
 
 _VERBS: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "subscribe to", Operation.RELAY: "relay"}
 _IN_ORDER: Final = "DDS-Security 1.1, 9.4.1.3 (of the rules of a grant the first that matches decides)"
@@ -86,11 +86,6 @@ def named(anomaly: Anomaly) -> str:
     """`The deny rule for 'rt/a' and 'rt/b'`, as far as people read."""
     verb = "allow" if anomaly.allow else "deny"
     return f"The {verb} rule for {listed(quoted(text) for text in anomaly.texts)}"
-
-
-def more_like(found: Sequence[Anomaly]) -> str:
-    """` (and 2 more like it)`."""
-    return f" (and {len(found) - 1} more like it)" if len(found) > 1 else ""
 
 
 def right(point: Point) -> str:

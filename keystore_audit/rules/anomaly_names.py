@@ -10,13 +10,13 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.anomaly import Anomaly, AnomalyKind
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.substitution import Cause
-from keystore_audit.rules.anomaly import folded, more_like, named, odd
+from keystore_audit.rules.anomaly import folded, named, odd
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import CORRECT
 from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks
-from keystore_audit.rules.wording import MAX_LISTED, listed, quoted, sole
+from keystore_audit.rules.wording import MAX_LISTED, listed, more_like, quoted, sole
 
 _EXPRESSIONS: Final = "DDS-Security 1.1, 9.4.1.2.6 and 9.4.1.3.2.3 (expressions as of POSIX fnmatch)"
 

@@ -22,7 +22,7 @@ from keystore_audit.rules.commands import CREATE_ENCLAVE
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Rule, Violation, rule
-from keystore_audit.rules.wording import listed, places, quoted, sentence
+from keystore_audit.rules.wording import listed, more_like, places, quoted, sentence
 
 if TYPE_CHECKING:  # an audit without a graph or a launch file needs none of it
     from keystore_audit.model.observed import DeniedName, ExcessGrant, GrantedName, MissingGrant, Observation
@@ -252,10 +252,9 @@ def observation_incomplete(_keystore: Keystore, context: Context) -> Iterator[Vi
         place = _beside(unresolved.location, unresolved.reason)
         by_file.setdefault(place.path, []).append(place)
     for path, found in by_file.items():
-        more = f" (and {len(found) - 1} more like it)" if len(found) > 1 else ""
         yield Violation(
-            message=f"{sentence(found[0].message)}{more}. Nodes may need more than {quoted(path)} shows, so that no "
-            "grant is called an excess.",
+            message=f"{sentence(found[0].message)}{more_like(found)}. Nodes may need more than "
+            f"{quoted(path)} shows, so that no grant is called an excess.",
             locations=places(found),
             key=_reasons(place.message for place in found),
         )

@@ -16,7 +16,7 @@ from keystore_audit.rules.effect import instant_of
 from keystore_audit.rules.permissions import WRITE_AGAIN, all_grants
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks
-from keystore_audit.rules.wording import implementations, places, quoted, sole
+from keystore_audit.rules.wording import implementations, more_like, places, quoted, sole
 
 _MAY_BE_MALFORMED: Final = frozenset("[\\")
 
@@ -79,10 +79,9 @@ def expression_malformed(use: DocumentUse, context: Context) -> Iterator[Violati
         if expression.text not in malformed and _faults(expression.text, context.profiles):
             malformed[expression.text] = expression
     if malformed:
-        first = next(iter(malformed))
-        more = f" (and {len(malformed) - 1} more like it)" if len(malformed) > 1 else ""
+        texts = list(malformed)
         yield Violation(
-            message=f"The expression {quoted(first)}{more} {_faults(first, context.profiles)}.",
+            message=f"The expression {quoted(texts[0])}{more_like(texts)} {_faults(texts[0], context.profiles)}.",
             locations=places(Location(path=use.signed.file.place, line=each.line) for each in malformed.values()),
             enclave=sole(use.enclaves),
             key="\n".join(sorted(malformed)),

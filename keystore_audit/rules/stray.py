@@ -20,7 +20,7 @@ from keystore_audit.rules.contents import Contents
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import stray_uses
-from keystore_audit.rules.wording import listed, of_kinds, places, quoted, sentence
+from keystore_audit.rules.wording import listed, more_like, of_kinds, places, quoted, sentence
 
 _CLAUSE: Final = "DDS-Security 1.1, 9.4.1.3 and 8.4.2.9 (a peer checks the document that it is shown); measured"
 
@@ -90,12 +90,11 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
     if wider:
         first, surplus = wider[0], wider[0].surplus
         right = f"{surplus.operation.value} {quoted(surplus.topic)} in {surplus.domains}" if surplus else ""
-        more = f" (and {len(wider) - 1} more like it)" if len(wider) > 1 else ""
         profiles = {name for grant in wider for name in grant.profiles}
         every = len(profiles) == len(context.profiles)
         yield Violation(
             message=f"{first.document} is validly signed and in force, and lets {first.enclave} {right}, which its own "
-            f"permissions do not: peers take it{more}.",
+            f"permissions do not: peers take it{more_like(wider)}.",
             locations=places(grant.location for grant in wider),
             enclave=first.enclave if len({grant.enclave for grant in wider}) == 1 else None,
             profiles=() if every else tuple(p.name for p in context.profiles if p.name in profiles),
@@ -245,31 +244,8 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
     identities = keystore.identities
     found = admitted(keystore, identities.found, context.profiles, context.at)
     for same in (False, True):
-        some = [each for each in found if (each.enclave is not None) is same]
-        if some:
-            first = some[0]
-            more = f" (and {len(some) - 1} more like it)" if len(some) > 1 else ""
-            whose = f"another identity of {first.enclave}" if same else "an identity of its own and no enclave here"
-            yield Violation(
-                message=f"{first.certificate.path} is {whose} ({quoted(first.certificate.subject)}), its private key "
-                f"is in {first.key}, and peers let it in: whoever has this tree can start it{more}.",
-                locations=places(place for each in some for place in _identity_at(each)),
-                severity=Severity.MEDIUM if same else None,
-                key="same subject" if same else "other subject",
-            )
-    possible = admitted(keystore, identities.possible, context.profiles, context.at)
-    if possible:
-        first = possible[0]
-        more = f" (and {len(possible) - 1} more like it)" if len(possible) > 1 else ""
-        yield Violation(
-            message=f"Peers let in whoever has the key of {first.certificate.path} "
-            f"({quoted(first.certificate.subject)}). Whether {first.key} holds it is unknown: it could not be read"
-            f"{more}.",
-            locations=places(place for each in possible for place in _identity_at(each, "perhaps its private key")),
-            undecided=True,
-            remedy=_FIND_OUT,
-            key="possible",
-        )
+        yield from _started([each for each in found if (each.enclave is not None) is same])
+    yield from _perhaps_started(admitted(keystore, identities.possible, context.profiles, context.at))
     unread = identities.unread
     if unread:
         more = f" (and {len(unread) - 1} more files like it)" if len(unread) > 1 else ""
@@ -279,6 +255,36 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
             undecided=True,
             remedy=_FIND_OUT,
             key="unread",
+        )
+
+
+def _started(found: Sequence[Admitted]) -> Iterator[Violation]:
+    """Identities with their keys, all of which share their subjects with enclaves, or none."""
+    if found:
+        first = found[0]
+        same = first.enclave is not None
+        whose = f"another identity of {first.enclave}" if same else "an identity of its own and no enclave here"
+        yield Violation(
+            message=f"{first.certificate.path} is {whose} ({quoted(first.certificate.subject)}), its private key "
+            f"is in {first.key}, and peers let it in: whoever has this tree can start it{more_like(found)}.",
+            locations=places(place for each in found for place in _identity_at(each)),
+            severity=Severity.MEDIUM if same else None,
+            key="same subject" if same else "other subject",
+        )
+
+
+def _perhaps_started(possible: Sequence[Admitted]) -> Iterator[Violation]:
+    """Identities whose keys may be in a file that could not be read."""
+    if possible:
+        first = possible[0]
+        yield Violation(
+            message=f"Peers let in whoever has the key of {first.certificate.path} "
+            f"({quoted(first.certificate.subject)}). Whether {first.key} holds it is unknown: it could not be read"
+            f"{more_like(possible)}.",
+            locations=places(place for each in possible for place in _identity_at(each, "perhaps its private key")),
+            undecided=True,
+            remedy=_FIND_OUT,
+            key="possible",
         )
 
 

@@ -42,6 +42,11 @@ def listed(names: Iterable[str]) -> str:
     return shown if more <= 0 else f"{shown} and {more} more"
 
 
+def more_like(found: Sequence[object]) -> str:
+    """` (and 2 more like it)`, where the first alone is told."""
+    return f" (and {len(found) - 1} more like it)" if len(found) > 1 else ""
+
+
 def number(count: int, one: str, more: str) -> str:
     """`1 file`, `2 files`."""
     return f"{count} {one if count == 1 else more}"
@@ -85,8 +90,7 @@ def defective(
     found = list(defects)
     if not found:
         return
-    more = f" (and {len(found) - 1} more like it)" if len(found) > 1 else ""
-    first = found[0]
+    first, more = found[0], more_like(found)
     joint = "; " if ": " in first.detail else ": "  # one colon in a sentence
     yield Violation(
         message=f"{sentence(first.detail)}{more}{joint if says else '.'}{says}",
