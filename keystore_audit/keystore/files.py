@@ -54,7 +54,7 @@ class File:
     """Whether its group may hold others than its owner: a group of one user alone has that user's number."""
     link: str | None = None
     holds_private_key: bool = False
-    """Whether a PEM block of a private key begins somewhere in it."""
+    """Whether a private key may stand in it (`traces.holds_private_key`, `traces.search`)."""
     holds_certificates: bool = False
     """Whether certificates may stand in it (`traces.holds_certificates`, `traces.search`)."""
     may_be_message: bool = False

@@ -39,7 +39,7 @@ class StrayIdentity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StrayIdentities:
-    """Those of a keystore, by place.
+    """Those of a keystore, by place but for what stands in files that are read as what they are, which come first.
 
     `keyless`: certificates of no enclave whose private key was not found. `locked`: files with private keys of which it
     is not known whose they are. `unread`: files in which whole identities may be, with the reason as their detail.
@@ -101,7 +101,8 @@ def read_stray_identities(root: Root, carried: Carried, unread: Iterable[File]) 
     for file in root.certificates():
         if file.sha256 in carried.files:
             continue
-        left -= len(file.content or b"") if file.place not in carried.places else 0
+        told = file.place in carried.places
+        left -= 0 if told else len(file.content or b"")
         if left < 0:
             detail = f"was not read: with it, files with certificates hold more than {MAX_BYTES} bytes"
             not_read.append(replace(file, content=None, detail=detail))
@@ -109,10 +110,9 @@ def read_stray_identities(root: Root, carried: Carried, unread: Iterable[File]) 
         for found in certificates_in(file):
             if isinstance(found, Certificate):
                 certificates.setdefault(found.sha256, found)
-            elif file.place not in carried.places:
-                not_read.append(
-                    replace(file, content=None, detail=f"holds a certificate in line {found} that cannot be read")
-                )
+            elif not told:
+                detail = f"holds a certificate in line {found} that cannot be read"
+                not_read.append(replace(file, content=None, detail=detail))
                 break
     strays = [certificate for certificate in certificates.values() if certificate.sha256 not in known]
     return StrayIdentities(

@@ -139,8 +139,5 @@ def test_whether_one_starts_where_another_may_be_is_unknown_with_its_key(tmp_pat
         file.unlink()
         if key == "too large":
             file.write_bytes(b"#" * 5_000_000)
-    settings = tmp_path / "keystore-audit.toml"
-    settings.write_text('[[property]]\nname = "apart"\nnever_share_domain = ["/e", "/f"]\n', "utf-8")
-    every = ("--engine", "native", "--at", AT, "--profile", "fastdds-3.6", "--settings", settings, "-f", "json")
-    properties = json.loads(answer("audit", root, *every)[1])["properties"]
-    assert [each["status"] for each in properties if each["id"] == "apart"] == [status]
+    settings = '[[property]]\nname = "apart"\nnever_share_domain = ["/e", "/f"]\n'
+    assert properties(root, settings, "--profile", "fastdds-3.6")["apart"]["status"] == status
