@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Iterator
+from typing import Final
 
 from keystore_audit.keystore.files import Entry, EntryKind, Status
 from keystore_audit.keystore.root import Root
@@ -11,6 +12,9 @@ from keystore_audit.text import percent_path
 
 Record = tuple[bytes, bytes, bytes]
 """Path, type and value of an entry."""
+
+_FILE: Final = EntryKind.FILE.value.encode()
+_DIRECTORY: Final = EntryKind.DIRECTORY.value.encode()
 
 
 def digest(records: Iterable[Record]) -> str:
@@ -30,15 +34,14 @@ def digest(records: Iterable[Record]) -> str:
 def contents(records: Iterable[Record]) -> Iterator[tuple[str, str]]:
     """Files with the hash of what is in them."""
     for path, kind, value in records:
-        if kind == EntryKind.FILE.value.encode() and _is_hash(value):
+        if kind == _FILE and _is_hash(value):
             yield percent_path(path), value.decode()
 
 
 def uncovered(records: Iterable[Record]) -> Iterator[str]:
     """Files that were not hashed and directories that were not listed: their values are statuses."""
     for path, kind, value in records:
-        file = kind == EntryKind.FILE.value.encode()
-        if (file and not _is_hash(value)) or (kind == EntryKind.DIRECTORY.value.encode() and value):
+        if (kind == _FILE and not _is_hash(value)) or (kind == _DIRECTORY and value):
             yield percent_path(path) or "."
 
 
@@ -54,7 +57,7 @@ def records(root: Root) -> Iterator[Record]:
         place = stack.pop()
         listing = root.entries(place)
         status = listing.directory.status
-        yield place, b"directory", b"" if status is Status.DIRECTORY else status.value.encode()
+        yield place, _DIRECTORY, b"" if status is Status.DIRECTORY else status.value.encode()
         for entry in listing.entries:
             path = place + b"/" + entry.name if place else entry.name
             if entry.kind is EntryKind.DIRECTORY:

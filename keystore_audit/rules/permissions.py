@@ -217,21 +217,16 @@ def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator
     ]
     if others:
         names = list(dict.fromkeys(grant.subject_name.text for grant in others))
-        named = [f"{quoted(name)}{_whose(elsewhere.get(name))}" for name in names]
+        robots = {name: elsewhere[name] for name in names if name in elsewhere}
+        named = [f"{quoted(name)}{_whose(robots[name]) if name in robots else ''}" for name in names]
+        here = [Location(path=use.signed.file.place, line=grant.line) for grant in others]
+        there = [Location(path=r.beside, line=r.line, message="the identity", beside=True) for r in robots.values()]
         gaining = _gaining(use, [everybody[name] for name in names if name in everybody], context)
         more = f", and {listed(gaining)} {'gains' if len(gaining) == 1 else 'gain'} by it" if gaining else ""
         yield Violation(
             message=f"The document also grants rights to {listed(named)}: whoever has the name can use them by "
             f"presenting this document{more}.",
-            locations=places(
-                (
-                    *(Location(path=use.signed.file.place, line=grant.line) for grant in others),
-                    *(
-                        Location(path=other.beside, line=other.line, message="the identity", beside=True)
-                        for other in (elsewhere[name] for name in names if name in elsewhere)
-                    ),
-                )
-            ),
+            locations=places([*here, *there]),
             enclave=sole(use.enclaves),
             severity=Severity.HIGH if gaining else None,
             key="\n".join([*sorted(names), "", *sorted(gaining)]),
@@ -252,8 +247,8 @@ def _elsewhere(use: PermissionsUse, context: Context) -> dict[str, Identity]:
     return found
 
 
-def _whose(other: Identity | None) -> str:
-    return f" ({other.enclave} in {quoted(other.root)})" if other is not None else ""
+def _whose(other: Identity) -> str:
+    return f" ({other.enclave} in {quoted(other.root)})"
 
 
 def _gaining(use: PermissionsUse, paths: Sequence[str], context: Context) -> list[str]:
