@@ -22,9 +22,9 @@ class Violation:
     because of it, so the audit is incomplete. `key`: what makes it beside what stands at its places, unabridged: with
     both it is accepted by its fingerprint. It holds no line numbers, which reformatting changes. `contents`: whether
     what stands at the places is part of what makes it (of a property that no finding explains: what all files say);
-    where not, `key` holds all of it. `explains`: the properties
-    that this one is a cause of, where they are not the rule's (None: the rule's). `shared`: it is said of each of
-    several subjects in the same words, and is one finding for all of them.
+    where not, `key` holds all of it. `explains`: the properties that this one is a cause of, where they are not the
+    rule's (None: the rule's). `shared`: it is said of each of several subjects in the same words, and is one finding
+    for all of them.
     """
 
     message: str

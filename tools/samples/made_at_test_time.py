@@ -73,20 +73,13 @@ def _key_mode(mode: int) -> Recipe:
     return lambda root: write(ONE.tree(), root, mode)
 
 
-def _authority_key_mode(mode: int) -> Recipe:
+def _modes(store: Store, folder: str, mode: int) -> Recipe:
+    """The keystore with this mode on the files of a folder."""
+
     def build(root: Path) -> None:
-        write(replace(ONE, private_keys=True).tree(), root)
-        for key in (root / "private").iterdir():
-            key.chmod(mode)
-
-    return build
-
-
-def _ca_mode(mode: int) -> Recipe:
-    def build(root: Path) -> None:
-        write(ONE.tree(), root)
-        for certificate in (root / "public").iterdir():
-            certificate.chmod(mode)
+        write(store.tree(), root)
+        for file in (root / folder).iterdir():
+            file.chmod(mode)
 
     return build
 
@@ -111,6 +104,8 @@ def _names(*paths: str) -> Recipe:
     return lambda root: write(_named(*paths).tree(), root)
 
 
+WITH_KEYS = replace(ONE, private_keys=True)
+
 RECIPES: Mapping[str, tuple[Recipe, Recipe]] = {
     "KA102": (_linked("identity_ca.cert.pem", "../../public/identity.cert.pem"), _good),
     "KA103": (_outside, _good),
@@ -122,8 +117,8 @@ RECIPES: Mapping[str, tuple[Recipe, Recipe]] = {
     "KA108": (_key_mode(0o644), _key_mode(0o600)),
     "KA113": (_name_not_utf8, _good),
     "KA114": (_names("/talker", "/Talker"), _names("/talker", "/talker2")),
-    "KA116": (_authority_key_mode(0o644), _authority_key_mode(0o600)),
-    "KA119": (_ca_mode(0o666), _ca_mode(0o644)),
+    "KA116": (_modes(WITH_KEYS, "private", 0o644), _modes(WITH_KEYS, "private", 0o600)),
+    "KA119": (_modes(ONE, "public", 0o666), _modes(ONE, "public", 0o644)),
 }
 """For each code, what builds the bad keystore and what builds the good one."""
 
