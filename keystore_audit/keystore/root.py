@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import Final
 from urllib.parse import unquote_to_bytes
 
-from keystore_audit.dataclass import dataclass, field, replace
+from keystore_audit.dataclass import replace
 from keystore_audit.errors import NothingToAudit
 from keystore_audit.keystore.descent import (
     MAX_DEPTH,
@@ -43,21 +43,6 @@ _READ_FLAGS: Final = os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC
 _EXPECTED: Final = "expected the directory of an SROS2 keystore, as `ros2 security create_keystore` makes it"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Reading:
-    """One inode: its bytes and what can be said of them, or the reason why there are none."""
-
-    status: Status
-    detail: str = ""
-    content: bytes | None = field(default=None, repr=False)
-    sha256: str | None = None
-    mode: int | None = None
-    shared_group: bool = False
-    holds_private_key: bool = False
-    holds_certificates: bool = False
-    may_be_message: bool = False
-
-
 class Root:
     """An open keystore directory; a context manager, since it keeps descriptors.
 
@@ -71,7 +56,7 @@ class Root:
         self.exhausted = False
         """Whether MAX_ENTRIES was reached: no further directory can be listed."""
         self._descent = descent
-        self._readings: dict[tuple[int, int], _Reading] = {}
+        self._readings: dict[tuple[int, int], File] = {}
         self._files: dict[bytes, File] = {}
         self._sealed: dict[bytes, File] = {}
         self._secrets: dict[str, bytes] = {}
@@ -193,9 +178,10 @@ class Root:
         """Read a file; its content is None unless it is `needed`, and kept for others if `keep`."""
         place: Place = ()
         target: bytes | None = None
+        path = display(relative)
         missing = (Status.MISSING, "there is no such file")
         if relative not in self._entries and self._is_listed(relative.rpartition(b"/")[0]):
-            return File(path=display(relative), resolved=None, status=missing[0], detail=missing[1])
+            return _refused(path, Refusal(*missing))
         try:
             place, found, target = self._find(relative)
             if target is not None:
@@ -203,29 +189,14 @@ class Root:
                 refuse_unless_file(found, f"links to {display(target)}: ")
             reading = self._read(place, found, keep=keep, needed=needed)
         except (OSError, ValueError) as error:
-            refused = refusal(error, "cannot be read", missing=missing)
-            reading = _Reading(status=refused.status, detail=refused.detail)
+            reading = _refused(path, refusal(error, "cannot be read", missing=missing))
         except Refusal as refused:
-            reading = _Reading(status=refused.status, detail=refused.detail)
-        path = display(relative)
+            reading = _refused(path, refused)
         resolved = None
         if reading.status is Status.PRESENT:
             end = b"/".join(place)
             resolved = path if end == relative else display(end)
-        return File(
-            path=path,
-            resolved=resolved,
-            status=reading.status,
-            detail=reading.detail,
-            content=reading.content,
-            sha256=reading.sha256,
-            mode=reading.mode,
-            shared_group=reading.shared_group,
-            link=display(target) if target is not None else None,
-            holds_private_key=reading.holds_private_key,
-            holds_certificates=reading.holds_certificates,
-            may_be_message=reading.may_be_message,
-        )
+        return replace(reading, path=path, resolved=resolved, link=display(target) if target is not None else None)
 
     def _find(self, relative: bytes) -> tuple[Place, os.stat_result | None, bytes | None]:
         """Return the place of a file or link, a file's state unless its directory was listed, a link's target."""
@@ -243,8 +214,8 @@ class Root:
         listing = self._listings.get(directory)
         return listing is not None and listing.directory.status is Status.DIRECTORY
 
-    def _read(self, place: Place, found: os.stat_result | None, *, keep: bool, needed: bool) -> _Reading:
-        """Return what the inode at `place` held when it was read first."""
+    def _read(self, place: Place, found: os.stat_result | None, *, keep: bool, needed: bool) -> File:
+        """Return what the inode at `place` held when it was read first, without a path."""
         inode: tuple[int, int] | None = None
         if found is not None:
             inode = (found.st_dev, found.st_ino)
@@ -260,15 +231,13 @@ class Root:
         finally:
             os.close(descriptor)
 
-    def _known(self, inode: tuple[int, int], *, needed: bool) -> _Reading | None:
+    def _known(self, inode: tuple[int, int], *, needed: bool) -> File | None:
         known = self._readings.get(inode)
         if known is None or (needed and known.status is Status.PRESENT and known.content is None):
             return None
         return known
 
-    def _read_descriptor(
-        self, descriptor: int, expected: tuple[int, int] | None, *, keep: bool, needed: bool
-    ) -> _Reading:
+    def _read_descriptor(self, descriptor: int, expected: tuple[int, int] | None, *, keep: bool, needed: bool) -> File:
         found = os.fstat(descriptor)
         inode = (found.st_dev, found.st_ino)
         if not stat.S_ISREG(found.st_mode) or expected not in (None, inode):
@@ -279,9 +248,9 @@ class Root:
             self._readings[inode] = reading if keep else replace(reading, content=None)
         return reading
 
-    def _content(self, descriptor: int, found: os.stat_result) -> _Reading:
-        mode, shared, size = stat.S_IMODE(found.st_mode), _shared_group(found), found.st_size
-        too_large, content = "", b""
+    def _content(self, descriptor: int, found: os.stat_result) -> File:
+        reading = _there("", Status.PRESENT, found)
+        size, too_large, content = found.st_size, "", b""
         if size > MAX_FILE_BYTES:
             too_large = f"holds {size} bytes, more than the limit of {MAX_FILE_BYTES}; it was not read"
         elif size > self._bytes_left:
@@ -294,12 +263,11 @@ class Root:
         if too_large:
             traces, searched = search(descriptor, self._searched_left)
             self._searched_left = max(0, self._searched_left - searched)
-            return _Reading(
+            return replace(
+                reading,
                 status=Status.TOO_LARGE,
                 detail=too_large,
                 sha256=traces.sha256,
-                mode=mode,
-                shared_group=shared,
                 holds_private_key=traces.private_key,
                 holds_certificates=traces.certificate,
                 may_be_message=traces.message,
@@ -312,12 +280,10 @@ class Root:
             self._certificates.setdefault(digest, content)
         if secret := holds_private_key(content):
             self._secrets.setdefault(digest, content)
-        return _Reading(
-            status=Status.PRESENT,
+        return replace(
+            reading,
             content=content,
             sha256=digest,
-            mode=mode,
-            shared_group=shared,
             holds_private_key=secret,
             holds_certificates=certificates,
             may_be_message=message,
@@ -329,12 +295,10 @@ class Root:
             found, entries = self._scan(names(relative))
         except (OSError, ValueError) as error:
             missing = (Status.MISSING, "there is no such directory")
-            return _unlisted(path, refusal(error, "cannot be listed", missing=missing))
+            return Listing(directory=_refused(path, refusal(error, "cannot be listed", missing=missing)), entries=())
         except Refusal as refused:
-            return _unlisted(path, refused)
-        mode, shared = stat.S_IMODE(found.st_mode), _shared_group(found)
-        directory = File(path=path, resolved=None, status=Status.DIRECTORY, mode=mode, shared_group=shared)
-        return Listing(directory=directory, entries=entries)
+            return Listing(directory=_refused(path, refused), entries=())
+        return Listing(directory=_there(path, Status.DIRECTORY, found), entries=entries)
 
     def _scan(self, place: Place) -> tuple[os.stat_result, tuple[Entry, ...]]:
         found = self._descent.entry(place)
@@ -359,8 +323,13 @@ class Root:
         return found, tuple(entries)
 
 
-def _shared_group(found: os.stat_result) -> bool:
-    return found.st_gid != found.st_uid
+def _there(path: str, status: Status, found: os.stat_result) -> File:
+    shared = found.st_gid != found.st_uid
+    return File(path=path, resolved=None, status=status, mode=stat.S_IMODE(found.st_mode), shared_group=shared)
+
+
+def _refused(path: str, refused: Refusal) -> File:
+    return File(path=path, resolved=None, status=refused.status, detail=refused.detail)
 
 
 def _each_once(files: Iterable[File], contents: Mapping[str, bytes]) -> tuple[File, ...]:
@@ -371,11 +340,6 @@ def _each_once(files: Iterable[File], contents: Mapping[str, bytes]) -> tuple[Fi
         if file.sha256 is not None:
             found.setdefault(file.sha256, file.holding(contents[file.sha256]))
     return tuple(found.values())
-
-
-def _unlisted(path: str, refused: Refusal) -> Listing:
-    directory = File(path=path, resolved=None, status=refused.status, detail=refused.detail)
-    return Listing(directory=directory, entries=())
 
 
 def _described(entry: os.DirEntry[str], directory: int) -> Entry:
