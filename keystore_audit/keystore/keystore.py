@@ -82,7 +82,7 @@ class Keystore:
     identities: StrayIdentities = StrayIdentities()
     """Identities beside the enclaves."""
     unread: int = 0
-    """Other files that were not read: by name and beginning of no signed message, certificate or key."""
+    """Other files that were not read: by name and beginning of no signed message and no certificate."""
 
 
 def read_keystore(
@@ -116,8 +116,7 @@ def read_keystore(
         strays = _strays(root, unread, enclaves, candidates)
         carried = _carried(layout, enclaves, authorities, strays)
         identities = read_stray_identities(root, carried, unread)
-        spoken_of = {file.path for file in (*identities.unread, *identities.locked)}
-        spoken_of.update(stray.file.path for stray in strays)
+        spoken_of = {file.path for file in (*identities.unread, *(stray.file for stray in strays))}
         return Keystore(
             root=root.path,
             layout=layout,

@@ -14,8 +14,8 @@ def unread(keystore: Keystore) -> Iterator[str]:
     if keystore.unread:
         yield (
             f"{keystore.unread} of the other files, which could not be read: their names, and what was searched of "
-            f"those that are too large (at most {MAX_SEARCHED // 1024**2} MB in all), are not of signed documents, "
-            "certificates or keys."
+            f"those that are too large (at most {MAX_SEARCHED // 1024**2} MB in all), are not of signed documents "
+            "or certificates."
         )
     uncovered = keystore.uncovered
     if uncovered:
