@@ -25,6 +25,8 @@ _BEGIN: Final = re.compile(rb"-----BEGIN ([A-Z0-9 ]{1,64})-----[\x00-\x20]*")
 _LOOSE: Final = re.compile(rb"-----BEGIN ([A-Z0-9 #]{1,64})-----")
 _NO_BASE64: Final = re.compile(rb"\\[nrt]|[^A-Za-z0-9+/=]")
 """What stands between the characters of a block in a quotation, a list or a JSON string."""
+_LINE: Final = re.compile(rb"[A-Za-z0-9+/]{48}")
+"""What base64 has, and hardly any text about it."""
 
 _ENCRYPTED: Final = b"Proc-Type: 4,ENCRYPTED"  # RFC 1421, 4.6.1.1: the header of an encrypted traditional key
 
@@ -118,8 +120,8 @@ def read_pem(content: bytes) -> Pem:
 def loose_blocks(content: bytes, *labels: str) -> Iterator[Block]:
     """Every block whose label ends in one of these, wherever it stands: indented, quoted, within other text.
 
-    No run time reads it there, and whoever wants it takes it out. `der` is None where it is encrypted; where it is no
-    base64 it is the text, which is no DER.
+    No run time reads it there, and whoever wants it takes it out. `der` is None where it is encrypted, or stands there
+    in a form from which nobody here takes it; of a text about blocks it is whatever comes out.
     """
     line, before = 1, 0
     for opening in _LOOSE.finditer(content):
@@ -137,10 +139,12 @@ def _loosely_decoded(body: bytes) -> bytes | None:
         return None
     header = body.rfind(b":")  # of other fields, too
     text = body[_end_of_line(body, header) :] if header >= 0 else body
+    der = b""
     for each in (text, text.partition(b"-")[0]):  # OpenSSL's base64 ends at the first hyphen
         with suppress(binascii.Error):
-            return binascii.a2b_base64(_NO_BASE64.sub(b"", each))
-    return text
+            der = binascii.a2b_base64(_NO_BASE64.sub(b"", each))
+            break
+    return der if der[:1] == b"0" or _LINE.search(body) is None else None
 
 
 def _text(text: bytes, line: int) -> Text:

@@ -177,16 +177,17 @@ class _Keys:
 def certificates_in(file: File) -> Iterator[Certificate | int]:
     """Every certificate that can be taken out of a file; the line of each that cannot be read.
 
-    What is cut off, or no DER, is no certificate, as in a text about certificates.
+    What is cut off is no certificate, as in a text about certificates.
     """
     content = file.content or b""
     blocks = list(islice(loose_blocks(content, *ARMOUR), MAX_ARMOURED + 1))
     if len(blocks) > MAX_ARMOURED:  # what begins there counts as a certificate that cannot be read
         yield blocks.pop().line
     for block in (*blocks, Block(label="", line=1, der=content)):
-        if block.encrypted:
+        if block.der is None:
             yield block.line
-        der = first_element(block.der) if block.der is not None and block.der[:1] == b"0" else None
+            continue
+        der = first_element(block.der) if block.der[:1] == b"0" else None
         if der is None:
             continue
         if is_signed_data(der):

@@ -115,6 +115,9 @@ def test_so_may_its_key(key: bytes, tmp_path: Path) -> None:
         {"backup/cert.pem": ADMIN.pem, "enclaves/talker/key.pem": identity("/talker", "/talker").key_pem + LOCKED},
         {"backup/cert.pem": LARGE + ADMIN.pem, "backup/key.pem": ADMIN.key_pem},
         {"backup/cert.pem": armour("CERTIFICATE", STRANGE), "backup/key.pem": ADMIN.key_pem},
+        {"backup/cert.patch": b"".join(b"+" + line for line in LINES), "backup/key.pem": ADMIN.key_pem},
+        {"backup/cert.txt": b"".join(b"1: " + line for line in LINES), "backup/key.pem": ADMIN.key_pem},
+        {"backup/cert.json": ADMIN.pem.replace(b"\n", b"\\u000a"), "backup/key.pem": ADMIN.key_pem},
     ],
 )
 def test_what_could_not_be_read_may_be_one(files: Files, tmp_path: Path) -> None:
@@ -134,10 +137,14 @@ def test_what_could_not_be_read_may_be_one(files: Files, tmp_path: Path) -> None
         {"backup/cert.pem": ADMIN.pem, "backup/large": LARGE},
         {"backup/ca.pem": authority("identityCA").pem, "private/ca.key.pem": authority("identityCA").key_pem},
         {"backup/README": b"-----BEGIN CERTIFICATE-----\nMIIB...\n-----END CERTIFICATE-----\n"},
-        {
-            "backup/README": b"-----BEGIN PRIVATE KEY-----\n...\n-----END PRIVATE KEY-----\n",
-            "backup/cert.pem": ADMIN.pem,
-        },
+        {"backup/README": b"Look for -----BEGIN CERTIFICATE-----, in the first or a later line of the file."},
+        *(
+            {
+                "backup/README": b"-----BEGIN PRIVATE KEY-----\n%s...\n-----END PRIVATE KEY-----\n" % beginning,
+                "backup/cert.pem": ADMIN.pem,
+            }
+            for beginning in (b"", b"MIIEv")
+        ),
     ],
 )
 def test_what_is_none_leaves_no_doubt(files: Files, tmp_path: Path) -> None:
