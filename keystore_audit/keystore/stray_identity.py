@@ -148,8 +148,9 @@ class _Keys:
             if file.place not in enclaves:
                 self._held(file, read_held_keys(root.unsealed(file) if file.status is Status.PRESENT else file))
         theirs = authorities & self._locked.keys()
-        named = [place for place in theirs if self._locked[place].link is None]
-        if len(named) <= len({certificate.key for certificate in carried.authorities} - self.places.keys()):
+        # Each once: of what could not be read no more is known of a link than where it leads.
+        files = [place for place in theirs if self._locked[place].resolved or self._locked[place].link is None]
+        if len(files) <= len({certificate.key for certificate in carried.authorities} - self.places.keys()):
             for place in theirs:  # an authority's key with a password, say
                 del self._locked[place]
 

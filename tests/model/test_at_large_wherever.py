@@ -158,6 +158,9 @@ def test_more_locked_keys_than_authorities_may_be_of_identities(tmp_path: Path) 
     assert way(written(tmp_path / "b", {**files, "private/c.key.pem": LOCKED})) is Status.UNKNOWN
     known = {"private/b.key.pem": authority("identityCA").key_pem, "private/c.key.pem": LOCKED}
     assert way(written(tmp_path / "c", {**files, **known})) is Status.UNKNOWN
+    for link, other in (("d", "c"), ("0", "a")):  # one more name is no key less
+        (tmp_path / f"b/private/{link}.key.pem").symlink_to(f"{other}.key.pem")
+        assert way(tmp_path / "b") is Status.UNKNOWN
 
 
 @pytest.mark.parametrize("limit", ["stray_identity.MAX_ARMOURED", "private_key.MAX_HELD_KEYS"])
