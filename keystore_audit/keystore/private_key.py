@@ -147,13 +147,13 @@ def _first_key(content: bytes) -> Block | Problem:
 
 
 def _others(file: File, first: Block) -> Iterator[Block]:
-    """The blocks of further private keys."""
+    """The blocks of further private keys, wherever they stand."""
     content = file.content or b""
     if content.count(_BEGIN) < 2:  # nearly always: the file is not read twice
         return
-    for part in read_pem(content).parts:
-        if isinstance(part, Block) and part.is_private_key and part.line != first.line:
-            yield part
+    for block in islice(loose_blocks(content, "PRIVATE KEY"), MAX_HELD_KEYS):
+        if block.line != first.line:
+            yield block
 
 
 def _second(file: File, block: Block) -> Defect:

@@ -144,8 +144,9 @@ class _Keys:
             elif is_key_by_name(file):
                 self._locked[file.place] = file
         enclaves, authorities = carried.key_places
+        understood = enclaves - {key.file.place for key in carried.keys if key.key is None}
         for file in root.holding_private_keys():
-            if file.place not in enclaves:
+            if file.place not in understood:
                 self._held(file, read_held_keys(root.unsealed(file) if file.status is Status.PRESENT else file))
         theirs = authorities & self._locked.keys()
         # Each once: of what could not be read no more is known of a link than where it leads.

@@ -17,6 +17,7 @@ from cryptography.hazmat.primitives.serialization import (
 
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.flow import FlowQuestion, find_flow
+from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.keystore.root import MAX_FILE_BYTES
 from keystore_audit.model.claim import Attacker, ClaimKind
 from keystore_audit.model.claims import Globs
@@ -150,6 +151,23 @@ def test_what_could_not_be_read_may_be_one(files: Files, tmp_path: Path) -> None
 def test_what_is_none_leaves_no_doubt(files: Files, tmp_path: Path) -> None:
     """Also the key of an authority, with a password, where its place says so."""
     assert way(written(tmp_path, files)) is Status.HOLDS
+
+
+INDENTED = b"  " + ADMIN.key_pem.replace(b"\n", b"\n  ")
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        identity("/talker", "/talker").key_pem + INDENTED,
+        INDENTED + identity("/talker", "/talker").key_pem,
+        key_as(Encoding.DER, PrivateFormat.PKCS8),
+    ],
+)
+def test_its_key_may_stand_in_that_of_an_enclave(key: bytes, tmp_path: Path) -> None:
+    """Where no run time reads it, or the enclave has none that can be read."""
+    root = written(tmp_path, {"backup/cert.pem": ADMIN.pem, "enclaves/talker/key.pem": key})
+    assert [each.key for each in read_keystore(root).identities.found] == ["enclaves/talker/key.pem"]
 
 
 def test_more_locked_keys_than_authorities_may_be_of_identities(tmp_path: Path) -> None:
