@@ -261,12 +261,19 @@ def _report(
         scope=_scope(context),
         deployed=options.deployed,
         domain=options.domain,
-        files=context.keystore.contents,
+        files=tuple(_files(context)),
         uncovered=context.keystore.uncovered,
         settings=options.settings.file if options.settings else None,
         baseline=options.baseline.file if options.baseline else None,
         inputs=inputs,
     )
+
+
+def _files(context: Context) -> Iterator[tuple[str, str]]:
+    """What the report speaks for, with its digests: what the same run audits apart is another report's."""
+    apart = context.beside.apart if context.beside is not None else frozenset()
+    folders = tuple(f"{place}/" for place in apart)
+    return ((path, sha256) for path, sha256 in context.keystore.contents if not path.startswith(folders))
 
 
 def _in_zone(options: Options) -> tuple[str, ...]:

@@ -127,7 +127,8 @@ _ONE_AUTHORITY: Final = b"ca.cert.pem"
 _FLAT_ROOT: Final = frozenset({_ONE_AUTHORITY, b"ca.key.pem", b"governance.p7s", b"governance.xml"})
 """What sros2 put into the root from Ardent to Eloquent."""
 
-_FILE_NAMES: Final = frozenset((*_RUN_TIME, _NAMES[Role.CRL], *_UNSIGNED_NAMES.values(), *_FLAT_ROOT))
+_READ: Final = frozenset((*_RUN_TIME, _NAMES[Role.CRL]))  # of these it is said where a link leads to no file
+_FILE_NAMES: Final = frozenset((*_READ, *_UNSIGNED_NAMES.values(), *_FLAT_ROOT))
 
 _COMPLETE: Final = tuple(
     frozenset({_NAMES[role], _PKCS11_NAMES.get(role, b"")} | ({_ONE_AUTHORITY} if "_ca." in role.value else set()))
@@ -348,7 +349,7 @@ def _directory_links(tree: _Tree, kind: LayoutKind) -> Iterator[File]:
             if entry.kind is not EntryKind.LINK:
                 continue
             file = tree.root.sealed(_below(place, entry.name))
-            unseen = file.status in (Status.OUTSIDE, Status.UNREADABLE) and entry.name not in _FILE_NAMES
+            unseen = file.status in (Status.OUTSIDE, Status.UNREADABLE) and entry.name not in _READ
             if file.status is Status.DIRECTORY or (unseen and may_hold_enclaves):
                 yield file
 

@@ -223,6 +223,8 @@ def test_links_to_directories_are_listed_and_not_followed(tmp_path: Path) -> Non
         ("absolute", "/etc"),
         ("file", "../public/ca.cert.pem"),
         ("dangling", "nowhere"),
+        ("permissions.xml", "/etc"),  # whatever it is called: a robot that is told so takes it for an enclave
+        ("ca.key.pem", "/etc"),
     ):
         os.symlink(target, path / "enclaves" / name)
     os.symlink("/etc", path / "elsewhere")  # no robot looks there
@@ -232,9 +234,11 @@ def test_links_to_directories_are_listed_and_not_followed(tmp_path: Path) -> Non
     assert {file.path: file.status for file in layout.directory_links} == {
         "also": Status.DIRECTORY,
         "enclaves/absolute": Status.OUTSIDE,
+        "enclaves/ca.key.pem": Status.OUTSIDE,
         "enclaves/circle": Status.DIRECTORY,
         "enclaves/inside": Status.DIRECTORY,
         "enclaves/outside": Status.OUTSIDE,
+        "enclaves/permissions.xml": Status.OUTSIDE,
     }
 
 

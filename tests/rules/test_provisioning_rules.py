@@ -486,6 +486,25 @@ def test_what_the_same_run_audits_leaves_nothing_open(fleet: Fleet, tmp_path: Pa
     assert answer("audit", root, fleet.robot(tmp_path / "other", "/camera"), *own)[0] == 4
 
 
+def test_a_statement_is_about_what_its_own_report_judged(fleet: Fleet, tmp_path: Path) -> None:
+    root = fleet.robot(tmp_path / "robot")
+    unpacked("robot2")(fleet, root)
+    (root / "robot20").write_bytes(b"")  # of another name
+    alone = [name for name, _digest in report(root).files]
+    statements = tmp_path / "out"
+    own = ("--engine", "native", "--at", INSTANT, "--quiet", "-o", f"statement={statements}/")
+    assert answer("audit", "-r", root, *own)[0] == 0
+    said = {
+        file.parent.name: [each["name"] for each in json.loads(file.read_bytes())["subject"]]
+        for file in statements.rglob("*.statement.json")
+    }
+    below = "robot2/"
+    assert said == {
+        "out": [name for name in alone if not name.startswith(below)],
+        "robot2": [name.removeprefix(below) for name in alone if name.startswith(below)],
+    }
+
+
 def test_enclaves_of_an_older_layout_are_never_passed_over(fleet: Fleet, tmp_path: Path) -> None:
     """A keystore before Foxy, or an enclave's own folder, and a good enclaves/ laid beside what fails."""
     root = tmp_path / "robot"
