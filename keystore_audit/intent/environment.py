@@ -122,6 +122,8 @@ def read_environment(path: Path) -> Environment:
                 location=Location(path=str(path), line=number, beside=True),
             )
         else:
+            if name == "BASH_ENV":
+                raise UsageError(f"{place}: bash runs what BASH_ENV names before each script; expected no such line.")
             if _COUNTER.fullmatch(name) and not re.fullmatch(r"""(["']?)[0-9]*\1""", value):
                 raise UsageError(f"{place}: {name} is a number to a shell, which works out its value; expected digits.")
             _pass_over(value, place, exported=export is not None)

@@ -7,6 +7,7 @@ validated here.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Final
 
 from cryptography import x509
@@ -41,16 +42,26 @@ def parts(structure: bytes, count: int) -> list[bytes]:
 
 
 def first_element(data: bytes) -> bytes | None:
-    """The element that `data` begins with, as OpenSSL reads a file in DER; None where it is cut off.
+    """The SEQUENCE that `data` begins with, as OpenSSL reads a file in DER; None where it is cut off or something else.
 
-    All of `data` where the element does not say how long it is (BER).
+    All of `data` where the SEQUENCE does not say how long it is (BER).
     """
-    if data[1:2] == b"\x80":
-        return data
-    try:
-        return data[: content_of(data, 0)[1]]
-    except ValueError:
-        return None
+    return next(elements(data), None)
+
+
+def elements(data: bytes) -> Iterator[bytes]:
+    """The SEQUENCEs that `data` begins with, one behind the other."""
+    position = 0
+    while data[position : position + 1] == b"0":
+        if data[position + 1 : position + 2] == b"\x80":
+            yield data[position:]
+            return
+        try:
+            _start, end = content_of(data, position)
+        except ValueError:
+            return
+        yield data[position:end]
+        position = end
 
 
 def content_of(structure: bytes, position: int) -> tuple[int, int]:

@@ -13,10 +13,10 @@ from typing import Final
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore.certificate import Certificate, read_certificate
 from keystore_audit.keystore.cms import CmsError, read_signed_data
-from keystore_audit.keystore.der import first_element
+from keystore_audit.keystore.der import elements
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.message import ARMOUR, MAX_ARMOURED, is_signed_data
-from keystore_audit.keystore.pem import Block, loose_blocks
+from keystore_audit.keystore.pem import loose_blocks
 from keystore_audit.keystore.private_key import HeldKeys, PrivateKey, read_held_keys
 from keystore_audit.keystore.root import Root
 from keystore_audit.keystore.traces import has_certificate_version, is_certificate_in_der
@@ -185,17 +185,21 @@ def certificates_in(file: File) -> Iterator[Certificate | int]:
     blocks = list(islice(loose_blocks(content, *ARMOUR), MAX_ARMOURED + 1))
     if len(blocks) > MAX_ARMOURED:  # what begins there counts as a certificate that cannot be read
         yield blocks.pop().line
-    for block in (*blocks, Block(label="", line=1, der=content)):
+    for block in blocks:
         if block.der is None:
             yield block.line
-            continue
-        der = first_element(block.der) if block.der[:1] == b"0" else None
-        if der is None:
-            continue
-        if is_signed_data(der):
-            yield from _in_message(der, block.line, file)
-        elif block.label or is_certificate_in_der(der):
-            yield from _certificate(der, block.line, file, sure=bool(block.label) or has_certificate_version(der))
+        else:
+            for element in islice(elements(block.der), 1):
+                yield from _in_element(element, block.line, file, labelled=True)
+    for element in islice(elements(content), MAX_ARMOURED):
+        yield from _in_element(element, 1, file, labelled=False)
+
+
+def _in_element(der: bytes, line: int, file: File, *, labelled: bool) -> Iterator[Certificate | int]:
+    if is_signed_data(der):
+        yield from _in_message(der, line, file)
+    elif labelled or is_certificate_in_der(der):
+        yield from _certificate(der, line, file, sure=labelled or has_certificate_version(der))
 
 
 def _in_message(der: bytes, line: int, file: File) -> Iterator[Certificate | int]:

@@ -139,6 +139,7 @@ def test_assignments_are_read(text: str, value: str, tmp_path: Path) -> None:
         ("A=1\\\nROS_DISTRO=humble", "robot.env:1: a line that goes on"),
         ("# a comment \\\nROS_DISTRO=humble", "robot.env:1: a line that goes on"),
         ('A="x\nROS_DISTRO=humble\nB=x"', "robot.env:1: a quote"),
+        ("BASH_ENV=/etc/robot", "robot.env:1: bash runs"),
         ("RANDOM='ROS_DISTRO=0'", "robot.env:1: RANDOM is a number"),
         (b"A=1\n\xff", "robot.env:2: not UTF-8"),
         (b"#" * (1024 * 1024 + 1), "larger than"),

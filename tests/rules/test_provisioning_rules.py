@@ -376,6 +376,7 @@ def in_der(made: Signed) -> bytes:
     return made.key.private_bytes(Encoding.DER, PrivateFormat.PKCS8, NoEncryption())
 
 
+CHAIN = 2 * authority("someCA").certificate.public_bytes(Encoding.DER)
 EMPTY_KEY = b"-----BEGIN PRIVATE KEY----------END PRIVATE KEY-----\n"
 
 
@@ -391,6 +392,8 @@ EMPTY_KEY = b"-----BEGIN PRIVATE KEY----------END PRIVATE KEY-----\n"
             4,
         ),
         (lambda made: made.pem, lambda made: loosened(in_der(made)), 4),
+        (lambda made: 2 * made.certificate.public_bytes(Encoding.DER), lambda made: made.key_pem, 1),
+        (lambda made: CHAIN + made.certificate.public_bytes(Encoding.DER), lambda made: made.key_pem, 1),
         (lambda made: encrypted(made.certificate.public_bytes(Encoding.DER)), lambda made: made.key_pem, 4),
         (lambda made: made.pem, lambda _made: EMPTY_KEY, 0),
         (lambda _made: b"-----BEGIN CERTIFICATE-----\n...\n-----END CERTIFICATE-----\n", lambda made: made.key_pem, 0),
