@@ -44,31 +44,24 @@ class _Taken:
             begin, end = self.periods.get(path, (certificate.not_before, certificate.not_after))
             self.periods[path] = min(begin, certificate.not_before), max(end, certificate.not_after)
 
-    def among(self, paths: Collection[str]) -> tuple[str, _Period] | None:
-        """Which of these enclaves take it, in words, and from when to when; None where none does."""
+    def by(self, paths: Collection[str]) -> str:
+        """Which of these enclaves take it, and from when to when."""
         known = sorted(self.periods.keys() & paths)
         if not known:
-            return None
+            return "by nobody"
         more = f" and {len(known) - MAX_PATHS} more" if len(known) > MAX_PATHS else ""
-        periods = [self.periods[path] for path in known]
-        whole = min(begin for begin, _end in periods), max(end for _begin, end in periods)
-        return ", ".join(known[:MAX_PATHS]) + more, whole
+        begins, ends = zip(*(self.periods[path] for path in known), strict=True)
+        return f"by {', '.join(known[:MAX_PATHS])}{more}, from {told(min(begins))} until {told(max(ends))}"
 
-
-def _beyond(one: _Taken, other: _Taken, paths: Collection[str]) -> frozenset[str]:
-    """Those of the enclaves that take `one` when they do not take `other`."""
-    found = set()
-    for path in one.periods.keys() & paths:
-        begin, end = one.periods[path]
-        before, after = other.periods.get(path, (end, begin))
-        if begin < before or after < end:
-            found.add(path)
-    return frozenset(found)
-
-
-def _told(taken: _Taken, paths: Collection[str]) -> str:
-    known = taken.among(paths)
-    return "by nobody" if known is None else f"by {known[0]}, from {told(known[1][0])} until {told(known[1][1])}"
+    def beyond(self, other: _Taken, paths: Collection[str], at: datetime) -> frozenset[str]:
+        """Those of the enclaves that take it, `at` an instant or later, when they do not take the other."""
+        found = set()
+        for path in self.periods.keys() & paths:
+            begin, end = self.periods[path]
+            theirs = other.periods.get(path)
+            if theirs is None or max(begin, at) < theirs[0] or theirs[1] < end:
+                found.add(path)
+        return frozenset(found)
 
 
 def _in_both(sides: Sides) -> frozenset[str]:
@@ -135,13 +128,13 @@ def _let_in_otherwise(old: _Admitted, new: _Admitted, sides: Sides) -> Iterator[
     for identity, by_profile in new.items():
         found: dict[tuple[Direction, Aspect], list[str]] = {}
         before = old.get(identity, {})
-        for profile in by_profile.keys() & before.keys():
+        for profile in (each for each in by_profile if each in before):  # in order: the first one's places are shown
             one, other = before[profile], by_profile[profile]
-            more, fewer = _beyond(other, one, both), _beyond(one, other, both)
+            more, fewer = other.beyond(one, both, sides.at), one.beyond(other, both, sides.at)
             if more or fewer:
                 direction = direction_of(gains=bool(more), losses=bool(fewer))
                 paths = more | fewer
-                aspect = Aspect(what="let in", old=_told(one, paths), new=_told(other, paths), direction=direction)
+                aspect = Aspect(what="let in", old=one.by(paths), new=other.by(paths), direction=direction)
                 found.setdefault((direction, aspect), []).append(profile)
         for (direction, aspect), profiles in found.items():
             yield _at_large(
@@ -205,7 +198,7 @@ def identities_certified_again(sides: Sides) -> Iterator[tuple[str, Placed]]:
     for path in sorted({*old, *new}):
         one = _by_name(old.get(path, ()), asked[0], sides.profiles)
         other = _by_name(new.get(path, ()), asked[1], sides.profiles)
-        gone, come = _differing(one, other, both), _differing(other, one, both)
+        gone, come = (_differing(*pair, both, sides.at) for pair in ((one, other), (other, one)))
         if not gone and not come:
             continue
         direction = direction_of(gains=bool(come), losses=bool(gone))
@@ -226,9 +219,9 @@ _Name = tuple[str, str, str, str]
 _ByName = Mapping[_Name, _Taken]
 
 
-def _differing(one: _ByName, other: _ByName, paths: Collection[str]) -> list[_Name]:
+def _differing(one: _ByName, other: _ByName, paths: Collection[str], at: datetime) -> list[_Name]:
     """Names that are in `one` alone, or whose certificates there are taken when they are not in `other`."""
-    return [name for name, taken in one.items() if name not in other or _beyond(taken, other[name], paths)]
+    return [name for name, taken in one.items() if name not in other or taken.beyond(other[name], paths, at)]
 
 
 def _words(side: _ByName, names: Iterable[_Name], in_both: Collection[_Name], paths: Collection[str]) -> str:
@@ -236,7 +229,7 @@ def _words(side: _ByName, names: Iterable[_Name], in_both: Collection[_Name], pa
     texts = []
     for name in names:
         _key, subject, issuer, _which = name
-        taken = f", let in {_told(side[name], paths)}" if name in in_both else ""
+        taken = f", let in {side[name].by(paths)}" if name in in_both else ""
         texts.append(f"{subject}, issued by {issuer}{taken}")
     return ", ".join(texts)
 

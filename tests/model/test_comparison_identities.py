@@ -10,8 +10,10 @@ from pathlib import Path
 import pytest
 
 from keystore_audit.keystore import stray_identity
+from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model import comparison_identities
 from keystore_audit.model.comparison import Comparison, FailOn
+from keystore_audit.model.comparison_run import compare
 from keystore_audit.model.profiles import resolve
 from tests.keystore.builder import Signed, certificate
 from tests.model.comparing import (
@@ -142,17 +144,35 @@ def test_an_identity_that_another_peer_lets_in_is_a_gain(tmp_path: Path) -> None
         ({"end": AT + timedelta(days=9)}, {}, "gained"),
         ({}, {"end": AT + timedelta(days=9)}, "lost"),
         ({"end": AT + timedelta(days=9)}, {"start": AT + timedelta(days=1)}, "mixed"),
+        ({"start": AT - timedelta(days=9)}, {"start": AT - timedelta(days=1)}, None),
+        ({"start": AT - timedelta(days=1)}, {"start": AT - timedelta(days=9)}, None),
+        ({"end": AT + timedelta(days=9)}, {"start": AT - timedelta(days=1)}, "gained"),
     ],
 )
 def test_dates_of_identities_beside_the_enclaves(
-    old: dict[str, object], new: dict[str, object], direction: str, tmp_path: Path
+    old: dict[str, object], new: dict[str, object], direction: str | None, tmp_path: Path
 ) -> None:
-    """Also those of an enclave's key: nobody is let in before and after."""
+    """Also those of an enclave's key: nobody is let in before and after. What is over counts no more."""
     at_large = [{**KEY, "backup/cert.pem": identity(**more).pem} for more in (old, new)]
     again = [{"public/x_ca.cert.pem": identity("/admin", "/talker", **more).pem} for more in (old, new)]
     for name, files, kind in (("a", at_large, "identity-at-large"), ("b", again, "identity-certified-again")):
         told = [(each.kind, each.direction.value) for each in changed(tmp_path / name, files[0], files[1]).changes]
-        assert told == [(kind, direction)]
+        assert told == ([(kind, direction)] if direction else [])
+
+
+def test_the_place_is_that_of_the_profile_that_was_asked_for_first(tmp_path: Path) -> None:
+    """Cyclone DDS reads the first authority alone, and so takes the second certificate alone."""
+    two = replace(GRANTED, identity=(IDENTITY, authority("other")))
+    roots = []
+    for name, end in (("old", AT + timedelta(days=9)), ("new", AT + timedelta(days=99))):
+        first, second = (identity(issuer=issuer, end=end).pem for issuer in (authority("other"), IDENTITY))
+        files = {**KEY, "backup/a.pem": first, "backup/b.pem": second}
+        roots.append(replace(two, files=files).write(tmp_path / name))
+    old, new = map(read_keystore, roots)
+    profiles = resolve(("spec", "cyclonedds-11"))
+    for chosen, place in ((profiles, "backup/a.pem"), (profiles[::-1], "backup/b.pem")):
+        (change,) = compare(old, new, chosen, AT).changes
+        assert [each and each.path for each in (change.old, change.new)] == [place, place]
 
 
 def test_a_further_certificate_that_peers_come_to_take(tmp_path: Path) -> None:
