@@ -151,30 +151,26 @@ def identities_at_large(keystore: Keystore, at: datetime) -> tuple[AtLarge, ...]
     Authorities are none of these: what their keys open is asked by itself.
     """
     authorities = {certificate.sha256: certificate for certificate in authorities_of(keystore)}
-    found = {
-        certificate.sha256: certificate
-        for _enclave, others in certified_again(keystore)
-        for certificate in others
-        if certificate.sha256 not in authorities
+    again = (c for _enclave, others in certified_again(keystore) for c in others if c.sha256 not in authorities)
+    found: dict[str, tuple[Certificate, str | None]] = {
+        certificate.sha256: (certificate, None) for certificate in again
     }
     keys = {certificate.key for certificate in authorities.values()}
-    for stray in keystore.identities.found:
-        if stray.certificate.key not in keys:
-            found.setdefault(stray.certificate.sha256, stray.certificate)
-    possible = {stray.certificate.sha256: stray for stray in keystore.identities.possible}
-    possible = {sha256: stray for sha256, stray in possible.items() if sha256 not in found}
-    if not found and not possible:  # nearly always
+    for strays, certain in ((keystore.identities.found, True), (keystore.identities.possible, False)):
+        for stray in strays:
+            if stray.certificate.key not in keys:
+                found.setdefault(stray.certificate.sha256, (stray.certificate, None if certain else stray.key))
+    if not found:  # nearly always
         return ()
-    found |= {sha256: stray.certificate for sha256, stray in possible.items()}
     trusted = dict.fromkeys(e.identity_ca for e in keystore.enclaves if e.identity_ca)
     vouching = [c for c in dict.fromkeys(c for file in trusted for c in file.certificates) if is_authority(c)]
-    known = (
+    vouched = (
         AtLarge(
             certificate=each,
             authorities=tuple(authority for authority in vouching if may_have_issued(authority, each)),
-            key=possible[each.sha256].key if each.sha256 in possible else None,
+            key=key,
         )
-        for each in sorted(found.values(), key=lambda c: (c.path, c.line, c.sha256))
+        for each, key in sorted(found.values(), key=lambda pair: (pair[0].path, pair[0].line, pair[0].sha256))
         if at <= each.not_after
     )
-    return tuple(identity for identity in known if identity.authorities)
+    return tuple(identity for identity in vouched if identity.authorities)

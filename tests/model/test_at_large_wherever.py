@@ -137,6 +137,7 @@ def test_what_could_not_be_read_may_be_one(files: Files, tmp_path: Path) -> None
         {"backup/cert.pem": ADMIN.pem, "private/ca.key.pem": LOCKED},
         {"backup/cert.pem": ADMIN.pem, "backup/large": LARGE},
         {"backup/ca.pem": authority("identityCA").pem, "private/ca.key.pem": authority("identityCA").key_pem},
+        {"backup/ca.pem": identity("permissionsCA", "permissionsCA", ca=True).pem, "backup/key.pem": LOCKED},
         {"backup/README": b"-----BEGIN CERTIFICATE-----\nMIIB...\n-----END CERTIFICATE-----\n"},
         {"backup/README": b"Look for -----BEGIN CERTIFICATE-----, in the first or a later line of the file."},
         *(
