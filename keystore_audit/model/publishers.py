@@ -17,10 +17,13 @@ def permitted(system: System, globs: Collection[str], known: Collection[str], ch
     """Whom the globs name, of all enclaves (`known`) those that are in the system; without globs some writer.
 
     With whoever has the subject of one elsewhere, where its peers refuse the certificate that it has here. And (MUST)
-    with what may be of enclaves that were left out and that are meant: that they publish is no violation.
+    with what may be of enclaves that were left out and that are meant: that they publish is no violation. Patterns may
+    mean those whose names are unknown.
     """
     if globs:
         meant = all_matching(globs, [each.label for each in system.left_out])
+        if not set(globs).issubset(known):
+            meant = meant.union(each.label for each in system.left_out if each.label not in known)
         unread = [each for each in system.left_out if each.label in meant]
         return _with_theirs(system, named_enclaves(system, globs, known, unread=False), unread)
     writer = _some_writer(system, channels)

@@ -126,7 +126,7 @@ class EnclaveAtom:
 class LeftOut:
     """(MUST only) An enclave that is not among the system's, since who it is or whom it trusts could not be read.
 
-    `identity`: its certificate, None where that is unknown.
+    Or whatever enclaves are behind a place. `identity`: its certificate, None where that is unknown.
     """
 
     label: str

@@ -5,7 +5,7 @@ Evidence in, normalised facts out, one for each kind of implementation and readi
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from functools import cached_property
 
@@ -192,6 +192,8 @@ class SystemBuilder:
         for enclave, unknown, doubt in zip(self._keystore.enclaves, self._unknown, self._realm_doubts, strict=True):
             if unknown or doubt is not None:
                 yield LeftOut(label=enclave.path, identity=None if unknown else self._identity(enclave))
+        for place in self._unread_places:
+            yield LeftOut(label=_behind(place), identity=None)
 
     def _enclave_atoms(
         self, kind: Kind, documents: Sequence[Document], atoms: list[DocumentAtom], *, may: bool
@@ -220,7 +222,7 @@ class SystemBuilder:
                     location=_place(enclave),
                     realm=realms.setdefault(realm, len(realms)),
                     identity=None if unknown else self._identity(enclave),
-                    permissions=self._permissions(enclave, number),
+                    permissions=number.get(enclave.files.files[Role.PERMISSIONS].place),  # it may be unread (MAY)
                     opaque=unknown,
                     reads_alone=endpoints.reads,
                     writes_alone=endpoints.writes,
@@ -230,7 +232,7 @@ class SystemBuilder:
             )
         enclaves.extend(
             EnclaveAtom(
-                label=f"whatever is behind {place}",
+                label=_behind(place),
                 location=Location(path=place),
                 realm=realms.setdefault(self._open_realm(atoms, place), len(realms)),
                 identity=None,
@@ -264,12 +266,6 @@ class SystemBuilder:
     def _opens(self) -> bool:
         """Whether there are open realms."""
         return bool(self._unread_places) or any(self._realm_doubts)
-
-    @staticmethod
-    def _permissions(enclave: Enclave, number: Mapping[str, int]) -> int | None:
-        """Its permissions document, which one that could not be read is as well (MAY): it may say anything."""
-        file = enclave.files.files[Role.PERMISSIONS]
-        return number.get(file.place) if enclave.permissions is not None or file.status.unknown else None
 
     def _open_realm(self, atoms: list[DocumentAtom], place: str) -> RealmAtom:
         """(MAY) The realm of an enclave whose trust could not be read.
@@ -391,6 +387,10 @@ def unread_places(keystore: Keystore) -> tuple[str, ...]:
     """Places behind which whole enclaves may lie that were not read."""
     layout = keystore.layout
     return tuple(file.path for file in (*layout.directory_links, *layout.unreadable_directories))
+
+
+def _behind(place: str) -> str:
+    return f"whatever is behind {place}"
 
 
 def _place(enclave: Enclave) -> Location:

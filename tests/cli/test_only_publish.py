@@ -245,3 +245,22 @@ def test_the_one_writer_may_be_who_is_refused_here(tmp_path: Path) -> None:
     """Whoever has its subject is one, wherever it runs."""
     root = with_ghost(tmp_path / "keys", taken=False, publisher="/ghost")
     assert properties(root, BOTH, *PROFILE)["single-writer-x"]["status"] == "holds"
+
+
+@pytest.mark.parametrize(
+    ("enclaves", "linked", "status"),
+    [("/*", True, "unknown"), ("/*", False, "violated"), ("/listener", True, "violated")],
+)
+def test_who_may_be_behind_a_link_is_no_stranger_for_certain(
+    tmp_path: Path, enclaves: str, linked: bool, status: str
+) -> None:
+    """Where a pattern may mean it. An enclave that is named is there."""
+    listener = DOCUMENT.format(path="/listener", rules=rule((), ("rt/x",)), default="DENY")
+    hidden = GRANT.format(path="/hidden", rules=rule(("rt/x",)), default="DENY")
+    document = listener.replace("  </permissions>", f"{hidden}  </permissions>")
+    root = signed_keystore(tmp_path / "keys", {"/listener": document.encode()})
+    if linked:
+        (root / "enclaves/hidden").symlink_to(tmp_path)
+    every = properties(root, SETTINGS.replace("/talker", enclaves), *PROFILE)
+    assert every["only-talker"]["status"] == status
+    assert every["single-writer-x"]["status"] == ("unknown" if linked else "violated")
