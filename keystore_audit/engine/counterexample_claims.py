@@ -251,13 +251,15 @@ def _shows_it(case: Case, claim: ClaimAtom, hop: Hop) -> bool:
 
 
 def _shared_domain(case: Case, when: str) -> Counterexample:
-    asked = case.witness[Role.DOMAIN]
+    asked, views = case.witness[Role.DOMAIN], realm_views(case.system)
     domain = case.system.domains[asked].label
     rule = causes.domain_rule(case.system, case.realm, asked)
     step = step_at(None if rule is None else rule.location, channel=domain, witness=domain, enclave=None)
     both = [case.witness[role] for role in (Role.ENCLAVE, Role.OTHER)]
-    anybody = case.view.protection.unauthenticated >> asked & 1
-    joining = [number for number in both if anybody or case.view.joined(number) >> asked & 1]
+    joining, here = (
+        [n for n in both if any((view.joined(n) | view.protection.unauthenticated) >> asked & 1 for view in peers)]
+        for peers in (views, [views[case.realm]])
+    )
     names = [case.system.enclaves[number].label for number in sorted(both, key=lambda each: each not in joining)]
     if len(joining) == 1:
         text = (
@@ -265,8 +267,10 @@ def _shared_domain(case: Case, when: str) -> Counterexample:
             f"its permissions{when}: it refuses nobody who may be there, and who attacks takes it."
         )
     else:
-        without = ", where anybody is let in without an identity" if anybody else ""
-        text = f"{names[0]} and {names[1]} can both join {domain}{when}{without}."
+        how = "" if len(here) > 1 else ", each let in by other peers"
+        if views[case.realm].protection.unauthenticated >> asked & 1:
+            how = ", where anybody is let in without an identity"
+        text = f"{names[0]} and {names[1]} can both join {domain}{when}{how}."
     return Counterexample(text=text, steps=(step,))
 
 

@@ -19,7 +19,7 @@ from keystore_audit.model.system import Reading, System
 from keystore_audit.properties import BY_ID, PROPERTIES
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Role, Status
-from tests.engine.alloy.flow_builders import THIRD, at, claim, shut_out
+from tests.engine.alloy.flow_builders import THIRD, at, chain, claim, shut_out
 from tests.engine.systems import (
     CHATTER,
     GOVERNANCE,
@@ -240,6 +240,18 @@ def test_who_joins_and_who_starts_there_by_itself_is_told(starts: set[tuple[int,
     answer = NativeEngine([system]).answers[0][asked.id]
     told = describe_claim(system, asked, answer).text
     assert told.startswith("/talker can join domains 0 to 0, where /third starts too")
+
+
+def test_two_whom_different_peers_let_into_one_domain() -> None:
+    """Neither starts there by what its own implementation alone makes of its permissions."""
+    b = chain()
+    b.realm([b.certificate(authority=True)], [PERMISSIONS_CA], GOVERNANCE)
+    b.certificates[-2] = replace(b.certificates[-2], issuers=frozenset({len(b.certificates) - 1}))
+    b.enclaves[THIRD] = replace(b.enclaves[THIRD], realm=1)
+    asked = claim(at(TALKER), at(THIRD), kind=ClaimKind.SEPARATE_DOMAINS)
+    system = replace(b.system(), claims=(asked,))
+    told = describe_claim(system, asked, NativeEngine([system]).answers[0][asked.id])
+    assert told.text == "/talker and /third can both join domains 0 to 0, each let in by other peers."
 
 
 def test_every_hop_is_explained() -> None:
