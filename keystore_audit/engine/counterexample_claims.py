@@ -11,6 +11,7 @@ from keystore_audit.engine.causes import Operation
 from keystore_audit.engine.counterexample_case import Case, step_at
 from keystore_audit.engine.counterexample_rights import Way, as_anybody, way
 from keystore_audit.engine.native_claims import claims_at
+from keystore_audit.model.at_large import MAX_SUBJECT
 from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind
 from keystore_audit.model.claim import Place as ClaimPlace
@@ -18,14 +19,11 @@ from keystore_audit.model.elsewhere import UNREAD, same_elsewhere
 from keystore_audit.model.flow import Flows
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.permission import Decisions, Permissions, bits, union
-from keystore_audit.model.system import System
+from keystore_audit.model.system import DocumentAtom, System
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.property import Answer, Hop, Role
 from keystore_audit.properties.result import ANYBODY
 from keystore_audit.text import shorten
-
-MAX_SUBJECT: Final = 160
-"""Characters of a subject."""
 
 _UNDER: Final = {
     Attacker.HONEST: "even if nobody attacks",
@@ -79,13 +77,12 @@ def _reading(case: Case, attacker: Attacker, when: str) -> Counterexample:
 
 def _stranger_reading(case: Case, identity: int, when: str) -> Counterexample:
     """Why somebody who has a certificate that no enclave has, or one that was left out, reads a topic."""
-    system, view = case.system, case.view
-    named = Permissions(system).chosen(identity, view.accepted)
-    unread = None if named else next((each.location for each in system.documents if each.opaque), None)
+    system = case.system
+    unread = None if Permissions(system).chosen(identity, case.view.accepted) else causes.opaque_document(system)
     if unread is None:
         who, place = _who_has(case, identity), system.certificates[identity].location
     else:
-        who, place = f"Whoever {unread.path}, which could not be read, lets in", unread
+        who, place = _let_in_by(unread), unread.location
     text = f"{who} can read {case.topic} without a right to: {case.kinds()}{when}."
     return Counterexample(text=text, steps=(case.step(place), *case.governance_steps()))
 
@@ -117,20 +114,20 @@ def _publisher(case: Case, when: str) -> Counterexample:
             text=f"{case.enclave.label} may publish {case.topic} too{when}.",
             steps=case.right_steps(case.witness[Role.ENCLAVE], "publish") or case.governance_steps(),
         )
-    if Role.CERTIFICATE not in case.witness and not case.view.joining_anybody >> case.witness[Role.CHANNEL] & 1:
+    if Role.CERTIFICATE in case.witness:
+        return _stranger(case, case.witness[Role.CERTIFICATE], when)
+    if case.view.joining_anybody >> case.witness[Role.CHANNEL] & 1:
+        text = (
+            f"Anybody on the network may join without an identity and publish {case.topic}, since "
+            f"allow_unauthenticated_participants is true: {case.kinds()}{when}."
+        )
+    else:
         grant = " and some grant of the permissions CA" if case.system.requires_grant else ""
-        return Counterexample(
-            text=f"Whoever has an identity of the CA{grant} may publish {case.topic}, robots elsewhere too, since "
-            f"enable_join_access_control and enable_write_access_control are false{when}.",
-            steps=case.governance_steps(),
+        text = (
+            f"Whoever has an identity of the CA{grant} may publish {case.topic}, robots elsewhere too, since "
+            f"enable_join_access_control and enable_write_access_control are false{when}."
         )
-    if Role.CERTIFICATE not in case.witness:
-        return Counterexample(
-            text=f"Anybody on the network may join without an identity and publish {case.topic}, since "
-            f"allow_unauthenticated_participants is true: {case.kinds()}{when}.",
-            steps=case.governance_steps(),
-        )
-    return _stranger(case, case.witness[Role.CERTIFICATE], when)
+    return Counterexample(text=text, steps=case.governance_steps())
 
 
 def _stranger(case: Case, identity: int, when: str) -> Counterexample:
@@ -139,24 +136,34 @@ def _stranger(case: Case, identity: int, when: str) -> Counterexample:
     found = causes.rights_by(system, identity, "publish", case.witness[Role.CHANNEL])
     accepted = [system.documents[number] for number in case.view.accepted]
     taken = [each for each in found if any(each.document is document for document in accepted)]
-    unread = None if taken else next((each.location for each in system.documents if each.opaque), None)
+    unread = None if taken else causes.opaque_document(system)
     if unread is not None:
-        text = f"Whoever {unread.path}, which could not be read, lets in may publish {case.topic}{when}."
-        return Counterexample(text=text, steps=(case.step(unread), *case.governance_steps()))
+        text = f"{_let_in_by(unread)} may publish {case.topic}{when}."
+        return Counterexample(text=text, steps=(case.step(unread.location), *case.governance_steps()))
     place = taken[0].location if taken else system.certificates[identity].location
     steps = (case.step(place), *(() if taken else case.governance_steps()))
-    if any(each.identity == identity for each in system.left_out):
-        return Counterexample(text=f"{_who_has(case, identity)} may publish {case.topic} too{when}.", steps=steps)
+    left_out = _left_out(system, identity)
+    if left_out is not None:
+        return Counterexample(text=f"{left_out} may publish {case.topic} too{when}.", steps=steps)
     where = place.path if place.line is None else f"{place.path}:{place.line}"
     why = f"peers take the grant in {where} from whoever has that subject" if taken else "nobody asks for such a grant"
     text = f"{_who_has(case, identity)} may publish {case.topic}{when}: {why}."
     return Counterexample(text=text, steps=steps)
 
 
+def _let_in_by(unread: DocumentAtom) -> str:
+    return f"Whoever {unread.location.path}, which could not be read, lets in"
+
+
+def _left_out(system: System, certificate: int) -> str | None:
+    """The enclave that has a certificate and was left out."""
+    return next((each.label for each in system.left_out if each.identity == certificate), None)
+
+
 def _who_has(case: Case, certificate: int) -> str:
     """Who has a certificate that no enclave has, or one that was left out, as the beginning of a sentence."""
     system, view = case.system, case.view
-    left_out = next((each.label for each in system.left_out if each.identity == certificate), None)
+    left_out = _left_out(system, certificate)
     if left_out is not None:
         return left_out
     who = f"Whoever is {shorten(system.certificates[certificate].label, MAX_SUBJECT)}"
@@ -274,12 +281,6 @@ def _shared_domain(case: Case, when: str) -> Counterexample:
     return Counterexample(text=text, steps=(step,))
 
 
-def _named(system: System, certificate: int) -> str:
-    """Who has a certificate that no enclave has, or one that was left out."""
-    left_out = (each.label for each in system.left_out if each.identity == certificate)
-    return next(left_out, f"whoever is {shorten(system.certificates[certificate].label, MAX_SUBJECT)}")
-
-
 def forgers(system: System, claim: ClaimAtom) -> tuple[str, ...]:
     """Who is not among the permitted publishers and could pass for one with the keys that they hold; ANYBODY last."""
     asked = bits(claim.target.channels)
@@ -296,8 +297,9 @@ def forgers(system: System, claim: ClaimAtom) -> tuple[str, ...]:
                 names[system.enclaves[number].label] = None
         for certificate, able in view.elsewhere.items():
             if able.forges & asked and certificate not in claim.source.certificates:
-                named = bool(permissions.chosen(certificate, view.accepted))  # else by what could not be read alone
-                names[_named(system, certificate) if named else f"whoever is {UNREAD}"] = None
+                named = permissions.chosen(certificate, view.accepted)  # else by what could not be read alone
+                who = shorten(system.certificates[certificate].label, MAX_SUBJECT) if named else UNREAD
+                names[_left_out(system, certificate) or f"whoever is {who}"] = None
     if any(view.injectable & asked for view in views):
         names[ANYBODY] = None
     return tuple(names)
