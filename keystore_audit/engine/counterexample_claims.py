@@ -39,7 +39,10 @@ def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Countere
         refused = any(enclave.refused_writes or enclave.refused_reads for enclave in system.enclaves)
         but = ", some of which their own implementations refuse them (`can` says why)" if refused else ""
         if len({realm.told for realm in system.realms} - {None}) > 1:
-            but += "; enclaves refuse each other whose permissions CA files begin with certificates of different names"
+            but += (
+                "; enclaves refuse each other whose permissions CA files begin with certificates of different names, "
+                "or of which one is signed with RSA"
+            )
         text = f"Nothing gets {_cut_off(system, claim, answer)} with the rights that enclaves have{but}{when}."
         return Counterexample(text=text, steps=())
     if answer.path:

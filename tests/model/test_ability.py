@@ -7,6 +7,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 import pytest
+from cryptography.hazmat.primitives.asymmetric import rsa
 
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.findings import Location
@@ -37,6 +38,7 @@ from tests.model.comparing import (
 
 ONE, OTHER = authority("one"), authority("other")
 NAMESAKE = certificate("one", ca=True, key=key("namesake"), serial=8)
+WITH_RSA = certificate("one", ca=True, key=rsa.generate_private_key(65537, 2048), serial=9)
 
 ENDS = datetime(2027, 3, 1, tzinfo=timezone.utc)
 BEFORE, AFTER = (datetime(year, 2, 1, tzinfo=timezone.utc) for year in (2027, 2028))
@@ -216,6 +218,8 @@ def test_one_that_starts_there_before_the_date(tmp_path: Path) -> None:
         ("fastdds", (OTHER, ONE), False),
         ("fastdds-2.6", (OTHER, ONE), False),
         ("fastdds", (NAMESAKE, ONE, OTHER), True),  # names are compared, not keys
+        ("fastdds", (WITH_RSA, ONE, OTHER), False),  # and kinds of signature
+        ("spec", (WITH_RSA, ONE, OTHER), True),
         ("spec", (OTHER, ONE), True),
     ],
 )
