@@ -6,21 +6,17 @@ the explanation is poorer, the verdict the same.
 
 from __future__ import annotations
 
-from typing import Literal
-
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
+from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.system import (
     CertificateAtom,
     DocumentAtom,
     DomainRuleAtom,
     GrantAtom,
-    RuleAtom,
     System,
     TopicRuleAtom,
 )
-
-Operation = Literal["publish", "subscribe", "relay"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,17 +88,13 @@ def rights_by(system: System, identity: int, operation: Operation, channel: int)
 def lone_right(system: System, enclave: int, operation: Operation, channel: int) -> Location | None:
     """Return the line by which an enclave's own implementation lets it do what honest peers may refuse."""
     atom = system.enclaves[enclave]
-    alone = {"publish": atom.writes_alone, "subscribe": atom.reads_alone}.get(operation, frozenset())
+    alone = {Operation.PUBLISH: atom.writes_alone, Operation.SUBSCRIBE: atom.reads_alone}.get(operation, frozenset())
     if channel not in alone:
         return None
     meeting = (number for number, others in enumerate(system.meets) if channel in others)
     for each in (channel, *meeting):
         for rule in system.rules:
-            if (
-                rule.allow
-                and each in _criteria(rule, operation)
-                and system.grants[rule.grant].document == atom.permissions
-            ):
+            if rule.allow and each in rule.named(operation) and system.grants[rule.grant].document == atom.permissions:
                 return rule.location
     return atom.location if atom.permissions is None else system.documents[atom.permissions].location
 
@@ -149,10 +141,6 @@ def _chosen(system: System, certificate: int) -> dict[int, int | None]:
 def _allowing(system: System, grant: int, operation: Operation, channel: int) -> Location | None:
     domain = system.channels[channel].domain
     for rule in system.rules:
-        if rule.grant == grant and domain in rule.domains and channel in _criteria(rule, operation):
+        if rule.grant == grant and domain in rule.domains and channel in rule.named(operation):
             return rule.location if rule.allow else None
     return system.grants[grant].location if system.grants[grant].default_allow else None
-
-
-def _criteria(rule: RuleAtom, operation: Operation) -> frozenset[int]:
-    return {"publish": rule.publish, "subscribe": rule.subscribe, "relay": rule.relay}[operation]

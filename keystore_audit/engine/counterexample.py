@@ -9,10 +9,10 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from keystore_audit.engine import counterexample_identities as identities
-from keystore_audit.engine.causes import Operation
 from keystore_audit.engine.counterexample_case import Case
 from keystore_audit.engine.counterexample_rights import beyond_grants
 from keystore_audit.findings import Location
+from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.flow import Flows
 from keystore_audit.model.system import System
@@ -29,7 +29,7 @@ def describe(system: System, prop: Property, witness: Witness) -> Counterexample
 def _outsider_reads(case: Case) -> Counterexample:
     return Counterexample(
         text=f"Anybody on the network can read {case.topic}: {case.kinds()}.",
-        steps=case.governance_steps() + case.user_steps("publish"),
+        steps=case.governance_steps() + case.user_steps(Operation.PUBLISH),
     )
 
 
@@ -46,14 +46,14 @@ def _unprotected(case: Case, what: str, otherwise: str) -> str:
 def _outsider_learns(case: Case) -> Counterexample:
     return Counterexample(
         text=f"Anybody on the network learns of {case.topic}: {_unprotected(case, 'discovery', 'encrypted')}.",
-        steps=case.governance_steps() + case.user_steps("publish", "subscribe"),
+        steps=case.governance_steps() + case.user_steps(Operation.PUBLISH, Operation.SUBSCRIBE),
     )
 
 
 def _outsider_injects(case: Case) -> Counterexample:
     return Counterexample(
         text=f"Anybody on the network can send samples on {case.topic}: {case.kinds()}{case.open_door()}.",
-        steps=case.governance_steps() + case.user_steps("subscribe"),
+        steps=case.governance_steps() + case.user_steps(Operation.SUBSCRIBE),
     )
 
 
@@ -61,7 +61,7 @@ def _outsider_replays(case: Case) -> Counterexample:
     return Counterexample(
         text=f"Anybody on the network can send recorded samples of {case.topic} again, and forge the messages that "
         f"say what was sent: {case.kinds()}{case.open_door()}.",
-        steps=case.governance_steps() + case.user_steps("subscribe"),
+        steps=case.governance_steps() + case.user_steps(Operation.SUBSCRIBE),
     )
 
 
@@ -69,7 +69,7 @@ def _outsider_asserts(case: Case) -> Counterexample:
     why = _unprotected(case, "liveliness", "authenticated")
     return Counterexample(
         text=f"Anybody on the network can say that a writer of {case.topic} is alive: {why}{case.open_door()}.",
-        steps=case.governance_steps() + case.user_steps("subscribe"),
+        steps=case.governance_steps() + case.user_steps(Operation.SUBSCRIBE),
     )
 
 
@@ -77,7 +77,7 @@ def _unenforced(case: Case) -> Counterexample:
     flag, step = _switched_off(case)
     return Counterexample(
         text=f"The grants on {case.topic} are not asked for: {flag}.",
-        steps=(*step, *case.granted_steps("publish", "subscribe")),
+        steps=(*step, *case.granted_steps(Operation.PUBLISH, Operation.SUBSCRIBE)),
     )
 
 
@@ -86,17 +86,18 @@ def _switched_off(case: Case) -> tuple[str, tuple[Step, ...]]:
     topic_rule, domain_rule = case.topic_rule, case.domain_rule
     if case.is_open or topic_rule is None or domain_rule is None:
         return case.kinds(), case.governance_steps()
+    writes, reads = Operation.PUBLISH, Operation.SUBSCRIBE
     controls: tuple[tuple[str, bool, Location, tuple[Operation, ...]], ...] = (
-        ("write", topic_rule.enable_write_access_control, topic_rule.location, ("publish",)),
-        ("read", topic_rule.enable_read_access_control, topic_rule.location, ("subscribe",)),
-        ("join", domain_rule.enable_join_access_control, domain_rule.location, ("publish", "subscribe")),
+        ("write", topic_rule.enable_write_access_control, topic_rule.location, (writes,)),
+        ("read", topic_rule.enable_read_access_control, topic_rule.location, (reads,)),
+        ("join", domain_rule.enable_join_access_control, domain_rule.location, (writes, reads)),
     )
     kind, _is_on, place, _operations = min(controls, key=lambda each: (each[1], not case.granted_steps(*each[3])))
     return f"enable_{kind}_access_control is false", (case.step(place),)
 
 
 def _insider_writes(case: Case) -> Counterexample:
-    way = beyond_grants(case, "publish")
+    way = beyond_grants(case, Operation.PUBLISH)
     return Counterexample(
         text=f"{case.enclave.label} can get its samples taken on {case.topic} without a grant of the permissions CA: "
         f"{way.why}.",
@@ -105,7 +106,7 @@ def _insider_writes(case: Case) -> Counterexample:
 
 
 def _insider_reads(case: Case) -> Counterexample:
-    way = beyond_grants(case, "subscribe")
+    way = beyond_grants(case, Operation.SUBSCRIBE)
     return Counterexample(
         text=f"{case.enclave.label} can read {case.topic} without a grant of the permissions CA: {way.why}.",
         steps=way.steps,
@@ -113,7 +114,7 @@ def _insider_reads(case: Case) -> Counterexample:
 
 
 def _reader_forges(case: Case) -> Counterexample:
-    right = case.right_steps(case.witness[Role.ENCLAVE], "subscribe")
+    right = case.right_steps(case.witness[Role.ENCLAVE], Operation.SUBSCRIBE)
     only = "may only subscribe to" if right else "may have a right, which could not be read, only to subscribe to"
     return Counterexample(
         text=f"{case.enclave.label}, which {only} {case.topic}, can pass for a publisher of it: readers "
@@ -126,7 +127,7 @@ def _relay_reads(case: Case) -> Counterexample:
     return Counterexample(
         text=f"{case.enclave.label}, which may only relay {case.topic}, can read it: relays hold the keys of "
         f"submessages, and the payload is not encrypted by itself ({case.kinds()}).",
-        steps=case.right_steps(case.witness[Role.ENCLAVE], "relay") + case.governance_steps(),
+        steps=case.right_steps(case.witness[Role.ENCLAVE], Operation.RELAY) + case.governance_steps(),
     )
 
 
@@ -140,7 +141,7 @@ def _bridge(case: Case) -> Counterexample:
     return Counterexample(
         text=f"{case.enclave.label} can read {case.topic} and write {there.topic}{guise}: what is said in the one can "
         "get into the other.",
-        steps=(*_way(case, enclave, "subscribe"), *_way(there, writer, "publish")),
+        steps=(*_way(case, enclave, Operation.SUBSCRIBE), *_way(there, writer, Operation.PUBLISH)),
     )
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.engine import causes
-from keystore_audit.engine.causes import Operation
 from keystore_audit.findings import Location
+from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.permission import Permissions

@@ -7,10 +7,10 @@ from typing import Final
 
 from keystore_audit.dataclass import replace
 from keystore_audit.engine import causes
-from keystore_audit.engine.causes import Operation
 from keystore_audit.engine.counterexample_case import Case, step_at
 from keystore_audit.engine.counterexample_rights import Way, as_anybody, way
 from keystore_audit.engine.native_claims import claims_at
+from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.at_large import MAX_SUBJECT
 from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind
@@ -73,7 +73,7 @@ def _reading(case: Case, attacker: Attacker, when: str) -> Counterexample:
     packets = view.abilities(enclave).overhears | view.readable
     found = Way(why=case.kinds(), steps=case.governance_steps())
     if not packets >> case.witness[Role.CHANNEL] & 1:
-        found = way(case, enclave, "subscribe", alone=False)
+        found = way(case, enclave, Operation.SUBSCRIBE, alone=False)
     text = f"{case.enclave.label}, which may not, can read {case.topic}: {found.why}{when}."
     return Counterexample(text=text, steps=found.steps)
 
@@ -115,7 +115,7 @@ def _publisher(case: Case, when: str) -> Counterexample:
     if Role.ENCLAVE in case.witness:
         return Counterexample(
             text=f"{case.enclave.label} may publish {case.topic} too{when}.",
-            steps=case.right_steps(case.witness[Role.ENCLAVE], "publish") or case.governance_steps(),
+            steps=case.right_steps(case.witness[Role.ENCLAVE], Operation.PUBLISH) or case.governance_steps(),
         )
     if Role.CERTIFICATE in case.witness:
         return _stranger(case, case.witness[Role.CERTIFICATE], when)
@@ -136,7 +136,7 @@ def _publisher(case: Case, when: str) -> Counterexample:
 def _stranger(case: Case, identity: int, when: str) -> Counterexample:
     """By what somebody may publish who has a certificate that no enclave has, or one that was left out."""
     system = case.system
-    found = causes.rights_by(system, identity, "publish", case.witness[Role.CHANNEL])
+    found = causes.rights_by(system, identity, Operation.PUBLISH, case.witness[Role.CHANNEL])
     accepted = [system.documents[number] for number in case.view.accepted]
     taken = [each for each in found if any(each.document is document for document in accepted)]
     unread = None if taken else causes.opaque_document(system)
@@ -234,13 +234,13 @@ def hop_ways(system: System, claim: ClaimAtom, hop: Hop) -> tuple[Way, ...]:
     """
     case = _case(system, hop)
     ends: tuple[tuple[int | None, Operation, ClaimPlace], ...] = (
-        (hop.sender, "publish", claim.source),
-        (hop.receiver, "subscribe", claim.target),
+        (hop.sender, Operation.PUBLISH, claim.source),
+        (hop.receiver, Operation.SUBSCRIBE, claim.target),
     )
     ways = []
     for enclave, operation, place in ends:
         if enclave is not None:
-            found = way(case, enclave, operation, alone=operation == "subscribe" or _shows_it(case, claim, hop))
+            found = way(case, enclave, operation, alone=operation == Operation.SUBSCRIBE or _shows_it(case, claim, hop))
             who = system.enclaves[enclave].label
             ways.append(replace(found, why=f"{who}: {found.why}" if found.why else ""))
         elif not place.channels:

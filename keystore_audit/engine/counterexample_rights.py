@@ -7,9 +7,9 @@ from typing import Final
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.engine import causes
 from keystore_audit.engine import counterexample_identities as identities
-from keystore_audit.engine.causes import Operation
 from keystore_audit.engine.counterexample_case import Case
 from keystore_audit.findings import Location
+from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.attacker import realm_views
 from keystore_audit.properties.counterexample import Step
 from keystore_audit.properties.property import Role
@@ -28,10 +28,10 @@ _BY_PATTERN: Final = "it may be in a partition that is a pattern, which meets th
 
 
 _BY_ITSELF: Final[dict[Operation, str]] = {
-    "subscribe": "its own implementation lets it read there; honest peers would not, but who attacks gives its keys to "
-    "anybody",
-    "publish": "its own implementation lets it write there; honest peers would not take it, but who attacks takes "
-    "samples from anybody",
+    Operation.SUBSCRIBE: "its own implementation lets it read there; honest peers would not, but who attacks "
+    "gives its keys to anybody",
+    Operation.PUBLISH: "its own implementation lets it write there; honest peers would not take it, but who "
+    "attacks takes samples from anybody",
 }
 """How an endpoint is used that honest peers refuse."""
 
@@ -63,14 +63,14 @@ def as_anybody(case: Case, operation: Operation, enclave: int | None) -> Way | N
     views = realm_views(case.system)
     for realm in sorted(range(len(views)), key=lambda each: each != case.realm):
         view = views[realm]
-        if (view.injectable if operation == "publish" else view.readable) >> channel & 1:
+        if (view.injectable if operation == Operation.PUBLISH else view.readable) >> channel & 1:
             there = replace(case, witness={**case.witness, Role.REALM: realm})
-            verb, besides = ("send", there.open_door()) if operation == "publish" else ("read", "")
+            verb, besides = ("send", there.open_door()) if operation == Operation.PUBLISH else ("read", "")
             why = f"anybody on the network can {verb} it: {there.kinds()}{besides}"
             return Way(why=why, steps=there.governance_steps())
         if realm == case.realm and enclave is not None:
             able = view.abilities(enclave)
-            if (able.forges if operation == "publish" else able.overhears) >> channel & 1:
+            if (able.forges if operation == Operation.PUBLISH else able.overhears) >> channel & 1:
                 return None
     return None
 
@@ -112,9 +112,9 @@ def _uncontrolled(case: Case, enclave: int, operation: Operation) -> Way | None:
     rule = case.topic_rule
     if rule is None or case.is_open:
         return None
-    if operation == "publish" and not rule.enable_write_access_control:
+    if operation == Operation.PUBLISH and not rule.enable_write_access_control:
         return Way(why="enable_write_access_control is false", steps=_steps(case, enclave, rule.location))
-    if operation == "subscribe" and not rule.enable_read_access_control:
+    if operation == Operation.SUBSCRIBE and not rule.enable_read_access_control:
         return Way(why="enable_read_access_control is false", steps=_steps(case, enclave, rule.location))
     return None
 

@@ -14,6 +14,7 @@ from keystore_audit.engine.counterexample_claims import describe_claim, hop_ways
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import ProtectionKind
+from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.claim import Attacker, ClaimKind
 from keystore_audit.model.system import Reading, System
 from keystore_audit.properties import BY_ID, PROPERTIES
@@ -180,7 +181,7 @@ def test_a_grant_behind_one_out_of_date_is_shown_where_that_one_is_passed_over(s
     b.grants[0] = replace(b.grants[0], not_after=1)
     behind = b.grant(TALKER_PERMISSIONS, [TALKER_IDENTITY])
     b.rule(behind, [0], publish=[CHATTER])
-    found = causes.rights(b.system(), TALKER, "publish", CHATTER)
+    found = causes.rights(b.system(), TALKER, Operation.PUBLISH, CHATTER)
     assert [right.location for right in found] == [b.rules[-1].location] * skips
 
 

@@ -120,10 +120,10 @@ def test_a_right_by_a_pattern_is_told_with_its_line() -> None:
     b.topic_rule(0, [pattern])
     b.rules[1] = replace(b.rules[1], subscribe=frozenset({pattern}))
     system = replace(b.system(), meets=(frozenset(), frozenset(), frozenset({CHATTER})))
-    (right,) = causes.rights(system, LISTENER, "subscribe", CHATTER)
+    (right,) = causes.rights(system, LISTENER, Operation.SUBSCRIBE, CHATTER)
     assert (right.location, right.by_pattern) == (b.rules[1].location, True)
-    assert causes.rights(replace(system, meets=()), LISTENER, "subscribe", CHATTER) == ()
-    assert [right.by_pattern for right in causes.rights(system, TALKER, "publish", CHATTER)] == [False]
+    assert causes.rights(replace(system, meets=()), LISTENER, Operation.SUBSCRIBE, CHATTER) == ()
+    assert [right.by_pattern for right in causes.rights(system, TALKER, Operation.PUBLISH, CHATTER)] == [False]
 
 
 PARTITIONS = ["a", "b", "*", "?", "a*", "?b", "[!a]", "a?", "*b*", ""]
