@@ -85,6 +85,11 @@ class PermissionsFile:
     defects: tuple[Defect, ...]
     """Of the XML; those of the envelope are in `signed`."""
 
+    @property
+    def grants(self) -> tuple[Grant, ...]:
+        """Those of the content, none where it has no single meaning."""
+        return self.permissions.grants if self.permissions is not None else ()
+
 
 def read_permissions(file: File, candidates: Sequence[Certificate]) -> PermissionsFile:
     """Read a permissions document and find who signed it (`smime.read_signed`).

@@ -327,7 +327,7 @@ def _expressions(file: Typed) -> Iterator[Text]:
         for domain_rule in file.governance.domain_rules if file.governance else ():
             yield from (topic.expression for topic in domain_rule.topic_rules)
         return
-    for grant in file.permissions.grants if file.permissions else ():
+    for grant in file.grants:
         for rule in grant.rules:
             for criterion in rule.criteria:
                 yield from criterion.topics

@@ -316,8 +316,7 @@ def _has_more_texts(keystore: Keystore, most: int) -> bool:
     """Whether the keystore's permissions have more than `most` distinct expressions."""
     found: set[str] = set()
     for document in documents_of(keystore):
-        permissions = document.file.permissions if isinstance(document.file, PermissionsFile) else None
-        for grant in permissions.grants if permissions is not None else ():
+        for grant in document.file.grants if isinstance(document.file, PermissionsFile) else ():
             for rule in grant.rules:
                 found.update(text.text for criterion in rule.criteria for text in criterion.topics)
             if len(found) > most:

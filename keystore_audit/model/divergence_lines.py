@@ -165,16 +165,14 @@ class Lines:
         """By line: whether the permission rule there is an allow rule."""
         if place not in self._allows:
             file = self._files.get(place)
-            permissions = file.permissions if isinstance(file, PermissionsFile) else None
-            grants = permissions.grants if permissions is not None else ()
+            grants = file.grants if isinstance(file, PermissionsFile) else ()
             self._allows[place] = {rule.line: rule.allow for grant in grants for rule in grant.rules}
         return self._allows[place]
 
     def _refused(self, file: GovernanceFile | PermissionsFile, before: Profile, after: Profile) -> Location:
         """What makes one of the two refuse the document: a date, else the document."""
         place = file.signed.file.place
-        permissions = file.permissions if isinstance(file, PermissionsFile) else None
-        for grant in permissions.grants if permissions is not None else ():
+        for grant in file.grants if isinstance(file, PermissionsFile) else ():
             for date in (grant.not_before, grant.not_after):
                 readings = [read_date(date.text, profile.access.dates, None) for profile in (before, after)]
                 if (readings[0] is None) != (readings[1] is None):

@@ -19,7 +19,7 @@ from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
-from keystore_audit.keystore.permissions import Grant, PermissionsFile
+from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews, ReadDocument
 from keystore_audit.model.doubt import identity_doubt
 from keystore_audit.model.drift_rights import Comparison, DriftedRights, Taken
@@ -229,7 +229,7 @@ class _Naming:
         self._certificates = list({each.sha256: each for each in identities}.values())
         self._holding: dict[str, list[PermissionsFile]] = {}
         for file in self._files:
-            for subject in dict.fromkeys(grant.subject_name.text for grant in _grants(file)):
+            for subject in dict.fromkeys(grant.subject_name.text for grant in file.grants):
                 self._holding.setdefault(subject, []).append(file)
         self._subjects: dict[SubjectComparison, dict[str, frozenset[str]]] = {}
 
@@ -253,7 +253,3 @@ class _Naming:
                 continue
             if may_be_taken(file.signed, self._authorities):
                 yield file
-
-
-def _grants(file: PermissionsFile) -> tuple[Grant, ...]:
-    return file.permissions.grants if file.permissions is not None else ()

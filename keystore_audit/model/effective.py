@@ -47,6 +47,6 @@ class _Peers:
         key = (path, operation)
         if key not in self._known:
             number = self._numbers.get(path)
-            realms = self._realms if number is not None else ()
-            self._known[key] = union(realm.abilities(number or 0).by_right(operation) for realm in realms)
+            able = [realm.abilities(number) for realm in self._realms] if number is not None else []
+            self._known[key] = union(each.by_right(operation) for each in able)
         return self._known[key]

@@ -15,7 +15,7 @@ from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import EnclaveFiles, Role
-from keystore_audit.keystore.permissions import Grant, PermissionsFile
+from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.private_key import PrivateKey
 from keystore_audit.model.inventory import Document
 from keystore_audit.model.local_moments import Endpoints
@@ -82,17 +82,13 @@ def _named(
     files: Iterable[PermissionsFile], identities: Sequence[Certificate], profiles: Iterable[Profile]
 ) -> list[frozenset[int]]:
     """By document the identities that one of its grants names, to some implementation."""
-    texts = [frozenset(grant.subject_name.text for grant in _grants(file)) for file in files]
+    texts = [frozenset(grant.subject_name.text for grant in file.grants) for file in files]
     every = sorted(frozenset[str]().union(*texts))
     named: dict[str, frozenset[int]] = {}
     for comparison in dict.fromkeys(profile.trust.subjects for profile in profiles):
         for text, numbers in matching(every, identities, comparison).items():
             named[text] = named.get(text, frozenset()) | numbers
     return [frozenset[int]().union(*(named[text] for text in each)) for each in texts]
-
-
-def _grants(file: PermissionsFile) -> tuple[Grant, ...]:
-    return file.permissions.grants if file.permissions is not None else ()
 
 
 def _enclave(certificate: Certificate, permissions: PermissionsFile, host: Enclave) -> Enclave:

@@ -194,8 +194,7 @@ class _Comparison:
         says_names = bool(self._names) or any(not need.usual for need in self._needs)
         self._complete = complete and bool(self._nodes) and (says_names or not self._launched)
         file = enclave.permissions
-        grants = file.permissions.grants if file is not None and file.permissions is not None else ()
-        listed = [(name.topic, name.partition) for name in _listed(file, grants)] if file is not None else []
+        listed = [(name.topic, name.partition) for name in _listed(file, file.grants)] if file is not None else []
         needed = {channel for need in self._needs for channel in need.channels}
         possible = {channel for used in self._names for each in usages(used.name) for channel in each}
         points = [(topic, "") for _operation, topic in (*sorted(needed), *sorted(possible))]

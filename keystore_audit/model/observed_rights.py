@@ -239,10 +239,9 @@ def listed_usages(enclave: Enclave, name: str, deciders: Deciders) -> tuple[Acti
 
     Expressions with wildcards do not count: they say nothing of what a node does.
     """
-    permissions = enclave.permissions.permissions if enclave.permissions else None
     listed = {
         (criterion.operation, topic.text)
-        for grant in (permissions.grants if permissions else ())
+        for grant in (enclave.permissions.grants if enclave.permissions else ())
         for rule in grant.rules
         if rule.allow
         for criterion in rule.criteria

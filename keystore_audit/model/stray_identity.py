@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from datetime import datetime
+from itertools import islice
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
@@ -55,7 +56,7 @@ def admitted(
     certificates = [each.certificate for each in vouched]
     granted = _granted(keystore, certificates, profiles, at)
     subjects = {each.identity.subject: each.path for each in keystore.enclaves if each.identity is not None}
-    open_to_all = [*_without_grants(enclaves)][:1]
+    open_to_all = [*islice(_without_grants(enclaves), 1)]
     return tuple(
         Admitted(
             certificate=each.certificate,
@@ -88,7 +89,7 @@ def _granted(
         (grant, Location(path=file.signed.file.place, line=grant.line))
         for document in documents_of(keystore)
         if isinstance(file := document.file, PermissionsFile) and may_be_taken(file.signed, files)
-        for grant in (file.permissions.grants if file.permissions else ())
+        for grant in file.grants
         if not _ended(grant, at)
     ]
     texts = list(dict.fromkeys(grant.subject_name.text for grant, _place in grants))
