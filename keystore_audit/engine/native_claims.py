@@ -55,8 +55,9 @@ class Claims:
                         yield {Role.REALM: realm, Role.ENCLAVE: enclave, Role.CHANNEL: channel}, ()
         for realm, view in enumerate(self._realms):
             for certificate, able in view.elsewhere.items():
-                for channel in members(able.may_write & asked if certificate not in claim.source.certificates else 0):
-                    yield {Role.REALM: realm, Role.CERTIFICATE: certificate, Role.CHANNEL: channel}, ()
+                if certificate not in claim.source.certificates:
+                    for channel in members(able.may_write & asked):
+                        yield {Role.REALM: realm, Role.CERTIFICATE: certificate, Role.CHANNEL: channel}, ()
             for channel in members((view.joining_anybody | view.joining_known) & asked):
                 yield {Role.REALM: realm, Role.CHANNEL: channel}, ()
 
@@ -107,7 +108,8 @@ class Claims:
     def cut_off(self, claim: ClaimAtom) -> Iterator[int]:
         """The pairs (by index) of a claim of ability between which nothing gets."""
         if not claim.pairs:
-            yield from (0 for _ in range(self._flows.shortest(search_of(claim)) is None))
+            if self._flows.shortest(search_of(claim)) is None:
+                yield 0
             return
         put = self._flows.putters(search_of(claim))
         reached: dict[Place, frozenset[int]] = {}  # one search from each place

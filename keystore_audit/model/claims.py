@@ -172,7 +172,7 @@ def with_claims(
     usabilities: Usabilities | None = None,
 ) -> tuple[System, ...]:
     """The systems with the claims as facts. `usability`: by directory and profile, as in `Meaning`, and `usabilities`
-    at later instants; `domain`: the one that the robots use, None: any. Only claims of ability need them.
+    at later instants; `domain`: the one that the robots use, None: any. For claims that rest on who starts.
 
     Raises errors.UsageError for a claim of something that is not in the keystore: it would hold for want of it.
     """

@@ -33,16 +33,13 @@ def permitted(system: System, globs: Collection[str], known: Collection[str], ch
 def _with_theirs(system: System, enclaves: frozenset[int], unread: Iterable[LeftOut]) -> Place:
     """The enclaves, whoever has their subjects elsewhere, and each certificate that may be one of `unread`."""
     identities = {each.identity for each in unread}
-    keys = {system.certificates[identity].key for identity in identities if identity is not None}
     anybody = None in identities
+    keys = {system.certificates[identity].key for identity in identities if identity is not None}
     at_large = {n for n, each in enumerate(system.enclaves) if each.at_large and (anybody or system.key_of(n) in keys)}
     here = {each.identity for each in system.enclaves}
-    certificates = range(len(system.certificates)) if anybody else identities - {None}
-    return Place(
-        enclaves=enclaves | at_large,
-        certificates=frozenset(each for each in certificates if each is not None and each not in here)
-        | frozenset(each for enclave in enclaves for each in same_elsewhere(system, enclave)),
-    )
+    possible = {n for n in range(len(system.certificates)) if anybody or n in identities} - here
+    theirs = {each for enclave in enclaves for each in same_elsewhere(system, enclave)}
+    return Place(enclaves=enclaves | at_large, certificates=frozenset(possible | theirs))
 
 
 def _some_writer(system: System, channels: frozenset[int]) -> frozenset[int]:

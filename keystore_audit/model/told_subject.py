@@ -61,7 +61,7 @@ def meaning(text: str) -> Meaning:
 
 
 def grants_naming(system: System, texts: Iterable[str]) -> Mapping[str, Sequence[frozenset[int]]]:
-    """For each subject_name among `texts`: the grants that name a certificate of that very subject.
+    """For each of `texts`, subject_names of grants: the grants that name a certificate of that very subject.
 
     As each profile of the system compares them: about certificates that are not here they may differ. What the text
     itself grants counts at all events, so that one that tells no subject is somebody's as well.
@@ -69,18 +69,14 @@ def grants_naming(system: System, texts: Iterable[str]) -> Mapping[str, Sequence
     by_text: dict[str, set[int]] = {}
     for number, grant in enumerate(system.grants):
         by_text.setdefault(grant.subject, set()).add(number)
-    wanted = dict.fromkeys(texts)
-    subjects = {text: subject for text in wanted if (subject := told(text)) is not None}
-    found: dict[str, dict[frozenset[int], None]] = {text: {} for text in wanted}
+    found: dict[str, dict[frozenset[int], None]] = {text: {} for text in texts}
+    subjects = {text: subject for text in found if (subject := told(text)) is not None}
     comparisons = dict.fromkeys(VARIANTS[name].trust.subjects for name in system.profiles if name in VARIANTS)
     for comparison in comparisons if subjects else ():
-        naming: dict[int, set[int]] = {}
+        naming = [set(by_text[text]) for text in subjects]
         for text, numbers in matching(tuple(by_text), tuple(subjects.values()), comparison).items():
             for number in numbers:
-                naming.setdefault(number, set()).update(by_text[text])
-        for number, text in enumerate(subjects):
-            found[text][frozenset(naming.get(number, set()) | by_text.get(text, set()))] = None
-    for text, sets in found.items():
-        if not sets:
-            sets[frozenset(by_text.get(text, ()))] = None
-    return {text: tuple(sets) for text, sets in found.items()}
+                naming[number] |= by_text[text]
+        for text, grants in zip(subjects, naming, strict=True):
+            found[text][frozenset(grants)] = None
+    return {text: tuple(sets) or (frozenset(by_text[text]),) for text, sets in found.items()}
