@@ -13,8 +13,9 @@ from functools import cached_property
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind
-from keystore_audit.model.permission import Permissions, members, union
+from keystore_audit.model.permission import Permissions, members
 from keystore_audit.model.system import System
+from tests.engine.strangers_by_hand import published_elsewhere, read_elsewhere
 
 OUTSIDER = -1
 """The participant without a key, beside the indices of enclaves."""
@@ -297,67 +298,6 @@ def found_by(hand: ByHand, claim: ClaimAtom, one: int, other: int) -> bool:
         else (domain in there and (one, domain) in claim.starts)
         for domain in range(len(hand.system.domains))
     )
-
-
-def published_elsewhere(
-    s: System, view: RealmView, permissions: Permissions, realm: int, permitted: frozenset[int]
-) -> set[int]:
-    """What is published in the realm by who is no enclave here, with a grant or where none is asked
-    for, and by anybody without an identity.
-
-    `permitted`: certificates that do not count.
-    """
-    here, unread = {enclave.identity for enclave in s.enclaves}, any(document.opaque for document in s.documents)
-    p, trust = view.protection, s.realms[realm]
-    found = set()
-    for channel in members(p.governed):
-        domain = s.channels[channel].domain
-        guards = p.metadata_authenticates | p.data_authenticates
-        if p.unauthenticated >> domain & 1 and not guards >> channel & 1:
-            found.add(channel)
-        issuing = view.open or any(s.certificates[number].authority for number in trust.identity_ca)
-        if issuing and not p.join_controlled >> domain & 1 and not p.write_controlled >> channel & 1:
-            found.add(channel)
-        for number, certificate in enumerate(s.certificates):
-            vouching = (s.certificates[issuer] for issuer in certificate.issuers & trust.identity_ca)
-            known = view.open or (number not in trust.revoked and any(issuer.authority for issuer in vouching))
-            grants = permissions.chosen(number, view.accepted)
-            if number in here | permitted or not known or not (grants or unread):
-                continue
-            admitting = permissions.admitting(number, view.accepted)
-            joins = unread or any(permissions.joins(grant) >> domain & 1 for grant in admitting)
-            allowed = (permissions.met(permissions.allowed(grant, Operation.PUBLISH)) for grant in grants)
-            writes = unread or any(each >> channel & 1 for each in allowed)
-            if (joins or not p.join_controlled >> domain & 1) and (writes or not p.write_controlled >> channel & 1):
-                found.add(channel)
-    return found
-
-
-def read_elsewhere(s: System, view: RealmView, permissions: Permissions, realm: int) -> set[int]:
-    """What in the realm is read without a right to by who is no enclave here, with a grant."""
-    here, unread = {enclave.identity for enclave in s.enclaves}, any(document.opaque for document in s.documents)
-    p, trust = view.protection, s.realms[realm]
-    found = set()
-    for number, certificate in enumerate(s.certificates):
-        vouching = (s.certificates[issuer] for issuer in certificate.issuers & trust.identity_ca)
-        known = view.open or (number not in trust.revoked and any(issuer.authority for issuer in vouching))
-        grants = permissions.chosen(number, view.accepted)
-        if number in here or not known or not (grants or unread):
-            continue
-        domains = union(permissions.joins(grant) for grant in permissions.admitting(number, view.accepted))
-        read, relayed = (
-            union(permissions.met(permissions.allowed(grant, operation)) for grant in grants)
-            for operation in (Operation.SUBSCRIBE, Operation.RELAY)
-        )
-        for channel in members(p.governed):
-            domain, bit = s.channels[channel].domain, 1 << channel
-            joins = unread or (domains | ~p.join_controlled) >> domain & 1
-            bare = not bit & p.data_encrypts and (unread or bit & (relayed | ~p.metadata_encrypts))
-            reader = not bit & p.read_controlled or (not unread and bit & read)
-            clear = not bit & (p.rtps_encrypts | p.metadata_encrypts | p.data_encrypts)
-            if (joins and bare and not reader) or (clear and (unread or not (joins and reader))):
-                found.add(channel)
-    return found
 
 
 def published_by_others(hand: ByHand, permitted: frozenset[int]) -> set[int]:

@@ -18,7 +18,7 @@ from keystore_audit.model.permission import Permissions, members
 from keystore_audit.model.system import Reading, System
 from keystore_audit.properties import Answer, Status
 from keystore_audit.properties.property import Hop
-from tests.engine.flows_by_hand import published_elsewhere, read_elsewhere
+from tests.engine.strangers_by_hand import published_elsewhere, read_elsewhere
 from tests.engine.systems import (
     CHATTER,
     IDENTITY_CA,

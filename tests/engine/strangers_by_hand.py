@@ -1,0 +1,72 @@
+"""What is published and read by who is no enclave here, from the definitions (docs/model.md, Claims)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.permission import Permissions, members, union
+from keystore_audit.model.system import System
+
+
+def unread(s: System) -> bool:
+    return any(document.opaque for document in s.documents)
+
+
+def let_in(
+    s: System, view: RealmView, permissions: Permissions, realm: int
+) -> Iterator[tuple[int, int, dict[Operation, int]]]:
+    """Whom the realm lets in who is no enclave here: certificate, domains that it joins, and rights, by its grants."""
+    here, trust = {enclave.identity for enclave in s.enclaves}, s.realms[realm]
+    for number, certificate in enumerate(s.certificates):
+        vouching = (s.certificates[issuer] for issuer in certificate.issuers & trust.identity_ca)
+        known = view.open or (number not in trust.revoked and any(issuer.authority for issuer in vouching))
+        grants = permissions.chosen(number, view.accepted)
+        if number in here or not known or not (grants or unread(s)):
+            continue
+        joined = union(permissions.joins(grant) for grant in permissions.admitting(number, view.accepted))
+        allowed = {each: [permissions.met(permissions.allowed(grant, each)) for grant in grants] for each in Operation}
+        yield number, joined | ~view.protection.join_controlled, {each: union(sets) for each, sets in allowed.items()}
+
+
+def published_elsewhere(
+    s: System, view: RealmView, permissions: Permissions, realm: int, permitted: frozenset[int]
+) -> set[int]:
+    """What is published in the realm by who is no enclave here, with a grant or where none is asked
+    for, and by anybody without an identity.
+
+    `permitted`: certificates that do not count.
+    """
+    p, trust = view.protection, s.realms[realm]
+    others = [each for each in let_in(s, view, permissions, realm) if each[0] not in permitted]
+    found = set()
+    for channel in members(p.governed):
+        domain = s.channels[channel].domain
+        guards = p.metadata_authenticates | p.data_authenticates
+        if p.unauthenticated >> domain & 1 and not guards >> channel & 1:
+            found.add(channel)
+        issuing = view.open or any(s.certificates[number].authority for number in trust.identity_ca)
+        if issuing and not p.join_controlled >> domain & 1 and not p.write_controlled >> channel & 1:
+            found.add(channel)
+        for _number, domains, rights in others:
+            writes = rights[Operation.PUBLISH] | ~p.write_controlled
+            if unread(s) or (domains >> domain & 1 and writes >> channel & 1):
+                found.add(channel)
+    return found
+
+
+def read_elsewhere(s: System, view: RealmView, permissions: Permissions, realm: int) -> set[int]:
+    """What in the realm is read without a right to by who is no enclave here, with a grant."""
+    p, doubt = view.protection, unread(s)
+    found = set()
+    for _number, domains, rights in let_in(s, view, permissions, realm):
+        for channel in members(p.governed):
+            domain, bit = s.channels[channel].domain, 1 << channel
+            joins = doubt or domains >> domain & 1
+            bare = not bit & p.data_encrypts and (doubt or bit & (rights[Operation.RELAY] | ~p.metadata_encrypts))
+            reader = not bit & p.read_controlled or (not doubt and bit & rights[Operation.SUBSCRIBE])
+            clear = not bit & (p.rtps_encrypts | p.metadata_encrypts | p.data_encrypts)
+            if (joins and bare and not reader) or (clear and (doubt or not (joins and reader))):
+                found.add(channel)
+    return found
