@@ -58,39 +58,41 @@ def at_large_atoms(
     candidates = tuple(candidates)
     if not candidates:  # nearly always
         return
-    told = _Told(realms, certificates, names)
-    known: set[object] = set()
-    for enclave in enclaves:
-        if enclave.identity is not None:
-            known.add(told.of(enclave.identity))
-    count = 0
+    admitted = (
+        (each, realm)
+        for each in _adding(candidates, enclaves, _Told(realms, certificates, names))
+        for realm, atom in enumerate(realms)
+        if _admits(atom, each.number, certificates)
+    )
+    for count, (each, realm) in enumerate(admitted):
+        if count >= MAX_AT_LARGE:
+            raise BudgetExceeded(
+                f"More than {MAX_AT_LARGE} identities that are no enclave's own are more than can be told apart, "
+                f"{each.certificate.path}:{each.certificate.line} among them."
+            )
+        ends = own.get((each.number, realm), ())
+        yield EnclaveAtom(
+            label=f"{shorten(each.certificate.subject, MAX_SUBJECT)} ({each.certificate.path}, no enclave)",
+            location=certificates[each.number].location,
+            realm=realm,
+            identity=None if each.doubted else each.number,
+            permissions=None,
+            opaque=each.doubted,
+            at_large=True,
+            possible=each.possible,
+            reads_alone=frozenset[int]().union(*(end.reads for end in ends)),
+            writes_alone=frozenset[int]().union(*(end.writes for end in ends)),
+        )
+
+
+def _adding(candidates: Iterable[Candidate], enclaves: Iterable[EnclaveAtom], told: _Told) -> Iterator[Candidate]:
+    """Those that are like no enclave's own and like none before."""
+    known = {told.of(enclave.identity) for enclave in enclaves if enclave.identity is not None}
     for each in candidates:
         about = told.of(each.number)
-        if about in known and not each.doubted:
-            continue
-        known.add(about)
-        for realm, atom in enumerate(realms):
-            if not _admits(atom, each.number, certificates):
-                continue
-            ends = own.get((each.number, realm), ())
-            count += 1
-            if count > MAX_AT_LARGE:
-                raise BudgetExceeded(
-                    f"More than {MAX_AT_LARGE} identities that are no enclave's own are more than can be told apart, "
-                    f"{each.certificate.path}:{each.certificate.line} among them."
-                )
-            yield EnclaveAtom(
-                label=f"{shorten(each.certificate.subject, MAX_SUBJECT)} ({each.certificate.path}, no enclave)",
-                location=certificates[each.number].location,
-                realm=realm,
-                identity=None if each.doubted else each.number,
-                permissions=None,
-                opaque=each.doubted,
-                at_large=True,
-                possible=each.possible,
-                reads_alone=frozenset[int]().union(*(end.reads for end in ends)),
-                writes_alone=frozenset[int]().union(*(end.writes for end in ends)),
-            )
+        if about not in known or each.doubted:
+            known.add(about)
+            yield each
 
 
 def unread_atoms(places: Sequence[str], realms: Sequence[RealmAtom]) -> Iterator[EnclaveAtom]:
