@@ -9,6 +9,7 @@ import pytest
 from cryptography.hazmat.primitives.serialization import (
     BestAvailableEncryption,
     Encoding,
+    NoEncryption,
     PrivateFormat,
     load_pem_private_key,
     pkcs7,
@@ -41,8 +42,6 @@ WITH_PASSWORD = BestAvailableEncryption(b"secret")
 
 
 def key_as(encoding: Encoding, form: PrivateFormat, *, locked: bool = False) -> bytes:
-    from cryptography.hazmat.primitives.serialization import NoEncryption
-
     return KEY.private_bytes(encoding, form, WITH_PASSWORD if locked else NoEncryption())
 
 
