@@ -52,27 +52,6 @@ class Decision:
     atoms: tuple[int, int]
 
 
-def decide(
-    system: System, *, java: Path, jar: Path, timeout: float, memory_mb: int = MEMORY_MB
-) -> Mapping[str, Answer]:
-    """Return the answer to every property and claim, by id; each violated one with a witness. See `examine`."""
-    return decide_many([system], java=java, jar=jar, timeout=timeout, memory_mb=memory_mb)[0]
-
-
-def decide_many(
-    systems: Sequence[System],
-    *,
-    java: Path,
-    jar: Path,
-    timeout: float,
-    memory_mb: int = MEMORY_MB,
-    expected: Expected | None = None,
-) -> tuple[Mapping[str, Answer], ...]:
-    """Return the answers about each system. See `examine`."""
-    decisions = examine(systems, java=java, jar=jar, timeout=timeout, memory_mb=memory_mb, expected=expected)
-    return tuple(decision.answers for decision in decisions)
-
-
 def examine(
     systems: Sequence[System],
     *,

@@ -12,7 +12,7 @@ from keystore_audit import resources
 from keystore_audit.engine.alloy import claims, moments, paths
 from keystore_audit.engine.alloy.facts import MODULES, commands, facts
 from keystore_audit.engine.alloy.install import Engine
-from keystore_audit.engine.alloy.runner import decide, examine
+from keystore_audit.engine.alloy.runner import examine
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import EngineFailed, EngineOutOfScale
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind
@@ -58,7 +58,7 @@ def _status(is_violated: bool) -> Status:
 def test_paths_are_shortest_and_each_hop_is_one(seed: int, analyzer: Engine) -> None:
     """Systems with a dozen claims: what the trace says is checked hop by hop."""
     system = claiming(seed, 14)
-    answers = decide(system, java=analyzer.java, jar=analyzer.jar, timeout=ENOUGH)
+    answers = examine([system], java=analyzer.java, jar=analyzer.jar, timeout=ENOUGH)[0].answers
     hand = ByHand(system)
     walked = 0
     for asked in system.claims:
@@ -79,7 +79,7 @@ def test_paths_are_shortest_and_each_hop_is_one(seed: int, analyzer: Engine) -> 
 
 def ask(builder: Builder, asked: ClaimAtom, analyzer: Engine) -> Answer:
     system = replace(builder.system(), claims=(asked,))
-    return decide(system, java=analyzer.java, jar=analyzer.jar, timeout=ENOUGH)["asked"]
+    return examine([system], java=analyzer.java, jar=analyzer.jar, timeout=ENOUGH)[0].answers["asked"]
 
 
 def test_a_flow_is_told_hop_by_hop(analyzer: Engine) -> None:

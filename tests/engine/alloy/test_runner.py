@@ -18,7 +18,7 @@ from keystore_audit import resources
 from keystore_audit.engine.alloy import process, runner
 from keystore_audit.engine.alloy.install import Engine
 from keystore_audit.engine.alloy.merging import merge
-from keystore_audit.engine.alloy.runner import count_atoms, decide, decide_many, examine
+from keystore_audit.engine.alloy.runner import count_atoms, examine
 from keystore_audit.engine.alloy.solution import Command, verdicts, witness
 from keystore_audit.errors import EngineError, EngineFailed, EngineMissing, EngineOutOfScale, EngineTimeout
 from keystore_audit.properties import BY_ID, PROPERTIES, Status
@@ -50,27 +50,29 @@ def java(tmp_path: Path, analyzer: Engine, script: str) -> Path:
 
 
 def test_a_healthy_system_holds_and_has_no_witness(analyzer: Engine) -> None:
-    answers = decide(healthy(), java=analyzer.java, jar=analyzer.jar, timeout=ENOUGH)
+    answers = examine([healthy()], java=analyzer.java, jar=analyzer.jar, timeout=ENOUGH)[0].answers
     assert [answer.property_id for answer in answers.values()] == [prop.id for prop in PROPERTIES]
     assert {(answer.status, answer.witnesses) for answer in answers.values()} == {(Status.HOLDS, ())}
 
 
 def test_a_violated_property_comes_with_its_witness(analyzer: Engine) -> None:
-    answer = decide(stock(), java=analyzer.java, jar=analyzer.jar, timeout=ENOUGH)["readers-cannot-forge"]
+    [decision] = examine([stock()], java=analyzer.java, jar=analyzer.jar, timeout=ENOUGH)
+    answer = decision.answers["readers-cannot-forge"]
     assert answer.status is Status.VIOLATED
     assert answer.witnesses == ({Role.REALM: 0, Role.ENCLAVE: LISTENER, Role.CHANNEL: CHATTER},)
 
 
 def test_many_systems_keep_their_order(analyzer: Engine) -> None:
     systems = [healthy(), stock(), random_system(159), healthy()]
-    together = decide_many(systems, java=analyzer.java, jar=analyzer.jar, timeout=ENOUGH)
+    decisions = examine(systems, java=analyzer.java, jar=analyzer.jar, timeout=ENOUGH)
+    together = [decision.answers for decision in decisions]
     assert together[0] == together[3]
     assert [sum(a.status is Status.VIOLATED for a in answers.values()) for answers in together][:2] == [0, 2]
     assert sum(a.status is Status.VIOLATED for a in together[2].values()) >= 8
 
 
 def test_no_systems_need_no_engine() -> None:
-    assert decide_many([], java=Path("/nonexistent"), jar=Path("/nonexistent"), timeout=1) == ()
+    assert examine([], java=Path("/nonexistent"), jar=Path("/nonexistent"), timeout=1) == ()
 
 
 def test_families_with_nothing_to_check_are_named(analyzer: Engine) -> None:
@@ -85,7 +87,7 @@ def test_java_options_of_the_environment_are_not_inherited(analyzer: Engine, mon
     for variable in ("JAVA_TOOL_OPTIONS", "JDK_JAVA_OPTIONS", "_JAVA_OPTIONS"):
         monkeypatch.setenv(variable, "-Xmx1k --nonsense")
     monkeypatch.setenv("CLASSPATH", "/nonexistent")
-    assert decide(healthy(), java=analyzer.java, jar=analyzer.jar, timeout=ENOUGH)
+    assert examine([healthy()], java=analyzer.java, jar=analyzer.jar, timeout=ENOUGH)
 
 
 # Faults: each is an error with a sentence of its own, and nothing reads as "holds".
@@ -94,7 +96,7 @@ def test_java_options_of_the_environment_are_not_inherited(analyzer: Engine, mon
 def failing(analyzer: Engine, expected: type[EngineError], **changed: object) -> str:
     arguments: dict[str, object] = {"java": analyzer.java, "jar": analyzer.jar, "timeout": ENOUGH}
     with pytest.raises(EngineError) as caught:
-        decide_many([healthy(), stock()], **{**arguments, **changed})  # type: ignore[arg-type]
+        examine([healthy(), stock()], **{**arguments, **changed})  # type: ignore[arg-type]
     assert type(caught.value) is expected
     message = caught.value.message
     assert message.endswith((".", ")")) or len(message) > 40
@@ -119,7 +121,7 @@ def test_what_runs_is_a_copy_of_what_was_checked(analyzer: Engine, tmp_path: Pat
     replaced = tmp_path / "alloy.jar"
     shutil.copyfile(analyzer.jar, replaced)
     swapping = java(tmp_path, analyzer, f'echo swapped > \'{replaced}\'; exec "$REAL" "$@"')
-    assert decide(healthy(), java=swapping, jar=replaced, timeout=ENOUGH)
+    assert examine([healthy()], java=swapping, jar=replaced, timeout=ENOUGH)
     assert replaced.read_text() == "swapped\n"
 
 
@@ -239,16 +241,16 @@ def test_a_missing_module(analyzer: Engine, tmp_path: Path, monkeypatch: pytest.
 def test_a_system_out_of_scale_is_not_started(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runner, "MAX_ATOMS", count_atoms(merge(healthy()).system) - 1)
     with pytest.raises(EngineOutOfScale, match="atoms"):
-        decide(healthy(), java=Path("/nonexistent"), jar=Path("/nonexistent"), timeout=1)
+        examine([healthy()], java=Path("/nonexistent"), jar=Path("/nonexistent"), timeout=1)
 
 
 def test_an_interrupt_ends_the_solver(analyzer: Engine, tmp_path: Path) -> None:
     slow = java(tmp_path, analyzer, f"echo $$ > '{tmp_path}/pid'; exec sleep 1234")
     code = (
         "from pathlib import Path\n"
-        "from keystore_audit.engine.alloy.runner import decide\n"
+        "from keystore_audit.engine.alloy.runner import examine\n"
         "from tests.engine.systems import healthy\n"
-        f"decide(healthy(), java=Path({str(slow)!r}), jar=Path({str(analyzer.jar)!r}), timeout=60)\n"
+        f"examine([healthy()], java=Path({str(slow)!r}), jar=Path({str(analyzer.jar)!r}), timeout=60)\n"
     )
     child = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, cwd=Path(__file__).parents[3])
     deadline = time.monotonic() + 30
