@@ -18,6 +18,7 @@ from keystore_audit.model.domains import contains
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.globs import matching
 from keystore_audit.model.meaning import Usability
+from keystore_audit.model.named_enclaves import left_out
 from keystore_audit.model.profiles import VARIANTS, JoinCheck, Profile
 from keystore_audit.model.semantics import DEFAULT_PARTITION, Area
 from keystore_audit.model.system import Reading, System
@@ -38,7 +39,7 @@ def pairs(
     claim: Claim, system: System, channels: Channels, known: Iterable[str], unusable: frozenset[int]
 ) -> tuple[tuple[Place, Place], ...]:
     """From which place data must get to which: from every enclave that globs name, and every topic or glob on topics,
-    to every other. `known`: the paths of all enclaves, some of which the system may lack (MUST).
+    to every other. `known`: the paths of all enclaves; those that the system lacks (MUST) are a place that is nowhere.
 
     Raises errors.UsageError for more than MAX_PAIRS.
     """
@@ -48,7 +49,7 @@ def pairs(
     def places(globs: Globs) -> list[Place]:
         named = [path for path in paths if any(matching(glob, (path,)) for glob in globs.enclaves)]
         found = [Place(enclaves=frozenset({number[path]})) for path in named if path in number]
-        if len(found) < len(named):
+        if left_out(system, globs.enclaves, paths):
             found.append(Place())
         topics = (channels.regions[Matcher.POSIX, (Area(topics=(t,), partitions=None),)] for t in globs.topics)
         found += [Place(channels=each - unusable) for each in topics]

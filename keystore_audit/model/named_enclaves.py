@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 
 from keystore_audit.model.globs import all_matching
-from keystore_audit.model.system import System
+from keystore_audit.model.system import LeftOut, System
 
 
 def means_everybody(glob: str) -> bool:
@@ -28,6 +28,13 @@ def named_enclaves(system: System, globs: Collection[str], known: Collection[str
     if not unread or not globs:
         return named
     return named | nameless(system, known) | (at_large(system) if any(map(means_everybody, globs)) else frozenset())
+
+
+def left_out(system: System, globs: Collection[str], known: Collection[str]) -> tuple[LeftOut, ...]:
+    """(MUST) Those that were left out and that the globs name, or may: a pattern, one whose name is unknown."""
+    named = all_matching(globs, [each.label for each in system.left_out])
+    patterns = not set(globs).issubset(known)
+    return tuple(e for e in system.left_out if e.label in named or (patterns and e.label not in known))
 
 
 def nameless(system: System, known: Collection[str]) -> frozenset[int]:

@@ -7,8 +7,7 @@ from collections.abc import Collection, Iterable
 from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.claim import Place
 from keystore_audit.model.elsewhere import same_elsewhere
-from keystore_audit.model.globs import all_matching
-from keystore_audit.model.named_enclaves import named_enclaves
+from keystore_audit.model.named_enclaves import left_out, named_enclaves
 from keystore_audit.model.permission import bits
 from keystore_audit.model.system import LeftOut, System
 
@@ -17,15 +16,11 @@ def permitted(system: System, globs: Collection[str], known: Collection[str], ch
     """Whom the globs name, of all enclaves (`known`) those that are in the system; without globs some writer.
 
     With whoever has the subject of one elsewhere, where its peers refuse the certificate that it has here. And (MUST)
-    with what may be of enclaves that were left out and that are meant: that they publish is no violation. Patterns may
-    mean those whose names are unknown.
+    with what may be of enclaves that were left out and that are meant: that they publish is no violation.
     """
     if globs:
-        meant = all_matching(globs, [each.label for each in system.left_out])
-        if not set(globs).issubset(known):
-            meant = meant.union(each.label for each in system.left_out if each.label not in known)
-        unread = [each for each in system.left_out if each.label in meant]
-        return _with_theirs(system, named_enclaves(system, globs, known, unread=False), unread)
+        here = named_enclaves(system, globs, known, unread=False)
+        return _with_theirs(system, here, left_out(system, globs, known))
     writer = _some_writer(system, channels)
     return _with_theirs(system, writer, () if writer else system.left_out)
 

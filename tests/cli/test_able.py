@@ -69,6 +69,15 @@ def test_one_that_cannot_be_read_leaves_it_open(tmp_path: Path) -> None:
     assert asked(root, 'from = "/button/left", to = "/motor"')["status"] == "holds"
 
 
+def test_one_that_may_be_behind_a_link_leaves_it_open(tmp_path: Path) -> None:
+    """Where a pattern may name it."""
+    root = keystore(tmp_path / "keys", ENCLAVES)
+    assert asked(root, 'from = "/button/*t", to = "/motor"')["status"] == "holds"
+    (root / "enclaves/button/last").symlink_to(tmp_path)
+    assert asked(root, 'from = "/button/*t", to = "/motor"')["status"] == "unknown"
+    assert asked(root, 'from = ["/button/left", "/button/right"], to = "/motor"')["status"] == "holds"
+
+
 def test_too_many_pairs_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("keystore_audit.model.ability.MAX_PAIRS", 3)
     settings = tmp_path / "keystore-audit.toml"
