@@ -13,6 +13,7 @@ from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.model.alike import apart, together
 from keystore_audit.model.channels import Channels, Named
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.expression import Matcher
@@ -30,8 +31,11 @@ if TYPE_CHECKING:
 AMBIENT: Final = ("rt/clock", "rt/parameter_events", "rt/rosout", "ros_discovery_info")
 """DDS topics that nearly every node has a right to: no flow takes them unless a claim includes them."""
 
-RESTING_ON_STARTS: Final = (ClaimKind.ABLE, ClaimKind.SEPARATE_DOMAINS)
+RESTING_ON_STARTS: Final = frozenset({ClaimKind.ABLE, ClaimKind.SEPARATE_DOMAINS})
 """Kinds of claims that ask which enclaves start."""
+
+RESTING_ON_SUBJECTS: Final = frozenset({ClaimKind.ONLY_PUBLISH, ClaimKind.ENCRYPTED})
+"""Kinds of claims that ask whom grants name that is no enclave here."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -179,17 +183,21 @@ def with_claims(
     if not claims or not systems:
         return tuple(systems)
     _check(claims, systems, channels, keystore)
-    if any(claim.kind in (ClaimKind.ONLY_PUBLISH, ClaimKind.ENCRYPTED) for claim in claims):
-        from keystore_audit.model.elsewhere import with_subjects_elsewhere  # most settings have none
-
-        systems = with_subjects_elsewhere(systems)
 
     def resolved(system: System) -> System:
         return _Resolution(system, channels, keystore, usability, usabilities, domain).resolved(claims)
 
-    if not any(claim.kind in RESTING_ON_STARTS for claim in claims):
+    kinds = {claim.kind for claim in claims}
+    if kinds.isdisjoint(RESTING_ON_STARTS | RESTING_ON_SUBJECTS):
         return tuple(map(resolved, systems))
-    return tuple(each for system in systems for each in _readings(resolved, system))
+    systems = apart(systems)
+    if not kinds.isdisjoint(RESTING_ON_SUBJECTS):
+        from keystore_audit.model.elsewhere import with_subjects_elsewhere  # most settings have none
+
+        systems = with_subjects_elsewhere(systems)
+    if kinds.isdisjoint(RESTING_ON_STARTS):
+        return together(map(resolved, systems))
+    return together(each for system in systems for each in _readings(resolved, system))
 
 
 def _readings(resolved: Callable[[System], System], system: System) -> Iterator[System]:

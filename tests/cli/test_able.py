@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cryptography.hazmat.primitives.asymmetric import ec
 
-from tests.cli.keystores import AT, answer, keystore, properties, rule
-from tests.keystore.builder import GOVERNANCE
+from tests.cli.keystores import AT, DOCUMENT, answer, keystore, properties, rule, signed_keystore, write_enclave
+from tests.keystore.builder import GOVERNANCE, authority, certificate
 
 ENCLAVES = {
     "/button/left": (rule(("rt/stop",)),),
@@ -150,3 +151,34 @@ def test_whether_one_starts_where_another_may_be_is_unknown_with_its_key(tmp_pat
             file.write_bytes(b"#" * 5_000_000)
     settings = '[[property]]\nname = "apart"\nnever_share_domain = ["/e", "/f"]\n'
     assert properties(root, settings, "--profile", "fastdds-3.6")["apart"]["status"] == status
+
+
+def test_who_starts_under_one_implementation_alone_is_told_of_that_one(tmp_path: Path) -> None:
+    """Cyclone DDS takes no keys on P-384; the documents say the same to all."""
+    identity, permissions = authority("identityCA"), authority("permissionsCA")
+    for path, key in (("/button", None), ("/motor", ec.generate_private_key(ec.SECP384R1()))):
+        document = DOCUMENT.format(path=path, rules=rule(("rt/stop",), ("rt/stop",)), default="DENY").encode()
+        own = certificate(path, identity, key=key)
+        write_enclave(tmp_path / "keys/enclaves" / path[1:], own, document, identity, permissions, GOVERNANCE)
+    settings = '[[property]]\nname = "stop"\nable = { from = "/button", to = "/motor" }\n'
+    found = properties(tmp_path / "keys", settings)["stop"]["profiles"]
+    violated = {name for name, each in found.items() if each["status"] == "violated"}
+    assert violated == {"cyclonedds-0.10", "cyclonedds-11"}
+    assert {found[name]["status"] for name in found.keys() - violated} == {"holds"}
+
+
+def test_whom_one_implementation_alone_takes_a_grant_for_is_told_of_that_one(tmp_path: Path) -> None:
+    """To Cyclone DDS a grant of `CN=/arm/hand` is one of `CN=/arm` too, whom a grant names and who is not here."""
+    grants = {"/arm/hand": ("/arm/hand", rule(("rt/x",))), "/leg": ("/arm", rule(("rt/y",)))}
+    documents = {
+        enclave: DOCUMENT.format(path=path, rules=text, default="DENY").encode()
+        for enclave, (path, text) in grants.items()
+    }
+    root = signed_keystore(tmp_path / "keys", documents)
+    settings = '[[property]]\nname = "x"\nonly_publish = { topic = "/x", enclaves = "/arm/hand" }\n'
+    found = properties(root, settings)["x"]["profiles"]
+    assert {name for name, each in found.items() if each["status"] == "violated"} == {
+        "cyclonedds-0.10",
+        "cyclonedds-11",
+    }
+    assert {each["status"] for each in found.values()} == {"holds", "violated"}
