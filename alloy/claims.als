@@ -43,10 +43,16 @@ fun writes_elsewhere[realm: Realm]: Certificate -> Channel {
 	& (realm.elsewhere -> realm.write_uncontrolled + presentable_elsewhere[realm, publish_allowed])
 }
 
-/** Channels on which peers match a reader of whoever has such a certificate, by a grant that could be read or without. */
+/** Channels on which peers match a reader of whoever has such a certificate, by a grant that could be read or none. */
 fun reads_elsewhere[realm: Realm]: Certificate -> Channel {
 	let granted = presentable_elsewhere[realm, subscribe_allowed] - realm.unread_elsewhere -> Channel |
 		reaches_elsewhere[realm] & (realm.elsewhere -> realm.read_uncontrolled + granted)
+}
+
+/** Those of them by a grant of the permissions CA. Whom documents let in that could not be read may have none. */
+fun entitled_elsewhere[realm: Realm]: Certificate -> Channel {
+	let rights = { c: realm.elsewhere - realm.unread_elsewhere, t: (c.chosen & realm.genuine.grant).subscribe_allowed } |
+		reads_elsewhere[realm] & (rights + rights.meets)
 }
 
 /** Channels whose payloads whoever has such a certificate recovers from packets: as `overhears`. */
@@ -62,11 +68,14 @@ fun overhears_elsewhere[realm: Realm]: Certificate -> Channel {
 /** Channels that anybody writes who joins the domain without an identity: their readers look into such messages. */
 fun writes_unauthenticated: Realm -> Channel { unguarded & unauthenticated_allowed.~in_domain }
 
-/** Channels that whoever has an identity of the CA writes, whatever grants it has: there are others than are here. */
-fun writes_known: Realm -> Channel {
-	{ realm: Realm, t: realm.governed & realm.write_uncontrolled |
+/** Channels of domains that whoever has an identity of the CA joins, with whatever grants: others than are here too. */
+fun open_to_known: Realm -> Channel {
+	{ realm: Realm, t: realm.governed |
 		t.in_domain in realm.join_uncontrolled and (realm in open_realm or some realm.identity_ca & authority) }
 }
+
+/** Those that it writes. */
+fun writes_known: Realm -> Channel { open_to_known & write_uncontrolled }
 
 /** Channels on which each of these publishes by a grant of the permissions CA, or writes without one. */
 fun publishes[realm: Realm]: (Enclave + Certificate + Outsider) -> Channel {
@@ -76,14 +85,20 @@ fun publishes[realm: Realm]: (Enclave + Certificate + Outsider) -> Channel {
 
 -- encrypted against insiders
 
+/** Channels that anybody learns, or whoever has an identity of the CA, with whatever grants. */
+fun learns_known: Realm -> Channel {
+	in_clear + open_to_known & read_uncontrolled
+	+ (open_to_known - payload_protection[encrypting] - submessage_protection[encrypting])
+}
+
 /**
- * Channels that each enclave learns as anybody whose key it has, or as anybody can, and is not itself a reader of. And
- * those of whoever is none here; whom a document lets in that could not be read may not even be in the domain.
+ * Channels that each enclave learns as anybody whose key it has, and does not read by a grant of the permissions CA:
+ * that nobody asks for grants entitles nobody. Those of whoever is none here, by a grant that lets it in; of others.
  */
-fun listens_in[realm: Realm]: (Enclave + Certificate) -> Channel {
-	(in_any_guise[Enclave, knows[realm]] + Enclave -> realm.in_clear - may_read[realm])
-	+ (overhears_elsewhere[realm] + realm.elsewhere -> realm.in_clear - reads_elsewhere[realm])
-	+ realm.unread_elsewhere -> realm.in_clear
+fun listens_in[realm: Realm]: (Enclave + Certificate + Outsider) -> Channel {
+	(in_any_guise[Enclave, knows[realm]] - (may_read[realm] & may_be_granted[realm, subscribe_allowed]))
+	+ (overhears_elsewhere[realm] + reads_elsewhere[realm] - entitled_elsewhere[realm])
+	+ Outsider -> realm.learns_known
 }
 
 /** Everybody but second certificates of keys that enclaves have: these are asked with all that their keys open. */

@@ -219,7 +219,7 @@ def _encrypted(table: Table, key: str) -> dict[str, Any]:
         "target": Globs(topics=form.topics("topic")),
         "include_ambient": True,
         "statement": f"{_listed(form.texts('topic'))} is encrypted against "
-        f"{'outsiders' if against == OUTSIDER else 'insiders that may not read it'}.",
+        f"{'outsiders' if against == OUTSIDER else 'insiders that no grant lets read it'}.",
     }
 
 

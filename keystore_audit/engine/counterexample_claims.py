@@ -58,35 +58,60 @@ def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Countere
     case = Case(system=system, witness=witness)
     if claim.kind is ClaimKind.ONLY_PUBLISH:
         return _publisher(case, when)
-    return _reading(case, claim.attacker, when)
+    return _reading(case, when)
 
 
-def _reading(case: Case, attacker: Attacker, when: str) -> Counterexample:
+def _reading(case: Case, when: str) -> Counterexample:
     """Who reads a topic that is not encrypted against it, or (an insider) with the key of somebody who may."""
-    if attacker is Attacker.OUTSIDER:
-        text = f"Anybody on the network can read {case.topic}: {case.kinds()}{when}."
-        return Counterexample(text=text, steps=case.governance_steps())
     if Role.CERTIFICATE in case.witness:
         return _stranger_reading(case, case.witness[Role.CERTIFICATE], when)
+    if Role.ENCLAVE not in case.witness:
+        return _anybody_reading(case, when)
     enclave = case.witness[Role.ENCLAVE]
-    view = case.view
-    packets = view.abilities(enclave).overhears | view.readable
     found = Way(why=case.kinds(), steps=case.governance_steps())
-    if not packets >> case.witness[Role.CHANNEL] & 1:
+    if not case.view.abilities(enclave).overhears >> case.witness[Role.CHANNEL] & 1:
         found = way(case, enclave, Operation.SUBSCRIBE, alone=False)
     text = f"{case.enclave.label}, which may not, can read {case.topic}: {found.why}{when}."
     return Counterexample(text=text, steps=found.steps)
 
 
+def _anybody_reading(case: Case, when: str) -> Counterexample:
+    """Why anybody reads a topic, or whoever has an identity of the CA, without a grant to."""
+    if case.view.readable >> case.witness[Role.CHANNEL] & 1:
+        text = f"Anybody on the network can read {case.topic}: {case.kinds()}{when}."
+        return Counterexample(text=text, steps=case.governance_steps())
+    grant = " and some grant of the permissions CA" if case.system.requires_grant else ""
+    text = (
+        f"Whoever has an identity of the CA{grant} can read {case.topic} without a grant to, robots elsewhere too, "
+        f"since enable_join_access_control is false, and {_read_by(case)}{when}."
+    )
+    return Counterexample(text=text, steps=case.governance_steps())
+
+
+def _read_by(case: Case) -> str:
+    """Why who has joined the domain reads a topic without a grant to: nobody asks, or all have the keys."""
+    channel, protection = case.witness[Role.CHANNEL], case.view.protection
+    return case.kinds() if protection.read_controlled >> channel & 1 else "enable_read_access_control is false"
+
+
 def _stranger_reading(case: Case, identity: int, when: str) -> Counterexample:
     """Why somebody who has a certificate that no enclave has, or one that was left out, reads a topic."""
-    system = case.system
-    unread = None if Permissions(system).chosen(identity, case.view.accepted) else causes.opaque_document(system)
+    system, view = case.system, case.view
+    signed = [
+        right.location
+        for right in causes.rights_by(system, identity, Operation.SUBSCRIBE, case.witness[Role.CHANNEL])
+        if any(system.documents[number] is right.document for number in view.accepted - view.genuine)
+    ]
+    unread = None if Permissions(system).chosen(identity, view.accepted) else causes.opaque_document(system)
     if unread is None:
         who, place = _who_has(case, identity), system.certificates[identity].location
     else:
         who, place = _let_in_by(unread), unread.location
-    text = f"{who} can read {case.topic} without a right to: {case.kinds()}{when}."
+    why = _read_by(case)
+    able = view.elsewhere[identity]
+    if signed and (able.may_read & view.protection.read_controlled & ~able.overhears) >> case.witness[Role.CHANNEL] & 1:
+        place, why = signed[0], "peers accept a grant that the permissions CA did not sign"
+    text = f"{who} can read {case.topic} without a right to: {why}{when}."
     return Counterexample(text=text, steps=(case.step(place), *case.governance_steps()))
 
 

@@ -62,7 +62,7 @@ class Claims:
                 yield {Role.REALM: realm, Role.CHANNEL: channel}, ()
 
     def readings(self, claim: ClaimAtom) -> Iterator[Found]:
-        """Channels of the target whose payload somebody reads who may not."""
+        """Channels of the target whose payload somebody reads without a grant to: enclaves, who is none, anybody."""
         asked = bits(claim.target.channels)
         for realm, view in enumerate(self._realms):
             if claim.attacker is not Attacker.INSIDER:  # whoever names a topic means that somebody writes it
@@ -71,12 +71,14 @@ class Claims:
                 continue
             for enclave in self._insiders:
                 learnt = union(view.abilities(each).knows for each in self._flows.acting(enclave))
-                recovered = learnt | view.readable  # if only as anybody can
-                for channel in members(recovered & ~view.abilities(enclave).may_read & asked):
+                for channel in members(learnt & ~view.entitled(enclave) & asked):
                     yield {Role.REALM: realm, Role.ENCLAVE: enclave, Role.CHANNEL: channel}, ()
             for certificate, learnt in view.learnt_elsewhere.items():
                 for channel in members(learnt & asked):
                     yield {Role.REALM: realm, Role.CERTIFICATE: certificate, Role.CHANNEL: channel}, ()
+        for realm, view in enumerate(self._realms if claim.attacker is Attacker.INSIDER else ()):
+            for channel in members(view.learnt_known & asked):
+                yield {Role.REALM: realm, Role.CHANNEL: channel}, ()
 
     def shared_domains(self, claim: ClaimAtom) -> Iterator[Found]:
         """Domains that an enclave of the source and one of the target can join, or the one can and the other starts in.

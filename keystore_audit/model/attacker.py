@@ -272,14 +272,21 @@ class RealmView:
 
     @cached_property
     def learnt_elsewhere(self) -> Mapping[int, int]:
-        """By certificate that no enclave here has: channels that whoever has it learns, and may not read.
+        """By certificate that no enclave here has: channels that whoever has it learns without a grant to read.
 
         Whom a document lets in that could not be read may be granted to join, or to relay, and nothing to read.
         """
         if self._any_opaque:
-            controlled = self.protection.read_controlled
-            return {each: able.overhears & controlled | self.readable for each, able in self.elsewhere.items()}
-        return {each: (able.overhears | self.readable) & ~able.may_read for each, able in self.elsewhere.items()}
+            free = ~self.protection.read_controlled
+            return {number: able.overhears | able.may_read & free for number, able in self.elsewhere.items()}
+        return {
+            number: able.knows & ~(able.may_read & self._right(number, Operation.SUBSCRIBE, genuine=True))
+            for number, able in self.elsewhere.items()
+        }
+
+    def entitled(self, enclave: int) -> int:
+        """Channels that the enclave reads by a grant of the permissions CA, as far as is known."""
+        return self.abilities(enclave).may_read & self.may_be_granted(enclave, Operation.SUBSCRIBE)
 
     @cached_property
     def joining_anybody(self) -> int:
@@ -289,10 +296,21 @@ class RealmView:
     @cached_property
     def joining_known(self) -> int:
         """Channels on which readers take samples from whoever has an identity of the CA, whatever grants it has."""
+        return self._open_to_known & ~self.protection.write_controlled
+
+    @cached_property
+    def learnt_known(self) -> int:
+        """Channels that anybody learns, or whoever has an identity of the CA, with whatever grants."""
+        p = self.protection
+        return self._open_to_known & ~(p.read_controlled & (p.data_encrypts | p.metadata_encrypts)) | self.readable
+
+    @cached_property
+    def _open_to_known(self) -> int:
+        """Channels of domains that whoever has an identity of the CA joins: there are others than are here."""
         p, certificates = self.protection, self._system.certificates
         if not self.open and not any(certificates[number].authority for number in self._realm.identity_ca):
             return 0
-        return self._reach(p.ruled & ~p.join_controlled) & ~p.write_controlled
+        return self._reach(p.ruled & ~p.join_controlled)
 
     def _able(self, joined: int, rights: Sequence[int], writes_alone: int = 0, reads_alone: int = 0) -> Abilities:
         """What somebody can do in these domains with these rights, by operation, and what its implementation adds."""

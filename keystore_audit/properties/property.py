@@ -23,7 +23,7 @@ class Role(str, Enum):
     PUBLISHER = "publisher"
     """An enclave, a certificate that no enclave has, or (none of both) anybody; a witness names what it is."""
     INSIDER = "insider"
-    """An enclave, or a certificate that no enclave has; a witness names what it is."""
+    """Likewise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.keystores import DOCUMENT, properties, signed_keystore
-from tests.keystore.builder import GOVERNANCE
+from tests.cli.keystores import DOCUMENT, properties, signed_keystore, write_enclave
+from tests.keystore.builder import GOVERNANCE, authority, certificate
 
 SETTINGS = """[[property]]
 name = "outside"
@@ -73,6 +73,64 @@ def test_who_is_no_enclave_here_may_join_and_overhear(tmp_path: Path, rules: str
 
 def test_who_is_no_enclave_here_opens_no_payload_that_is_encrypted_for_its_readers(tmp_path: Path) -> None:
     assert found(tmp_path / "keys", GOVERNANCE, ("/ghost", rule("rt/y"))) == {"outside": "holds", "inside": "holds"}
+
+
+ASKED, JOINING = b"<enable_read_access_control>true", b"<enable_join_access_control>true"
+UNASKED = GOVERNANCE.replace(ASKED, b"<enable_read_access_control>false")
+VENDORS = ("spec", "fastdds-3.6", "cyclonedds-11")
+
+
+def inside(root: Path, governance: bytes, *enclaves: str) -> dict[str, str]:
+    """Why the topic is not encrypted against insiders, by profile. `/listener` subscribes to it, the others do not."""
+    documents = {
+        path: DOCUMENT.format(
+            path=path, rules=rule(subscribe="rt/x" if path == "/listener" else "rt/y"), default="DENY"
+        )
+        for path in ("/listener", *enclaves)
+    }
+    signed_keystore(root, {path: text.encode() for path, text in documents.items()}, governance=governance)
+    told = properties(root, SETTINGS, *(word for name in VENDORS for word in ("--profile", name)))["inside"]["profiles"]
+    assert {each["status"] for each in told.values()} <= {"holds", "violated"}
+    return {name: each["counterexample"]["text"] for name, each in told.items() if each["status"] == "violated"}
+
+
+def test_that_nobody_asks_for_a_grant_entitles_nobody_to_read(tmp_path: Path) -> None:
+    assert inside(tmp_path / "asked", GOVERNANCE, "/other") == {}
+    told = inside(tmp_path / "unasked", UNASKED, "/other")
+    assert set(told) == {*VENDORS}
+    assert all(text.startswith("/other, which may not, can read ") for text in told.values())
+    assert all(text.endswith(": enable_read_access_control is false.") for text in told.values())
+
+
+@pytest.mark.parametrize(
+    ("governance", "why"),
+    [(UNASKED, "enable_read_access_control is false"), (PAYLOADS_OPEN, "data_protection_kind NONE")],
+)
+def test_whoever_has_an_identity_reads_where_nobody_asks_who_joins(tmp_path: Path, governance: bytes, why: str) -> None:
+    """There are more than are here: the CA vouches for other robots, too."""
+    assert inside(tmp_path / "kept-out", governance) == {}
+    told = inside(tmp_path / "let-in", governance.replace(JOINING, b"<enable_join_access_control>false"))
+    assert set(told) == {*VENDORS}
+    for profile, text in told.items():
+        some = " and some grant of the permissions CA" if profile.startswith("fastdds") else ""
+        assert text.startswith(f"Whoever has an identity of the CA{some} can read ")
+        assert why in text
+
+
+def test_who_signs_itself_a_grant_is_not_entitled_by_it(tmp_path: Path) -> None:
+    """One CA for both roles, and implementations that take what it vouches for as a signer."""
+    ca = authority("robotCA")
+    for path, topic in (("/listener", "rt/x"), ("/other", "rt/y")):
+        document = DOCUMENT.format(path=path, rules=rule(subscribe=topic), default="DENY").encode()
+        write_enclave(tmp_path / "keys/enclaves" / path[1:], certificate(path, ca), document, ca, ca, GOVERNANCE)
+    options = ("--profile", "cyclonedds-0.10", "--profile", "cyclonedds-11")
+    told = properties(tmp_path / "keys", SETTINGS, *options)["inside"]["profiles"]
+    assert {name: each["status"] for name, each in told.items()} == {
+        "cyclonedds-0.10": "violated",
+        "cyclonedds-11": "holds",
+    }
+    text = told["cyclonedds-0.10"]["counterexample"]["text"]
+    assert text.endswith(": it can sign itself permissions that its peers accept.")
 
 
 def test_whom_a_document_lets_in_that_could_not_be_read_is_not_known(tmp_path: Path) -> None:

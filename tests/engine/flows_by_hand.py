@@ -346,6 +346,9 @@ def violated_by_some(hand: ByHand, claim: ClaimAtom) -> bool:
                 if s.enclaves[e].at_large and not s.enclaves[e].opaque and holders:
                     continue
                 learnt = hand.in_clear(realm).union(*(hand.powers(f, realm).learns() for f in hand.acts_as(e)))
-                if (learnt - powers.reads) & claim.target.channels:
+                maybe = s.enclaves[e].opaque or any(document.opaque for document in s.documents)
+                given = hand.views[realm].granted(e, Operation.SUBSCRIBE)
+                entitled = {channel for channel in powers.reads if maybe or given >> channel & 1}
+                if (learnt - entitled) & claim.target.channels:
                     return True
     return False

@@ -57,16 +57,23 @@ def published_elsewhere(
 
 
 def read_elsewhere(s: System, view: RealmView, permissions: Permissions, realm: int) -> set[int]:
-    """What in the realm is read without a right to by who is no enclave here, with a grant."""
-    p, doubt = view.protection, unread(s)
+    """What in the realm is read without a grant to by who is no enclave here: with another grant, or with none."""
+    p, doubt, trust = view.protection, unread(s), s.realms[realm]
+    sealed = p.metadata_encrypts | p.data_encrypts
+    issuing = view.open or any(s.certificates[number].authority for number in trust.identity_ca)
     found = set()
-    for _number, domains, rights in let_in(s, view, permissions, realm):
+    for channel in members(p.governed):
+        known = issuing and not p.join_controlled >> s.channels[channel].domain & 1
+        if not (sealed | p.rtps_encrypts) >> channel & 1 or (known and not (p.read_controlled & sealed) >> channel & 1):
+            found.add(channel)
+    for number, domains, rights in let_in(s, view, permissions, realm):
+        genuine = permissions.chosen(number, view.genuine)
+        entitled = union(permissions.met(permissions.allowed(grant, Operation.SUBSCRIBE)) for grant in genuine)
         for channel in members(p.governed):
             domain, bit = s.channels[channel].domain, 1 << channel
             joins = doubt or domains >> domain & 1
             bare = not bit & p.data_encrypts and (doubt or bit & (rights[Operation.RELAY] | ~p.metadata_encrypts))
             reader = not bit & p.read_controlled or (not doubt and bit & rights[Operation.SUBSCRIBE])
-            clear = not bit & (p.rtps_encrypts | p.metadata_encrypts | p.data_encrypts)
-            if (joins and bare and not reader) or (clear and (doubt or not (joins and reader))):
+            if joins and (bare or reader) and (doubt or not bit & entitled):
                 found.add(channel)
     return found

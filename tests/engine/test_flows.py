@@ -211,9 +211,9 @@ def violated(definitions: Definitions, claim: ClaimAtom) -> bool:
     if claim.kind is ClaimKind.ENCRYPTED and claim.attacker is Attacker.OUTSIDER:
         return any(d.readable(r) & channels for r in d.realms)
     if claim.kind is ClaimKind.ENCRYPTED:
-        return any(
-            ((d.able("overhears", e, r) | d.readable(r)) - d.able("may_read", e, r)) & channels for r, e in pairs
-        ) or any(read_elsewhere(d.system, d.view[r], d.permissions, r) & channels for r in d.realms)
+        return any((learnt(d, e, r) - entitled(d, e, r)) & channels for r, e in pairs) or any(
+            read_elsewhere(d.system, d.view[r], d.permissions, r) & channels for r in d.realms
+        )
     assert claim.kind is ClaimKind.SEPARATE_DOMAINS
 
     def there(realm: int, enclave: int) -> set[int]:
@@ -229,6 +229,19 @@ def violated(definitions: Definitions, claim: ClaimAtom) -> bool:
         for b in claim.target.enclaves
         for one, other in ((a, b), (b, a))
     )
+
+
+def learnt(d: Definitions, enclave: int, realm: int) -> set[int]:
+    """What it reads in the realm as anybody whose key it has, or as anybody can."""
+    return d.readable(realm).union(*(d.able("knows", each, realm) for each in d.acts_as(enclave)))
+
+
+def entitled(d: Definitions, enclave: int, realm: int) -> set[int]:
+    """What it reads by a grant of the permissions CA, or may, where something could not be read."""
+    read = d.able("may_read", enclave, realm)
+    if d.system.enclaves[enclave].opaque or any(document.opaque for document in d.system.documents):
+        return read
+    return read & {*members(d.view[realm].granted(enclave, Operation.SUBSCRIBE))}
 
 
 def granted(d: Definitions, realm: int, enclave: int) -> set[int]:

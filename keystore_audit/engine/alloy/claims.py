@@ -181,7 +181,7 @@ def condition(claim: ClaimAtom, number: int) -> str:
         there = f"enclave.{somewhere} & other.{somewhere}"
         return f"all realm: Realm, {who} |\n\t\tdomain not in {there} & (enclave + other).(enters[realm])"
     if claim.attacker is Attacker.INSIDER:
-        who = f"insider: insiders + Certificate, channel: {at.last}"
+        who = f"insider: insiders + Certificate + Outsider, channel: {at.last}"
         return f"all realm: Realm, {who} | channel not in insider.(listens_in[realm])"
     return f"all realm: Realm, channel: {at.last} | channel not in realm.in_clear"
 

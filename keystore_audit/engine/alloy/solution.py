@@ -85,7 +85,7 @@ def _roles(atoms: Mapping[str, str], command: str, roles: Sequence[Role], sizes:
     for asked in roles:
         answer, role = atoms.get(asked.value, ""), asked
         if asked in (Role.PUBLISHER, Role.INSIDER):
-            if asked is Role.PUBLISHER and _OUTSIDER.fullmatch(answer):
+            if _OUTSIDER.fullmatch(answer):
                 continue
             role = Role.ENCLAVE if index_of(answer, Role.CERTIFICATE) is None else Role.CERTIFICATE
         index = index_of(answer, role)

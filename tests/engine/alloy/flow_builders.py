@@ -135,6 +135,25 @@ def with_readers(b: Builder) -> Builder:
     return b
 
 
+def unasked(b: Builder) -> Builder:
+    """Nobody asks who joins for a grant to read."""
+    b.topic_rules[0] = replace(b.topic_rules[0], enable_read_access_control=False)
+    return b
+
+
+def let_in(b: Builder) -> Builder:
+    """Whoever has an identity joins."""
+    b.domain_rules[0] = replace(b.domain_rules[0], enable_join_access_control=False)
+    return b
+
+
+def self_granting(b: Builder) -> Builder:
+    """One CA for both roles, and whoever it vouches for signs permissions."""
+    b.pins_signer = False
+    b.realms[0] = replace(b.realms[0], permissions_ca=frozenset({IDENTITY_CA, PERMISSIONS_CA}))
+    return b
+
+
 def unauthenticated(b: Builder) -> Builder:
     """Participants without an identity are let in."""
     b.domain_rules[0] = replace(b.domain_rules[0], allow_unauthenticated_participants=True)

@@ -157,7 +157,28 @@ MUTANTS = {
         "(eavesdroppers & Outsider) -> realm.in_clear",
     ),
     "what is forged is not on the network": ("forged, and heard", "] + imposes[forgers, realm]\n", "]\n"),
-    "enclaves that peers let in nowhere read nothing": ("let in nowhere, reading", " + Enclave -> realm.in_clear", ""),
+    "who is let in nowhere reads nothing": ("let in nowhere, reading", "in_clear + open_to_known", "open_to_known"),
+    "who may join may read": ("read without a grant", "& may_be_granted[realm, subscribe_allowed])", ")"),
+    "who grants itself a right has it": (
+        "read by a grant of its own",
+        "& may_be_granted[realm, subscribe_allowed])",
+        "& presentable[realm, subscribe_allowed])",
+    ),
+    "there are no others of the CA": (
+        "read by others of the CA",
+        "in_clear + open_to_known & read_uncontrolled",
+        "in_clear",
+    ),
+    "others of the CA have no keys of messages": (
+        "overheard by others of the CA",
+        "(open_to_known - payload_protection",
+        "(none -> none - payload_protection",
+    ),
+    "who is no enclave here may read whatever it reads": (
+        "read elsewhere without a grant",
+        "overhears_elsewhere[realm] + reads_elsewhere[realm] -",
+        "overhears_elsewhere[realm] -",
+    ),
     "who has a reader's key reads as itself alone": (
         "read by another's key",
         "in_any_guise[Enclave, knows[realm]]",
@@ -170,11 +191,11 @@ MUTANTS = {
     ),
     "who is no enclave here overhears nothing": (
         "read elsewhere",
-        "overhears_elsewhere[realm] + realm.elsewhere -> realm.in_clear",
-        "realm.elsewhere -> realm.in_clear",
+        "overhears_elsewhere[realm] + reads_elsewhere[realm]",
+        "reads_elsewhere[realm]",
     ),
     "who is no enclave here relays nothing": ("relayed elsewhere", "-> bare + relayed", "-> bare"),
-    "who is no enclave here may read nothing": ("read elsewhere, by right", " - reads_elsewhere[realm]", ""),
+    "who is no enclave here may read nothing": ("read elsewhere, by right", " - entitled_elsewhere[realm]", ""),
     "nobody comes in without an identity": (
         "apart, without identities",
         " + Enclave -> realm.unauthenticated_allowed",
