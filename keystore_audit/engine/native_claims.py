@@ -63,7 +63,12 @@ class Claims:
 
     def readings(self, claim: ClaimAtom) -> Iterator[Found]:
         """Channels of the target whose payload somebody reads without a grant to: enclaves, who is none, anybody."""
-        asked = bits(claim.target.channels)
+        asked, channels = bits(claim.target.channels), self._system.channels
+        usual = bits(number for number in claim.target.channels if not channels[number].partition)
+        for each in (usual, asked & ~usual):  # an example where the nodes of ROS 2 are is understood at once
+            yield from self._readings(claim, each)
+
+    def _readings(self, claim: ClaimAtom, asked: int) -> Iterator[Found]:
         for realm, view in enumerate(self._realms):
             if claim.attacker is not Attacker.INSIDER:  # whoever names a topic means that somebody writes it
                 for channel in members(view.readable & asked):

@@ -47,6 +47,7 @@ from tests.model.comparing import (
     key,
     permissions,
     rule,
+    topic_rule,
 )
 
 IDENTITY = authority("identityCA")
@@ -263,6 +264,21 @@ def test_it_publishes_though_another_alone_may(tmp_path: Path) -> None:
     for of, expected in (("/talker", Status.HOLDS), ("/listener", Status.VIOLATED)):
         root = written(tmp_path / of.strip("/"), {"public/x_ca.cert.pem": identity("/talker", of, serial=9).pem})
         assert decided(root, asked) == decided(root, everybody) == {expected}
+
+
+@pytest.mark.parametrize("controlled", ["true", "false"])
+def test_one_that_no_document_names_does_what_nobody_asks_a_grant_for(controlled: str, tmp_path: Path) -> None:
+    """Fast DDS asks everybody for some grant."""
+    topics = topic_rule(enable_read_access_control="false", enable_write_access_control="false")
+    rules = domain_rule(topics=topics, enable_join_access_control=controlled)
+    ghost = identity("/ghost", "ghost")
+    files = {"backup/cert.pem": ghost.pem, "backup/key.pem": ghost.key_pem}
+    for system in understood(written(tmp_path, files, replace(STORE, governance=governance(rules)))):
+        [(number, one)] = [(n, each) for n, each in enumerate(system.enclaves) if each.at_large]
+        able = realm_views(system)[0].abilities(number)
+        let_in = controlled == "false" and not system.requires_grant
+        assert bool(able.may_read) == bool(able.may_write) == let_in
+        assert not one.reads_alone | one.writes_alone
 
 
 def test_nothing_that_must_be_possible_rests_on_it(tmp_path: Path) -> None:
