@@ -34,6 +34,9 @@ fun authentic: Realm -> Enclave {
 	introduced[Certificate] + Realm -> (opaque & Enclave) + open_realm -> Enclave
 }
 
+/** Enclaves that can issue themselves any identity: their key is that of an authority that a realm believes. */
+fun issuing: Realm -> Enclave { (identity_ca & Realm -> authority).public_key.~public_key.~identity }
+
 /** Pairs of enclaves whose identities have one key, so that each can pass for the other. */
 fun one_key: Enclave -> Enclave { identity.public_key.~(identity.public_key) - iden }
 

@@ -16,15 +16,21 @@
 module capabilities
 open permissions
 
+/** Grants by which a realm lets each enclave in; who issues itself identities, by any. */
+fun admits[realm: Realm]: Enclave -> Grant {
+	entering[realm.accepted] + realm.issuing -> (realm.accepted.grant & (in_force + joins_out_of_date))
+}
+
 /** Enclaves that a realm lets in where it does not control who joins: all, or (`requires_grant`) those with a grant. */
 fun admitted[realm: Realm]: set Enclave {
-	realm in requires_grant implies entering[realm.accepted].Grant + unbounded[realm] else Enclave
+	realm in requires_grant implies admits[realm].Grant + unbounded[realm] else Enclave
 }
 
 /** Domains that each enclave can join, as a participant that the realm has authenticated. */
 fun joins[realm: Realm]: Enclave -> Domain {
-	(realm.authentic & admitted[realm]) -> realm.join_uncontrolled
-	+ ((entering[realm.accepted].joining + unbounded[realm] -> Domain) & realm.authentic -> realm.governed_domain)
+	let known = realm.(authentic + issuing) |
+		(known & admitted[realm]) -> realm.join_uncontrolled
+		+ ((admits[realm].joining + unbounded[realm] -> Domain) & known -> realm.governed_domain)
 }
 
 /** Channels in whose domain each enclave takes part, as far as they are governed. */

@@ -88,7 +88,11 @@ fun unbounded[realm: Realm]: set Enclave {
 	some opaque & Document implies Enclave else opaque & Enclave + realm.self_granting
 }
 
-/** What peers in a realm concede to each enclave: rights of the kind `allowed`, by whatever it can present. */
+/**
+ * What peers in a realm concede to each enclave: rights of the kind `allowed`, by whatever it can present; to one that
+ * issues itself identities, what is granted to anybody.
+ */
 fun presentable[realm: Realm, allowed: Grant -> Channel]: Enclave -> Channel {
-	with_met[held[realm.accepted].allowed] + unbounded[realm] -> Channel
+	with_met[held[realm.accepted].allowed + realm.issuing -> (realm.accepted.grant & in_force).allowed]
+	+ unbounded[realm] -> Channel
 }

@@ -137,6 +137,9 @@ def _conceded(case: Case, number: int, operation: Operation) -> Way | None:
         return Way(why="its key is that of the permissions CA", steps=identity)
     if case.view.self_granting(number):
         return Way(why="it can sign itself permissions that its peers accept", steps=identity)
+    if case.view.issuing(number):
+        why = "its key is that of an identity CA, so that it can issue itself the identity of whomever a grant names"
+        return Way(why=why, steps=identity)
     for right in causes.rights(system, number, operation, case.witness[Role.CHANNEL]):
         if not right.document.opaque and not causes.signed_by_ca(system, case.realm, right.document):
             why = f"{right.document.label} grants it, which the permissions CA did not sign and peers accept"

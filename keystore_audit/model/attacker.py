@@ -11,7 +11,7 @@ from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.permission import Permissions, bits, members
+from keystore_audit.model.permission import Permissions, bits, members, union
 from keystore_audit.model.protection import Protection, open_protection, protection
 from keystore_audit.model.system import System
 
@@ -156,6 +156,16 @@ class RealmView:
             )
         )
 
+    def issuing(self, enclave: int) -> bool:
+        """Whether the enclave can issue itself any identity: its key is that of an identity CA."""
+        identity = self._system.enclaves[enclave].identity
+        return identity is not None and self._system.certificates[identity].key in self._issuing_keys
+
+    @cached_property
+    def _issuing_keys(self) -> frozenset[int]:
+        certificates = self._system.certificates
+        return frozenset(certificates[each].key for each in self._realm.identity_ca if certificates[each].authority)
+
     @cached_property
     def _authority_keys(self) -> frozenset[int]:
         return frozenset(self._system.certificates[authority].key for authority in self._realm.permissions_ca)
@@ -205,7 +215,13 @@ class RealmView:
         """Channels for which the enclave can present a document that peers take."""
         if self._unbounded(enclave):
             return self._permissions.all_channels
-        return self._right(self._system.enclaves[enclave].identity, operation, genuine=False)
+        rights = self._right(self._system.enclaves[enclave].identity, operation, genuine=False)
+        return rights | self._anybodys(operation) if self.issuing(enclave) else rights
+
+    def _anybodys(self, operation: Operation) -> int:
+        """Channels for which some document that peers take grants the right, to whomever."""
+        grants = self._permissions.granting(self.accepted)
+        return self._permissions.met(union(self._permissions.allowed(grant, operation) for grant in grants))
 
     def _unbounded(self, enclave: int) -> bool:
         """Whether it may have any right: by a document that it signs itself, or by one that we could not read."""
@@ -230,10 +246,13 @@ class RealmView:
         if self.open:
             return self._permissions.all_domains
         p = self.protection
-        if not self.authenticated(enclave):
+        issuing = self.issuing(enclave)
+        if not (issuing or self.authenticated(enclave)):
             return 0
         if anything:
             return p.ruled
+        if issuing:
+            return self._joined_by(self._permissions.granting(documents, admitting=True))
         return self._joined_by(self._permissions.admitting(self._system.enclaves[enclave].identity, documents))
 
     def _joined_by(self, grants: Collection[int]) -> int:
@@ -339,7 +358,8 @@ class RealmView:
         """What the enclave may write and read with the grants of these documents alone, or with any (`anything`)."""
         p = self.protection
         published, subscribed = (self._permissions.all_channels,) * 2 if anything else (0, 0)
-        for grant in self._permissions.chosen(self._system.enclaves[enclave].identity, documents):
+        own = self._permissions.chosen(self._system.enclaves[enclave].identity, documents)
+        for grant in self._permissions.granting(documents) if self.issuing(enclave) else own:
             published |= self._permissions.allowed(grant, Operation.PUBLISH)
             subscribed |= self._permissions.allowed(grant, Operation.SUBSCRIBE)
         reach = self._reach(self._joined_with(enclave, documents, anything=anything))

@@ -194,3 +194,12 @@ class Permissions:
         if certificate is None:
             return []
         return [grant for document, grant in self._chosen.get(certificate, ()) if document in documents]
+
+    def granting(self, documents: frozenset[int], *, admitting: bool = False) -> list[int]:
+        """The grants of these documents that count for whomever they name; or (`admitting`) by which one joins."""
+        undated = admitting and self._system.joins_out_of_date
+        return [
+            number
+            for number, grant in enumerate(self._system.grants)
+            if grant.document in documents and (undated or self.in_force(grant.not_before, grant.not_after))
+        ]

@@ -154,6 +154,24 @@ def self_granting(b: Builder) -> Builder:
     return b
 
 
+def issuing(b: Builder, enclave: int) -> Builder:
+    """The enclave's key is that of another authority in the identity CA's file."""
+    identity = b.enclaves[enclave].identity
+    assert identity is not None
+    authority = b.certificate([IDENTITY_CA], authority=True)
+    b.certificates[authority] = replace(b.certificates[authority], key=b.certificates[identity].key)
+    b.realms[0] = replace(b.realms[0], identity_ca=frozenset({IDENTITY_CA, authority}))
+    return b
+
+
+def unknown(b: Builder, enclave: int) -> Builder:
+    """No CA issued the enclave's own certificate."""
+    identity = b.enclaves[enclave].identity
+    assert identity is not None
+    b.certificates[identity] = replace(b.certificates[identity], issuers=frozenset())
+    return b
+
+
 def unauthenticated(b: Builder) -> Builder:
     """Participants without an identity are let in."""
     b.domain_rules[0] = replace(b.domain_rules[0], allow_unauthenticated_participants=True)

@@ -17,6 +17,7 @@ from tests.engine.alloy.flow_builders import (
     encrypted_from,
     ghost_too,
     in_messages,
+    issuing,
     let_in,
     on_channel,
     over,
@@ -27,6 +28,7 @@ from tests.engine.alloy.flow_builders import (
     starting,
     unasked,
     unauthenticated,
+    unknown,
     weak,
     with_readers,
 )
@@ -294,6 +296,18 @@ def questions() -> list[Question]:
         (stubborn(), claim(on_channel(OTHER_TOPIC), at(TALKER)), True, "a stubborn reader of a channel"),
         (stubborn(), claim(on_channel(OTHER_TOPIC), at(TALKER), source), False, "a stubborn reader, the source alone"),
         (chain(), claim(on_channel(OTHER_TOPIC), at(TALKER)), False),
+        # who has the key of an identity CA is whomever a grant names
+        (issuing(chain(), TALKER), claim(at(LISTENER), at(TALKER), source), True, "issued to itself"),
+        (issuing(chain(), LISTENER), claim(at(THIRD), at(TALKER), source), False),
+        (shut_out(), claim(at(TALKER), at(THIRD)), False),
+        (issuing(shut_out(), THIRD), claim(at(TALKER), at(THIRD)), True, "issued to itself, let in as another"),
+        (unknown(chain(), THIRD), claim(at(TALKER), at(THIRD)), False),
+        (
+            issuing(unknown(chain(), THIRD), THIRD),
+            claim(at(TALKER), at(THIRD)),
+            True,
+            "issued to itself, unknown itself",
+        ),
         # participants that honest peers refuse
         (expired(), starting(claim(at(TALKER), at(THIRD), kind=ClaimKind.SEPARATE_DOMAINS)), True),
         (expired(), starting(claim(at(THIRD), at(TALKER), kind=ClaimKind.SEPARATE_DOMAINS)), True),

@@ -286,6 +286,21 @@ MUTANTS = {
         "permissions :> realm.accepted",
         "Enclave -> realm.accepted",
     ),
+    "who issues itself identities has its own rights alone": (
+        "issued to itself",
+        " + realm.issuing -> (realm.accepted.grant & in_force).allowed",
+        "",
+    ),
+    "who issues itself identities joins by its own grants alone": (
+        "issued to itself, let in as another",
+        "entering[realm.accepted] + realm.issuing -> (realm.accepted.grant & (in_force + joins_out_of_date))",
+        "entering[realm.accepted]",
+    ),
+    "who issues itself identities is known by its own": (
+        "issued to itself, unknown itself",
+        "realm.(authentic + issuing)",
+        "realm.authentic",
+    ),
     "publishers need a grant": (
         "writers whom nobody asks",
         "may_write[realm] + (granted[realm, publish_allowed]",

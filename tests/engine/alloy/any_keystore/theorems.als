@@ -74,7 +74,7 @@ check GrantsCanBePresented {
 
 /** All access control on, the signer pinned, all documents read: nobody does more than the CA granted. */
 check AccessControlConfines {
-	(no opaque and authorities_keep_their_keys and Realm in pins_signer
+	(no opaque and authorities_keep_their_keys and no issuing and Realm in pins_signer
 		and TopicRule in enable_read_access_control & enable_write_access_control)
 		implies all realm: Realm {
 			may_write[realm] in granted[realm, publish_allowed]
@@ -88,7 +88,7 @@ check PowerNeedsMembership {
 		may_write[realm] + may_read[realm] + relays[realm] + overhears[realm] + forges[realm] in within_reach[realm]
 	all realm: Realm | within_reach[realm] in Enclave -> realm.governed
 	all realm: Realm | out_of_reach[realm] = Enclave -> Channel - within_reach[realm]
-	all realm: Realm - open_realm | joins[realm].Domain in realm.authentic
+	all realm: Realm - open_realm | joins[realm].Domain in realm.(authentic + issuing)
 } for 3 but 6 Entry, 2 Instant expect 0
 
 /** Origin authentication on all submessages leaves no forger. */
