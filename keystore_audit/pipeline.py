@@ -29,6 +29,7 @@ from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.profiles import Profile, resolve, running
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.options import Options, Progress
+from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AlloyResult, EngineRun, EngineStatus, PropertyResult
 from keystore_audit.report.content import (
     ASSUMPTIONS,
@@ -111,7 +112,7 @@ def audit(
         keystore=keystore,
         meaning=meaning,
         drift=_drift(keystore, policy, options, profiles, accesses) if policy is not None else None,
-        results=(*combine(meaning.systems, answers, names), *asserted, *determined, *in_alloy),
+        results=(*_told(native, keystore, answers, names), *asserted, *determined, *in_alloy),
         engines=runs,
         at=options.at,
         expires_within=options.expires_within,
@@ -180,6 +181,18 @@ def _nodes(
     from keystore_audit.model.wiring import wiring
 
     return wiring((*intents, *((policy.intent,) if policy else ())), keystore.layout.kind)
+
+
+def _told(
+    native: NativeEngine, keystore: Keystore, answers: Sequence[EngineAnswers], names: Sequence[str]
+) -> tuple[PropertyResult, ...]:
+    """What the engines say of the properties, and where what violates them stands."""
+    results = combine(native.systems, answers, names)
+    if not any(result.status is Status.VIOLATED for result in results):
+        return results
+    from keystore_audit.engine.property_breaches import with_places  # good keystores have none
+
+    return with_places(results, keystore, native.systems, native.answers)
 
 
 def _asserted(

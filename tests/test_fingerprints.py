@@ -307,6 +307,25 @@ def test_a_property_that_findings_explain_is_told_by_them(tmp_path: Path) -> Non
     assert before == after
 
 
+def read_freely(relayed: tuple[str, ...], data: str = "NONE") -> Store:
+    """Nobody asks who reads rt/open; the listener may relay, and reads what has payloads in the clear."""
+    relay = enclave("/listener", Rule(subscribe=("rt/b",), relay=relayed))
+    topics = (
+        TopicRule(expression="rt/open", read_access_control=False),
+        TopicRule(expression="rt/chatter", data=data),
+        TopicRule(),
+    )
+    return replace(TWO, enclaves=(TALKER, relay), governance=Governance(rules=(replace(QUIET, topics=topics),)))
+
+
+def test_what_no_finding_explains_beside_what_one_does_makes_another_violation(tmp_path: Path) -> None:
+    """KA405 explains that rt/open is read without a grant, and not that a relay reads rt/chatter."""
+    stores = read_freely(()), read_freely(("rt/chatter",)), read_freely(("rt/chatter",), "ENCRYPT")
+    found = [{*prints(store, tmp_path / str(n), "KA723", "spec")} for n, store in enumerate(stores)]
+    assert found[0].isdisjoint(found[1])
+    assert found[0] == found[2]
+
+
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_a_grant_that_gets_an_effect_is_another_finding(effect: str, tmp_path: Path) -> None:
     """It was accepted while nobody asked it."""

@@ -91,7 +91,7 @@ def _breaches(system: System, claim: ClaimAtom, budget: _Budget) -> Iterator[str
             places = (claim.pairs[number] for number in asked.cut_off(claim))
             yield from (f"{_named(system, names, one)} -> {_named(system, names, other)}" for one, other in places)
         else:
-            yield from (_told(system, names, witness) for witness, _path in asked.violations(claim))
+            yield from (told(system, names, witness) for witness, _path in asked.violations(claim))
 
 
 def _each(names: _Names, place: Place) -> list[Place]:
@@ -131,7 +131,7 @@ def _called(system: System, number: int) -> str:
     return f"{enclave.label} {system.certificates[enclave.identity].label}"
 
 
-def _told(system: System, names: _Names, witness: Witness) -> str:
+def told(system: System, names: _Names, witness: Witness) -> str:
     """Who, on what and where, by names that do not hang on the order of atoms; a realm has none."""
     told = []
     for role, atom in sorted(witness.items()):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import Enum
-from typing import Final
+from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location, Severity
@@ -57,12 +57,37 @@ class ProfileResult:
     counterexample: Counterexample | None
 
 
+class Place(NamedTuple):
+    """A file, or lines of it. `last`: None for all that follow."""
+
+    path: str
+    first: int = 0
+    last: int | None = None
+
+    def holds(self, line: int | None) -> bool:
+        """Whether the line of the file (None: all of it) is there."""
+        return line is None or self.first <= line <= (line if self.last is None else self.last)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Breach:
+    """What violates a property under some profiles: a name that tells it from others, and where it stands."""
+
+    name: str
+    places: frozenset[Place]
+    profiles: frozenset[str]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PropertyResult:
-    """A property and its answer under each chosen profile (canonical names)."""
+    """A property and its answer under each chosen profile (canonical names).
+
+    `violations`: what violates it; of many, some.
+    """
 
     prop: Property
     profiles: Mapping[str, ProfileResult]
+    violations: tuple[Breach, ...] = ()
 
     @property
     def status(self) -> Status:

@@ -207,7 +207,7 @@ class _Run:
 def _findings(run: _Run, chosen: Sequence[Rule[Any]], context: Context) -> tuple[Finding, ...]:
     """The findings, those that somebody accepts marked, and what the rules say of how they are accepted."""
     profiles = [profile.name for profile in context.profiles]
-    marks = _Marks(Contents(context.keystore, context.at), frozenset(profiles))
+    marks = _Marks(Contents(context.keystore, context.at), frozenset(profiles), context.results)
     marked = marks.of(run.found)
     found = _made(marked)
     if not context.acceptances:
@@ -237,9 +237,10 @@ def _outside(marked: Iterable[_Marked], keystore: Keystore) -> dict[str, set[str
 class _Marks:
     """Fingerprints. `profiles`: the names of those chosen, which a finding without any of its own is about."""
 
-    def __init__(self, contents: Contents, profiles: frozenset[str]) -> None:
+    def __init__(self, contents: Contents, profiles: frozenset[str], results: Iterable[PropertyResult]) -> None:
         self._contents = contents
         self._profiles = profiles
+        self._violations = {result.prop.id: result.violations for result in results}
 
     def of(self, found: Iterable[_Found]) -> list[_Marked]:
         """What was found, each with a fingerprint of its own.
@@ -264,16 +265,35 @@ class _Marks:
         """What stands where it was found, if that makes it.
 
         A property is one of the whole keystore; which example of its violation is told depends on the engine. Its
-        causes are noted by who accepts it; where nothing is its cause, all that the keystore says stands for them.
+        causes are noted by who accepts it; where nothing is its cause, all that the keystore says stands for them, and
+        beside them stands what violates it at no place of theirs.
         """
         if rule.family != "KA7":
             there = self._contents.at if violation.contents else self._contents.names
             return f"\0{there(violation.locations)}"
-        causes = (cause for other, cause in found if _is_cause(other, cause, rule, violation))
+        causes = [cause for other, cause in found if _is_cause(other, cause, rule, violation)]
         explained = {name for cause in causes for name in cause.profiles or self._profiles}
-        if not violation.contents or explained.issuperset(violation.profiles or self._profiles):
+        if not violation.contents:
             return ""
-        return f"\0{self._contents.everything}"
+        if not explained.issuperset(violation.profiles or self._profiles):
+            return f"\0{self._contents.everything}"
+        beside = self._unexplained(rule.name, causes)
+        return f"\0{beside}" if beside else ""
+
+    def _unexplained(self, prop: str, causes: Sequence[Violation]) -> str:
+        """What violates the property at no place of its causes, under some profile of each."""
+        there: dict[str, dict[tuple[int | None, tuple[str, ...]], None]] = {}
+        for cause in causes:
+            for location in cause.locations:
+                there.setdefault(location.path, {})[location.line, cause.profiles] = None
+        told = []
+        for breach in self._violations.get(prop, ()):
+            left = set(breach.profiles)
+            for place in breach.places:
+                for line, profiles in there.get(place.path, ()) if left else ():
+                    left -= (set(profiles) or self._profiles) if place.holds(line) else set()
+            told += [f"{name} {breach.name}" for name in sorted(left)]
+        return "\0\0".join(sorted(told))
 
 
 def _made(marked: Iterable[_Marked]) -> tuple[Finding, ...]:
