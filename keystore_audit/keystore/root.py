@@ -337,8 +337,8 @@ def _each_once(files: Iterable[File], contents: Mapping[str, bytes]) -> tuple[Fi
     found: dict[str, File] = {}
     read = (file for file in files if file.status is Status.PRESENT and file.sha256 in contents)
     for file in sorted(read, key=lambda file: file.place):
-        if file.sha256 is not None:
-            found.setdefault(file.sha256, file.holding(contents[file.sha256]))
+        if file.sha256 is not None and file.sha256 not in found:
+            found[file.sha256] = file.holding(contents[file.sha256])
     return tuple(found.values())
 
 

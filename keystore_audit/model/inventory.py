@@ -30,6 +30,7 @@ class Document:
     file: GovernanceFile | PermissionsFile | None
 
 
+@lru_cache(maxsize=2)  # a comparison has two; asked by whoever looks at all documents
 def documents_of(keystore: Keystore) -> tuple[Document, ...]:
     """Every distinct document that bears on rights, by place: what enclaves carry, and strays that a peer may take.
 

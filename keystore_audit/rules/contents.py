@@ -43,6 +43,8 @@ def told(value: object) -> str:
     The order of rules decides, that of what stands within one does not.
     """
     kind: Any = type(value)
+    if kind is str:  # nearly all
+        return repr(value)
     names = _said_by(kind)
     if names is not None:
         return f"{kind.__name__}({','.join([told(getattr(value, name)) for name in names])})"

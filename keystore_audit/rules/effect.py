@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from datetime import datetime
 from functools import cached_property
 from hashlib import sha256
+from typing import Final
 
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.governance import Text
@@ -20,6 +21,12 @@ from keystore_audit.model.subject import matching
 from keystore_audit.model.trust import is_issued
 from keystore_audit.model.validity import DateReading, read_date
 from keystore_audit.rules.subjects import governance_uses
+
+_BY_TRUST: Final = {
+    trust: [profile.name for profile in VARIANTS.values() if profile.trust is trust]
+    for trust in dict.fromkeys(profile.trust for profile in VARIANTS.values())
+}
+"""The names of the implementations that trust alike: each row is asked once."""
 
 
 def instant_of(date: Text) -> datetime | None:
@@ -65,10 +72,10 @@ class Effects:
         text = grant.subject_name.text
         if text not in self._told:
             by: dict[str, set[str]] = {}
-            for profile in VARIANTS.values():
-                for number in self._named[profile.trust.subjects].get(text, ()):
+            for trust, profiles in _BY_TRUST.items():
+                for number in self._named[trust.subjects].get(text, ()):
                     names = by.setdefault(self._identities[number].subject, set())
-                    names.update([profile.name] if self._is_let_in(number, profile.trust) else ())
+                    names.update(profiles if self._is_let_in(number, trust) else ())
             everybody = by and all(len(names) == len(VARIANTS) for names in by.values())
             told = sorted((subject, *sorted(names)) for subject, names in by.items() if names)
             self._told[text] = "" if everybody else f"{told} "
