@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from datetime import datetime
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
@@ -140,41 +140,47 @@ class AccessViews:
         return bounds[0], bounds[1]
 
     def _reduced(self, access: Access) -> Access:
-        """The row with everything that no document gives an occasion for as the specification has it."""
-        texts = self._unusual_expressions
-        alike = all(_meaning(text, access.matcher) == _meaning(text, Matcher.POSIX) for text in texts)
-        dates = all(self._same_date(text, access.dates) for text in self._dates)
-        occasions = {
-            "matcher": not alike,
-            "open_ranges": any(
+        """The row with everything that no document gives an occasion for as the specification has it.
+
+        Where it says the same, no document is looked at.
+        """
+        occasions: dict[str, Callable[[], bool]] = {
+            "matcher": lambda: any(
+                _meaning(text, access.matcher) != _meaning(text, Matcher.POSIX) for text in self._unusual_expressions
+            ),
+            "open_ranges": lambda: any(
                 entry.low is None or not entry.high for entry in self._ranges if entry.low != entry.high
             ),
-            "highest_domain": access.highest_domain is not None and self._beyond(self._ranges, access.highest_domain),
-            "reads_1_0": any(_is_1_0(file) for file in self._files),
-            "refuses_unauthenticated_with_rtps": any(map(_opens_protected_rtps, self._governances)),
-            "dates": not dates,
-            "skips_grants_out_of_date": any(len(permissions.grants) > 1 for permissions in self._permissions),
-            "joins_out_of_date": any(self._may_be_out_of_date(grant, access.dates) for grant in self._grants),
-            "honours_default": any(grant.default_allow for grant in self._grants),
-            "partitions": not all(map(has_one_reading, self._permissions)),
-            "relay": any(
+            "highest_domain": lambda: (
+                access.highest_domain is not None and self._beyond(self._ranges, access.highest_domain)
+            ),
+            "reads_1_0": lambda: any(_is_1_0(file) for file in self._files),
+            "refuses_unauthenticated_with_rtps": lambda: any(map(_opens_protected_rtps, self._governances)),
+            "dates": lambda: not all(self._same_date(text, access.dates) for text in self._dates),
+            "skips_grants_out_of_date": lambda: any(len(permissions.grants) > 1 for permissions in self._permissions),
+            "joins_out_of_date": lambda: any(self._may_be_out_of_date(grant, access.dates) for grant in self._grants),
+            "honours_default": lambda: any(grant.default_allow for grant in self._grants),
+            "partitions": lambda: not all(map(has_one_reading, self._permissions)),
+            "relay": lambda: any(
                 criterion.operation is Operation.RELAY
                 for grant in self._grants
                 for rule in grant.rules
                 for criterion in rule.criteria
             ),
-            "first_rule_decides_topic": any(not rule.allow for grant in self._grants for rule in grant.rules),
-            "requires_grant": any(
+            "first_rule_decides_topic": lambda: any(not rule.allow for grant in self._grants for rule in grant.rules),
+            "requires_grant": lambda: any(
                 not rule.enable_join_access_control
                 for governance in self._governances
                 for rule in governance.domain_rules
             ),
-            "any_governance_rule": any(
+            "any_governance_rule": lambda: any(
                 len(governance.domain_rules) > 1 or any(len(rule.topic_rules) > 1 for rule in governance.domain_rules)
                 for governance in self._governances
             ),
         }
-        return replace(SPEC.access, **{name: getattr(access, name) for name, occurs in occasions.items() if occurs})
+        own = {name: getattr(access, name) for name in occasions}
+        differing = {name: value for name, value in own.items() if value != getattr(SPEC.access, name)}
+        return replace(SPEC.access, **{name: value for name, value in differing.items() if occasions[name]()})
 
     @cached_property
     def _governances(self) -> list[Governance]:

@@ -31,8 +31,9 @@ def list_unread(enclave: Enclave, trust: Trust) -> tuple[str, str] | None:
     file = enclave.files.files[Role.CRL]
     if file.status.unknown:
         return file.path, f"crl.pem could not be read: {file.detail}"
-    defects = enclave.crl.defects if enclave.crl else ()
-    return next(((defect.path, defect.detail) for defect in defects if defect.kind.opaque), None)
+    if enclave.crl is None:  # nearly always
+        return None
+    return next(((defect.path, defect.detail) for defect in enclave.crl.defects if defect.kind.opaque), None)
 
 
 def lists_read(enclave: Enclave, trust: Trust) -> tuple[RevocationList, ...]:

@@ -303,7 +303,7 @@ def signer_refused_by_implementations(use: DocumentUse, context: Context) -> Ite
     a chosen profile refuses, else low.
     """
     refusals: dict[str, list[Profile]] = {}
-    for _enclave, file in use.judging:
+    for file in dict.fromkeys(file for _enclave, file in use.judging):
         if document_verdict(use.signed, file, SPEC) is not Verdict.ACCEPTED:
             continue
         for profile in VARIANTS.values():
