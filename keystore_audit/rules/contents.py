@@ -13,6 +13,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from datetime import datetime
 from enum import Enum
 from functools import cache, cached_property
+from operator import attrgetter
 from typing import Any, Final
 
 from keystore_audit.dataclass import fields
@@ -45,22 +46,23 @@ def told(value: object) -> str:
     kind: Any = type(value)
     if kind is str:  # nearly all
         return repr(value)
-    names = _said_by(kind)
-    if names is not None:
-        return f"{kind.__name__}({','.join([told(getattr(value, name)) for name in names])})"
+    said_by = _said_by(kind)
+    if said_by is not None:
+        return f"{kind.__name__}({','.join(map(told, said_by(value)))})"
     if isinstance(value, tuple):
-        parts = [told(each) for each in value]
+        parts = [*map(told, value)]
         ordered = not _ORDERED.isdisjoint(map(type, value))
         return f"({','.join(parts if ordered else sorted(set(parts)))})"
     return repr(value.value if isinstance(value, Enum) else value)
 
 
 @cache
-def _said_by(kind: type[Any]) -> tuple[str, ...] | None:
-    """The fields of a typed part that say something; None for what has no fields."""
+def _said_by(kind: type[Any]) -> Callable[[object], Iterable[object]] | None:
+    """What reads the fields of a typed part that say something; None for what has no fields."""
     if not hasattr(kind, "__dataclass_fields__"):
         return None
-    return tuple(part.name for part in fields(kind) if part.name not in _LEFT_OUT)
+    names = [part.name for part in fields(kind) if part.name not in _LEFT_OUT]
+    return attrgetter(*names) if len(names) > 1 else lambda value: [getattr(value, name) for name in names]
 
 
 def dated(grant: Grant) -> str:

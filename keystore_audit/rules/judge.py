@@ -65,13 +65,12 @@ def judge(
     speaks for.
     """
     chosen = [rule for rule in rules if _chosen(rule, select, ignore)]
-    run = _Run(context, aside=aside)
+    run = _Run(context, chosen, aside=aside)
     run.over(chosen, _subjects(context))
     run.over(chosen, [*run.crashes(), *run.unspoken(), *run.refusals()])
-    order = {rule.code: number for number, rule in enumerate(chosen)}
     return Judgement(
         findings=_findings(run, chosen, context),
-        outcomes=tuple(sorted(run.outcomes, key=lambda outcome: order[outcome.rule])),
+        outcomes=tuple(chain.from_iterable(run.outcomes.values())),
     )
 
 
@@ -110,12 +109,13 @@ _Put = tuple[list[Violation], list[tuple[Result, int]], list[Crash]]
 class _Run:
     """What the rules have said so far."""
 
-    def __init__(self, context: Context, *, aside: bool) -> None:
+    def __init__(self, context: Context, rules: Iterable[Rule[Any]], *, aside: bool) -> None:
+        """Nothing yet; `outcomes` will be by the codes of the rules, in their order."""
         self._context = context
         self._aside = aside
         self._crashes: list[Crash] = []
         self.found: list[_Found] = []
-        self.outcomes: list[Outcome] = []
+        self.outcomes: dict[str, list[Outcome]] = {rule.code: [] for rule in rules}
 
     def over(self, rules: Iterable[Rule[Any]], subjects: Iterable[tuple[str, object]]) -> None:
         """Put every rule to every subject that it is about."""
@@ -142,7 +142,7 @@ class _Run:
                 self._crashes += crashes
             code = rule.code
             each = chain.from_iterable(repeat(*result) for _, results, _ in parts for result in results)
-            self.outcomes += [Outcome(code, name, result) for (name, _), result in zip(about, each, strict=True)]
+            self.outcomes[code] += [Outcome(code, name, result) for (name, _), result in zip(about, each, strict=True)]
 
     def _behind(self, tasks: Iterable[tuple[Rule[Any], Sequence[tuple[str, object]]]]) -> list[_Put]:
         return [self._put(rule, about[_half(about) :]) for rule, about in tasks]
