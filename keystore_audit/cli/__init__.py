@@ -16,7 +16,7 @@ def main() -> NoReturn:
     The process lives for one audit, which makes many values and hardly any cycles: rare collections save a fifth.
     At its end Python would look through all of them once more for cycles, a tenth; the system takes the memory anyway.
     """
-    gc.set_threshold(200_000, 50, 50)
+    gc.set_threshold(1_000_000, 50, 50)
     try:
         from keystore_audit.cli.program import run
 
