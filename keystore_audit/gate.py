@@ -50,15 +50,25 @@ def verdict(findings: Sequence[Finding], fail_on: Severity | None, *, complete: 
     return (Verdict.FAIL, 1) if failing else (Verdict.PASS, 0)
 
 
-def weakened(options: Options, profiles: Sequence[Profile]) -> tuple[str, ...]:
-    """What makes this gate laxer than the default one."""
+def started_with(environment: Environment) -> tuple[str, ...]:
+    """The profiles that robots with these variables may start with."""
+    return running(environment.value("ROS_DISTRO"), environment.value(RMW))
+
+
+def weakened(options: Options, profiles: Sequence[Profile], environment: Environment | None) -> tuple[str, ...]:
+    """What makes this gate laxer than the default one; `options`: with the profiles of the environment, where none
+    were given.
+    """
     weakened = []
     if options.fail_on is None or not Severity.HIGH.at_least(options.fail_on):
         weakened.append(f"--fail-on {options.fail_on.value if options.fail_on else 'never'}")
     weakened += [f"--ignore {code}" for code in options.ignore]
     weakened += [f"--select {code}" for code in options.select]
     if not {profile.name for profile in profiles}.issuperset(DEFAULT):
-        weakened += [f"--profile {name}" for name in options.profiles]
+        if environment is not None and options.profiles == started_with(environment):
+            weakened.append(f"--env {environment.file.path}: profile {', '.join(options.profiles)} alone")
+        else:
+            weakened += [f"--profile {name}" for name in options.profiles]
     if options.expires_within < DEFAULT_NOTICE:
         weakened.append(f"--expires-within {options.expires_within.days}")
     settings = options.settings
@@ -79,8 +89,8 @@ def passed_over(options: Options, profiles: Sequence[Profile], environment: Envi
     domain = environment.value(DOMAIN)
     if domain and environment.domain != options.domain:
         found.append(f"--domain {options.domain} in place of {DOMAIN}={domain} in {environment.file.path}")
-    named = environment.value("ROS_DISTRO"), environment.value(RMW)
-    missing = set(running(*named)) - {profile.name for profile in profiles} if any(named) else ()
+    named = environment.value("ROS_DISTRO") or environment.value(RMW)
+    missing = set(started_with(environment)) - {profile.name for profile in profiles} if named else ()
     if missing:
         left_out = ", ".join(sorted(missing))
         found.append(f"--profile leaves out {left_out}, with which robots of {environment.file.path} may start")

@@ -15,9 +15,9 @@ from keystore_audit.engine.engines import run_engines
 from keystore_audit.engine.horizon import Horizon, horizon
 from keystore_audit.engine.label_answers import with_label_answers
 from keystore_audit.engine.native import NativeEngine
-from keystore_audit.gate import acceptances, complete, passed_over, verdict, weakened, while_accepted
+from keystore_audit.gate import acceptances, complete, passed_over, started_with, verdict, weakened, while_accepted
 from keystore_audit.given import GivenFile
-from keystore_audit.intent.environment import RMW, Environment, read_environment
+from keystore_audit.intent.environment import Environment, read_environment
 from keystore_audit.intent.intent import Intent, Origin
 from keystore_audit.intent.observed import read_observed
 from keystore_audit.keystore.identity import Beside
@@ -26,7 +26,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import certificates_of, documents_of
 from keystore_audit.model.meaning import Meaning
-from keystore_audit.model.profiles import Profile, resolve, running
+from keystore_audit.model.profiles import Profile, resolve
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.options import Options, Progress
 from keystore_audit.properties.property import Status
@@ -149,10 +149,9 @@ def _drawn(report: Report, context: Context, accesses: AccessViews, options: Opt
 
 def _as_started(options: Options, environment: Environment) -> Options:
     """The options with the profiles and the domain of the environment, where none were given."""
-    shipped = running(environment.value("ROS_DISTRO"), environment.value(RMW))
     return replace(
         options,
-        profiles=options.profiles or shipped,
+        profiles=options.profiles or started_with(environment),
         domain=environment.domain if options.domain is None else options.domain,
     )
 
@@ -260,7 +259,7 @@ def _report(
         exit_code=exit_code,
         fail_on=options.fail_on,
         weakened=(
-            *weakened(options, context.profiles),
+            *weakened(options, context.profiles, context.environment),
             *passed_over(options, context.profiles, context.environment),
             *accepted_by(judgement.findings),
         ),

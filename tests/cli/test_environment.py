@@ -26,7 +26,12 @@ SECURE = "ROS_SECURITY_ENABLE=true\nROS_SECURITY_STRATEGY=Enforce\nROS_SECURITY_
             ["--profile leaves out cyclonedds-0.10, with which robots of robot.env may start"],
         ),
         ("ROS_DISTRO=jazzy\nRMW_IMPLEMENTATION=rmw_cyclonedds_cpp", ["--profile", "jazzy"], []),
-        ("ROS_DISTRO=jazzy\nRMW_IMPLEMENTATION=rmw_cyclonedds_cpp", [], []),
+        (
+            "ROS_DISTRO=jazzy\nRMW_IMPLEMENTATION=rmw_cyclonedds_cpp",
+            [],
+            ["--env robot.env: profile cyclonedds-0.10 alone"],
+        ),
+        ("RMW_IMPLEMENTATION=rmw_cyclonedds_cpp", [], ["--env robot.env: profile cyclonedds-0.10, cyclonedds-11 alone"]),
     ],
 )
 def test_an_option_that_passes_over_a_variable_is_said(
@@ -37,3 +42,4 @@ def test_an_option_that_passes_over_a_variable_is_said(
     words = [healthy, "--env", "robot.env", *given, "--engine", "native", "--at", AT, "-f", "json"]
     weakened = json.loads(answer(*words)[1])["weakened"]
     assert [each for each in weakened if "robot.env" in each] == said
+    assert given or not any("--profile" in each for each in weakened)
