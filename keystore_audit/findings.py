@@ -69,7 +69,8 @@ class Finding:
 
     `locations` has the primary place first. `profiles` are the canonical variants it holds for
     (empty: all). `explained_by` holds fingerprints of the findings that are its cause. `undecided`: something stays
-    unknown because of it, so the audit is incomplete.
+    unknown because of it, so the audit is incomplete. `properties`: of a rule about any property, the ids of those that
+    it is about.
     """
 
     code: str
@@ -84,6 +85,7 @@ class Finding:
     explained_by: tuple[str, ...] = ()
     fingerprint: str
     undecided: bool = False
+    properties: tuple[str, ...] = ()
     suppressed: Suppression | None = None
 
     def fails(self, gate: Severity | None) -> bool:

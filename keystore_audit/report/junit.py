@@ -93,7 +93,7 @@ class _Findings:
         for finding in findings:
             self._by_rule[finding.code].append(finding)
             places = {location.path for location in finding.locations[:1]}
-            for subject in {finding.enclave or "", finding.name, *places}:
+            for subject in {finding.enclave or "", finding.name, *places, *finding.properties}:
                 self._by_subject[finding.code, subject].append(finding)
 
     def of(self, outcome: Outcome) -> Sequence[Finding]:

@@ -64,6 +64,7 @@ def _violated(result: AssertedResult | AlloyResult, breached_by: str) -> Iterato
         profiles=() if len(answers) == len(result.profiles) else tuple(answers),
         key=f"{result.prop.id}\0{result.meaning}\0{breached_by}",
         contents=False,
+        properties=(result.prop.id,),
     )
 
 

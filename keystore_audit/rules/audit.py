@@ -129,6 +129,7 @@ def engines_disagree(result: PropertyResult, _context: Context) -> Iterator[Viol
             profiles=profiles,
             undecided=True,
             key=result.prop.id,
+            properties=(result.prop.id,),
         )
 
 
@@ -177,17 +178,18 @@ def property_undecided(result: PropertyResult, context: Context) -> Iterator[Vio
     if _is_ours(result):
         same = (profiles, why)
         alike = [each for each in context.results if _is_ours(each) and (_undecided(each), _why(each, context)) == same]
-    told = result.prop.statement
+    told, ids = result.prop.statement, tuple(each.prop.id for each in alike)
     if len(alike) > 1:
-        told = f"{len(alike)} properties, {', '.join(each.prop.id for each in alike)}."
+        told = f"{len(alike)} properties, {', '.join(ids)}."
     yield Violation(
         message=f"Undecided, since {why}: {told}",
         locations=(*_asserted(result), *places(doubt.location for doubt in context.meaning.doubts)),
         profiles=() if len(profiles) == len(result.profiles) else profiles,
         undecided=True,
-        key="\n".join(each.prop.id for each in alike),
+        key="\n".join(ids),
         remedy=_WITH_ALLOY if _without_alloy(result, context) else None,
         shared=len(alike) > 1,
+        properties=ids,
     )
 
 

@@ -363,4 +363,5 @@ def _finding(rule: Rule[Any], violation: Violation, mark: str, causes: tuple[str
         explained_by=causes,
         fingerprint=mark,
         undecided=violation.undecided,
+        properties=violation.properties,
     )

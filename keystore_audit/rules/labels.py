@@ -41,6 +41,7 @@ def label_flow_violated(result: LabelResult, context: Context) -> Iterator[Viola
         severity=result.severity,
         profiles=() if len(answers) == len(result.profiles) else tuple(answers),
         key=f"{result.prop.id}\0{result.meaning}\0{breach(result.breaches, context)}",
+        properties=(result.prop.id,),
     )
 
 

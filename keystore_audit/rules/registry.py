@@ -24,7 +24,7 @@ class Violation:
     what stands at the places is part of what makes it (of a property that no finding explains: what all files say);
     where not, `key` holds all of it. `explains`: the properties that this one is a cause of, where they are not the
     rule's (None: the rule's). `shared`: it is said of each of several subjects in the same words, and is one finding
-    for all of them.
+    for all of them. `properties`: of a rule about any property, the ids of those that it is about.
     """
 
     message: str
@@ -38,6 +38,7 @@ class Violation:
     remedy: str | None = None
     explains: frozenset[str] | None = None
     shared: bool = False
+    properties: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import jsonschema
 import pytest
+from junitparser import Error, JUnitXml
 
 from keystore_audit import resources
+from tests.cli.keystores import AT, answer
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
 BAD = "rules/KA741-asserted-alloy-property-violated/bad"
@@ -20,18 +20,35 @@ GOOD = "rules/KA741-asserted-alloy-property-violated/good"
 ASKED = "alloy_properties/chatter.als"
 
 
-def run(keystore: str, *arguments: str, file: str | Path = ASKED) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "keystore_audit", keystore, "--alloy-property", str(file)]
-    variables = {key: value for key, value in os.environ.items() if key != "CI"}
-    command += ["--at", "2026-11-21T12:00:00Z", *arguments]
-    return subprocess.run(command, cwd=SAMPLES, env=variables, capture_output=True, text=True, timeout=120)
+Audit = Callable[..., tuple[int, str]]
 
 
-def report(keystore: str, *arguments: str) -> tuple[int, dict[str, Any]]:
-    done = run(keystore, "-f", "json", *arguments)
-    found = json.loads(done.stdout)
-    jsonschema.validate(found, json.loads((resources.schemas() / "report.schema.json").read_text()))
-    return done.returncode, found
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, resident_analyzer: None) -> Audit:  # noqa: ARG001
+    """An audit with a file of properties: its exit code and its report."""
+    monkeypatch.chdir(SAMPLES)
+    monkeypatch.delenv("CI", raising=False)
+
+    def audit(keystore: str, *arguments: str, file: str | Path = ASKED) -> tuple[int, str]:
+        return answer(keystore, "--alloy-property", file, "--at", AT, *arguments)
+
+    return audit
+
+
+Reported = Callable[..., tuple[int, dict[str, Any]]]
+
+
+@pytest.fixture
+def report(run: Audit) -> Reported:
+    """The same, as JSON."""
+
+    def audit(keystore: str, *arguments: str) -> tuple[int, dict[str, Any]]:
+        code, text = run(keystore, "-f", "json", *arguments)
+        found = json.loads(text)
+        jsonschema.validate(found, json.loads((resources.schemas() / "report.schema.json").read_text()))
+        return code, found
+
+    return audit
 
 
 def asserted(found: dict[str, Any]) -> dict[str, dict[str, Any]]:
@@ -40,7 +57,7 @@ def asserted(found: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 @pytest.mark.alloy
 @pytest.mark.xdist_group("alloy")
-def test_a_violated_property_fails_the_audit_with_names_and_lines() -> None:
+def test_a_violated_property_fails_the_audit_with_names_and_lines(report: Reported) -> None:
     code, found = report(BAD)
     assert (code, found["verdict"]) == (1, "fail")
     speaks = asserted(found)["chatter-only-the-talker-speaks"]
@@ -59,16 +76,16 @@ def test_a_violated_property_fails_the_audit_with_names_and_lines() -> None:
 
 @pytest.mark.alloy
 @pytest.mark.xdist_group("alloy")
-def test_what_holds_passes_and_the_text_says_who_decided() -> None:
-    done = run(GOOD)
-    assert done.returncode == 0
-    (line,) = [line for line in done.stdout.splitlines() if "chatter-only-the-talker-speaks" in line]
+def test_what_holds_passes_and_the_text_says_who_decided(run: Audit) -> None:
+    code, text = run(GOOD)
+    assert code == 0
+    (line,) = [line for line in text.splitlines() if "chatter-only-the-talker-speaks" in line]
     assert line.split()[:1] == ["holds"]
     assert "alloy" in line
     assert "native" not in line
 
 
-def test_without_alloy_it_is_open() -> None:
+def test_without_alloy_it_is_open(report: Reported) -> None:
     code, found = report(GOOD, "--engine", "native")
     assert (code, found["verdict"]) == (4, "incomplete")
     assert {each["status"] for each in asserted(found).values()} == {"unknown"}
@@ -79,6 +96,21 @@ def test_without_alloy_it_is_open() -> None:
     remedies = {each["remedy"] for each in found["findings"] if each["code"] == "KA906"}
     (advice,) = remedies
     assert "`--engine both`" in advice  # nothing is unread here
+
+
+def test_a_case_of_junit_tells_of_its_own_property(run: Audit) -> None:
+    code, text = run(GOOD, "--engine", "native", "-f", "junit")
+    assert code == 4
+    errors = {
+        case.name: error.message
+        for suite in JUnitXml.fromstring(text.encode())
+        for case in suite
+        for error in case.result
+        if case.classname == "KA906" and isinstance(error, Error)
+    }
+    assert sorted(errors) == ["chatter-only-the-talker-speaks", "chatter-somebody-listens"]
+    assert "No enclave but the talker's" in errors["chatter-only-the-talker-speaks"]
+    assert "another enclave listen" in errors["chatter-somebody-listens"]
 
 
 @pytest.mark.alloy
@@ -93,34 +125,35 @@ def test_without_alloy_it_is_open() -> None:
         ("module m\nopen keystore_audit\nfact { no Enclave }\n", "m.als:3:1: 'fact'"),
     ],
 )
-def test_a_mistake_in_the_file_is_a_usage_error_with_its_place(text: str, said: str, tmp_path: Path) -> None:
+def test_a_mistake_in_the_file_is_a_usage_error_with_its_place(
+    text: str, said: str, run: Audit, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "m.als").write_text(text)
-    done = run(GOOD, file=tmp_path / "m.als")
-    assert (done.returncode, done.stdout) == (2, "")
-    assert said in done.stderr
-    assert str(tmp_path) in done.stderr
+    assert run(GOOD, file=tmp_path / "m.als") == (2, "")
+    complaint = capsys.readouterr().err
+    assert said in complaint
+    assert str(tmp_path) in complaint
 
 
-def test_a_file_that_is_not_there_is_a_usage_error(tmp_path: Path) -> None:
-    done = run(GOOD, file=tmp_path / "nothing.als")
-    assert done.returncode == 2
-    assert "there is no such file" in done.stderr
+def test_a_file_that_is_not_there_is_a_usage_error(
+    run: Audit, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(GOOD, file=tmp_path / "nothing.als")[0] == 2
+    assert "there is no such file" in capsys.readouterr().err
 
 
-def test_a_file_in_the_keystore_is_refused(tmp_path: Path) -> None:
+def test_a_file_in_the_keystore_is_refused(run: Audit, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Whoever makes the keystore would say what is asked of it."""
     keystore = tmp_path / "keystore"
     keystore.mkdir()
     (keystore / "mine.als").write_text("module m\nopen keystore_audit\nrun A {} for 0\n")
-    done = run(str(keystore), file=keystore / "mine.als")
-    assert done.returncode == 2
-    assert "lies in the keystore" in done.stderr
+    assert run(str(keystore), file=keystore / "mine.als")[0] == 2
+    assert "lies in the keystore" in capsys.readouterr().err
 
 
-def model(directory: Path, *files: Path | str) -> subprocess.CompletedProcess[str]:
-    named = [word for file in files for word in ("--alloy-property", str(file))]
-    command = [sys.executable, "-m", "keystore_audit", "model", BAD, "-o", str(directory), "--profile", "spec", *named]
-    return subprocess.run(command, cwd=SAMPLES, capture_output=True, text=True, timeout=120)
+def model(directory: Path, *files: Path | str) -> int:
+    named = [word for file in files for word in ("--alloy-property", file)]
+    return answer("model", SAMPLES / BAD, "-o", directory, "--profile", "spec", *named)[0]
 
 
 @pytest.mark.alloy
@@ -128,19 +161,22 @@ def model(directory: Path, *files: Path | str) -> subprocess.CompletedProcess[st
 def test_the_model_for_the_window_has_the_file_and_its_names(tmp_path: Path) -> None:
     from tests.engine.alloy_batch import outcomes
 
-    assert model(tmp_path / "m", ASKED).returncode == 0
+    assert model(tmp_path / "m", SAMPLES / ASKED) == 0
     found = outcomes(tmp_path / "m", {}, "chatter_asked.als")
     assert found.pop("KeystoreAuditIsConsistent")
     assert found == {"OnlyTheTalkerSpeaks": True, "SomebodyListens": True}
 
 
-def test_names_that_two_files_give_cannot_stand_in_one_model(tmp_path: Path) -> None:
+def test_names_that_two_files_give_cannot_stand_in_one_model(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(SAMPLES)
     (tmp_path / "other.als").write_text(
         "module o\nopen keystore_audit\n//@ enclave Talker = /talker\nrun Some { some Talker } for 0\n"
     )
-    done = model(tmp_path / "m", ASKED, tmp_path / "other.als")
-    assert done.returncode == 2
-    assert "other.als:3:1: 'Talker' has a meaning at alloy_properties/chatter.als:5:1 already" in done.stderr
+    assert model(tmp_path / "m", ASKED, tmp_path / "other.als") == 2
+    complaint = capsys.readouterr().err
+    assert "other.als:3:1: 'Talker' has a meaning at alloy_properties/chatter.als:5:1 already" in complaint
     assert not (tmp_path / "m").exists()
 
 
@@ -153,7 +189,7 @@ def test_names_that_two_files_give_cannot_stand_in_one_model(tmp_path: Path) -> 
         ("flows/chatter_unreadable_enclave", "it depends on what is in enclaves/listener/permissions.p7s"),
     ],
 )
-def test_what_could_not_be_read_leaves_it_open(sample: str, why: str) -> None:
+def test_what_could_not_be_read_leaves_it_open(sample: str, why: str, report: Reported) -> None:
     code, found = report(sample)
     assert code == 4
     assert {each["status"] for each in asserted(found).values()} == {"unknown"}
@@ -166,10 +202,12 @@ def test_what_could_not_be_read_leaves_it_open(sample: str, why: str) -> None:
     assert all("what the other findings call unread" in each for each in advice)
 
 
-def test_a_misspelt_topic_beside_another_of_one_name_is_an_error(tmp_path: Path) -> None:
+def test_a_misspelt_topic_beside_another_of_one_name_is_an_error(
+    run: Audit, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = tmp_path / "chatter.als"
     names = "//@ topic Chatter = /chatter\n//@ topic Chatter = /chater\n"
     file.write_text(f"open keystore_audit\n{names}run SomebodyListens {{ some Chatter }} for 0\n")
-    done = run(GOOD, "--engine", "native", file=file)
-    assert done.returncode == 2
-    assert "no permissions document grants anything on the DDS topic 'rt/chater'" in done.stderr
+    assert run(GOOD, "--engine", "native", file=file)[0] == 2
+    complaint = capsys.readouterr().err
+    assert "no permissions document grants anything on the DDS topic 'rt/chater'" in complaint

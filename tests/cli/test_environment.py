@@ -31,7 +31,11 @@ SECURE = "ROS_SECURITY_ENABLE=true\nROS_SECURITY_STRATEGY=Enforce\nROS_SECURITY_
             [],
             ["--env robot.env: profile cyclonedds-0.10 alone"],
         ),
-        ("RMW_IMPLEMENTATION=rmw_cyclonedds_cpp", [], ["--env robot.env: profile cyclonedds-0.10, cyclonedds-11 alone"]),
+        (
+            "RMW_IMPLEMENTATION=rmw_cyclonedds_cpp",
+            [],
+            ["--env robot.env: profile cyclonedds-0.10, cyclonedds-11 alone"],
+        ),
     ],
 )
 def test_an_option_that_passes_over_a_variable_is_said(

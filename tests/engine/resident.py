@@ -39,6 +39,9 @@ def analyze_here(process: AnalyzerProcess) -> _Ended:
     after = stream(str(directory / "diagnostics")), stream(str(directory / "messages"))
     system.setErr(after[0])
     system.setOut(after[1])
+    log = jpype.JClass("org.slf4j.impl.SimpleLogger").class_.getDeclaredField("TARGET_STREAM")
+    log.setAccessible(True)
+    log.set(None, after[0])  # it has kept the stream that was stderr when it was loaded
     try:
         dispatcher.exitCode = 0
         analyzer = dispatcher()
@@ -50,5 +53,6 @@ def analyze_here(process: AnalyzerProcess) -> _Ended:
     finally:
         system.setErr(before[0])
         system.setOut(before[1])
+        log.set(None, before[0])
         for each in after:
             each.close()

@@ -56,3 +56,9 @@ def test_both_write_the_same(request: pytest.FixtureRequest) -> None:
 def test_an_error_is_one_here_too(asked: str, request: pytest.FixtureRequest) -> None:
     (process, _), (here, _) = both({MAIN: f"module audit\nopen vacuity\n{asked}"}, request)
     assert here.status == process.status == 1
+    assert complaint(here) == complaint(process)
+
+
+def complaint(output: Output) -> list[str]:
+    """What it says, without where in its code."""
+    return [line for line in output.diagnostics.splitlines() if line and not line.startswith("\tat ")]
