@@ -52,7 +52,7 @@ def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Countere
         return Counterexample(text=text, steps=tuple(dict.fromkeys(step for way in ways for step in way.steps)))
     witness = answer.witnesses[0] if answer.witnesses else {}
     if claim.kind is ClaimKind.SEPARATE_DOMAINS and Role.DOMAIN in witness:
-        return _shared_domain(Case(system=system, witness=witness), when)
+        return _shared_domain(Case(system=system, witness=witness), claim, when)
     if Role.CHANNEL not in witness:
         return Counterexample(text=f"It is violated, and no example was given{when}.", steps=())
     case = Case(system=system, witness=witness)

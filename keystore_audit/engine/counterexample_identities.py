@@ -119,6 +119,11 @@ def _grants_itself(case: Case) -> Counterexample:
         document = None if enclave.permissions is None else case.system.documents[enclave.permissions]
         name = enclave.label if document is None else document.label
         text = f"{enclave.label} has permissions that the permissions CA did not sign and peers accept: {name}."
+        if document is not None and document.opaque:
+            text = (
+                f"{name}, which {enclave.label} uses, could not be read: the permissions CA may not have signed it, "
+                "and peers may accept it."
+            )
         if document is not None:
             step = step_at(document.location, channel=None, witness=document.label, enclave=enclave.label)
     return Counterexample(text=text, steps=(step,))

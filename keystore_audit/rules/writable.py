@@ -36,16 +36,18 @@ def _written_by_others(file: File) -> bool:
     "issued: whoever could write may have done so.",
 )
 def writable_by_others(keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """Others than the owner may write CA certificates, folders on the way to what enclaves read, or their signed files.
+    """Others than the owner may write CA certificates, folders on the way to what enclaves read, or files of enclaves.
 
     Whoever may put a CA certificate of his own into the place of both is everybody to those who trust it. What the
     authorities signed nobody can change unseen, but an older document or list of theirs can be put back: a step less.
+    Who writes cert.p11 or key.p11 has the enclave use what else is on its token: a step less, too.
     High in a tree that goes on a robot (--deployed), medium elsewhere, as in the checkout of a pipeline. One finding
-    for each of the three. A file's group counts unless it is the owner's own: where the two have one number, as on
-    distributions that give every user a group (0664 is usual there). In a sticky folder others can add files but
-    replace none: it does not count, unless it is an enclave's, where a crl.pem or a `.p11` may be added, which Fast DDS
-    takes before the `.pem`. Who is in a group, who owns what, access control lists and folders above the
-    keystore are not looked at.
+    for each of the four. A file's group counts unless it is the owner's own: where the two have one number, as on
+    distributions that give every user a group (0664 is usual there). A group of another number counts even if its user
+    is alone in it: that is known to the machine on which the files are used, and to no keystore. In a sticky folder
+    others can add files but replace none: it does not count, unless it is an enclave's, where a crl.pem or a `.p11` may
+    be added, which Fast DDS takes before the `.pem`. Who is in a group, who owns what, access control lists and folders
+    above the keystore are not looked at.
     """
     enclaves = keystore.layout.enclaves
     authorities = {
@@ -55,12 +57,13 @@ def writable_by_others(keystore: Keystore, context: Context) -> Iterator[Violati
             *(by[role] for each in enclaves for by in (each.files, each.pkcs11) for role in _AUTHORITIES if role in by),
         )
     }
-    others = {
+    signed = {
         file.place: file
         for each in enclaves
-        for file in each.for_run_time
+        for file in each.files.values()
         if file.place not in authorities and file is not each.files[Role.KEY]  # KA108 has that one
     }
+    addresses = [file for each in enclaves for file in each.pkcs11.values() if file.place not in authorities]
     severity, less = (Severity.HIGH, Severity.MEDIUM) if context.deployed else (Severity.MEDIUM, Severity.LOW)
     trusted = "whoever puts a CA certificate of his own there issues identities or signs rights that the enclaves trust"
     own = {each.directory for each in enclaves}
@@ -69,7 +72,9 @@ def writable_by_others(keystore: Keystore, context: Context) -> Iterator[Violati
     replaced = "whoever may write in one replaces what it leads to, with CA certificates of his own"
     yield from _found(folders, ("folder", "folders"), replaced, severity)
     again = "whoever kept an older one of its authority can put it back"
-    yield from _found(others.values(), ("signed file", "signed files"), again, less)
+    yield from _found(signed.values(), ("signed file", "signed files"), again, less)
+    another = "whoever may write one has its enclave take another key or certificate from the token"
+    yield from _found(addresses, ("PKCS #11 address", "PKCS #11 addresses"), another, less)
 
 
 def _found(files: Iterable[File], called: tuple[str, str], so: str, severity: Severity) -> Iterator[Violation]:

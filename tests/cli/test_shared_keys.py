@@ -98,6 +98,20 @@ def test_a_second_certificate_reads_for_the_enclave_that_has_its_key(
     assert (found["x"]["status"], found["y"]["status"]) == ("holds", status)
 
 
+@pytest.mark.parametrize(
+    ("apart", "told"),
+    [
+        (["/talker", "/third"], "As /talker, whose key /third has too, both sides can join domain 0."),
+        (["/talker", "/listener"], "/third, whose key /talker has too, and /listener can both join domain 5."),
+        (["/listener", "/third"], "/listener and /third, whose key /talker has too, can both join domain 5."),
+    ],
+)
+def test_who_is_together_by_the_key_of_another_is_told(tmp_path: Path, apart: list[str], told: str) -> None:
+    settings = f'[[property]]\nname = "apart"\nnever_share_domain = {apart}\n'
+    found = asked(built(tmp_path / "keys", one_key=True), settings)["apart"]
+    assert found["profiles"]["cyclonedds-11"]["counterexample"]["text"] == told
+
+
 @pytest.mark.parametrize("with_key", [True, False])
 def test_no_enclave_is_not_the_one_writer(tmp_path: Path, with_key: bool) -> None:
     """The one who may publish is an identity that lies about, or that lies elsewhere."""

@@ -132,6 +132,10 @@ def test_grants_that_could_not_be_read_are_said_to_be_so() -> None:
     atoms = {"realm": 0, "enclave": LISTENER, "other": TALKER, "channel": CHATTER}
     for identifier in ("no-subject-serves-two-enclaves", "readers-cannot-forge"):
         assert "could not be read" in tell(b.system(), identifier, **atoms).text
+    assert tell(b.system(), "no-enclave-grants-itself-rights", realm=0, enclave=TALKER).text == (
+        "enclaves/talker/permissions.p7s, which /talker uses, could not be read: the permissions CA may not have "
+        "signed it, and peers may accept it."
+    )
 
 
 @pytest.mark.parametrize(
