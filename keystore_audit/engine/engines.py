@@ -55,14 +55,14 @@ def _alloy(
     stage: Callable[[str], None] | None,
 ) -> tuple[EngineRun, Sequence[Mapping[str, Answer]] | None]:
     """Alloy's answers, or why there are none. Once it was found or asked for by name, its failure counts."""
-    from keystore_audit.engine.alloy.install import locate  # a twentieth of a second, which the native engine spares
+    from keystore_audit.engine.alloy.install import find  # a twentieth of a second, which the native engine spares
     from keystore_audit.engine.alloy.runner import examine
 
     asked = choice in ("alloy", "both") or jar is not None
     version: str | None = None
     try:
         in_ci = os.environ.get("CI", "").lower() not in ("", "0", "false")
-        engine = locate(jar, offline=offline, ci=in_ci, progress=stage)
+        engine = find(jar, offline=offline, ci=in_ci, progress=stage)
         version = engine.version
         if stage:
             stage("asking the Alloy Analyzer")

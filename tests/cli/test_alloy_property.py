@@ -12,6 +12,8 @@ import pytest
 from junitparser import Error, JUnitXml
 
 from keystore_audit import resources
+from keystore_audit.engine.alloy import install
+from keystore_audit.engine.alloy.process import AnalyzerProcess
 from tests.cli.keystores import AT, answer
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
@@ -83,6 +85,22 @@ def test_what_holds_passes_and_the_text_says_who_decided(run: Audit) -> None:
     assert line.split()[:1] == ["holds"]
     assert "alloy" in line
     assert "native" not in line
+
+
+@pytest.mark.alloy
+@pytest.mark.xdist_group("alloy")
+def test_the_jar_is_hashed_once_for_each_process_that_runs_it(run: Audit, monkeypatch: pytest.MonkeyPatch) -> None:
+    from tests.engine.alloy_batch import start_jvm
+
+    start_jvm()  # which checks the jar for itself
+    started: list[Path] = []
+    checked: list[Path] = []
+    start, check = AnalyzerProcess._start, install.check
+    monkeypatch.setattr(AnalyzerProcess, "_start", lambda process: started.append(process._jar) or start(process))
+    monkeypatch.setattr(install, "check", lambda jar, *other: checked.append(jar) or check(jar, *other))
+    assert run(GOOD, "--profile", "spec")[0] == 0
+    assert len(started) == len(checked) == 2  # our properties, and theirs
+    assert not {*started} & {*checked}, "what runs is the copy"
 
 
 def test_without_alloy_it_is_open(report: Reported) -> None:

