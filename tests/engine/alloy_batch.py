@@ -127,11 +127,13 @@ def outcomes(directory: Path, modules: dict[str, str], main: str = "audit.als") 
 
 
 def _world(directory: Path, modules: dict[str, str], main: str) -> Any:
-    (directory / "util").mkdir(exist_ok=True)
-    for name, text in (modules | _NO_INTEGERS).items():
-        (directory / name).write_text(text)
+    """The model whose files these would be in `directory`: none is written, or read where there is one."""
     analyzer = _analyzer()
-    return analyzer.parse(analyzer.silent, None, str(directory / main))
+    place = os.path.realpath(directory)
+    loaded = jpype.JClass("java.util.HashMap")()
+    for name, text in (modules | _NO_INTEGERS).items():
+        loaded.put(f"{place}/{name}", text)
+    return analyzer.parse(analyzer.silent, loaded, f"{place}/{main}")
 
 
 def _told(world: Any, wanted: Callable[[str], bool]) -> dict[str, bool]:
@@ -240,6 +242,7 @@ def start_jvm() -> None:
         "-Xmx1g",
         "-XX:+UseSerialGC",
         "-XX:MetaspaceSize=128m",  # no collection each time that some more classes are there
+        "-XX:-StackTraceInThrowable",
         *LATE_SECOND_COMPILER,
         "-Dorg.slf4j.simpleLogger.defaultLogLevel=error",
         "-Djava.awt.headless=true",
