@@ -242,7 +242,7 @@ def start_jvm() -> None:
         "-Xmx1g",
         "-XX:+UseSerialGC",
         "-XX:MetaspaceSize=128m",  # no collection each time that some more classes are there
-        "-XX:-StackTraceInThrowable",
+        "-Xmn256m",  # fewer collections: nearly all of it is soon thrown away
         *LATE_SECOND_COMPILER,
         "-Dorg.slf4j.simpleLogger.defaultLogLevel=error",
         "-Djava.awt.headless=true",

@@ -61,6 +61,7 @@ def using(analyzer: Engine, timeout: float = ENOUGH) -> Analyzer:
     return Analyzer(java=analyzer.java, jar=analyzer.jar, timeout=timeout, memory_mb=1024)
 
 
+@pytest.mark.usefixtures("resident_analyzer")
 def test_checks_and_runs_are_answered_and_told_in_names(analyzer: Engine) -> None:
     file = read(QUESTIONS)
     of_healthy, of_stock = ask(file, [placed(healthy()), placed(stock())], using(analyzer))
@@ -95,6 +96,7 @@ def complaint(text: str, analyzer: Engine) -> str:
     return caught.value.message
 
 
+@pytest.mark.usefixtures("resident_analyzer")
 def test_what_alloy_refuses_is_said_where_it_is_in_the_users_file(analyzer: Engine) -> None:
     unknown = HEAD + NAMES + "check A {\n\tsome Talker.(may_writes[Realm])\n} for 0\n"
     assert complaint(unknown, analyzer).startswith("asked.als:6:15: Alloy says: The name")
@@ -104,6 +106,7 @@ def test_what_alloy_refuses_is_said_where_it_is_in_the_users_file(analyzer: Engi
     assert complaint(grammar, analyzer).startswith("asked.als:3:")
 
 
+@pytest.mark.usefixtures("resident_analyzer")
 def test_a_warning_is_an_error(analyzer: Engine) -> None:
     """What is always empty is a property that holds of everything."""
     always_empty = HEAD + NAMES + "check A { no Talker & Chatter } for 0\n"
@@ -114,6 +117,7 @@ def test_a_warning_is_an_error(analyzer: Engine) -> None:
     assert "unused" in complaint(HEAD + unused, analyzer)
 
 
+@pytest.mark.usefixtures("resident_analyzer")
 def test_a_contradiction_leaves_everything_undecided(analyzer: Engine) -> None:
     """The reader lets no fact in; if one came in by a way that nobody knows, everything would hold."""
     file = read(HEAD + "check A { no Enclave } for 0\n")
@@ -176,6 +180,7 @@ def decided(analyzer: Engine, systems: list[System], engines: list[EngineRun], t
     return result
 
 
+@pytest.mark.usefixtures("resident_analyzer")
 def test_both_readings_must_agree(analyzer: Engine) -> None:
     one = placed(replace(healthy(), profiles=("a",), reading=Reading.MUST))
     nobody = replace(one.enclaves[LISTENER], identity=None)
