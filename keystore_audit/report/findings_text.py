@@ -1,6 +1,7 @@
 """The findings of the report for people: by enclave, worst first, each defect's remedy in full where it comes first.
 
-What does not fail the gate and stands in many enclaves alike is shown of a few of them and counted of the rest.
+What does not fail the gate and stands in many enclaves alike is shown of a few of them and counted of the rest; where
+it is the same to the word, of one.
 """
 
 from __future__ import annotations
@@ -53,16 +54,20 @@ def put_findings(page: Page, report: Report, shown: Sequence[Finding]) -> None:
             groups.setdefault(finding.enclave, []).append((rank, finding))
     ordered = sorted(groups.items(), key=lambda group: (min(rank for rank, _ in group[1]), group[0] or ""))
     enough: Counter[str] = Counter()
+    said: set[tuple[str, Severity, str, str]] = set()  # copies of one document say the same in each enclave
     elsewhere: dict[tuple[str, str, Severity], list[str]] = {}
-    explained: set[tuple[str, str, str]] = set()
+    explained: dict[str, list[str]] = {}
     for enclave, ranked in ordered:
         findings = []
         for _, finding in sorted(ranked, key=lambda entry: entry[0]):  # stable: else the report's order
             minor = not (finding.fails(report.fail_on) or finding.severity.at_least(Severity.HIGH) or finding.undecided)
-            if enclave and minor and enough[finding.code] >= MAX_EXAMPLES and not consequences.of(finding):
+            words = finding.code, finding.severity, finding.message, finding.remedy
+            known = enough[finding.code] >= MAX_EXAMPLES or words in said
+            if enclave and minor and known and not consequences.of(finding):
                 elsewhere.setdefault((finding.code, finding.name, finding.severity), []).append(enclave)
             else:
                 findings.append(finding)
+                said.add(words)
         enough.update({finding.code for finding in findings})
         if findings:
             _group(page, enclave, findings, profiles, consequences, explained)
@@ -76,7 +81,7 @@ def _group(
     findings: Sequence[Finding],
     profiles: frozenset[str],
     consequences: Consequences,
-    explained: set[tuple[str, str, str]],
+    explained: dict[str, list[str]],
 ) -> None:
     """The findings about one enclave, or about the whole keystore."""
     page.blank()
@@ -112,16 +117,16 @@ def _finding(page: Page, finding: Finding, profiles: frozenset[str]) -> None:
         page.labelled("under", ", ".join(finding.profiles), indent=4, column=12)
 
 
-def _what_to_do(page: Page, finding: Finding, explained: set[tuple[str, str, str]]) -> None:
+def _what_to_do(page: Page, finding: Finding, explained: dict[str, list[str]]) -> None:
     """Clause and remedy, in full where they come first: a keystore repeats a defect in many enclaves."""
-    key = (finding.code, finding.clause, finding.remedy)
-    if key in explained:
-        page.labelled("remedy", f"as for {finding.code} above", indent=4, column=12)
-        return
-    explained.add(key)
-    for label, text in (("clause", finding.clause), ("remedy", finding.remedy)):
-        if text:
-            page.labelled(label, text, indent=4, column=12)
+    told = explained.get(finding.remedy)
+    if finding.clause and (told is None or finding.code not in told):
+        page.labelled("clause", finding.clause, indent=4, column=12)
+    if told:
+        page.labelled("remedy", f"as for {told[0]} above", indent=4, column=12)
+    elif finding.remedy:
+        page.labelled("remedy", finding.remedy, indent=4, column=12)
+    explained.setdefault(finding.remedy, []).append(finding.code)
 
 
 def _consequences(page: Page, consequences: Iterable[tuple[Finding, str]]) -> None:

@@ -12,7 +12,7 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.model.trust import is_authority
 from keystore_audit.rules.acceptance import pinned, unpinned
 from keystore_audit.rules.certificate import RENEW_AUTHORITY, at, what
-from keystore_audit.rules.commands import MAKE_PERMISSIONS_CA, SIGN_GOVERNANCE, SIGN_PERMISSIONS
+from keystore_audit.rules.commands import MAKE_PERMISSIONS_CA, SIGN_GOVERNANCE, SIGN_PERMISSIONS, UNREVIEWED
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import CertificateUse
@@ -59,8 +59,8 @@ def _trusting(groups: Iterable[tuple[str, Iterable[str], Iterable[Enclave]]]) ->
     clause="DDS-Security 1.1, 9.4.1.1; CVE-2023-24010, CVE-2023-24011, CVE-2023-24012; ros2/sros2#282",
     remedy=f"Make a second authority beside sros2's links and move it over them, in the keystore's root: "
     f"{MAKE_PERMISSIONS_CA} (written through the links, it would overwrite the one CA there is). Sign everything with "
-    f"it: {SIGN_GOVERNANCE}, and for every enclave {SIGN_PERMISSIONS}. Enclaves with copies in place of links need the "
-    "new certificate too.",
+    f"it: {SIGN_GOVERNANCE}, and for every enclave {SIGN_PERMISSIONS}. {UNREVIEWED}. Enclaves with copies in place of "
+    "links need the new files too.",
     explains=(
         "one-ca-for-one-role",
         "no-enclave-grants-itself-rights",

@@ -6,7 +6,19 @@ tests/rules/test_remedies.py runs them.
 
 from __future__ import annotations
 
+import re
 from typing import Final
+
+from keystore_audit.keystore.layout import LayoutKind
+
+_PLACE: Final = re.compile(r"`[^`]*\b(public|private|enclaves)/")
+
+
+def for_layout(remedy: str, kind: LayoutKind) -> str:
+    """The remedy as it is to be read in a keystore of this layout: in an older one its commands find nothing."""
+    if kind in (LayoutKind.FLAT, LayoutKind.ARDENT) and _PLACE.search(remedy):
+        return f"The commands are for the layout since Foxy, which this keystore does not have (KA115). {remedy}"
+    return remedy
 
 
 def signing(document: str) -> str:
@@ -31,13 +43,21 @@ CREATE_ENCLAVE: Final = (
     "that allow everything"
 )
 
+UNREVIEWED: Final = "This signs whatever the .xml files say: read first those that KA110 or KA3 names"
+
+
 # Written beside sros2's links and moved over them: openssl follows a link, and would overwrite the one CA behind both.
-MAKE_PERMISSIONS_CA: Final = (
-    "`openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -sha256 -days 3650 "
-    "-subj /CN=permissionsCA -keyout private/new.key.pem -out public/new.cert.pem`, "
-    "`mv private/new.key.pem private/permissions_ca.key.pem`, "
-    "`mv public/new.cert.pem public/permissions_ca.cert.pem`"
-)
+def _making(role: str) -> str:
+    """The commands that make an authority of this role with a new key."""
+    return (
+        "`openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -sha256 -days 3650 "
+        f"-subj /CN={role}CA -keyout private/new.key.pem -out public/new.cert.pem`, "
+        f"`mv private/new.key.pem private/{role}_ca.key.pem`, `mv public/new.cert.pem public/{role}_ca.cert.pem`"
+    )
+
+
+MAKE_PERMISSIONS_CA: Final = _making("permissions")
+MAKE_IDENTITY_CA: Final = _making("identity")
 RENEW_CA: Final = (
     "`openssl req -x509 -new -sha256 -days 3650 -key private/ROLE_ca.key.pem -subj /CN=NAME "
     "-out public/ROLE_ca.cert.pem`, ROLE being identity or permissions"

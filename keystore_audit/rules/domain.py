@@ -111,7 +111,8 @@ def _meet(one: DomainRange, other: DomainRange) -> bool:
     Severity.HIGH,
     on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.3 (domains)",
-    remedy=f"Let governance and permissions name one domain, with ROS_DOMAIN_ID set as on the robot: {WRITE_AGAIN}",
+    remedy="Where KA416 says that other enclaves carry another governance, begin there. Let governance and permissions "
+    f"name one domain, with ROS_DOMAIN_ID set as on the robot: {WRITE_AGAIN}",
     applies=speaks,
     stops=True,
 )

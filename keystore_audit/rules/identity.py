@@ -14,6 +14,7 @@ from keystore_audit.model.inventory import certified_again, identities_at_large
 from keystore_audit.model.profiles import VARIANTS, Profile
 from keystore_audit.model.trust import chain_refusal, is_authority, issue, may_have_issued, vouches
 from keystore_audit.rules.certificate import ISSUE_AGAIN, RENEW_AUTHORITY, has_usual_subject, usual_subject, what
+from keystore_audit.rules.commands import CREATE_PERMISSION, SIGN_PERMISSIONS
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import CertificateUse
@@ -208,7 +209,9 @@ def _why_not(certificate: Certificate, answers: dict[Issue, Certificate]) -> tup
     Severity.LOW,
     on=CertificateUse,
     clause="ros2/sros2, create_enclave (the enclave's path is the common name)",
-    remedy=ISSUE_AGAIN,
+    remedy="If the enclave's folder was renamed, give it its old name again. Else issue another identity, and let its "
+    "permissions name it, or no grant does and the enclave does not start (KA503): correct the policy and run "
+    f"{CREATE_PERMISSION}, or correct <subject_name> in permissions.xml and run {SIGN_PERMISSIONS}. {ISSUE_AGAIN}",
     applies=is_identity,
 )
 def subject_differs_from_enclave(use: CertificateUse, context: Context) -> Iterator[Violation]:

@@ -14,8 +14,10 @@ from keystore_audit.aside import FEW, Aside
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import MAX_PLACES, WHOLE, Finding, Outcome, Result, Severity, fingerprint
 from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.model.meaning import Doubt
 from keystore_audit.properties.result import PropertyResult
+from keystore_audit.rules.commands import for_layout
 from keystore_audit.rules.contents import Contents
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation
@@ -209,7 +211,8 @@ def _findings(run: _Run, chosen: Sequence[Rule[Any]], context: Context) -> tuple
     profiles = [profile.name for profile in context.profiles]
     marks = _Marks(Contents(context.keystore, context.at), frozenset(profiles), context.results)
     marked = marks.of(run.found)
-    found = _made(marked)
+    layout = context.keystore.layout.kind
+    found = _made(marked, layout)
     if not context.acceptances:
         return found
     codes = {rule.code for rule in chosen}
@@ -217,7 +220,7 @@ def _findings(run: _Run, chosen: Sequence[Rule[Any]], context: Context) -> tuple
     before = len(run.found)
     run.over(chosen, [(file.path, file) for file in files])
     run.over(chosen, run.crashes())
-    return accepted(_made([*marked, *marks.of(run.found[before:])]), files)
+    return accepted(_made([*marked, *marks.of(run.found[before:])], layout), files)
 
 
 def _outside(marked: Iterable[_Marked], keystore: Keystore) -> dict[str, set[str]]:
@@ -296,11 +299,11 @@ class _Marks:
         return "\0\0".join(sorted(told))
 
 
-def _made(marked: Iterable[_Marked]) -> tuple[Finding, ...]:
+def _made(marked: Iterable[_Marked], layout: LayoutKind) -> tuple[Finding, ...]:
     """The findings, the causes of violated properties named, worst first."""
     ordered = sorted(marked, key=lambda item: _order(item[0], item[1]))
     return tuple(
-        _finding(rule, violation, mark, _causes(rule, violation, ordered)) for rule, violation, mark in ordered
+        _finding(rule, violation, mark, _causes(rule, violation, ordered), layout) for rule, violation, mark in ordered
     )
 
 
@@ -349,13 +352,13 @@ def _is_cause(other: Rule[Any], cause: Violation, rule: Rule[Any], violation: Vi
     )
 
 
-def _finding(rule: Rule[Any], violation: Violation, mark: str, causes: tuple[str, ...]) -> Finding:
+def _finding(rule: Rule[Any], violation: Violation, mark: str, causes: tuple[str, ...], layout: LayoutKind) -> Finding:
     return Finding(
         code=rule.code,
         name=rule.name,
         severity=violation.severity or rule.severity,
         message=shorten(violation.message, MAX_MESSAGE),
-        remedy=violation.remedy or rule.remedy,
+        remedy=for_layout(violation.remedy or rule.remedy, layout),
         clause=rule.clause,
         enclave=violation.enclave,
         locations=violation.locations[:MAX_PLACES],

@@ -6,49 +6,19 @@ import re
 from collections.abc import Iterator
 from typing import Any, Final
 
-from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.model.sight import REQUIRED
-from keystore_audit.rules.commands import CREATE_ENCLAVE, LINK_CA, LINK_GOVERNANCE, SHOW_DOCUMENT, SIGN_DOCUMENT
+from keystore_audit.rules.commands import SHOW_DOCUMENT, SIGN_DOCUMENT
 from keystore_audit.rules.context import Context
+from keystore_audit.rules.missing_files import RUN_TIME_FILES, about, dangling_link, file_name, required_file_missing
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse
 from keystore_audit.rules.wording import listed, paths, quoted, sole
 
-RUN_TIME_FILES = "ros2/rmw_dds_common, security.cpp: the files that an enclave must have"
 _UNREAD = "keystore-audit, docs/model.md: what is not read counts as able to do anything"
-
-_MAKE_AGAIN = f"Make what is missing: {CREATE_ENCLAVE}."
-
-
-_RESTS_ON: Final = {  # the property that is violated without the file: nobody vouches, or nobody signed
-    Role.IDENTITY_CA: "identities-chain-to-the-identity-ca",
-    Role.PERMISSIONS_CA: "documents-signed-by-the-permissions-ca",
-}
-
-
-def _about(enclave: Enclave, file: File, message: str, *, undecided: bool = False) -> Violation:
-    return Violation(message=message, locations=(Location(path=file.path),), enclave=enclave.path, undecided=undecided)
-
-
-def _absent(enclave: Enclave, file: File, message: str) -> Violation:
-    files = enclave.files.files
-    explains = frozenset(told for role, told in _RESTS_ON.items() if files[role].path == file.path)
-    return replace(_about(enclave, file, message), explains=explains)
-
-
-def _required(enclave: Enclave, *statuses: Status) -> Iterator[File]:
-    """Required files in these states, each path once; a `.p11` file may stand in for the `.pem`."""
-    seen: set[str] = set()
-    for role in REQUIRED:
-        file = enclave.files.files[role]
-        if file.status in statuses and role not in enclave.files.pkcs11 and file.path not in seen:
-            seen.add(file.path)
-            yield file
 
 
 def _unread(enclave: Enclave, status: Status) -> Iterator[File]:
@@ -58,57 +28,6 @@ def _unread(enclave: Enclave, status: Status) -> Iterator[File]:
         if file.status is status and file.path not in seen:
             seen.add(file.path)
             yield file
-
-
-def _name(file: File) -> str:
-    return file.path.rpartition("/")[2]
-
-
-@rule(
-    "KA101",
-    "required-file-missing",
-    Severity.HIGH,
-    on=Enclave,
-    clause=RUN_TIME_FILES,
-    remedy=_MAKE_AGAIN,
-    explains=tuple(_RESTS_ON.values()),
-    stops=True,
-)
-def required_file_missing(enclave: Enclave, _context: Context) -> Iterator[Violation]:
-    """A file that every run time needs is not there.
-
-    Under Enforce the enclave's nodes do not start; under any other strategy they start without security. The check
-    cannot know which strategy the robot uses.
-    """
-    for file in _required(enclave, Status.MISSING, Status.DIRECTORY):
-        got = "a directory" if file.status is Status.DIRECTORY else "nothing"
-        yield _absent(enclave, file, f"{enclave.path} cannot start: expected a file {_name(file)}, there is {got}.")
-
-
-@rule(
-    "KA102",
-    "dangling-link",
-    Severity.HIGH,
-    on=Enclave,
-    clause=RUN_TIME_FILES,
-    remedy="Restore the file that the link names (public/ and enclaves/governance.p7s belong to a copy), or make the "
-    f"link again, in the keystore's root: {LINK_GOVERNANCE} or {LINK_CA}, with one ../ more for every further level of "
-    "the enclave's path. `ros2 security create_enclave` replaces no link.",
-    explains=tuple(_RESTS_ON.values()),
-    stops=True,
-)
-def dangling_link(enclave: Enclave, _context: Context) -> Iterator[Violation]:
-    """A run-time file is a link that leads nowhere: its target is missing, or the links go in a circle.
-
-    Copying a part of a keystore does that. A revocation list that is such a link revokes nothing, and nobody is told.
-    """
-    for file in _required(enclave, Status.DANGLING, Status.LOOP):
-        yield _absent(
-            enclave, file, f"{enclave.path} cannot start: {_name(file)} is a link that leads nowhere ({file.detail})."
-        )
-    crl = enclave.files.files[Role.CRL]
-    if crl.status in (Status.DANGLING, Status.LOOP):
-        yield _about(enclave, crl, f"{_name(crl)} is a link that leads nowhere ({crl.detail}): nothing is revoked.")
 
 
 @rule(
@@ -127,7 +46,7 @@ def link_leaves_keystore(enclave: Enclave, _context: Context) -> Iterator[Violat
     to do anything.
     """
     for file in _unread(enclave, Status.OUTSIDE):
-        yield _about(enclave, file, f"{_name(file)} {file.detail}.", undecided=True)
+        yield about(enclave, file, f"{file_name(file)} {file.detail}.", undecided=True)
 
 
 @rule(
@@ -166,7 +85,7 @@ def not_a_regular_file(enclave: Enclave, _context: Context) -> Iterator[Violatio
     It is not opened: reading could hang, or give other bytes to each reader.
     """
     for file in _unread(enclave, Status.SPECIAL):
-        yield _about(enclave, file, f"{_name(file)} was not read: {file.detail}.", undecided=True)
+        yield about(enclave, file, f"{file_name(file)} was not read: {file.detail}.", undecided=True)
 
 
 @rule(
@@ -180,7 +99,7 @@ def not_a_regular_file(enclave: Enclave, _context: Context) -> Iterator[Violatio
 def file_too_large(enclave: Enclave, _context: Context) -> Iterator[Violation]:
     """A run-time file is over 4 MB, or all files together over their limit. A robot may read it all the same."""
     for file in _unread(enclave, Status.TOO_LARGE):
-        yield _about(enclave, file, f"{_name(file)} {file.detail}.", undecided=True)
+        yield about(enclave, file, f"{file_name(file)} {file.detail}.", undecided=True)
 
 
 @rule(
@@ -201,7 +120,7 @@ def unreadable(keystore: Keystore, _context: Context) -> Iterator[Violation]:
         )
     for enclave in keystore.enclaves:
         for file in _unread(enclave, Status.UNREADABLE):
-            yield _about(enclave, file, f"{_name(file)} was not read: {file.detail}.", undecided=True)
+            yield about(enclave, file, f"{file_name(file)} was not read: {file.detail}.", undecided=True)
 
 
 @rule(
@@ -234,8 +153,8 @@ def unsigned_document_differs(use: DocumentUse, context: Context) -> Iterator[Vi
         first = _first_difference(file.content, use.signed.content)
         if first is not None:
             yield Violation(
-                message=f"{_name(file)} is not what {use.signed.file.place} says: they differ from line {first} of the "
-                "document on, and only the signed one counts.",
+                message=f"{file_name(file)} is not what {use.signed.file.place} says: they differ from line {first} of "
+                "the document on, and only the signed one counts.",
                 locations=(
                     Location(path=file.place, line=first),
                     Location(path=use.signed.file.place, line=use.signed.line(first), message="what counts"),
@@ -278,7 +197,8 @@ def pkcs11_reference(enclave: Enclave, _context: Context) -> Iterator[Violation]
     fast_dds = tuple(name for name in VARIANTS if name.startswith("fastdds"))
     for role, file in enclave.files.pkcs11.items():
         yield Violation(
-            message=f"Fast DDS takes {role.value} from the token that {_name(file)} names: it could not be read here.",
+            message=f"Fast DDS takes {role.value} from the token that {file_name(file)} names: it could not be read "
+            "here.",
             locations=(Location(path=file.path),),
             enclave=enclave.path,
             profiles=fast_dds,

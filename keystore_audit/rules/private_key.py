@@ -6,11 +6,21 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
+from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.private_key import PrivateKey
 from keystore_audit.rules.certificate import ISSUE_AGAIN
+from keystore_audit.rules.commands import (
+    ISSUE_IDENTITY,
+    MAKE_IDENTITY_CA,
+    MAKE_PERMISSIONS_CA,
+    SIGN_GOVERNANCE,
+    SIGN_PERMISSIONS,
+    UNREVIEWED,
+)
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.wording import defective, listed, of_kinds, quoted
@@ -72,7 +82,8 @@ def ca_private_key_in_tree(keystore: Keystore, context: Context) -> Iterator[Vio
     """The private key of an authority lies in the tree: whoever has it issues identities or signs rights.
 
     A note where keystores are made; critical in a tree that goes on a robot (--deployed), and always where an
-    enclave's key.pem holds it, as its own or behind it. Backups and other copies outside the tree are not seen.
+    enclave's key.pem holds it, as its own or behind it. Where enclaves carry it in another file, KA118 says so. Backups
+    and other copies outside the tree are not seen.
     """
     subjects = {
         certificate.key: certificate.subject
@@ -81,8 +92,9 @@ def ca_private_key_in_tree(keystore: Keystore, context: Context) -> Iterator[Vio
         for certificate in (file.certificates if file else ())
     }
     known = {key.file.place: key.key for key in keystore.authority_keys}
+    told = {file.place for file in _keys_on_robots(keystore, context)}
     for file in keystore.layout.authority_keys:
-        if file.status in _UNREAD_BUT_THERE:
+        if file.status in _UNREAD_BUT_THERE and file.place not in told:
             subject = subjects.get(known.get(file.place) or "")
             whose = f"of {quoted(subject)}" if subject is not None else "of an authority"
             where = "a tree that goes on a robot" if context.deployed else "the tree; keep it off robots"
@@ -132,25 +144,60 @@ def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> It
     authorities' names are on. Keys are seen in PEM anywhere in a file, in DER, and as a PKCS #12 file, which is made
     for one. Where the file is too large to be hashed, nobody can tell whether it is the same one tomorrow: undecided.
     """
+    holders = _holders(keystore)
+    held = {key.file.place: key for key in (*keystore.authority_keys, *keystore.further_keys)}
+    for file in _keys_on_robots(keystore, context):
+        key = held.get(file.place)
+        yield Violation(
+            message=f"A private key is in {file.place}, which goes on robots{_whose(key, holders) if key else ''}.",
+            locations=(Location(path=file.place),),
+            undecided=file.sha256 is None,  # which key it is: nobody accepts one and gets another
+            key=f"{file.place} {file.sha256}",
+            remedy=_authority_anew(key, keystore) if key else None,
+        )
+    for enclave in keystore.enclaves:
+        if enclave.key is not None:
+            yield from _second_keys(enclave.path, enclave.key, holders)
+
+
+def _keys_on_robots(keystore: Keystore, context: Context) -> Iterator[File]:
+    """The files with private keys that enclaves carry or that lie beside them, but for each one's own key.pem."""
     own = {enclave.key.file.place for enclave in keystore.enclaves if enclave.key is not None}
     carried = {file.place for enclave in keystore.enclaves for file in enclave.files.files.values()}
     folders = {f"{enclave.files.directory}/" for enclave in keystore.enclaves if enclave.files.directory != "."}
     authorities = {file.place for file in keystore.layout.authority_keys}
-    holders = _holders(keystore)
-    told = (*keystore.authority_keys, *keystore.further_keys)
-    held = {key.file.place: _whose(key, holders) for key in told}
     for file in keystore.private_keys:
         beside = file.place.startswith(("public/", "enclaves/", *folders)) or file.place in carried
         if (beside or (context.deployed and file.place not in authorities)) and file.place not in own:
-            yield Violation(
-                message=f"A private key is in {file.place}, which goes on robots{held.get(file.place, '')}.",
-                locations=(Location(path=file.place),),
-                undecided=file.sha256 is None,  # which key it is: nobody accepts one and gets another
-                key=f"{file.place} {file.sha256}",
-            )
-    for enclave in keystore.enclaves:
-        if enclave.key is not None:
-            yield from _second_keys(enclave.path, enclave.key, holders)
+            yield file
+
+
+_ANEW: Final = {
+    Role.PERMISSIONS_CA: f"{MAKE_PERMISSIONS_CA}. Sign everything with it: {SIGN_GOVERNANCE}, and for every enclave "
+    f"{SIGN_PERMISSIONS}. {UNREVIEWED}.",
+    Role.IDENTITY_CA: f"{MAKE_IDENTITY_CA}. Issue every identity with it: {ISSUE_IDENTITY}.",
+}
+
+
+def _authority_anew(key: PrivateKey, keystore: Keystore) -> str | None:
+    """How to replace the authority whose key it is, in each of its roles; None: it is that of none."""
+    trusted = {
+        role: {certificate.key for enclave in keystore.enclaves for certificate in _trusted(enclave, role)}
+        for role in _ANEW
+    }
+    made = [anew for role, anew in _ANEW.items() if trusted[role] & {*key.keys}]
+    if not made:
+        return None
+    return (
+        "Take the key out of the file. Whoever had the file has the key, so that the authority needs another, in the "
+        f"keystore's root: {' '.join(made)} Enclaves with copies in place of links need the new files too."
+    )
+
+
+def _trusted(enclave: Enclave, role: Role) -> tuple[Certificate, ...]:
+    """The certificates in the enclave's file of this authority."""
+    file = enclave.identity_ca if role is Role.IDENTITY_CA else enclave.permissions_ca
+    return file.certificates if file is not None else ()
 
 
 def _second_keys(enclave: str, key: PrivateKey, holders: Mapping[str | None, str]) -> Iterator[Violation]:
@@ -196,11 +243,12 @@ def _holders(keystore: Keystore) -> dict[str | None, str]:
 def ca_key_readable_by_others(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Other users of the machine may read an authority's private key, and then issue identities or sign rights.
 
-    Medium where keystores are made, high in a tree that goes on a robot (--deployed). Directories above it, owners and
-    access control lists are not looked at.
+    Medium where keystores are made, high in a tree that goes on a robot (--deployed). A key that has no business where
+    it lies (KA118) is none of these. Directories above it, owners and access control lists are not looked at.
     """
+    told = {file.place for file in _keys_on_robots(keystore, context)}
     for file in keystore.layout.authority_keys:
-        if _open_to_others(file):
+        if _open_to_others(file) and file.place not in told:
             yield Violation(
                 message=f"The private key of an authority has mode {_octal(file)} (expected 0600): other users may "
                 "read it.",

@@ -26,6 +26,7 @@ from keystore_audit.rules.subjects import DocumentUse, SignedUse
 from keystore_audit.rules.wording import implementations, of_kinds, paths, places, quoted, sole
 
 SIGN_AGAIN: Final = f"Sign the document again: {SIGN_DOCUMENT}; for permissions {CREATE_PERMISSION} does it."
+_READ_AND_SIGN: Final = f"Read the .xml before you sign it: it may be theirs, too. {SIGN_AGAIN}"
 
 _SIGNED: Final = "documents-signed-by-the-permissions-ca"
 _FORGED: Final = (
@@ -163,7 +164,7 @@ def _expected(use: SignedUse) -> str:
     Severity.CRITICAL,
     on=SignedUse,
     clause="DDS-Security 1.1, 9.4.1.1 (signed with the private key of the permissions CA)",
-    remedy="Find out who signed it and why. " + SIGN_AGAIN,
+    remedy="Find out who signed it and why. " + _READ_AND_SIGN,
     explains=_FORGED,
     applies=_comparable,
     stops=True,
@@ -198,7 +199,7 @@ def signer_not_permissions_ca(use: SignedUse, context: Context) -> Iterator[Viol
     on=SignedUse,
     clause="DDS-Security 1.1, 9.4.1.1; CVE-2023-24010, CVE-2023-24011, CVE-2023-24012",
     remedy="Treat the enclave as taken over: give it a new identity, use separate authorities for identities and "
-    "permissions, update implementations that accept such a document. " + SIGN_AGAIN,
+    "permissions, update implementations that accept such a document. " + _READ_AND_SIGN,
     explains=_FORGED,
     applies=_comparable,
     stops=True,
@@ -230,7 +231,7 @@ def signed_by_an_identity(use: SignedUse, context: Context) -> Iterator[Violatio
     Severity.CRITICAL,
     on=SignedUse,
     clause="RFC 5652, 5.4 and 5.6 (message digest, signature verification); DDS-Security 1.1, 9.4.1.1",
-    remedy="Find out who changed the file. " + SIGN_AGAIN,
+    remedy="Find out who changed the file. " + _READ_AND_SIGN,
     explains=(_SIGNED,),
     applies=_readable,
     stops=True,

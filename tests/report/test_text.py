@@ -188,12 +188,34 @@ def test_a_thousand_findings_keep_their_order(make_report: MakeReport) -> None:
 def test_clause_and_remedy_are_given_in_full_once(make_report: MakeReport) -> None:
     report = make_report()
     expires = report.findings[2]
-    again = replace(expires, enclave="/other", fingerprint="f" * 64)
+    again = replace(expires, enclave="/other", message="This one too.", fingerprint="f" * 64)
     elsewhere = replace(expires, enclave="/third", fingerprint="e" * 64, remedy="Something else.")
     text = render(replace(report, findings=(expires, again, elsewhere)))
     assert text.count("Issue the identity again.") == 1
     assert text.count("    remedy  as for KA205 above\n") == 1
     assert "Something else." in text
+
+
+def test_a_remedy_of_several_rules_is_given_in_full_once(make_report: MakeReport) -> None:
+    """What each breaks is its own."""
+    report = make_report()
+    expires = report.findings[2]
+    other = replace(expires, code="KA207", clause="Another clause.", fingerprint="f" * 64)
+    text = render(replace(report, findings=(expires, other)))
+    assert text.count("Issue the identity again.") == 1
+    assert "    clause  Another clause.\n    remedy  as for KA205 above\n" in text
+
+
+@pytest.mark.parametrize(("message", "shown"), [("The same.", 1), ("Something else.", 2)])
+def test_what_lesser_findings_say_to_the_word_is_said_once(message: str, shown: int, make_report: MakeReport) -> None:
+    report = make_report()
+    first = replace(report.findings[2], message="The same.", enclave="/a")
+    second = replace(first, message=message, enclave="/b", fingerprint="f" * 64)
+    text = render(replace(report, findings=(first, second)))
+    assert text.count("  KA205 certificate-expires-soon\n    ") == shown + (shown == 1)
+    assert ("One more of it, about /b." in text) is (shown == 1)
+    high = [replace(each, severity=Severity.HIGH) for each in (first, second)]
+    assert "One more of it" not in render(replace(report, findings=tuple(high)))
 
 
 def test_what_to_do_first_is_the_last_line(make_report: MakeReport) -> None:

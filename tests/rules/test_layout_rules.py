@@ -140,6 +140,19 @@ def test_keys_are_judged_by_whom_the_tree_is_for() -> None:
     assert findings("KA108", judged(readable, deployed=True))[0].severity is Severity.HIGH
 
 
+@pytest.mark.parametrize(
+    ("path", "expected"), [("private/ca.key.pem", ["KA109", "KA116"]), ("enclaves/talker/ca.key.pem", ["KA118"])]
+)
+def test_a_key_that_robots_get_is_told_once(path: str, expected: list[str]) -> None:
+    """That it lies in the tree, and who may read it, is no matter of its own where it has no business at all."""
+    key = file(path, None, mode=0o644, holds_private_key=True)
+
+    def left(store: Keystore) -> Keystore:
+        return replace(store, private_keys=(key,), layout=replace(store.layout, authority_keys=(key,)))
+
+    assert becomes(left) == expected
+
+
 def test_without_modes_nothing_is_said_of_them() -> None:
     assert becomes(key_with(file=file(KEY, None, mode=None))) == []
 

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import subprocess
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.rules import BY_CODE, RULES
+from keystore_audit.rules.commands import for_layout
 from tests.cli.keystores import answer
 from tools.samples.store import copy_with_modes
 
@@ -29,7 +33,12 @@ def stock(repository: Path, tmp_path: Path) -> Path:
 
 def commands(code: str) -> list[str]:
     """The commands for a shell that the rule's remedy gives, in its order."""
-    return [each for each in BY_CODE[code].remedy.split("`")[1::2] if TYPED.match(each)]
+    return typed(BY_CODE[code].remedy)
+
+
+def typed(remedy: str) -> list[str]:
+    """The commands for a shell in a remedy."""
+    return [each for each in remedy.split("`")[1::2] if TYPED.match(each)]
 
 
 def type_in(root: Path, command: str, words: Mapping[str, str] | None = None) -> str:
@@ -41,10 +50,16 @@ def type_in(root: Path, command: str, words: Mapping[str, str] | None = None) ->
     return done.stdout
 
 
+def found(root: Path) -> list[dict[str, Any]]:
+    """What an audit finds now."""
+    _exit_code, report = answer("audit", root, "--engine", "native", "--format", "json")
+    findings: list[dict[str, Any]] = json.loads(report)["findings"]
+    return findings
+
+
 def codes(root: Path) -> set[str]:
     """The codes of what an audit finds now."""
-    _exit_code, report = answer("audit", root, "--engine", "native", "--format", "json")
-    return {finding["code"] for finding in json.loads(report)["findings"]}
+    return {finding["code"] for finding in found(root)}
 
 
 def sign(root: Path, code: str) -> None:
@@ -170,6 +185,119 @@ def test_an_unsigned_document_is_made_what_is_signed(stock: Path) -> None:
     unsigned.write_text(changed)
     type_in(stock, again, {"DOCUMENT": "/talker/permissions"})
     assert "KA110" not in codes(stock)
+
+
+@pytest.mark.parametrize(
+    "name", ["governance.p7s", "permissions.p7s", "identity_ca.cert.pem", "permissions_ca.cert.pem", "cert.pem"]
+)
+def test_a_missing_file_is_made_and_permissions_stay(name: str, stock: Path) -> None:
+    """create_enclave would put permissions that allow everything over those there are."""
+    before = codes(stock)
+    permissions = (stock / "enclaves/talker/permissions.xml").read_bytes()
+    (stock / "enclaves/talker" / name).unlink()
+    (remedy,) = [each["remedy"] for each in found(stock) if each["code"] == "KA101"]
+    if name == "cert.pem":
+        (stock / "enclaves/talker/key.pem").unlink()
+    (command,) = typed(remedy)
+    type_in(stock, command, {"ENCLAVE": "/talker", "NAME": r"\/talker"})
+    assert codes(stock) - {"KA513"} == before
+    assert (stock / "enclaves/talker/permissions.xml").read_bytes() == permissions
+
+
+def test_the_governance_of_the_root_enclave_is_no_link(stock: Path) -> None:
+    """The others link to it."""
+    before = codes(stock)
+    root = stock / "enclaves"
+    for each in (root / "talker").iterdir():
+        if each.name != "governance.p7s":
+            each.rename(root / each.name)
+    for name in ("identity_ca.cert.pem", "permissions_ca.cert.pem"):
+        (root / name).unlink()
+        (root / name).symlink_to(f"../public/{name}")
+    shutil.rmtree(root / "talker")
+    (root / "governance.p7s").unlink()
+    (remedy,) = [each["remedy"] for each in found(stock) if each["code"] == "KA101"]
+    (command,) = typed(remedy)
+    type_in(stock, command)
+    assert codes(stock) == before | {"KA220"}
+
+
+def test_an_authority_whose_key_went_on_robots_is_made_again(stock: Path) -> None:
+    """The one CA has both roles, and so have its successors: whoever has its key has nothing then."""
+    before = codes(stock)
+    leaked = stock / "enclaves/talker/ca.key.pem"
+    copy_with_modes(stock / "private", stock / "old", 0o600)
+    leaked.write_bytes((stock / "private/ca.key.pem").read_bytes())
+    (remedy,) = [each["remedy"] for each in found(stock) if each["code"] == "KA118"]
+    leaked.unlink()
+    shutil.rmtree(stock / "old")
+    for command in typed(remedy):
+        for enclave in ENCLAVES if "ENCLAVE" in command else ("",):
+            type_in(stock, command, {"ENCLAVE": enclave, "NAME": enclave.replace("/", r"\/")})
+    assert codes(stock) == before - {"KA222", "KA705", "KA706", "KA722", "KA723"} | {"KA513"}
+    for role in ("identity", "permissions"):
+        assert not (stock / f"public/{role}_ca.cert.pem").is_symlink()
+
+
+def test_an_enclave_that_was_renamed_gets_its_name_or_its_rights_back(stock: Path) -> None:
+    """Another identity alone would be named by no grant: a note would become an enclave that does not start."""
+    before = codes(stock)
+    folder = stock / "enclaves/chatter"
+    (stock / "enclaves/talker").rename(folder)
+    assert codes(stock) == before | {"KA220"}
+    sign_it, issue = commands("KA220")
+    assert BY_CODE["KA220"].remedy.startswith("If the enclave's folder was renamed, give it its old name again.")
+    for name in ("cert.pem", "key.pem"):
+        (folder / name).unlink()
+    type_in(stock, issue, {"ENCLAVE": "/chatter", "NAME": r"\/chatter"})
+    assert "KA503" in codes(stock)
+    document = folder / "permissions.xml"
+    document.write_text(document.read_text().replace("CN=/talker", "CN=/chatter"))
+    type_in(stock, sign_it, {"ENCLAVE": "/chatter"})
+    assert codes(stock) == before | {"KA513"}
+
+
+def test_another_governance_gives_way_to_that_of_the_others(stock: Path) -> None:
+    before = codes(stock)
+    own = stock / "enclaves/talker/governance.p7s"
+    own.unlink()
+    shared = stock / "enclaves/governance.xml"
+    right = shared.read_text()
+    shared.write_text(re.sub("<id>0</id>", "<id>7</id>", right))
+    (sign_it,) = commands("KA408")
+    type_in(stock, sign_it.replace("-out enclaves/governance.p7s", "-out enclaves/talker/governance.p7s"))
+    shared.write_text(right)
+    assert {"KA416", "KA508"} <= codes(stock)
+    (link,) = commands("KA416")
+    type_in(stock, link, {"ENCLAVE": "/talker"})
+    assert codes(stock) == before
+    assert "KA416" in BY_CODE["KA508"].remedy
+
+
+@pytest.mark.parametrize("code", ["KA222", "KA301", "KA302", "KA303"])
+def test_who_signs_what_others_may_have_written_is_told_to_read_it(code: str) -> None:
+    """The unsigned files are signed as they are, with edits that nobody signed."""
+    before, _, _ = BY_CODE[code].remedy.partition("KA110" if code == "KA222" else "`openssl smime")
+    assert re.search("[Rr]ead ", before), code
+
+
+@pytest.mark.parametrize("kind", LayoutKind)
+def test_commands_for_another_layout_say_so(kind: LayoutKind) -> None:
+    """In a flat keystore there are no folders of these names, and openssl finds nothing."""
+    told = "The commands are for the layout since Foxy, which this keystore does not have (KA115). "
+    older = kind in (LayoutKind.FLAT, LayoutKind.ARDENT)
+    for code, in_folders in (("KA222", True), ("KA209", True), ("KA108", False), ("KA115", False)):
+        remedy = BY_CODE[code].remedy
+        assert for_layout(remedy, kind) == (f"{told}{remedy}" if older and in_folders else remedy)
+
+
+def test_a_flat_keystores_findings_say_whose_layout_the_commands_are_for(stock: Path) -> None:
+    flat = stock.parent / "flat"
+    shutil.copytree(stock / "enclaves", flat)
+    shutil.copy(stock / "public/ca.cert.pem", flat)
+    for root, says in ((stock, False), (flat, True)):
+        (remedy,) = {each["remedy"] for each in found(root) if each["code"] == "KA222"}
+        assert remedy.startswith("The commands are for the layout since Foxy") is says
 
 
 def test_whoever_is_told_to_create_an_enclave_is_told_of_its_permissions() -> None:

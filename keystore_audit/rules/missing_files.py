@@ -1,0 +1,130 @@
+"""KA1: files that every run time needs, and that are not there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+from keystore_audit.dataclass import replace
+from keystore_audit.findings import Location, Severity
+from keystore_audit.keystore.files import File, Status
+from keystore_audit.keystore.keystore import Enclave
+from keystore_audit.keystore.layout import Role
+from keystore_audit.model.sight import REQUIRED
+from keystore_audit.rules.certificate import ISSUE_AGAIN
+from keystore_audit.rules.commands import (
+    CREATE_ENCLAVE,
+    CREATE_PERMISSION,
+    LINK_CA,
+    LINK_GOVERNANCE,
+    SIGN_GOVERNANCE,
+    SIGN_PERMISSIONS,
+)
+from keystore_audit.rules.context import Context
+from keystore_audit.rules.registry import Violation, rule
+
+RUN_TIME_FILES: Final = "ros2/rmw_dds_common, security.cpp: the files that an enclave must have"
+
+_MAKE_AGAIN = f"Make what is missing: {CREATE_ENCLAVE}."
+
+_LINK_AGAIN: Final = (
+    "Restore the file, or make the link that sros2 has there, in the keystore's root: {link}, with one ../ more for "
+    "every further level of the enclave's path."
+)
+_FOR_WANT_OF: Final = {  # create_enclave would make it, and put permissions that allow everything over those there are
+    Role.GOVERNANCE: _LINK_AGAIN.format(link=LINK_GOVERNANCE),
+    Role.IDENTITY_CA: _LINK_AGAIN.format(link=LINK_CA).replace("ROLE", "identity"),
+    Role.PERMISSIONS_CA: _LINK_AGAIN.format(link=LINK_CA).replace("ROLE", "permissions"),
+    Role.PERMISSIONS: f"Where permissions.xml is there, read it and sign it, in the keystore's root: "
+    f"{SIGN_PERMISSIONS}. Else write a policy: {CREATE_PERMISSION}.",
+    Role.CERTIFICATE: ISSUE_AGAIN,
+    Role.KEY: ISSUE_AGAIN,
+}
+
+_RESTS_ON: Final = {  # the property that is violated without the file: nobody vouches, or nobody signed
+    Role.IDENTITY_CA: "identities-chain-to-the-identity-ca",
+    Role.PERMISSIONS_CA: "documents-signed-by-the-permissions-ca",
+}
+
+
+def about(enclave: Enclave, file: File, message: str, *, undecided: bool = False) -> Violation:
+    """A violation about one file of an enclave."""
+    return Violation(message=message, locations=(Location(path=file.path),), enclave=enclave.path, undecided=undecided)
+
+
+def _absent(enclave: Enclave, file: File, message: str) -> Violation:
+    files = enclave.files.files
+    explains = frozenset(told for role, told in _RESTS_ON.items() if files[role].path == file.path)
+    return replace(about(enclave, file, message), explains=explains)
+
+
+def _how_to_make(enclave: Enclave, missing: File) -> str | None:
+    """What makes the one file that is missing; None where nothing of the enclave is there."""
+    files = enclave.files.files
+    (role, *_more) = [role for role in REQUIRED if files[role].path == missing.path]
+    there = any(files[each].status is Status.PRESENT for each in REQUIRED if each is not Role.KEY)
+    if role is Role.GOVERNANCE and enclave.path == "/":  # what the others link to
+        return f"Restore it, or sign governance.xml, in the keystore's root: {SIGN_GOVERNANCE}."
+    return _FOR_WANT_OF[role] if there else None
+
+
+def _required(enclave: Enclave, *statuses: Status) -> Iterator[File]:
+    """Required files in these states, each path once; a `.p11` file may stand in for the `.pem`."""
+    seen: set[str] = set()
+    for role in REQUIRED:
+        file = enclave.files.files[role]
+        if file.status in statuses and role not in enclave.files.pkcs11 and file.path not in seen:
+            seen.add(file.path)
+            yield file
+
+
+def file_name(file: File) -> str:
+    """The file's name without its directory."""
+    return file.path.rpartition("/")[2]
+
+
+@rule(
+    "KA101",
+    "required-file-missing",
+    Severity.HIGH,
+    on=Enclave,
+    clause=RUN_TIME_FILES,
+    remedy=_MAKE_AGAIN,
+    explains=tuple(_RESTS_ON.values()),
+    stops=True,
+)
+def required_file_missing(enclave: Enclave, _context: Context) -> Iterator[Violation]:
+    """A file that every run time needs is not there.
+
+    Under Enforce the enclave's nodes do not start; under any other strategy they start without security. The check
+    cannot know which strategy the robot uses.
+    """
+    for file in _required(enclave, Status.MISSING, Status.DIRECTORY):
+        got = "a directory" if file.status is Status.DIRECTORY else "nothing"
+        message = f"{enclave.path} cannot start: expected a file {file_name(file)}, there is {got}."
+        yield replace(_absent(enclave, file, message), remedy=_how_to_make(enclave, file))
+
+
+@rule(
+    "KA102",
+    "dangling-link",
+    Severity.HIGH,
+    on=Enclave,
+    clause=RUN_TIME_FILES,
+    remedy="Restore the file that the link names (public/ and enclaves/governance.p7s belong to a copy), or make the "
+    f"link again, in the keystore's root: {LINK_GOVERNANCE} or {LINK_CA}, with one ../ more for every further level of "
+    "the enclave's path. `ros2 security create_enclave` replaces no link.",
+    explains=tuple(_RESTS_ON.values()),
+    stops=True,
+)
+def dangling_link(enclave: Enclave, _context: Context) -> Iterator[Violation]:
+    """A run-time file is a link that leads nowhere: its target is missing, or the links go in a circle.
+
+    Copying a part of a keystore does that. A revocation list that is such a link revokes nothing, and nobody is told.
+    """
+    for file in _required(enclave, Status.DANGLING, Status.LOOP):
+        message = f"{enclave.path} cannot start: {file_name(file)} is a link that leads nowhere ({file.detail})."
+        yield _absent(enclave, file, message)
+    crl = enclave.files.files[Role.CRL]
+    if crl.status in (Status.DANGLING, Status.LOOP):
+        yield about(enclave, crl, f"{file_name(crl)} is a link that leads nowhere ({crl.detail}): nothing is revoked.")
