@@ -198,8 +198,10 @@ class Reach:
 
         Of several alike, those first that are gains where this is one.
         """
-        for draft in self._causes.rows[gained]:
-            yield draft, draft.channels
+        rows = self._causes.rows[gained]
+        for draft in rows:
+            if path is None or path in draft.enclaves:
+                yield draft, draft.channels
         own = self._causes.of(path) if path else ()
         rights = agreeing(each for each in own if each.layer is Layer.GRANTS)[gained]
         for draft in rights:
@@ -208,6 +210,8 @@ class Reach:
         for draft in everybody:
             if path is None or path in draft.enclaves:
                 yield draft, channels
+        for draft in rows:  # other enclaves' governance alone
+            yield draft, draft.channels
         for draft in everybody:
             yield draft, channels
         for draft in rights:

@@ -21,7 +21,7 @@ from keystore_audit.model.comparison_identities import identities_certified_agai
 from keystore_audit.model.comparison_keys import foreign_keys
 from keystore_audit.model.comparison_revocation import revocation_facts
 from keystore_audit.model.comparison_sides import Sides
-from keystore_audit.model.inventory import may_be_taken, permissions_cas
+from keystore_audit.model.inventory import beside_enclaves, may_be_taken, permissions_cas
 from keystore_audit.model.trust import Verdict, envelope, may_have_issued
 
 ADDED: Final = "enclave-added"
@@ -89,14 +89,22 @@ def _of_keystores(old: Keystore, new: Keystore) -> Iterator[Draft]:
     if kinds[0] != kinds[1]:
         aspect = Aspect(what="layout", old=kinds[0], new=kinds[1], direction=Direction.CHANGED)
         yield _draft(Fact("layout", Direction.CHANGED, "the layout", (aspect,)), (), None, None)
-    ofs = [{each.key or each.file.place: each.file.place for each in k.authority_keys} for k in (old, new)]
-    yield from _left("authority-key", "the private key of an authority", ofs[0], ofs[1])
+    for on_robots, where in ((False, ""), (True, ", among the files that robots get,")):
+        keys = [_authority_keys(keystore, on_robots=on_robots) for keystore in (old, new)]
+        yield from _left("authority-key", f"the private key of an authority{where}", *keys)
     others = [{file.sha256 or file.place: file.place for file in _other_private_keys(k)} for k in (old, new)]
     yield from _left("private-key", "a private key that is no enclave's", others[0], others[1])
     large = [{file.sha256 or file.place: file.place for file in _governance_at_large(k)} for k in (old, new)]
     for draft in _left("governance-at-large", "a signed governance that no enclave carries", large[0], large[1]):
         draft.direction = Direction.CHANGED  # it has no effect, until somebody puts it in the place of another
         yield draft
+
+
+def _authority_keys(keystore: Keystore, *, on_robots: bool) -> dict[str, str]:
+    """By key the places of authorities' private keys: those that robots get, or the others."""
+    beside = beside_enclaves(keystore)
+    keys = keystore.authority_keys
+    return {each.key or each.file.place: each.file.place for each in keys if beside(each.file.place) is on_robots}
 
 
 def _governance_at_large(keystore: Keystore) -> Iterator[File]:

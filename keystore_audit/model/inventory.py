@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from datetime import datetime
 from functools import lru_cache
 from typing import Final
@@ -43,6 +43,14 @@ def documents_of(keystore: Keystore) -> tuple[Document, ...]:
             if read is not None or (role is Role.PERMISSIONS and file.status.unknown):
                 found.setdefault(file.place, Document(file.place, read))
     return tuple(found[place] for place in sorted(found))
+
+
+def beside_enclaves(keystore: Keystore) -> Callable[[str], bool]:
+    """Whether a place is among what goes on robots: what enclaves carry, and all that lies beside it."""
+    carried = {file.place for enclave in keystore.enclaves for file in enclave.files.files.values()}
+    directories = {f"{enclave.files.directory}/" for enclave in keystore.enclaves if enclave.files.directory != "."}
+    folders = ("public/", "enclaves/", *directories)
+    return lambda place: place.startswith(folders) or place in carried
 
 
 def permissions_at_large(keystore: Keystore) -> tuple[Stray, ...]:

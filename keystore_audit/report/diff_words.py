@@ -58,7 +58,7 @@ _LISTED: Final = ("identity CA", "permissions CA", "revoked", "private key")
 
 def sentence(change: Change, comparison: Comparison) -> str:
     """The change as one sentence."""
-    parts = [_subject(change)]
+    parts = [_subject(change, comparison)]
     if change.influenced is not None:
         parts.append(influence(change.influenced))
     if change.names is not None:
@@ -68,16 +68,17 @@ def sentence(change: Change, comparison: Comparison) -> str:
     ]
     if aspects:
         parts.append(f"({'; '.join(aspects)})")
-    words = " ".join(parts) + reasons(change.reasons)
+    words = " ".join(parts) + reasons(change.reasons, change.direction)
     varies = ", not all of it under each" if change.varies else ""
     about = f" [{', '.join(change.labels)}]" if change.labels else ""
     return f"{words}{under(change.profiles, comparison)}{varies}.{about}"
 
 
-def _subject(change: Change) -> str:
+def _subject(change: Change, comparison: Comparison) -> str:
     if change.kind == "protection":
         covered = [_COVERAGE.get((each.what, each.new or "")) for each in change.aspects]
-        return f"{covered[0]}:" if covered[0] is not None else f"{_PROTECTION[change.direction]} of"
+        whom = f" for {enclaves(change.enclaves)}" if len(change.enclaves) < comparison.common else ""
+        return f"{covered[0]}{whom}:" if covered[0] is not None else f"{_PROTECTION[change.direction]}{whom} of"
     if not change.enclaves:
         return (
             f"Anybody {change.what}" if change.layer is Layer.ATTACKERS else change.what[:1].upper() + change.what[1:]
@@ -104,7 +105,7 @@ def consequence(each: Consequence, comparison: Comparison) -> str:
     who = _joined(each.enclaves, each.what) if each.enclaves else f"anybody on the network {each.what}"
     about = f" {names(each.names)}" if each.names is not None else ""
     parts = ", each a part of them" if each.parts else ""
-    return f"{who}{about}{parts}{reasons(each.reasons)}{under(each.profiles, comparison)}"
+    return f"{who}{about}{parts}{reasons(each.reasons, each.direction)}{under(each.profiles, comparison)}"
 
 
 def others(paths: Sequence[str]) -> str:
@@ -127,10 +128,11 @@ def influence(influenced: Influenced) -> str:
     return f"from {way[0].sender} to {way[-1].receiver} ({hops[3:]}){more}"
 
 
-def reasons(given: Iterable[str]) -> str:
-    """Why, after a colon."""
+def reasons(given: Iterable[str], direction: Direction) -> str:
+    """Why something does not start, or why it did not before."""
     told = "; ".join(given)
-    return f": {told}" if told else ""
+    before = ", and did not before" if direction is Direction.GAINED else ""
+    return f"{before}: {told}" if told else ""
 
 
 def under(profiles: Sequence[str], comparison: Comparison) -> str:

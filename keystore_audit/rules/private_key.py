@@ -12,6 +12,7 @@ from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.private_key import PrivateKey
+from keystore_audit.model.inventory import beside_enclaves
 from keystore_audit.rules.certificate import ISSUE_AGAIN
 from keystore_audit.rules.commands import (
     ISSUE_IDENTITY,
@@ -163,12 +164,10 @@ def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> It
 def _keys_on_robots(keystore: Keystore, context: Context) -> Iterator[File]:
     """The files with private keys that enclaves carry or that lie beside them, but for each one's own key.pem."""
     own = {enclave.key.file.place for enclave in keystore.enclaves if enclave.key is not None}
-    carried = {file.place for enclave in keystore.enclaves for file in enclave.files.files.values()}
-    folders = {f"{enclave.files.directory}/" for enclave in keystore.enclaves if enclave.files.directory != "."}
+    beside = beside_enclaves(keystore)
     authorities = {file.place for file in keystore.layout.authority_keys}
     for file in keystore.private_keys:
-        beside = file.place.startswith(("public/", "enclaves/", *folders)) or file.place in carried
-        if (beside or (context.deployed and file.place not in authorities)) and file.place not in own:
+        if (beside(file.place) or (context.deployed and file.place not in authorities)) and file.place not in own:
             yield file
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from keystore_audit.findings import Location
 from keystore_audit.model.comparison import Direction, FailOn, Layer
+from keystore_audit.report.diff_words import consequence, sentence
 from tests.model.comparing import (
     Store,
     authority,
@@ -121,6 +122,30 @@ def test_consequences_of_protection(tmp_path: Path) -> None:
     ]
     outsiders = {each.what for each in change.consequences if not each.enclaves}
     assert "can read" in outsiders
+
+
+@pytest.mark.parametrize(("whose", "words"), [(("/talker",), " for /talker"), (EVERYBODY, "")])
+def test_whose_governance_covers_a_domain_no_longer(whose: tuple[str, ...], words: str, tmp_path: Path) -> None:
+    """What becomes of enclaves with another governance has other causes."""
+    new = BASE.member("/listener", signer=authority("a stranger"))
+    for path in whose:
+        new = new.member(path, governance=governance(domain_rule("<id>7</id>")))
+    found = compared(BASE, new, tmp_path)
+    gone = next(each for each in found.changes if each.kind == "protection" and each.direction is Direction.LOST)
+    assert sentence(gone, found) == f"No longer covered by a domain rule{words}: every name in domain 0."
+    told = {path for each in gone.consequences for path in each.enclaves}
+    assert ("/listener" in told) is ("/listener" in whose)
+    others = [each for each in found.changes if each.kind == "signer"]
+    assert any("/listener" in each.enclaves for change in others for each in change.consequences) or words == ""
+
+
+@pytest.mark.parametrize("starts", [True, False])
+def test_why_it_starts_now_is_why_it_did_not(starts: bool, tmp_path: Path) -> None:
+    ended = talks(TALKER, end="2025-01-01T00:00:00")
+    found = compared(ended, BASE, tmp_path) if starts else compared(BASE, ended, tmp_path)
+    consequences = [consequence(each, found) for change in found.changes for each in change.consequences]
+    said = "/talker starts now, and did not before: no grant" if starts else "/talker no longer starts: no grant"
+    assert any(each.startswith(said) for each in consequences), consequences
 
 
 def test_an_unread_document_is_unknown_and_not_compared(tmp_path: Path) -> None:

@@ -62,6 +62,12 @@ def changed(old: Files, new: Files, tmp_path: Path) -> Comparison:
             {"private/identity_ca.key.pem": IDENTITY.key_pem, "private/permissions_ca.key.pem": PERMISSIONS.key_pem},
             ("authority-key", "gained"),
         ),
+        (
+            {"private/ca.key.pem": IDENTITY.key_pem},
+            {"private/ca.key.pem": IDENTITY.key_pem, "enclaves/talker/ca.key.pem": IDENTITY.key_pem},
+            ("authority-key", "gained"),
+        ),
+        ({"private/ca.key.pem": IDENTITY.key_pem}, {"private/identity_ca.key.pem": IDENTITY.key_pem}, None),
     ],
 )
 def test_private_keys_that_lie_about(old: Files, new: Files, expected: tuple[str, str] | None, tmp_path: Path) -> None:
