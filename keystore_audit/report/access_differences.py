@@ -32,7 +32,7 @@ def differences(table: AccessTable, group: Group, main: Group, rows: Sequence[Ro
     for path, enclave in group.enclaves.items():
         other = main.enclaves[path]
         found: list[str] = []
-        if enclave.usable is not other.usable:
+        if (enclave.usable, enclave.reasons) != (other.usable, other.reasons):
             found.append(_start(enclave))
         if enclave.usable and other.usable is not None:
             more = _without(own.get(path, {}), shared.get(path, {}))
@@ -44,10 +44,12 @@ def differences(table: AccessTable, group: Group, main: Group, rows: Sequence[Ro
     for sentences, paths in said.items():
         yield f"{_listed(paths)}: {'; '.join(sentences)}."
     lines = peers(table, group)
-    known = set(peers(table, main))
-    yield from (line for line in lines if line not in known)
-    if known and not lines:
-        yield "What is said of peers below does not hold here."
+    known = peers(table, main)
+    if known and not set(known) <= {*lines}:
+        yield f"What is said of peers below does not hold here{', but this:' if lines else '.'}"
+        yield from lines
+    else:
+        yield from (line for line in lines if line not in known)
     if group.safeguards != main.safeguards:
         yield from _safeguards(table, group, main)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 import sys
 from collections.abc import Callable
 from datetime import datetime, timezone
@@ -218,6 +219,26 @@ def test_differences_come_first() -> None:
     different, others = out.index("Different under spec, cyclonedds-0.10, cyclonedds-11"), out.index("Under all others")
     assert different < others
     assert "may also subscribe and relay /chatter" in " ".join(out[different:others].split())
+
+
+def test_what_differs_is_said_where_only_the_reasons_do() -> None:
+    """Under one implementation the signer has to be the CA, under another one that it vouches for."""
+    _code, out = answer("access", SAMPLES / "rules/KA301-signer-not-permissions-ca/bad", "--at", AT)
+    lines = out.splitlines()
+    below = [lines[number + 1] for number, line in enumerate(lines) if line.startswith("Different under ")]
+    assert below
+    assert all(line.startswith("  /talker: does not start (") for line in below), out
+
+
+def test_what_peers_accept_elsewhere_is_said_in_place_of_what_stands_below(tmp_path: Path) -> None:
+    """Whoever holds an identity of the one CA signs itself anything under Cyclone DDS 0.10, and nothing elsewhere."""
+    store = tmp_path / "k"
+    shutil.copytree(SAMPLES / "stock/talker_listener", store, symlinks=True)
+    shutil.copy(store / "enclaves/talker/key.pem", store / "enclaves/listener/key.pem")
+    _code, out = answer("access", store, "--at", AT, "--profile", "spec", "--profile", "cyclonedds-0.10")
+    flat = " ".join(out.split())
+    assert "What is said of peers below does not hold here, but this: Should its own checks be skipped" in flat
+    assert flat.count("from every enclave: publish, subscribe, relay every topic.") == 1
 
 
 def test_what_peers_accept_besides_is_said() -> None:
