@@ -6,8 +6,18 @@ import gc
 import sys
 from typing import Final, NoReturn
 
+from keystore_audit.errors import EXIT_INCOMPLETE
+
 EXIT_INTERRUPTED: Final = 130
 """128 + SIGINT, as a shell says it."""
+
+
+def not_installed(module: str) -> str:
+    """That the audit lacks a package, as when it runs from a clone without its environment."""
+    return (
+        f"The Python module {module} is not installed for {sys.executable}, so nothing is decided. `pip install .` in "
+        "the program's directory installs what it needs."
+    )
 
 
 def main() -> NoReturn:
@@ -21,6 +31,11 @@ def main() -> NoReturn:
         from keystore_audit.cli.program import run
 
         code = run(sys.argv[1:])
+    except ModuleNotFoundError as error:  # without click there is no program that says it
+        if error.name is None or error.name.startswith("keystore_audit"):
+            raise
+        print(f"keystore-audit: {not_installed(error.name)}", file=sys.stderr)  # noqa: T201
+        code = EXIT_INCOMPLETE
     except KeyboardInterrupt:  # outside of what `run` watches: while it is imported, or says what went wrong
         code = EXIT_INTERRUPTED
     gc.freeze()

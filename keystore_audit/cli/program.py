@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from keystore_audit import __version__
-from keystore_audit.cli import EXIT_INTERRUPTED, once
+from keystore_audit.cli import EXIT_INTERRUPTED, not_installed, once
 from keystore_audit.cli.session import Session
 from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_USAGE, AuditError
 from keystore_audit.text import terminal
@@ -128,7 +128,12 @@ def _end(code: int, sentence: str) -> int:
 
 
 def fault(error: Exception, *, verbose: bool) -> str:
-    """Say that this program is at fault; the error's text stays out, since it may quote what it was reading."""
+    """Say that this program is at fault; the error's text stays out, since it may quote what it was reading.
+
+    A module that is missing is no fault of the program: it runs from a clone, or with another Python.
+    """
+    if isinstance(error, ModuleNotFoundError) and error.name and not error.name.startswith("keystore_audit"):
+        return not_installed(error.name)
     sentence = "A fault in keystore-audit itself stopped it, so nothing is decided. Please report it."
     if not verbose:
         return f"{sentence} With -v it says where."

@@ -115,7 +115,7 @@ def _accept(answer: Answer) -> str:
     """What peers do; of a service or an action, with the parts that they accept where they do not accept it all."""
     said = _ACCEPT[answer.effective, answer.decision]
     if answer.effective is Ruling.ALLOW or not answer.parts:
-        return said.format("it")
+        return said.format("what is asked")
     taken, open_ = (
         ", ".join(str(part) for part in answer.parts if part.effective is ruling)
         for ruling in (Ruling.ALLOW, Ruling.UNKNOWN)

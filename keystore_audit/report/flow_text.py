@@ -8,7 +8,7 @@ from typing import Final
 
 from keystore_audit.findings import Location
 from keystore_audit.model.claim import Attacker
-from keystore_audit.properties.counterexample import Counterexample
+from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus, ProfileResult
 from keystore_audit.text import terminal
@@ -37,6 +37,7 @@ def text(
     if not ambient:
         lines.append("(apart from /clock, /parameter_events, /rosout and ros_discovery_info)")
     unknown = False
+    shown: set[tuple[Step, ...]] = set()
     for attacker, result in results:
         lines += ["", _wrapped(f"If {_ASSUMED[attacker]}:", first="", rest="")]
         for answer, names in _groups(result):
@@ -44,7 +45,7 @@ def text(
             lines.append(_wrapped(under, first=f"  {_WORDS[answer.status]:<8} ", rest=" " * 11))
             unknown = unknown or answer.status is Status.UNKNOWN
             if answer.counterexample is not None:
-                lines += _path(answer.counterexample, certain=answer.status is Status.VIOLATED)
+                lines += _path(answer.counterexample, shown, certain=answer.status is Status.VIOLATED)
     lines.append("")
     if unknown and doubts:
         more = f" and {len(doubts) - MAX_DOUBTS} more" if len(doubts) > MAX_DOUBTS else ""
@@ -70,8 +71,12 @@ def _groups(result: AssertedResult) -> list[tuple[ProfileResult, list[str]]]:
     return sorted(groups.values(), key=lambda group: order.index(group[0].status))
 
 
-def _path(path: Counterexample, *, certain: bool) -> list[str]:
+def _path(path: Counterexample, shown: set[tuple[Step, ...]], *, certain: bool) -> list[str]:
+    """The way with its lines, these once: a flow without an attack is one with any."""
     lines = [_wrapped(path.text if certain else f"Perhaps: {path.text}", first=" " * 11, rest=" " * 11)]
+    if path.steps and path.steps in shown:
+        return [*lines, _wrapped("by the same lines as above", first=" " * 13, rest=" " * 15)]
+    shown.add(path.steps)
     for step in path.steps:
         if step.path is not None:
             line = "" if step.line is None else f":{step.line}"

@@ -56,9 +56,10 @@ def _violated(result: AssertedResult | AlloyResult, breached_by: str) -> Iterato
     if not answers:
         return
     example = next((a.counterexample for a in answers.values() if a.counterexample is not None), None)
-    said = (f"{quoted(result.prop.id)} is violated: {result.prop.statement}", example.text if example else "")
+    said = f"{quoted(result.prop.id)} is violated. Asserted: {result.prop.statement}"
+    found = f"Found: {example.text}" if example and example.text else ""
     yield Violation(
-        message=" ".join(filter(None, (*said, result.beside))),
+        message=" ".join(filter(None, (said, found, result.beside))),
         locations=(replace(result.location, message="asserted here"), *(steps(example) if example else ())),
         severity=result.severity,
         profiles=() if len(answers) == len(result.profiles) else tuple(answers),

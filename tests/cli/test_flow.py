@@ -335,6 +335,16 @@ def test_safe_until_counts_what_is_asserted(tmp_path: Path) -> None:
     assert "Changes at 2027-03-01T00:00:01Z: never: violated." in " ".join(done.stdout.split())
 
 
+def test_the_same_way_has_its_lines_once() -> None:
+    """A flow without any attack is one whoever attacks; another way has lines of its own."""
+    same = run("flow", "flows/turtlesim_random_any_priority", "/random", "/turtlesim", *AT).stdout
+    assert (same.count("FLOW"), same.count("(/random, rt/high_priority)")) == (3, 1)
+    assert same.count("by the same lines as above") == 2
+    other = run("flow", "flows/vehicle_compromised_relay", *MOTOR, *AT).stdout
+    assert "FLOW" in other
+    assert "by the same lines as above" not in other
+
+
 def test_lines_are_no_wider_than_80_columns() -> None:
     done = run("flow", "flows/turtlesim_healthy", "/random", "/turtlesim", *AT)
     assert max(map(len, done.stdout.splitlines())) <= 80

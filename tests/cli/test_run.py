@@ -108,6 +108,27 @@ class TestExitCodes:
             assert "A fault in keystore-audit itself stopped it" in err
             assert ("(RuntimeError at test_run.py:" in err) is bool(verbose)
 
+    @pytest.mark.parametrize(("module", "installed"), [("lxml", False), ("keystore_audit.gone", True)])
+    def test_4_for_a_module_that_is_not_installed(
+        self,
+        monkeypatch: pytest.MonkeyPatch,
+        capsys: pytest.CaptureFixture[str],
+        healthy: Path,
+        module: str,
+        installed: bool,
+    ) -> None:
+        """As from a clone without its environment; a module of our own that is missing is our fault."""
+        import keystore_audit.pipeline
+
+        def missing(*_args: object, **_more: object) -> None:
+            raise ModuleNotFoundError("No module", name=module)
+
+        monkeypatch.setattr(keystore_audit.pipeline, "audit", missing)
+        assert run_here([str(healthy)]) == 4
+        _out, err = capsys.readouterr()
+        assert ("The Python module lxml is not installed for " in err) is not installed
+        assert ("A fault in keystore-audit itself" in err) is installed
+
     def test_130_interrupted(self, environment: dict[str, str], healthy: Path, tmp_path: Path) -> None:
         os.mkfifo(tmp_path / "fifo")  # writing to it waits for a reader
         command = [sys.executable, "-m", "keystore_audit", healthy, *AT, "-o", f"json={tmp_path}/fifo"]

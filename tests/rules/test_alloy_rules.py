@@ -33,7 +33,9 @@ def test_a_violation_is_told_with_the_severity_and_the_place_that_its_user_gave(
     (found,) = judged(**CASES["KA741"]).findings
     assert (found.code, found.severity) == ("KA741", Severity.LOW)
     assert (found.locations[0].path, found.locations[0].line) == ("chatter.als", 15)
-    assert found.message == "'chatter-nobody-else' is violated: Nobody else. (Alloy alone.) With enclave: /listener."
+    assert found.message == (
+        "'chatter-nobody-else' is violated. Asserted: Nobody else. (Alloy alone.) Found: With enclave: /listener."
+    )
 
 
 def test_what_holds_is_no_finding_and_what_is_unknown_is_open_with_its_reason() -> None:
