@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
@@ -231,6 +231,19 @@ def subject_differs_from_enclave(use: CertificateUse, context: Context) -> Itera
             )
 
 
+def _shared_key(key: str, sharing: Sequence[Enclave]) -> str:
+    """Who has the key: several as their own, or others beside the one whose it is."""
+    owners = [enclave for enclave in sharing if enclave.identity is not None and enclave.identity.key == key]
+    if len(owners) != 1:
+        return f"{len(sharing)} enclaves have one identity key: {paths(sharing)}."
+    carriers = [enclave for enclave in sharing if enclave is not owners[0]]
+    one = len(carriers) == 1
+    return (
+        f"The key file{'' if one else 's'} of {paths(carriers)} hold{'s' if one else ''} the private key of "
+        f"{paths(owners)}: whoever has {'it' if one else 'one of them'} is {paths(owners)}."
+    )
+
+
 @rule(
     "KA219",
     "identity-shared-by-enclaves",
@@ -243,7 +256,8 @@ def subject_differs_from_enclave(use: CertificateUse, context: Context) -> Itera
 def identity_shared_by_enclaves(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     """Enclaves have one identity key between them: whoever takes one of them is all of them.
 
-    Compared are the public keys of the certificates, and those of the private keys, whatever names they go by.
+    Compared are the public keys of the certificates, and those of the private keys, whatever names they go by. Where
+    only the key file is another's, the identities differ, and the property no-identity-serves-two-enclaves holds.
     """
     holders: dict[str, dict[str, tuple[Enclave, list[Location]]]] = {}
     for enclave in keystore.enclaves:
@@ -256,7 +270,7 @@ def identity_shared_by_enclaves(keystore: Keystore, _context: Context) -> Iterat
     for key, sharing in holders.items():
         if len(sharing) > 1:
             yield Violation(
-                message=f"{len(sharing)} enclaves have one identity key: {paths(e for e, _ in sharing.values())}.",
+                message=_shared_key(key, [enclave for enclave, _ in sharing.values()]),
                 locations=places(location for _enclave, found in sharing.values() for location in found),
                 key=key,
             )

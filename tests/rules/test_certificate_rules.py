@@ -328,11 +328,15 @@ def test_an_identity_is_shared_by_key_under_different_names() -> None:
         ),
     )
     assert codes(store) == ["KA219"]
+    (found,) = judged(store).findings
+    assert found.message == "2 enclaves have one identity key: /talker, /listener."
 
 
 def test_a_private_key_that_lies_in_a_second_enclave_is_shared_too() -> None:
     store = keystore(enclave("/talker"), enclave("/listener", key=private_key("enclaves/listener/key.pem", "/talker")))
     assert codes(store) == ["KA209", "KA219"]
+    (found,) = (each for each in judged(store).findings if each.code == "KA219")
+    assert found.message == ("The key file of /listener holds the private key of /talker: whoever has it is /talker.")
 
 
 def test_ardent_writes_names_without_a_slash() -> None:
