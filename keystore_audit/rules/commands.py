@@ -16,7 +16,7 @@ _PLACE: Final = re.compile(r"`[^`]*\b(public|private|enclaves)/")
 
 def for_layout(remedy: str, kind: LayoutKind) -> str:
     """The remedy as it is to be read in a keystore of this layout: in an older one its commands find nothing."""
-    if kind in (LayoutKind.FLAT, LayoutKind.ARDENT) and _PLACE.search(remedy):
+    if kind in (LayoutKind.FLAT, LayoutKind.ARDENT) and _PLACE.search(remedy) and MAKE_LAYOUT not in remedy:
         return f"The commands are for the layout since Foxy, which this keystore does not have (KA115). {remedy}"
     return remedy
 
@@ -76,6 +76,13 @@ SHOW_SUBJECT: Final = (
 
 LINK_GOVERNANCE: Final = "`ln -sf ../governance.p7s enclaves/ENCLAVE/governance.p7s`"
 LINK_CA: Final = "`ln -sf ../../public/ROLE_ca.cert.pem enclaves/ENCLAVE/ROLE_ca.cert.pem`"
+
+MAKE_LAYOUT: Final = (
+    "`mkdir public private enclaves`, `mv ca.cert.pem public/`, `mv ca.key.pem private/`, `mv governance.* enclaves/`, "
+    "for both ROLEs, identity and permissions, `ln -s ca.cert.pem public/ROLE_ca.cert.pem` and `ln -s ca.key.pem "
+    "private/ROLE_ca.key.pem`, for every folder of enclaves `mv FOLDER enclaves/`, and for every enclave "
+    f"{LINK_GOVERNANCE} and for both ROLEs {LINK_CA}, with one ../ more for every further level of the enclave's path"
+)
 
 START_LIST: Final = (
     r"`printf '%s\n' '[ca]' 'default_ca = crl' '[crl]' 'database = index.txt' 'default_md = sha256' > crl.cnf`"

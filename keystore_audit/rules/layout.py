@@ -11,7 +11,7 @@ from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.rules.commands import SHOW_DOCUMENT, SIGN_DOCUMENT
+from keystore_audit.rules.commands import CREATE_ENCLAVE, MAKE_LAYOUT, SHOW_DOCUMENT, SIGN_DOCUMENT
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.missing_files import RUN_TIME_FILES, about, dangling_link, file_name, required_file_missing
 from keystore_audit.rules.registry import Rule, Violation, rule
@@ -285,7 +285,8 @@ def enclave_names_differ_by_case(keystore: Keystore, _context: Context) -> Itera
     Severity.LOW,
     on=Keystore,
     clause="REP 2000 (Ardent to Eloquent are past their end of life)",
-    remedy="Make the keystore again with a supported distribution: `ros2 security create_keystore KEYSTORE`.",
+    remedy="Make the keystore again with a supported distribution: `ros2 security create_keystore KEYSTORE`, and for "
+    f"every enclave {CREATE_ENCLAVE}. Or give it the layout, in a copy of it and in its root: {MAKE_LAYOUT}.",
 )
 def deprecated_layout(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     """The layout is that of a distribution which nobody supports: no run time since Foxy finds enclaves in it."""

@@ -20,7 +20,7 @@ from tools.samples.store import copy_with_modes
 
 STOCK = "stock/talker_listener"
 ENCLAVES = ("/listener", "/talker")
-TYPED = re.compile(r"(openssl|mv|ln|touch|printf) ")
+TYPED = re.compile(r"(openssl|mkdir|mv|ln|touch|printf) ")
 
 
 @pytest.fixture
@@ -298,6 +298,27 @@ def test_a_flat_keystores_findings_say_whose_layout_the_commands_are_for(stock: 
     for root, says in ((stock, False), (flat, True)):
         (remedy,) = {each["remedy"] for each in found(root) if each["code"] == "KA222"}
         assert remedy.startswith("The commands are for the layout since Foxy") is says
+
+
+@pytest.mark.parametrize("names", [("identity_ca.cert.pem", "permissions_ca.cert.pem"), ("ca.cert.pem",)])
+def test_an_older_keystore_is_given_the_layout_of_today(names: tuple[str, ...], stock: Path) -> None:
+    """Of Crystal to Eloquent, and of Ardent and Bouncy: files in the root, and copies in every enclave."""
+    after = codes(stock)
+    flat = stock.parent / "flat"
+    shutil.copytree(stock / "enclaves", flat)
+    for enclave in ENCLAVES:
+        for role in ("identity", "permissions"):
+            (flat / enclave[1:] / f"{role}_ca.cert.pem").unlink()
+        for name in names:
+            shutil.copy(stock / "public/ca.cert.pem", flat / enclave[1:] / name)
+    shutil.copy(stock / "public/ca.cert.pem", flat)
+    shutil.copy(stock / "private/ca.key.pem", flat)
+    assert "KA115" in codes(flat)
+    for command in commands("KA115"):
+        for enclave in ENCLAVES if "ENCLAVE" in command or "FOLDER" in command else ("",):
+            for role in ("identity", "permissions") if "ROLE" in command else ("",):
+                type_in(flat, command, {"ENCLAVE": enclave, "FOLDER": enclave[1:], "ROLE": role})
+    assert codes(flat) == after
 
 
 def test_whoever_is_told_to_create_an_enclave_is_told_of_its_permissions() -> None:
