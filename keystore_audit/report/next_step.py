@@ -12,6 +12,10 @@ OF_THE_AUDIT: Final = "KA9"
 """The family of what the audit says of itself: it follows from something else, or nobody can mend it in a keystore."""
 
 
+MAX_CODES: Final = 6
+"""Codes named of what is left."""
+
+
 def next_step(report: Report) -> str:
     """Which finding to mend first and how to read more of it; empty where nothing stands in the way."""
     undecided = [finding for finding in report.findings if finding.undecided]
@@ -25,7 +29,8 @@ def next_step(report: Report) -> str:
     more = sum(first.fingerprint in finding.explained_by for finding in report.findings)
     follow = f", from which {more} other{'' if more == 1 else 's'} follow{'s' if more == 1 else ''}" if more else ""
     told = f"{first.code} {first.name}{where}{follow}"
-    then = _then(_besides(first, undecided), _besides(first, failing))
+    left = _besides(first, failing)
+    then = _then(len(_besides(first, undecided)), len(left), _causes(left))
     return f"Mend first: {told}.{then} `keystore-audit explain {first.code}` says more."
 
 
@@ -43,18 +48,26 @@ def _first(wanted: Sequence[Finding]) -> Finding:
     return wanted[min(ranked)[2]]
 
 
-def _besides(first: Finding, findings: Sequence[Finding]) -> int:
-    """How many are left when `first` is mended."""
+def _besides(first: Finding, findings: Sequence[Finding]) -> list[Finding]:
+    """What is left when `first` is mended."""
     mark = first.fingerprint
-    return sum(each.fingerprint != mark and mark not in each.explained_by for each in findings)
+    return [each for each in findings if each.fingerprint != mark and mark not in each.explained_by]
 
 
-def _then(undecided: int, failing: int) -> str:
+def _causes(findings: Sequence[Finding]) -> str:
+    """The codes of those that follow from none of the others, the worst first: a critical one may stand far above."""
+    marks = {each.fingerprint for each in findings}
+    codes = list(dict.fromkeys(each.code for each in findings if not marks & {*each.explained_by}))
+    more = f" and {len(codes) - MAX_CODES} more" if len(codes) > MAX_CODES else ""
+    return ", ".join(codes[:MAX_CODES]) + more
+
+
+def _then(undecided: int, failing: int, codes: str) -> str:
     """What is left then, and of what: so many findings that leave the audit open, so many that fail the gate."""
     told = []
     if undecided:
         told.append(f"{undecided} more that leave{'s' if undecided == 1 else ''} the audit open")
     if failing:
         more = "" if undecided else "more "
-        told.append(f"{failing} {more}that fail{'s' if failing == 1 else ''} the gate")
+        told.append(f"{failing} {more}that fail{'s' if failing == 1 else ''} the gate: {codes}")
     return f" Then {' and '.join(told)}." if told else ""

@@ -228,7 +228,12 @@ def test_what_to_do_first_is_the_last_line(make_report: MakeReport) -> None:
     consequence_first = replace(report, findings=(grants_itself, signed, expires))
     assert "Mend first: KA302" in next_step(consequence_first)
     two = replace(report, findings=(signed, replace(expires, severity=Severity.HIGH)))
-    assert " Then 1 more that fails the gate. `" in next_step(two)
+    assert " Then 1 more that fails the gate: KA205. `" in next_step(two)
+    others = [replace(two.findings[1], code=f"KA21{n}", fingerprint=f"{n:064x}") for n in range(7)]
+    several = next_step(replace(report, findings=(signed, grants_itself, *others)))
+    assert " Then 7 more that fail the gate: KA210, KA211, KA212, KA213, KA214, KA215 and 1 more. `" in several
+    behind = replace(grants_itself, severity=Severity.HIGH, explained_by=(others[0].fingerprint,))
+    assert " the gate: KA210. `" in next_step(replace(report, findings=(signed, others[0], behind)))
     beside = replace(signed, locations=(Location(path="mine.toml", line=1, beside=True), *signed.locations))
     assert "permissions.p7s:41" in next_step(replace(report, findings=(beside,)))
     only = replace(signed, locations=beside.locations[:1])
@@ -241,7 +246,7 @@ def test_what_to_do_first_is_the_last_line(make_report: MakeReport) -> None:
     cause = replace(expires, undecided=True)
     incomplete = replace(report, verdict=Verdict.INCOMPLETE, findings=(own, signed, cause))
     assert "Mend first: KA205" in next_step(incomplete)
-    assert " Then 1 more that leaves the audit open and 1 that fails the gate. `" in next_step(incomplete)
+    assert " Then 1 more that leaves the audit open and 1 that fails the gate: KA302. `" in next_step(incomplete)
     assert "Mend first: KA906" in next_step(replace(incomplete, findings=(own, signed)))
     assert render(report).rstrip().endswith("`keystore-audit explain KA302` says more.")
 
@@ -285,7 +290,7 @@ def test_the_cause_of_the_worst_comes_first_though_it_is_lesser(make_report: Mak
     assert next_step(medium).startswith("Mend first: KA703")  # whose cause is below the gate, and may be hidden
     said = next_step(replace(medium, fail_on=Severity.MEDIUM))
     assert said.startswith("Mend first: KA205")
-    assert "from which 1 other follows. Then 1 more that fails the gate." in said
+    assert "from which 1 other follows. Then 1 more that fails the gate: " in said
     alone = replace(worst, explained_by=())
     assert next_step(replace(report, findings=(alone, high, expires))).startswith("Mend first: KA703")
 
