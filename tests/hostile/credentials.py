@@ -300,7 +300,7 @@ KEYS: Final = (
     Case(
         "an authority's key in public/",
         _authority_key_in_public,
-        (Finds("KA109", "public/ca.key.pem"),),
+        (Finds("KA118", "public/ca.key.pem"),),
         1,
         options=("--deployed",),
     ),
