@@ -285,7 +285,7 @@ def _shows_it(case: Case, claim: ClaimAtom, hop: Hop) -> bool:
     return not forged >> hop.channel & 1
 
 
-def _shared_domain(case: Case, when: str) -> Counterexample:
+def _shared_domain(case: Case, claim: ClaimAtom, when: str) -> Counterexample:
     asked, views = case.witness[Role.DOMAIN], realm_views(case.system)
     domain = case.system.domains[asked].label
     rule = causes.domain_rule(case.system, case.realm, asked)
@@ -295,8 +295,11 @@ def _shared_domain(case: Case, when: str) -> Counterexample:
         [n for n in both if any((view.joined(n) | view.protection.unauthenticated) >> asked & 1 for view in peers)]
         for peers in (views, [views[case.realm]])
     )
-    names = [case.system.enclaves[number].label for number in sorted(both, key=lambda each: each not in joining)]
-    if len(joining) == 1:
+    sides = claim.source.enclaves | claim.target.enclaves
+    names = [_with_its_key(case.system, each, sides) for each in sorted(both, key=lambda each: each not in joining)]
+    if both[0] == both[1]:
+        text = f"As {names[0]} both sides {'may' if case.enclave.opaque else 'can'} join {domain}{when}."
+    elif len(joining) == 1:
         text = (
             f"{names[0]} can join {domain}, where {names[1]} starts too, by what its own implementation makes of "
             f"its permissions{when}: it refuses nobody who may be there, and who attacks takes it."
@@ -307,6 +310,18 @@ def _shared_domain(case: Case, when: str) -> Counterexample:
             how = ", where anybody is let in without an identity"
         text = f"{names[0]} and {names[1]} can both join {domain}{when}{how}."
     return Counterexample(text=text, steps=(step,))
+
+
+def _with_its_key(system: System, enclave: int, among: frozenset[int]) -> str:
+    """An enclave, with who else has its key, or that nobody knows whose it is."""
+    atom, key = system.enclaves[enclave], system.key_of(enclave)
+    if atom.opaque:
+        return f"{atom.label}, whose identity could not be read,"
+    if key is None:
+        return atom.label
+    others = [system.enclaves[each].label for each in sorted(among - {enclave}) if system.key_of(each) == key]
+    more = f" and {len(others) - 1} more" if len(others) > 1 else ""
+    return f"{atom.label}, whose key {others[0]}{more} {'have' if more else 'has'} too," if others else atom.label
 
 
 def forgers(system: System, claim: ClaimAtom) -> tuple[str, ...]:
