@@ -23,6 +23,7 @@ from keystore_audit.intent.launch_actions import (
     PushNamespace,
     SetRemap,
     StartNode,
+    StartProcess,
     Text,
     Unknown,
     Unread,
@@ -132,6 +133,8 @@ class _Launch:
     def _perform(self, action: Action, scope: Scope, source: Source, nesting: int) -> None:
         if isinstance(action, StartNode):
             self.nodes.start(action, scope, source)
+        elif isinstance(action, StartProcess):
+            self.nodes.process(action, scope, source)
         elif isinstance(action, LoadComponents):
             self.nodes.load(action, scope, source)
         elif isinstance(action, Group):

@@ -152,20 +152,28 @@ class NodeNames:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StartNode(Action):
+class StartProcess(Action):
+    """A process, of which it is not known whether it is a node.
+
+    `clean`: it has `environment` alone. `prefix`: what stands before the program, None: what is set for all.
+    """
+
+    environment: tuple[tuple[Text, Text], ...] = ()
+    clean: bool = False
+    prefix: Text | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StartNode(StartProcess):
     """A process with a node; `components` are loaded into it.
 
-    `arguments`: the words of its command line; `ros_arguments`: those that come behind `--ros-args`. `clean`: it has
-    `environment` alone. `prefix`: what stands before the program, None: what is set for all.
+    `arguments`: the words of its command line; `ros_arguments`: those that come behind `--ros-args`.
     """
 
     kind: NodeKind
     names: NodeNames
     arguments: tuple[Text, ...] = ()
     ros_arguments: tuple[Text, ...] = ()
-    environment: tuple[tuple[Text, Text], ...] = ()
-    clean: bool = False
-    prefix: Text | None = None
     components: tuple[NodeNames, ...] = ()
 
 

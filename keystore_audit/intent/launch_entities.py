@@ -26,6 +26,7 @@ from keystore_audit.intent.launch_actions import (
     Remap,
     SetRemap,
     StartNode,
+    StartProcess,
     Text,
     Unknown,
     Unread,
@@ -158,8 +159,12 @@ class _Entities:
 
     def process(self, entity: Entity) -> Action:
         """An `<executable>`."""
-        said = "a process is started here; whether it is a node, and which, is not known"
-        return Unread(line=entity.line, conditions=self._conditions(entity), reason=said)
+        return StartProcess(
+            line=entity.line,
+            conditions=self._conditions(entity),
+            environment=self._values(entity.called("env")),
+            prefix=self._optional(entity, "launch-prefix"),
+        )
 
     def _components(self, entity: Entity) -> tuple[NodeNames, ...]:
         found = []

@@ -7,7 +7,7 @@ import shlex
 from typing import Final
 
 from keystore_audit.intent.environment import DOMAIN, ENABLE, KEYSTORE, OVERRIDE, RMW, STRATEGY
-from keystore_audit.intent.launch_actions import StartNode, Unknown
+from keystore_audit.intent.launch_actions import StartProcess, Unknown
 from keystore_audit.intent.launch_scope import Scope
 from keystore_audit.intent.source import Source, shown
 
@@ -30,7 +30,7 @@ _CHANGERS: Final = frozenset({"sudo", "su", "doas", "runuser", "sh", "bash", "da
 """What may start with other variables, and is often started by one of `_KEEPERS`."""
 
 
-def started_with(action: StartNode, scope: Scope, source: Source) -> dict[str, str | Unknown]:
+def started_with(action: StartProcess, scope: Scope, source: Source) -> dict[str, str | Unknown]:
     """The values of those of `NAMES` that the launch file sets for a process; the rest come from its own start."""
     found = {name: scope.environment[name] for name in NAMES if name in scope.environment}
     if action.clean:

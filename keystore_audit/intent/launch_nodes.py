@@ -20,7 +20,7 @@ from keystore_audit.intent.intent import (
     Unresolved,
     UsedName,
 )
-from keystore_audit.intent.launch_actions import LoadComponents, NodeKind, NodeNames, StartNode, Unknown
+from keystore_audit.intent.launch_actions import LoadComponents, NodeKind, NodeNames, StartNode, StartProcess, Unknown
 from keystore_audit.intent.launch_environment import started_with
 from keystore_audit.intent.launch_scope import GlobalRemap, Scope
 from keystore_audit.intent.ros_arguments import RosArguments, Rule, read
@@ -134,6 +134,13 @@ class Nodes:
         self._place(node, enclave)
         for component in self._components(action.components, scope, source):
             self._place(component, enclave)
+
+    def process(self, action: StartProcess, scope: Scope, source: Source) -> None:
+        """A process that may be a node: of its variables those count that are set for certain."""
+        location = source.location(action.line)
+        self.unresolved(location, "A process is started here; whether it is a node, and which, is not known.")
+        known = {name: value for name, value in started_with(action, scope, source).items() if isinstance(value, str)}
+        self._sets("", known, location)
 
     def _sets(self, node: str, variables: Mapping[str, str | Unknown], location: Location) -> None:
         """The variables of a process, apart from the one that says its enclave."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Final
+from typing import Any, Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.intent.launch_actions import (
@@ -23,6 +23,7 @@ from keystore_audit.intent.launch_actions import (
     Remap,
     SetRemap,
     StartNode,
+    StartProcess,
     Text,
     Unknown,
     Unread,
@@ -215,12 +216,15 @@ def _node(call: Call) -> Value:
         names=names,
         arguments=arguments,
         ros_arguments=(*unknown, *ros_arguments, *unknown_ros),
-        environment=(*_mapping(call.get("env")), *_mapping(call.get("additional_env"))),
-        clean=call.get("env") != NONE,
-        prefix=call.optional("prefix"),
         components=components,
+        **_environment_of(call),
     )
     return ActionValue(action=_with(start, (*unread, *_on_exit(call))), name=names.name)
+
+
+def _environment_of(call: Call) -> dict[str, Any]:
+    variables = (*_mapping(call.get("env")), *_mapping(call.get("additional_env")))
+    return {"environment": variables, "clean": call.get("env") != NONE, "prefix": call.optional("prefix")}
 
 
 def _with(action: Action, more: tuple[Action, ...]) -> Action:
@@ -247,7 +251,6 @@ def _load(call: Call) -> Value:
 
 
 def _group(call: Call) -> Value:
-    given = _mapping(call.get("launch_configurations"))
     actions = tuple(actions_of(call.get("actions", 0), call.line))
     group = Group(
         line=call.line,
@@ -255,7 +258,7 @@ def _group(call: Call) -> Value:
         actions=actions,
         scoped=call.switch("scoped"),
         forwarding=call.switch("forwarding"),
-        given=given,
+        given=_mapping(call.get("launch_configurations")),
     )
     return ActionValue(action=group)
 
@@ -268,17 +271,15 @@ def _later(call: Call) -> Value:
 
 def _handler(call: Call) -> Value:
     """An event handler; its actions are in arguments called `on_…`, `entities` or `entity`."""
-    given = [value for key, value in call.keywords.items() if key.startswith(("on_", "entit"))]
+    given = (value for key, value in call.keywords.items() if key.startswith(("on_", "entit")))
     listed = (value for value in (*given, *call.positional) if value != NONE)
     return HandlerValue(actions=tuple(action for value in listed for action in actions_of(value, call.line)))
 
 
 def _register(call: Call) -> Value:
     handler = call.get("event_handler", 0)
-    if isinstance(handler, HandlerValue):
-        actions = handler.actions
-    else:
-        actions = (Unread(line=call.line, reason="an event handler that is not read may start nodes"),)
+    unread = Unread(line=call.line, reason="an event handler that is not read may start nodes")
+    actions = handler.actions if isinstance(handler, HandlerValue) else (unread,)
     return ActionValue(action=Group(line=call.line, conditions=call.conditions, actions=actions))
 
 
@@ -314,8 +315,9 @@ def _set(call: Call) -> Value:
     elif call.name == "UnsetLaunchConfiguration":
         action = Assign(line=line, conditions=conditions, name=call.text("name", 0), value=None)
     elif call.name == "SetEnvironmentVariable":
-        name, value = call.text("name", 0), call.text("value", 1)
-        action = AssignEnvironment(line=line, conditions=conditions, name=name, value=value)
+        action = AssignEnvironment(
+            line=line, conditions=conditions, name=call.text("name", 0), value=call.text("value", 1)
+        )
     elif call.name == "UnsetEnvironmentVariable":
         action = AssignEnvironment(line=line, conditions=conditions, name=call.text("name", 0), value=None)
     elif call.name == "AppendEnvironmentVariable":
@@ -342,14 +344,13 @@ def _inert(call: Call) -> Value:
 
 
 def _process(call: Call) -> Value:
-    said = "a process is started here; whether it is a node, and which, is not known"
-    process = Unread(line=call.line, conditions=call.conditions, reason=said)
+    process = StartProcess(line=call.line, conditions=call.conditions, **_environment_of(call))
     return ActionValue(action=_with(process, _on_exit(call)))
 
 
 def _function(call: Call) -> Value:
-    said = "a function runs here, which is not called; it may start nodes or change their names"
-    return ActionValue(action=Unread(line=call.line, conditions=call.conditions, reason=said))
+    reason = "a function runs here, which is not called; it may start nodes or change their names"
+    return ActionValue(action=Unread(line=call.line, conditions=call.conditions, reason=reason))
 
 
 def _component(call: Call) -> Value:

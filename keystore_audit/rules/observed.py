@@ -296,7 +296,7 @@ def launch_changes_security(keystore: Keystore, context: Context) -> Iterator[Vi
             severity, what = harm
             value = "a value that cannot be told" if variable.value is None else quoted(variable.value)
             yield Violation(
-                message=f"{sentence(variable.node or 'a node')} starts with {variable.name} set to {value}: {what}.",
+                message=f"{sentence(variable.node or 'a process')} starts with {variable.name} set to {value}: {what}.",
                 locations=(_beside(variable.location),),
                 severity=severity,
                 key=f"{variable.node} {variable.name} {variable.value}",

@@ -193,6 +193,28 @@ def test_what_stands_before_the_program_may_change_its_variables(
 
 
 @pytest.mark.parametrize(
+    ("form", "text", "expected"),
+    [
+        ("xml", '<executable cmd="run"><env name="ROS_SECURITY_ENABLE" value="no"/></executable>', "no"),
+        ("xml", '<set_env name="ROS_SECURITY_ENABLE" value="no"/><executable cmd="run"/>', "no"),
+        ("xml", '<executable cmd="run" launch-prefix="env ROS_SECURITY_ENABLE=no"/>', "no"),
+        ("xml", '<executable cmd="run" launch-prefix="sudo"/>', ""),
+        ("xml", '<executable cmd="run"/>', ""),
+        ("py", "ExecuteProcess(cmd=['run'], additional_env={'ROS_SECURITY_ENABLE': 'no'})", "no"),
+        ("py", "ExecuteProcess(cmd=['run'])", ""),
+    ],
+)
+def test_a_process_that_may_be_a_node_has_what_is_set_for_it(
+    form: str, text: str, expected: str, tmp_path: Path
+) -> None:
+    intent = launch(tmp_path, described(text) if form == "py" else text, form)
+    assert variables(intent) == ({"SECURITY_ENABLE": expected} if expected else {})
+    assert [reason for _line, reason in unresolved(intent)] == [
+        "A process is started here; whether it is a node, and which, is not known."
+    ]
+
+
+@pytest.mark.parametrize(
     ("before", "given", "expected"),
     [
         ("", "", {}),
