@@ -315,9 +315,8 @@ def _set(call: Call) -> Value:
     elif call.name == "UnsetLaunchConfiguration":
         action = Assign(line=line, conditions=conditions, name=call.text("name", 0), value=None)
     elif call.name == "SetEnvironmentVariable":
-        action = AssignEnvironment(
-            line=line, conditions=conditions, name=call.text("name", 0), value=call.text("value", 1)
-        )
+        value = call.text("value", 1)
+        action = AssignEnvironment(line=line, conditions=conditions, name=call.text("name", 0), value=value)
     elif call.name == "UnsetEnvironmentVariable":
         action = AssignEnvironment(line=line, conditions=conditions, name=call.text("name", 0), value=None)
     elif call.name == "AppendEnvironmentVariable":
