@@ -58,14 +58,14 @@ def _absent(enclave: Enclave, file: File, message: str) -> Violation:
     return replace(about(enclave, file, message), explains=explains)
 
 
-def _how_to_make(enclave: Enclave, missing: File) -> str | None:
-    """What makes the one file that is missing; None where nothing of the enclave is there."""
+def _how_to_make(enclave: Enclave, missing: File) -> str:
+    """What makes the one file that is missing, or the enclave where nothing of it is there but a key."""
     files = enclave.files.files
     (role, *_more) = [role for role in REQUIRED if files[role].path == missing.path]
     there = any(files[each].status is Status.PRESENT for each in REQUIRED if each is not Role.KEY)
     if role is Role.GOVERNANCE and enclave.path == "/":  # what the others link to
         return f"Restore it, or sign governance.xml, in the keystore's root: {SIGN_GOVERNANCE}."
-    return _FOR_WANT_OF[role] if there else None
+    return _FOR_WANT_OF[role] if there else _MAKE_AGAIN
 
 
 def _required(enclave: Enclave, *statuses: Status) -> Iterator[File]:
@@ -89,7 +89,8 @@ def file_name(file: File) -> str:
     Severity.HIGH,
     on=Enclave,
     clause=RUN_TIME_FILES,
-    remedy=_MAKE_AGAIN,
+    remedy="Make the one file that is missing, as its finding says: `ros2 security create_enclave` would write "
+    f"permissions that allow everything over those there are. Where there is nothing but a key: {CREATE_ENCLAVE}.",
     explains=tuple(_RESTS_ON.values()),
     stops=True,
 )

@@ -204,6 +204,16 @@ def test_a_missing_file_is_made_and_permissions_stay(name: str, stock: Path) -> 
     assert (stock / "enclaves/talker/permissions.xml").read_bytes() == permissions
 
 
+def test_an_enclave_of_which_there_is_nothing_is_created(stock: Path) -> None:
+    for each in (stock / "enclaves/talker").iterdir():
+        if each.name != "key.pem":
+            each.unlink()
+    remedies = {each["remedy"] for each in found(stock) if each["code"] == "KA101"}
+    assert [each.partition(",")[0] for each in remedies] == [
+        "Make what is missing: `ros2 security create_enclave KEYSTORE ENCLAVE`"
+    ]
+
+
 def test_the_governance_of_the_root_enclave_is_no_link(stock: Path) -> None:
     """The others link to it."""
     before = codes(stock)
