@@ -93,7 +93,7 @@ def matching(
     found = _equal(wanted, plain, certificates)
     by_form = (odd, wanted), (plain, [text for text in wanted if not _PLAIN.fullmatch(text)])
     for numbers, texts in by_form:
-        for text, named in _compared(texts, numbers, certificates, comparison).items() if numbers else ():
+        for text, named in _compared(texts, numbers, certificates, comparison).items() if numbers and texts else ():
             found[text] |= named
     return found
 
