@@ -162,6 +162,15 @@ def evaluate(
     directory: Path, modules: dict[str, str], expressions: Sequence[str], opening: str = "claims"
 ) -> list[set[tuple[int, ...]]]:
     """The tuples of each expression, atoms by index, in the one instance of the facts; the module `opening` is open."""
+    return [
+        {tuple(map(_number, atoms)) for atoms in tuples} for tuples in values(directory, modules, expressions, opening)
+    ]
+
+
+def values(
+    directory: Path, modules: dict[str, str], expressions: Sequence[str], opening: str = "claims"
+) -> list[set[tuple[str, ...]]]:
+    """The same, atoms by name."""
     asked = f"module asked\nopen {opening}\nrun Facts {{}} for 0\n"
     world = _world(directory, modules | {"asked.als": asked}, "asked.als")
     solution = _solution(world, world.getAllCommands().get(0))
@@ -169,7 +178,36 @@ def evaluate(
     found = []
     for expression in expressions:
         tuples = solution.eval(_analyzer().expression(world, expression))
-        found.append({tuple(_number(str(t.atom(place))) for place in range(t.arity())) for t in tuples})
+        found.append({tuple(str(t.atom(place)) for place in range(t.arity())) for t in tuples})
+    return found
+
+
+def unlike(
+    directory: Path,
+    modules: dict[str, str],
+    expected: Mapping[str, Collection[tuple[str, ...]]],
+) -> list[str]:
+    """The expressions that have other values than expected: atoms by name, as `values` has them.
+
+    A question to the translator: it is some ten times as fast as the evaluator of an instance.
+    """
+    wrong = {}
+    for expression, tuples in expected.items():
+        named = [" -> ".join(atom.split("/")[-1].removesuffix("$0") for atom in atoms) for atoms in sorted(tuples)]
+        wrong[expression] = f"not (({expression}) = ({' + '.join(named)}))" if named else f"some ({expression})"
+    return _occurring(directory, modules, "open claims", wrong)
+
+
+def _occurring(directory: Path, modules: dict[str, str], head: str, formulas: Mapping[str, str]) -> list[str]:
+    """The names of the formulas that are true, in a module that begins with `head`: all are asked at once first."""
+    questions = [" or ".join(formulas.values()), *formulas.values()]
+    runs = [f"run {{ {question} }} for 0" for question in questions]
+    world = _world(directory, modules | {"asked.als": "\n".join(["module asked", head, *runs, ""])}, "asked.als")
+    together, *alone = world.getAllCommands()
+    if not _occurs(world, together):
+        return []
+    found = [each for each, command in zip(formulas, alone, strict=True) if _occurs(world, command)]
+    assert found, "one of all is true, and none alone"
     return found
 
 
@@ -191,16 +229,7 @@ def otherwise(
         name, declared = f"expected_{number}", f"{sort.sig} -> {channels.sig}"
         functions.append(write.relation(name, declared, write.rows(sort, channels, images)))
         wrong[expression] = f"not (({expression}) = {name})"
-    questions = [" or ".join(wrong.values()), *wrong.values()]
-    runs = [f"run {{ {question} }} for 0" for question in questions]
-    asked = "\n".join(["module asked", "open claims", *write.take_private(), *functions, *runs, ""])
-    world = _world(directory, modules | {"asked.als": asked}, "asked.als")
-    together, *alone = world.getAllCommands()
-    if not _occurs(world, together):
-        return []
-    differing = [each for each, command in zip(wrong, alone, strict=True) if _occurs(world, command)]
-    assert differing, "all together differ, and none alone"
-    return differing
+    return _occurring(directory, modules, "\n".join(["open claims", *write.take_private(), *functions]), wrong)
 
 
 def _number(atom: str) -> int:
