@@ -13,7 +13,7 @@ open information_flow
 /** Certificates that no enclave here has, and whose holders the realm lets in with a grant, or may (a grant unread). */
 fun elsewhere[realm: Realm]: set Certificate {
 	let known = realm in open_realm implies Certificate else realm.(vouched[identity_ca, Certificate] - revoked),
-		named = some opaque & Document implies Certificate else chosen.(realm.accepted.grant) |
+		named = some opaque & Document implies Certificate else admitting.(realm.accepted.grant) |
 		(known & named) - Enclave.identity
 }
 
@@ -74,8 +74,14 @@ fun open_to_known: Realm -> Channel {
 		t.in_domain in realm.join_uncontrolled and (realm in open_realm or some realm.identity_ca & authority) }
 }
 
+/** Channels to which it signs itself any right: its CA is one for permissions too, and signers are not pinned. */
+fun granted_by_known: Realm -> Channel {
+	{ realm: Realm - pins_signer, t: realm.governed |
+		some realm.identity_ca & authority & realm.(permissions_ca + chained) }
+}
+
 /** Those that it writes. */
-fun writes_known: Realm -> Channel { open_to_known & write_uncontrolled }
+fun writes_known: Realm -> Channel { open_to_known & write_uncontrolled + granted_by_known }
 
 /** Channels on which each of these publishes by a grant of the permissions CA, or writes without one. */
 fun publishes[realm: Realm]: (Enclave + Certificate + Outsider) -> Channel {
@@ -88,7 +94,7 @@ fun publishes[realm: Realm]: (Enclave + Certificate + Outsider) -> Channel {
 /** Channels that anybody learns, or whoever has an identity of the CA, with whatever grants. */
 fun learns_known: Realm -> Channel {
 	in_clear + open_to_known & read_uncontrolled
-	+ (open_to_known - payload_protection[encrypting] - submessage_protection[encrypting])
+	+ (open_to_known - payload_protection[encrypting] - submessage_protection[encrypting]) + granted_by_known
 }
 
 /**

@@ -80,12 +80,25 @@ def _anybody_reading(case: Case, when: str) -> Counterexample:
     if case.view.readable >> case.witness[Role.CHANNEL] & 1:
         text = f"Anybody on the network can read {case.topic}: {case.kinds()}{when}."
         return Counterexample(text=text, steps=case.governance_steps())
+    if case.view.granted_by_known >> case.witness[Role.CHANNEL] & 1:
+        return _signing_itself(case, f"can read {case.topic}", when)
     grant = " and some grant of the permissions CA" if case.system.requires_grant else ""
     text = (
         f"Whoever has an identity of the CA{grant} can read {case.topic} without a grant to, robots elsewhere too, "
         f"since enable_join_access_control is false, and {_read_by(case)}{when}."
     )
     return Counterexample(text=text, steps=case.governance_steps())
+
+
+def _signing_itself(case: Case, does: str, when: str) -> Counterexample:
+    """Why whoever has an identity of the CA does something by permissions that it signs itself."""
+    authority = case.system.certificates[min(case.view.issuing_signers)]
+    text = (
+        f"Whoever has an identity of the CA that is fit to sign {does}, robots elsewhere too, by permissions that it "
+        f"signs itself: {shorten(authority.label, MAX_SUBJECT)} stands for identities and for permissions, and these "
+        f"implementations accept any signer that it issued{when}."
+    )
+    return Counterexample(text=text, steps=(case.step(authority.location),))
 
 
 def _read_by(case: Case) -> str:
@@ -149,6 +162,8 @@ def _publisher(case: Case, when: str) -> Counterexample:
             f"Anybody on the network may join without an identity and publish {case.topic}, since "
             f"allow_unauthenticated_participants is true: {case.kinds()}{when}."
         )
+    elif case.view.granted_by_known >> case.witness[Role.CHANNEL] & 1:
+        return _signing_itself(case, f"may publish {case.topic}", when)
     else:
         grant = " and some grant of the permissions CA" if case.system.requires_grant else ""
         text = (

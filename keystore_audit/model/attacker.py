@@ -283,10 +283,9 @@ class RealmView:
             if self._any_opaque:
                 joined = self._permissions.all_domains if self.open else self.protection.ruled
                 found[number] = self._able(joined, [self._permissions.all_channels] * len(_OPERATIONS))
-            elif self._permissions.chosen(number, self.accepted):
-                joined = self._joined_by(self._permissions.admitting(number, self.accepted))
+            elif admitting := self._permissions.admitting(number, self.accepted):
                 rights = [self._right(number, operation, genuine=False) for operation in _OPERATIONS]
-                found[number] = self._able(joined, rights)
+                found[number] = self._able(self._joined_by(admitting), rights)
         return found
 
     @cached_property
@@ -315,13 +314,27 @@ class RealmView:
     @cached_property
     def joining_known(self) -> int:
         """Channels on which readers take samples from whoever has an identity of the CA, whatever grants it has."""
-        return self._open_to_known & ~self.protection.write_controlled
+        return self._open_to_known & ~self.protection.write_controlled | self.granted_by_known
 
     @cached_property
     def learnt_known(self) -> int:
         """Channels that anybody learns, or whoever has an identity of the CA, with whatever grants."""
         p = self.protection
-        return self._open_to_known & ~(p.read_controlled & (p.data_encrypts | p.metadata_encrypts)) | self.readable
+        unasked = self._open_to_known & ~(p.read_controlled & (p.data_encrypts | p.metadata_encrypts))
+        return unasked | self.readable | self.granted_by_known
+
+    @cached_property
+    def granted_by_known(self) -> int:
+        """Channels to which whoever has an identity of the CA signs itself any right: its CA is one for permissions."""
+        return self.protection.governed if self.issuing_signers else 0
+
+    @cached_property
+    def issuing_signers(self) -> frozenset[int]:
+        """Identity CAs that are permissions CAs too, or chain to one, where signers are not pinned."""
+        if self._system.pins_signer:
+            return frozenset()
+        shared = self._realm.identity_ca & (self._realm.permissions_ca | self._chained)
+        return frozenset(number for number in shared if self._system.certificates[number].authority)
 
     @cached_property
     def _open_to_known(self) -> int:

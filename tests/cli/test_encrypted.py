@@ -146,3 +146,17 @@ def test_whom_a_document_lets_in_that_could_not_be_read_is_not_known(tmp_path: P
     assert found(tmp_path / "keys", PAYLOADS_OPEN)["inside"] == "holds"
     (tmp_path / "keys/enclaves/listener/permissions.p7s").write_bytes(b"#" * 5_000_000)
     assert properties(tmp_path / "keys", SETTINGS, "--profile", PROFILE)["inside"]["status"] == "unknown"
+
+
+@pytest.mark.parametrize(("profile", "status"), [("cyclonedds-0.10", "violated"), ("cyclonedds-11", "holds")])
+def test_whoever_has_an_identity_of_the_one_ca_signs_itself_a_grant_to_read(
+    tmp_path: Path, profile: str, status: str
+) -> None:
+    one = authority("sros2CA")
+    document = DOCUMENT.format(path="/listener", rules=rule(subscribe="rt/x"), default="DENY").encode()
+    write_enclave(tmp_path / "keys/enclaves/listener", certificate("/listener", one), document, one, one, GOVERNANCE)
+    asked = properties(tmp_path / "keys", SETTINGS, "--profile", profile)["inside"]
+    assert asked["status"] == status
+    if status == "violated":
+        told = asked["profiles"][profile]["counterexample"]["text"]
+        assert "Whoever has an identity of the CA that is fit to sign can read " in told

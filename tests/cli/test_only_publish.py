@@ -98,6 +98,44 @@ def test_where_no_grant_is_asked_for_whoever_has_an_identity_publishes(
     assert told is None if status == "holds" else "Whoever has an identity of the CA may publish" in told["text"]
 
 
+@pytest.mark.parametrize(
+    ("profile", "status"), [("cyclonedds-0.10", "violated"), ("fastdds-2.9", "violated"), ("cyclonedds-11", "holds")]
+)
+@pytest.mark.parametrize("one", [True, False])
+def test_whoever_has_an_identity_of_the_one_ca_signs_itself_the_right(
+    tmp_path: Path, profile: str, status: str, *, one: bool
+) -> None:
+    """No other enclave need be in this keystore, and no grant for anybody else."""
+    identity = authority("sros2CA")
+    permissions = identity if one else authority("permissionsCA")
+    document = DOCUMENT.format(path="/talker", rules=rule(("rt/x",)), default="DENY").encode()
+    directory = tmp_path / "keys/enclaves/talker"
+    write_enclave(directory, certificate("/talker", identity), document, identity, permissions, GOVERNANCE)
+    asked = properties(tmp_path / "keys", SETTINGS, "--profile", profile)["only-talker"]
+    assert asked["status"] == (status if one else "holds")
+    told = asked["profiles"][profile]["counterexample"]
+    if asked["status"] == "violated":
+        assert "Whoever has an identity of the CA that is fit to sign may publish /x" in told["text"]
+        assert told["steps"][0]["path"] == "enclaves/talker/identity_ca.cert.pem"
+
+
+@pytest.mark.parametrize(
+    ("profile", "off", "status"),
+    [("opendds", "write", "violated"), ("cyclonedds-11", "write", "holds"), ("opendds", "read", "holds")],
+)
+def test_who_joins_by_a_grant_that_is_over_publishes_where_nobody_asks_for_one(
+    tmp_path: Path, profile: str, off: str, status: str
+) -> None:
+    """To OpenDDS dates are about endpoints alone, and without access control no grant is asked for an endpoint."""
+    flag = f"enable_{off}_access_control>".encode()
+    governance = GOVERNANCE.replace(b"<" + flag + b"true", b"<" + flag + b"false")
+    talker = DOCUMENT.format(path="/talker", rules=rule(("rt/x",)), default="DENY")
+    ghost = GRANT.format(path="/ghost", rules=rule(("rt/x",)), default="DENY").replace("2034-", "2025-")
+    document = talker.replace("  </permissions>", f"{ghost}  </permissions>").encode()
+    root = signed_keystore(tmp_path / "keys", {"/talker": document}, governance=governance)
+    assert properties(root, SETTINGS, "--profile", profile)["only-talker"]["status"] == status
+
+
 def test_an_outsider_that_only_forges_is_said_beside_and_violates_nothing(tmp_path: Path) -> None:
     closed = OPEN.replace(b"<allow_unauthenticated_participants>true", b"<allow_unauthenticated_participants>false")
     answers = found(built(tmp_path / "keys", governance=closed))

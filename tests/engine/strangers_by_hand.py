@@ -22,12 +22,24 @@ def let_in(
     for number, certificate in enumerate(s.certificates):
         vouching = (s.certificates[issuer] for issuer in certificate.issuers & trust.identity_ca)
         known = view.open or (number not in trust.revoked and any(issuer.authority for issuer in vouching))
-        grants = permissions.chosen(number, view.accepted)
-        if number in here or not known or not (grants or unread(s)):
+        grants, admitting = permissions.chosen(number, view.accepted), permissions.admitting(number, view.accepted)
+        if number in here or not known or not (admitting or unread(s)):
             continue
-        joined = union(permissions.joins(grant) for grant in permissions.admitting(number, view.accepted))
+        joined = union(permissions.joins(grant) for grant in admitting)
         allowed = {each: [permissions.met(permissions.allowed(grant, each)) for grant in grants] for each in Operation}
         yield number, joined | ~view.protection.join_controlled, {each: union(sets) for each, sets in allowed.items()}
+
+
+def signs_itself(s: System, realm: int) -> bool:
+    """Whether whoever has an identity of the CA signs permissions that peers take."""
+    trust, below = s.realms[realm], set[int]()
+    trusted = set(trust.permissions_ca)
+    while not trusted <= below:
+        below |= trusted
+        issuing = {number for number in trusted if s.certificates[number].authority}
+        trusted = {number for number, each in enumerate(s.certificates) if each.issuers & issuing}
+    shared = (s.certificates[number] for number in trust.identity_ca & below)
+    return not s.pins_signer and any(each.authority for each in shared)
 
 
 def published_elsewhere(
@@ -40,7 +52,7 @@ def published_elsewhere(
     """
     p, trust = view.protection, s.realms[realm]
     others = [each for each in let_in(s, view, permissions, realm) if each[0] not in permitted]
-    found = set()
+    found = {*members(p.governed)} if signs_itself(s, realm) else set()
     for channel in members(p.governed):
         domain = s.channels[channel].domain
         guards = p.metadata_authenticates | p.data_authenticates
@@ -61,7 +73,7 @@ def read_elsewhere(s: System, view: RealmView, permissions: Permissions, realm: 
     p, doubt, trust = view.protection, unread(s), s.realms[realm]
     sealed = p.metadata_encrypts | p.data_encrypts
     issuing = view.open or any(s.certificates[number].authority for number in trust.identity_ca)
-    found = set()
+    found = {*members(p.governed)} if signs_itself(s, realm) else set()
     for channel in members(p.governed):
         known = issuing and not p.join_controlled >> s.channels[channel].domain & 1
         if not (sealed | p.rtps_encrypts) >> channel & 1 or (known and not (p.read_controlled & sealed) >> channel & 1):

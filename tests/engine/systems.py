@@ -44,6 +44,7 @@ class Builder:
     pins_signer: bool = True
     skips_grants_out_of_date: bool = True
     requires_grant: bool = False
+    joins_out_of_date: bool = False
     reading: Reading = Reading.MUST
     now: int = 2
     certificates: list[CertificateAtom] = field(default_factory=list)
@@ -271,6 +272,7 @@ class Builder:
             pins_signer=self.pins_signer,
             skips_grants_out_of_date=self.skips_grants_out_of_date,
             requires_grant=self.requires_grant,
+            joins_out_of_date=self.joins_out_of_date,
             reading=self.reading,
             instants=tuple(start + timedelta(days=365 * number) for number in range(INSTANTS)),
             now=self.now,

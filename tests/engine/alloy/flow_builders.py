@@ -14,6 +14,7 @@ from tests.engine.systems import (
     OTHER_TOPIC,
     PERMISSIONS_CA,
     TALKER,
+    TALKER_IDENTITY,
     TALKER_PERMISSIONS,
     Builder,
     healthy_builder,
@@ -148,9 +149,34 @@ def let_in(b: Builder) -> Builder:
 
 
 def self_granting(b: Builder) -> Builder:
-    """One CA for both roles, and whoever it vouches for signs permissions."""
-    b.pins_signer = False
+    """The talker's key is that of the permissions CA."""
+    b.certificates[TALKER_IDENTITY] = replace(
+        b.certificates[TALKER_IDENTITY], key=b.certificates[PERMISSIONS_CA].key, fit_to_sign=False
+    )
+    return b
+
+
+def one_ca(b: Builder, *, pins_signer: bool = False) -> Builder:
+    """One CA for both roles, and whoever it vouches for signs permissions, unless the signer is pinned."""
+    b.pins_signer = pins_signer
     b.realms[0] = replace(b.realms[0], permissions_ca=frozenset({IDENTITY_CA, PERMISSIONS_CA}))
+    return b
+
+
+def below_one_ca(b: Builder) -> Builder:
+    """The permissions CA issued the identity CA, and no identity here is fit to sign."""
+    b.pins_signer = False
+    b.certificates[IDENTITY_CA] = replace(b.certificates[IDENTITY_CA], issuers=frozenset({PERMISSIONS_CA}))
+    for enclave in b.enclaves:
+        if enclave.identity is not None:
+            b.certificates[enclave.identity] = replace(b.certificates[enclave.identity], fit_to_sign=False)
+    return b
+
+
+def dates_bind_endpoints_alone(b: Builder) -> Builder:
+    """Who has a grant that is over joins by it, and nobody asks writers for one."""
+    b.joins_out_of_date = True
+    b.topic_rules[0] = replace(b.topic_rules[0], enable_write_access_control=False)
     return b
 
 

@@ -56,6 +56,31 @@ MUTANTS = {
         "(open_to_known - payload_protection",
         "(none -> none - payload_protection",
     ),
+    "no others of the CA sign permissions": (
+        "published by a grant that others of the CA sign",
+        "write_uncontrolled + granted_by_known",
+        "write_uncontrolled",
+    ),
+    "no others of the CA read by permissions that they sign": (
+        "read by signing a grant",
+        " + granted_by_known\n",
+        "\n",
+    ),
+    "others sign permissions where the signer is pinned": (
+        "one CA, and its signer pinned",
+        "{ realm: Realm - pins_signer, t: realm.governed |",
+        "{ realm: Realm, t: realm.governed |",
+    ),
+    "others below the CA sign no permissions": (
+        "published by a grant that others below the CA sign",
+        "realm.(permissions_ca + chained) }",
+        "realm.permissions_ca }",
+    ),
+    "who is no enclave here joins by grants in force alone": (
+        "let in by a grant that is over",
+        "admitting.(realm.accepted.grant) |",
+        "chosen.(realm.accepted.grant) |",
+    ),
     "who is no enclave here may read whatever it reads": (
         "read elsewhere without a grant",
         "overhears_elsewhere[realm] + reads_elsewhere[realm] -",
