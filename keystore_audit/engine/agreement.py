@@ -8,6 +8,7 @@ from functools import partial
 from keystore_audit.dataclass import dataclass
 from keystore_audit.engine.counterexample import describe
 from keystore_audit.engine.counterexample_claims import describe_claim, forgers
+from keystore_audit.engine.shorter_subjects import shorter_subjects
 from keystore_audit.model.claim import ClaimKind
 from keystore_audit.model.claims import Claim
 from keystore_audit.model.forwards import Determinism
@@ -69,6 +70,7 @@ def _asserted(
         location=claim.location,
         meaning=claim.meaning,
         forgers=_forgers(number, systems) if only else None,
+        also_named=_also_named(number, systems) if only else None,
     )
 
 
@@ -76,6 +78,15 @@ def _forgers(number: int, systems: Sequence[System]) -> tuple[str, ...]:
     """Who could forge as some implementation reads the keystore, ANYBODY last."""
     found = dict.fromkeys(name for system in systems for name in forgers(system, system.claims[number]))
     return (*(name for name in found if name != ANYBODY), *([ANYBODY] if ANYBODY in found else []))
+
+
+def _also_named(number: int, systems: Sequence[System]) -> Mapping[str, str]:
+    """Whom grants name besides as some implementation compares subjects, by their own."""
+    found: dict[str, str] = {}
+    for system in systems:
+        for text, subject in shorter_subjects(system, system.claims[number]).items():
+            found.setdefault(text, subject)
+    return found
 
 
 def combine_determinism(

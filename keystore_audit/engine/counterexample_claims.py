@@ -115,7 +115,7 @@ def _stranger_reading(case: Case, identity: int, when: str) -> Counterexample:
         for right in causes.rights_by(system, identity, Operation.SUBSCRIBE, case.witness[Role.CHANNEL])
         if any(system.documents[number] is right.document for number in view.accepted - view.genuine)
     ]
-    unread = None if Permissions(system).chosen(identity, view.accepted) else causes.opaque_document(system)
+    unread = None if Permissions(system).admitting(identity, view.accepted) else causes.opaque_document(system)
     if unread is None:
         who, place = _who_has(case, identity), system.certificates[identity].location
     else:
@@ -355,7 +355,7 @@ def forgers(system: System, claim: ClaimAtom) -> tuple[str, ...]:
                 names[system.enclaves[number].label] = None
         for certificate, able in view.elsewhere.items():
             if able.forges & asked and certificate not in claim.source.certificates:
-                named = permissions.chosen(certificate, view.accepted)  # else by what could not be read alone
+                named = permissions.admitting(certificate, view.accepted)  # else by what could not be read alone
                 who = shorten(system.certificates[certificate].label, MAX_SUBJECT) if named else UNREAD
                 names[_left_out(system, certificate) or f"whoever is {who}"] = None
     if any(view.injectable & asked for view in views):

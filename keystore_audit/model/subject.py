@@ -19,6 +19,9 @@ from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.model.profiles import SubjectComparison
 
+TOKENWISE: Final = frozenset({SubjectComparison.CYCLONEDDS, SubjectComparison.CYCLONEDDS_TRIMMED})
+"""Comparisons by parts of names: a text names each subject that is made of some of its own."""
+
 MAX_PAIRS: Final = 200_000
 """Grants and certificates that are compared one by one: half a second. Only names in odd forms are; beyond it a grant
 counts as naming every certificate that an index cannot rule out."""
@@ -26,7 +29,7 @@ counts as naming every certificate that an index cannot rule out."""
 _FASTDDS_MAX_ATTRIBUTES: Final = 20
 """Attributes of a name that Fast DDS keeps (DistinguishedName.h, MAX_VALUES_)."""
 
-_CYCLONEDDS_MAX_ATTRIBUTES: Final = 20
+CYCLONEDDS_MAX_ATTRIBUTES: Final = 20
 """Attributes of a grant's subject that Cyclone DDS keeps (ac_check_subjects_are_equal)."""
 
 _CYCLONEDDS_DELIMITERS: Final = str.maketrans("/|", ",,")
@@ -86,7 +89,7 @@ def matching(
     wanted = dict.fromkeys(subjects)
     if comparison is SubjectComparison.EXACT:
         return _equal(wanted, range(len(certificates)), certificates)
-    if comparison in _TOKENWISE:
+    if comparison in TOKENWISE:
         return _tokenwise(tuple(wanted), tuple(certificates), comparison)
     plain = [number for number, certificate in enumerate(certificates) if _PLAIN.fullmatch(certificate.subject)]
     odd = sorted(set(range(len(certificates))) - set(plain))
@@ -305,7 +308,7 @@ class _Index:
         if names is None:
             # The first of each type in the text; an empty type stands for what nothing names.
             first = frozenset(each for each in dict(reversed(attributes)).items() if each[0])
-            kept = len(attributes) <= _CYCLONEDDS_MAX_ATTRIBUTES
+            kept = len(attributes) <= CYCLONEDDS_MAX_ATTRIBUTES
             return frozenset(number for number in candidates if kept and self._sets[number] <= first)
         return frozenset(number for number in candidates if names(attributes, self._certificates[number]))
 
@@ -376,8 +379,6 @@ def _cyclonedds_attributes(text: str, *, trimmed: bool) -> Attributes:
         attributes.append((kind.strip(" "), value.strip(" ")) if trimmed else (kind, value))
     return tuple(attributes)
 
-
-_TOKENWISE: Final = (SubjectComparison.CYCLONEDDS, SubjectComparison.CYCLONEDDS_TRIMMED)
 
 _BY_ATTRIBUTE: Final = {
     SubjectComparison.FASTDDS_PARSED: Comparison(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import Enum
+from itertools import islice
 from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
@@ -113,7 +114,8 @@ class AssertedResult(PropertyResult):
     """A property that a user asserts, and its answers. `location`: where it is asserted, beside the keystore.
 
     `meaning`: what is asserted, apart from its name and its words. `forgers`: where only some may publish a topic, who
-    could pass for one of them with the keys they hold, ANYBODY last; None of other properties. `reason`: of
+    could pass for one of them with the keys they hold, ANYBODY last. `also_named`: by subject_name of a grant there, a
+    subject that nobody here has and that Cyclone DDS takes it for; both None of other properties. `reason`: of
     determinism, why it is unknown, a sentence without its full stop; empty where it is not. `breaches`: all that
     violates it, a text each, for telling one violation from another; None where that is not known.
     """
@@ -122,12 +124,24 @@ class AssertedResult(PropertyResult):
     location: Location
     meaning: str = ""
     forgers: tuple[str, ...] | None = None
+    also_named: Mapping[str, str] | None = None
     reason: str = ""
     breaches: tuple[str, ...] | None = None
 
     @property
     def beside(self) -> str:
-        """Who could pass for a permitted publisher."""
+        """Who could pass for a permitted publisher, and who may be one by a grant that tells another subject."""
+        return " ".join(filter(None, (self._forging, self._named)))
+
+    @property
+    def _named(self) -> str:
+        also = self.also_named or {}
+        told = ", ".join(f"{subject} by the grant of {text}" for text, subject in islice(also.items(), MAX_FORGERS))
+        more = f" and {len(also) - MAX_FORGERS} more" if len(also) > MAX_FORGERS else ""
+        return f"Cyclone DDS lets shorter subjects publish too, where there are such: {told}{more}." if told else ""
+
+    @property
+    def _forging(self) -> str:
         named = [who for who in self.forgers or () if who != ANYBODY]
         more = f" and {len(named) - MAX_FORGERS} more" if len(named) > MAX_FORGERS else ""
         told = [f"{', '.join(named[:MAX_FORGERS])}{more}, with the keys they hold"] if named else []

@@ -156,13 +156,14 @@ def _enclave(entry: EnclaveEntry) -> dict[str, Any]:
 
 
 def _property(result: PropertyResult) -> dict[str, Any]:
-    forgers = result.forgers if isinstance(result, AssertedResult) else None
+    forgers, named = (result.forgers, result.also_named) if isinstance(result, AssertedResult) else (None, None)
     return {
         "id": result.prop.id,
         "statement": result.prop.statement,
         "status": result.status.value,
         "profiles": {name: _answer(answer) for name, answer in result.profiles.items()},
         **({"forgers": list(forgers)} if forgers is not None else {}),
+        **({"also_named": dict(named)} if named is not None else {}),
     }
 
 

@@ -302,3 +302,52 @@ def test_who_may_be_behind_a_link_is_no_stranger_for_certain(
     every = properties(root, SETTINGS.replace("/talker", enclaves), *PROFILE)
     assert every["only-talker"]["status"] == status
     assert every["single-writer-x"]["status"] == ("unknown" if linked else "violated")
+
+
+@pytest.mark.parametrize(
+    ("profile", "path", "named"),
+    [
+        ("cyclonedds-11", "/talker/arm", {"CN=/talker/arm": "CN=/talker"}),
+        ("cyclonedds-0.10", "/arm", {"CN=/arm": "CN=/"}),
+        ("fastdds-3.6", "/talker/arm", {}),
+    ],
+)
+def test_whose_subject_is_made_of_parts_of_a_grants_is_said_beside(
+    tmp_path: Path, profile: str, path: str, named: dict[str, str]
+) -> None:
+    """Whether the CA vouches for such a one elsewhere no keystore says: it holds."""
+    document = DOCUMENT.format(path=path, rules=rule(("rt/x",)), default="DENY").encode()
+    root = signed_keystore(tmp_path / "keys", {path: document})
+    asked = properties(root, SETTINGS.replace('"/talker"', f'"{path}"'), "--profile", profile)["only-talker"]
+    assert asked["status"] == "holds"
+    assert asked["also_named"] == named
+
+
+def test_who_is_named_by_parts_may_be_here_and_the_first_grant_decides(tmp_path: Path) -> None:
+    """An enclave of such a subject violates it. The first grant that names a subject decides about it."""
+    arm = DOCUMENT.format(path="/talker/arm", rules=rule(("rt/x",)), default="DENY")
+    settings = SETTINGS.replace('"/talker"', '"/talker/arm"')
+    other = DOCUMENT.format(path="/talker", rules=rule((), ("rt/z",)), default="DENY")
+    root = signed_keystore(tmp_path / "here", {"/talker": other.encode(), "/talker/arm": arm.encode()})
+    asked = properties(root, settings, *PROFILE)["only-talker"]
+    assert (asked["status"], asked["also_named"]) == ("violated", {"CN=/talker/arm": "CN=/"})
+    before = GRANT.format(path="/", rules=rule((), ("rt/z",)), default="DENY")
+    denied = signed_keystore(
+        tmp_path / "keys", {"/talker/arm": arm.replace("    <grant", f"{before}    <grant").encode()}
+    )
+    asked = properties(denied, settings, *PROFILE)["only-talker"]
+    assert asked["also_named"] == {"CN=/talker/arm": "CN=/talker"}
+    first = GRANT.format(path="/talker/leg", rules=rule((), ("rt/z",)), default="DENY")
+    shared = signed_keystore(
+        tmp_path / "more", {"/talker/arm": arm.replace("    <grant", f"{first}    <grant").encode()}
+    )
+    asked = properties(shared, settings, *PROFILE)["only-talker"]
+    assert asked["also_named"] == {}
+
+
+def test_the_report_says_whom_grants_name_besides(tmp_path: Path) -> None:
+    root = built(tmp_path / "keys")
+    (tmp_path / "keystore-audit.toml").write_text(SETTINGS, "utf-8")
+    words = ("--engine", "native", "--at", AT, *PROFILE, "--settings", tmp_path / "keystore-audit.toml", "-f", "text")
+    text = " ".join(answer("audit", root, *words)[1].split())
+    assert text.count("lets shorter subjects publish too, where there are such: CN=/ by the grant of CN=/talker.") == 2
