@@ -11,6 +11,7 @@ import pytest
 
 from keystore_audit.engine import breaches
 from tests.cli.keystores import AT, answer, keystore, rule
+from tests.keystore.builder import GOVERNANCE
 
 PROPERTIES = {
     "only_publish": 'only_publish = { topic = "/cmd", enclaves = ["/planner"] }',
@@ -76,6 +77,33 @@ def test_another_violation_of_an_accepted_property_is_not_accepted(name: str, tm
     code, found = audited(changed(tmp_path, "worse", WORSE[name]), *options)
     assert code == 1
     assert [each["suppressed"] for each in found.values()] == [None]
+
+
+OPEN_TO_THE_CA = GOVERNANCE.replace(b"rtps_protection_kind>SIGN", b"rtps_protection_kind>ENCRYPT")
+for each in (b"join", b"read", b"write"):
+    OPEN_TO_THE_CA = OPEN_TO_THE_CA.replace(b"_%s_access_control>true" % each, b"_%s_access_control>false" % each)
+for each in (b"metadata", b"data"):
+    OPEN_TO_THE_CA = OPEN_TO_THE_CA.replace(b"<%s_protection_kind>ENCRYPT" % each, b"<%s_protection_kind>NONE" % each)
+
+
+@pytest.mark.parametrize(
+    ("asked", "flag", "worse"),
+    [
+        ('only_publish = { topic = "/cmd", enclaves = "/*" }', b"unauthenticated_participants>false", b"true"),
+        ('encrypted = { topic = "/cmd", against = "insider" }', b"rtps_protection_kind>ENCRYPT", b"SIGN"),
+    ],
+)
+def test_what_others_of_the_ca_may_is_another_violation_where_anybody_may(
+    tmp_path: Path, asked: str, flag: bytes, worse: bytes
+) -> None:
+    """Neither these nor those have a name."""
+    settings = tmp_path / "keystore-audit.toml"
+    settings.write_text(f'[[property]]\nname = "x"\n{asked}\n', "utf-8")
+    prints = []
+    for governance in (OPEN_TO_THE_CA, OPEN_TO_THE_CA.replace(flag, flag.partition(b">")[0] + b">" + worse)):
+        root = keystore(tmp_path / str(len(prints)), BEFORE, governance=governance)
+        prints.append(audited(root, "--settings", settings, "--profile", "cyclonedds-11")[1]["x"]["fingerprint"])
+    assert prints[0] != prints[1]
 
 
 def test_a_weaker_attacker_is_another_violation(tmp_path: Path) -> None:

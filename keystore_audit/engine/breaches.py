@@ -91,7 +91,8 @@ def _breaches(system: System, claim: ClaimAtom, budget: _Budget) -> Iterator[str
             places = (claim.pairs[number] for number in asked.cut_off(claim))
             yield from (f"{_named(system, names, one)} -> {_named(system, names, other)}" for one, other in places)
         else:
-            yield from (told(system, names, witness) for witness, _path in asked.violations(claim))
+            for witness, _path in asked.violations(claim):
+                yield told(system, names, witness) + ("\0anybody" if asked.by_anybody(claim, witness) else "")
 
 
 def _each(names: _Names, place: Place) -> list[Place]:

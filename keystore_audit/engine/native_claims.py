@@ -85,6 +85,14 @@ class Claims:
             for channel in members(view.learnt_known & asked):
                 yield {Role.REALM: realm, Role.CHANNEL: channel}, ()
 
+    def by_anybody(self, claim: ClaimAtom, witness: Witness) -> bool:
+        """Whether what violates the claim needs no identity, where others of the CA violate it that have no name."""
+        asks_insiders = claim.kind is ClaimKind.ENCRYPTED and claim.attacker is Attacker.INSIDER
+        if witness.keys() != {Role.REALM, Role.CHANNEL} or not (asks_insiders or claim.kind is ClaimKind.ONLY_PUBLISH):
+            return False
+        view = self._realms[witness[Role.REALM]]
+        return bool((view.readable if asks_insiders else view.joining_anybody) >> witness[Role.CHANNEL] & 1)
+
     def shared_domains(self, claim: ClaimAtom) -> Iterator[Found]:
         """Domains that an enclave of the source and one of the target can join, or the one can and the other starts in.
 
