@@ -86,7 +86,10 @@ def embedded_authorities(documents: Iterable[Document]) -> Iterator[Certificate]
 
 
 def certificates_of(keystore: Keystore, documents: Iterable[Document], at: datetime) -> tuple[Certificate, ...]:
-    """Every distinct certificate that plays a part `at` an instant: identities, authorities and signers, by place."""
+    """Every distinct certificate that plays a part `at` an instant: identities, authorities and signers, by place.
+
+    With what makes a participant of whoever has an authority's key, which need not lie here.
+    """
     found: dict[str, Certificate] = {}
     for enclave in keystore.enclaves:
         for file in (enclave.identity_ca, enclave.permissions_ca):
@@ -101,6 +104,10 @@ def certificates_of(keystore: Keystore, documents: Iterable[Document], at: datet
         found.setdefault(certificate.sha256, certificate)
     for identity in identities_at_large(keystore, at):
         found.setdefault(identity.certificate.sha256, identity.certificate)
+    keys = {certificate.key for certificate in authorities_of(keystore)} if keystore.identities.keyless else ()
+    for certificate in keystore.identities.keyless:
+        if certificate.key in keys:
+            found.setdefault(certificate.sha256, certificate)
     return tuple(sorted(found.values(), key=lambda c: (c.path, c.line, c.sha256)))
 
 
@@ -157,17 +164,17 @@ def identities_at_large(keystore: Keystore, at: datetime) -> tuple[AtLarge, ...]
     """By whose certificates somebody may join `at` an instant (aware UTC) or later, beside the enclaves, by place.
 
     Whoever has the key is a participant with what grants give the subject (measured on Cyclone DDS and Fast DDS).
-    Authorities are none of these: what their keys open is asked by itself.
+    Authorities of CA files are none of these: what their keys open is asked by itself. A further certificate of such a
+    key is one: it makes a participant, whatever else the key signs, and whether or not anybody trusts that authority.
     """
-    authorities = {certificate.sha256: certificate for certificate in authorities_of(keystore)}
+    authorities = {certificate.sha256 for certificate in authorities_of(keystore)}
     again = (c for _enclave, others in certified_again(keystore) for c in others if c.sha256 not in authorities)
     found: dict[str, tuple[Certificate, str | None]] = {
         certificate.sha256: (certificate, None) for certificate in again
     }
-    keys = {certificate.key for certificate in authorities.values()}
     for strays, certain in ((keystore.identities.found, True), (keystore.identities.possible, False)):
         for stray in strays:
-            if stray.certificate.key not in keys:
+            if stray.certificate.sha256 not in authorities:
                 found.setdefault(stray.certificate.sha256, (stray.certificate, None if certain else stray.key))
     if not found:  # nearly always
         return ()

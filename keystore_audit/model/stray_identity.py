@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
+from functools import cached_property
 from itertools import islice
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.governance import GovernanceFile
+from keystore_audit.keystore.issuer import fit_to_sign
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Grant, PermissionsFile
 from keystore_audit.keystore.stray_identity import StrayIdentity
-from keystore_audit.model.inventory import authorities_of, documents_of, may_be_taken, permissions_cas
-from keystore_audit.model.profiles import Profile
+from keystore_audit.model.inventory import (
+    authorities_of,
+    documents_of,
+    embedded_authorities,
+    may_be_taken,
+    permissions_cas,
+)
+from keystore_audit.model.profiles import Profile, Trust
 from keystore_audit.model.revocation import revoked
 from keystore_audit.model.subject import matching
-from keystore_audit.model.trust import is_issued
+from keystore_audit.model.trust import is_authority, is_issued, may_have_issued, signing_authorities
 from keystore_audit.model.validity import ANY_ZONE, DateReading, read_date
 from keystore_audit.model.views import TrustFiles, trust_files
 
@@ -26,14 +34,20 @@ from keystore_audit.model.views import TrustFiles, trust_files
 class Admitted:
     """An identity beside the enclaves that peers take. `key`: where its private key lies.
 
-    `rights`: what lets it in: grants that name it, in documents that a peer may take, or a governance that wants none.
-    `enclave`: one that has the same subject, and so the same rights already; None: nobody has.
+    `rights`: what lets it in: grants that name it, in documents that a peer may take, a governance that wants none, or
+    the permissions CA, where peers take permissions that it signs itself.
+    `enclave`: one that has the same subject, and whom all take that take this one, so that it has the same rights
+    already; None: nobody has.
     """
 
     certificate: Certificate
     key: str
     rights: tuple[Location, ...]
     enclave: str | None
+
+
+_Peer = tuple[Enclave, Trust]
+"""One of the enclaves that trust alike, as an implementation reads its files."""
 
 
 def admitted(
@@ -44,40 +58,97 @@ def admitted(
     `at`: aware UTC.
     """
     enclaves = list({trust_files(enclave): enclave for enclave in keystore.enclaves}.values())
-    authorities = {certificate.key for certificate in authorities_of(keystore)}
-    vouched = [
-        each
-        for each in strays
-        if each.certificate.key not in authorities
-        and any(_takes(enclave, each.certificate, profile, at) for enclave in enclaves for profile in profiles)
-    ]
+    peers = [(each, trust) for each in enclaves for trust in dict.fromkeys(profile.trust for profile in profiles)]
+    authorities = {certificate.sha256 for certificate in authorities_of(keystore)}
+    asked = ((s, _taking(peers, s.certificate, at)) for s in strays if s.certificate.sha256 not in authorities)
+    vouched = [(stray, taking) for stray, taking in asked if taking]
     if not vouched:  # nearly always
         return ()
-    certificates = [each.certificate for each in vouched]
-    granted = _granted(keystore, certificates, profiles, at)
-    subjects = {each.identity.subject: each.path for each in keystore.enclaves if each.identity is not None}
+    granted = _granted(keystore, [stray.certificate for stray, _taking in vouched], profiles, at)
     open_to_all = [*islice(_without_grants(enclaves), 1)]
+    signers = _Signers(keystore)
     return tuple(
         Admitted(
-            certificate=each.certificate,
-            key=each.key,
+            certificate=stray.certificate,
+            key=stray.key,
             rights=rights,
-            enclave=subjects.get(each.certificate.subject),
+            enclave=_like(stray.certificate, taking, keystore, signers, at),
         )
-        for number, each in enumerate(vouched)
-        if (rights := tuple(granted.get(number, open_to_all)))
+        for number, (stray, taking) in enumerate(vouched)
+        if (rights := tuple(granted.get(number) or open_to_all or signers.trusted_by(taking, stray.certificate)))
     )
 
 
-def _takes(enclave: Enclave, certificate: Certificate, profile: Profile, at: datetime) -> bool:
+def _taking(peers: Iterable[_Peer], certificate: Certificate, at: datetime) -> list[_Peer]:
+    """Those of the peers that take who has the certificate for one of theirs."""
+    return [(enclave, trust) for enclave, trust in peers if _takes(enclave, certificate, trust, at)]
+
+
+def _takes(enclave: Enclave, certificate: Certificate, trust: Trust, at: datetime) -> bool:
     """Whether the enclave authenticates who has the certificate; its dates count."""
-    file, trust = enclave.identity_ca, profile.trust
+    file = enclave.identity_ca
     return (
         file is not None
         and at <= certificate.not_after
         and is_issued(file, certificate, trust)
         and not revoked(enclave, (certificate,), trust, at)
     )
+
+
+def _like(
+    certificate: Certificate, taking: Sequence[_Peer], keystore: Keystore, signers: _Signers, at: datetime
+) -> str | None:
+    """The path of an enclave of the same subject that has, to each of these peers, all rights that this one has."""
+    signing = [*signers.peers(taking, certificate)]
+    for enclave in keystore.enclaves:
+        theirs = enclave.identity
+        if (
+            theirs is not None
+            and theirs.subject == certificate.subject
+            and len(_taking(taking, theirs, at)) == len(taking)
+            and len([*signers.peers(signing, theirs)]) == len(signing)
+        ):
+            return enclave.path
+    return None
+
+
+class _Signers:
+    """Whose keys sign permissions that peers take, by the authorities of CA files and messages of a keystore."""
+
+    def __init__(self, keystore: Keystore) -> None:
+        self._keystore = keystore
+
+    @cached_property
+    def _authorities(self) -> tuple[Certificate, ...]:
+        found = (*authorities_of(self._keystore), *embedded_authorities(documents_of(self._keystore)))
+        return tuple({each.sha256: each for each in found if is_authority(each)}.values())
+
+    def trusted_by(self, peers: Iterable[_Peer], certificate: Certificate) -> Iterator[Location]:
+        """Where the authority stands by which one of the peers takes what the certificate's key signs."""
+        for enclave, _trust in islice(self.peers(peers, certificate), 1):
+            if enclave.permissions_ca is not None:
+                yield Location(path=enclave.permissions_ca.file.place, line=1)
+
+    def peers(self, peers: Iterable[_Peer], certificate: Certificate) -> Iterator[_Peer]:
+        """Those of the peers that take what it signs for itself (`attacker.RealmView.self_granting`)."""
+        for enclave, trust in peers:
+            roots = signing_authorities(enclave.permissions_ca, trust) if enclave.permissions_ca is not None else ()
+            below = not trust.pins_signer and (fit_to_sign(certificate) or is_authority(certificate))
+            if any(root.key == certificate.key for root in roots) or (below and self._chains(certificate, roots)):
+                yield enclave, trust
+
+    def _chains(self, certificate: Certificate, roots: Iterable[Certificate]) -> bool:
+        """Whether it is below one of the roots: a message brings the authorities between along."""
+        ends = {root.sha256 for root in roots}
+        pending, seen = [certificate], {certificate.sha256}
+        while pending:
+            below = pending.pop()
+            above = [each for each in self._authorities if may_have_issued(each, below) and each.sha256 not in seen]
+            if any(each.sha256 in ends for each in above):
+                return True
+            seen.update(each.sha256 for each in above)
+            pending.extend(above)
+        return False
 
 
 def _granted(
@@ -131,5 +202,5 @@ class Takers:
     def of(self, certificate: Certificate, profiles: Sequence[Profile]) -> Iterator[str]:
         """The paths of those that do so under some of the profiles."""
         for enclaves in self._alike.values():
-            if any(_takes(enclaves[0], certificate, profile, self._at) for profile in profiles):
+            if any(_takes(enclaves[0], certificate, profile.trust, self._at) for profile in profiles):
                 yield from (enclave.path for enclave in enclaves)

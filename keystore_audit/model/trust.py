@@ -88,6 +88,14 @@ def authorities_read(file: CertificateFile, trust: Trust) -> tuple[Certificate, 
     return file.certificates[:1] if trust.first_authority_only else file.certificates[:MAX_AUTHORITIES]
 
 
+def signing_authorities(file: CertificateFile, trust: Trust) -> tuple[Certificate, ...]:
+    """Those of a permissions CA file by which documents are judged; where it is not pinned, a signer's chain ends at a
+    root.
+    """
+    read = authorities_read(file, trust)
+    return read if trust.pins_signer else tuple(authority for authority in read if is_root(authority))
+
+
 def introduction(file: CertificateFile | None) -> tuple[str, bool]:
     """What a participant with this permissions CA file tells its peers of it: the name of the first certificate, and
     whether it is signed with RSA (Fast DDS tells no more of how, whose `ca_algorithms` are this and ECDSA).

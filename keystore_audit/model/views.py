@@ -22,12 +22,11 @@ from keystore_audit.model.revocation import list_unread, revoked
 from keystore_audit.model.subject import matching
 from keystore_audit.model.trust import (
     Verdict,
-    authorities_read,
     document_verdict,
     envelope,
     introduction,
     is_first_embedded,
-    is_root,
+    signing_authorities,
     trusted_authorities,
 )
 
@@ -108,9 +107,7 @@ class Views:
     def authorities(self, enclave: Enclave, trust: Trust) -> tuple[frozenset[int], frozenset[int], frozenset[int]]:
         """Identity CAs that vouch, permissions CAs that count, and what is revoked."""
         vouching = trusted_authorities(enclave.identity_ca, trust) if enclave.identity_ca else ()
-        signing = authorities_read(enclave.permissions_ca, trust) if enclave.permissions_ca else ()
-        if not trust.pins_signer:  # a signer's chain ends at a root
-            signing = tuple(authority for authority in signing if is_root(authority))
+        signing = signing_authorities(enclave.permissions_ca, trust) if enclave.permissions_ca else ()
         return (
             frozenset(self._number[certificate.sha256] for certificate in vouching),
             frozenset(self._number[certificate.sha256] for certificate in signing),

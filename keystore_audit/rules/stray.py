@@ -232,9 +232,10 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
 
     Whoever has the tree can start it: a run time needs no more than a folder of six files, and may get them from
     anywhere. It is no enclave here; flows and properties count it among the participants. Medium where an enclave has
-    the same subject, since it has no rights then that this enclave has not. Grants that begin later count, and a
-    governance with join access control off, where no grant is needed. Certificates and keys are taken from wherever
-    they stand: PEM within any file, DER, PKCS #7.
+    the same subject, and whoever takes this identity takes that enclave: it has no rights then that this enclave has
+    not. Grants that begin later count, a governance with join access control off, where no grant is needed, and that
+    peers take permissions which it signs itself: with the permissions CA's own key, or where the signer is not pinned.
+    Certificates and keys are taken from wherever they stand: PEM within any file, DER, PKCS #7.
 
     Undecided where a key that cannot be read (a password, another form, too large) may be that of such a certificate,
     and where a file may hold both: PKCS #12, with a certificate that cannot be read, too large with one in it, not

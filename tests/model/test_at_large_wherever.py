@@ -118,6 +118,7 @@ def test_so_may_its_key(key: bytes, tmp_path: Path) -> None:
         {"backup/cert.patch": b"".join(b"+" + line for line in LINES), "backup/key.pem": ADMIN.key_pem},
         {"backup/cert.txt": b"".join(b"1: " + line for line in LINES), "backup/key.pem": ADMIN.key_pem},
         {"backup/cert.json": ADMIN.pem.replace(b"\n", b"\\u000a"), "backup/key.pem": ADMIN.key_pem},
+        {"backup/ca.pem": identity("permissionsCA", "permissionsCA", ca=True).pem, "backup/key.pem": LOCKED},
     ],
 )
 def test_what_could_not_be_read_may_be_one(files: Files, tmp_path: Path) -> None:
@@ -136,7 +137,7 @@ def test_what_could_not_be_read_may_be_one(files: Files, tmp_path: Path) -> None
         {"backup/cert.pem": ADMIN.pem, "private/ca.key.pem": LOCKED},
         {"backup/cert.pem": ADMIN.pem, "backup/large": LARGE},
         {"backup/ca.pem": authority("identityCA").pem, "private/ca.key.pem": authority("identityCA").key_pem},
-        {"backup/ca.pem": identity("permissionsCA", "permissionsCA", ca=True).pem, "backup/key.pem": LOCKED},
+        {"backup/ca.pem": authority("permissionsCA").pem, "backup/key.pem": LOCKED},
         {"backup/README": b"-----BEGIN CERTIFICATE-----\nMIIB...\n-----END CERTIFICATE-----\n"},
         {"backup/README": b"Look for -----BEGIN CERTIFICATE-----, in the first or a later line of the file."},
         *(

@@ -86,6 +86,16 @@ def test_an_identity_of_an_enclave_and_one_that_needs_no_grant_count(tmp_path: P
     ]
 
 
+@pytest.mark.parametrize("one_ca", [True, False])
+def test_an_identity_that_signs_itself_its_permissions_needs_no_grant(one_ca: bool, tmp_path: Path) -> None:
+    """Where one authority has both roles, and implementations do not ask whether it signed itself."""
+    store = replace(BASE, permissions=(IDENTITY,)) if one_ca else BASE
+    no_right = {"backup/cert.pem": identity("/nobody").pem}
+    found = changed(tmp_path, KEY, {**KEY, **no_right}, store).changes
+    unpinned = tuple(profile.name for profile in resolve(()) if not profile.trust.pins_signer)
+    assert [(each.kind, each.profiles) for each in found] == [("identity-at-large", unpinned)] * one_ca
+
+
 def test_certificates_that_nobody_parsed_are_unknown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stray_identity, "MAX_BYTES", 10)
     found = changed(tmp_path, KEY, {**KEY, **CERTIFICATE})

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from cryptography import x509
-from cryptography.x509.oid import NameOID
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from keystore_audit.findings import Finding
+from keystore_audit.findings import Finding, Severity
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
 from tests.cli.keystores import answer
-from tests.model.comparing import AT, authority
-from tests.model.test_at_large import HELD, LYING_ABOUT, NOBODYS, Files, identity, written
+from tests.model.comparing import AT, Member, Store, authority, criterion, grant, permissions, rule
+from tests.model.test_at_large import HELD, LYING_ABOUT, NOBODYS, STORE, Files, identity, written
 
 
 def report(root: Path) -> Report:
@@ -46,6 +47,49 @@ def test_what_follows_is_told_below_what_it_follows_from(
     files: Files, expected: dict[str, set[str]], tmp_path: Path
 ) -> None:
     assert causes(report(written(tmp_path, files))) == expected
+
+
+OTHER = (authority("otherCA"), authority("otherPermissionsCA"))
+"""For identities and for permissions."""
+ADMIN = Member(permissions=permissions(grant("/admin", rule(criterion("publish", "rt/else")))), serial=104)
+
+
+def beside(root: Path, *profiles: str) -> list[Severity]:
+    found = audit(root, Options(at=AT, engine="native", profiles=profiles)).findings
+    return [finding.severity for finding in found if finding.code == "KA668"]
+
+
+def test_an_enclave_of_its_subject_counts_where_whoever_takes_it_takes_that_enclave(tmp_path: Path) -> None:
+    """Peers of another realm refuse the enclave: it has none of the rights there that this one has."""
+    trusting = replace(STORE, members={**STORE.members, "/admin": ADMIN})
+    assert beside(written(tmp_path / "a", LYING_ABOUT)) == [Severity.HIGH]
+    assert beside(written(tmp_path / "b", LYING_ABOUT, trusting)) == [Severity.MEDIUM]
+    root = written(tmp_path / "c", LYING_ABOUT)
+    Store(members={"/admin": ADMIN}, identity=OTHER[:1], permissions=OTHER[1:]).write(root)
+    assert beside(root) == [Severity.HIGH]
+    revoked = replace(trusting, revoked=(ADMIN.serial,))
+    assert beside(written(tmp_path / "d", LYING_ABOUT, revoked), "spec") == [Severity.HIGH]
+
+
+@pytest.mark.parametrize(("profile", "found"), [("cyclonedds-0.10", [Severity.HIGH]), ("cyclonedds-11", [])])
+def test_who_signs_itself_its_permissions_needs_no_grant(profile: str, found: list[Severity], tmp_path: Path) -> None:
+    """Of one CA for both roles each identity does, where the signer is not pinned."""
+    one_ca = replace(STORE, permissions=(authority("identityCA"),))
+    made = identity("/nobody", "nobody")
+    files = {"backup/cert.pem": made.pem, "backup/key.pem": made.key_pem}
+    assert beside(written(tmp_path / "a", files, one_ca), profile) == found
+    assert beside(written(tmp_path / "b", files), profile) == []
+    unfit = identity(
+        "/nobody", "nobody", extensions=[(x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH]), False)]
+    )
+    assert beside(written(tmp_path / "c", {**files, "backup/cert.pem": unfit.pem}, one_ca), profile) == []
+
+
+def test_whoever_has_the_key_of_the_permissions_ca_needs_none_under_any_profile(tmp_path: Path) -> None:
+    made = identity("/nobody", "permissionsCA")
+    files = {"backup/cert.pem": made.pem, "backup/key.pem": made.key_pem}
+    for profile in ("spec", "cyclonedds-0.10", "fastdds-3.6"):
+        assert beside(written(tmp_path / profile, files), profile) == [Severity.HIGH]
 
 
 def test_the_example_names_the_certificate_with_its_line(tmp_path: Path) -> None:

@@ -1,0 +1,53 @@
+"""A certificate of the identity CA and its key make a participant, whatever authority has the same key."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from keystore_audit.compromise import find_blast_radius
+from keystore_audit.model.claim import Attacker
+from keystore_audit.model.profiles import resolve
+from keystore_audit.properties import Status
+from tests.keystore.builder import certificate
+from tests.model.comparing import AT, Store, authority, key
+from tests.model.test_at_large import IDENTITY, LYING_ABOUT, STORE, flows, identity, written
+
+PERMISSIONS = authority("permissionsCA")
+SAME_KEY = key("admin")
+OF_PERMISSIONS_CA = identity("/admin", "permissionsCA")
+
+
+@pytest.mark.parametrize(
+    "store",
+    [
+        STORE,
+        replace(STORE, permissions=(PERMISSIONS, certificate("oldCA", ca=True, key=SAME_KEY))),
+        replace(STORE, identity=(IDENTITY, certificate("oldCA", ca=True, key=SAME_KEY))),
+        replace(STORE, identity=(IDENTITY, certificate("subCA", IDENTITY, ca=True, key=SAME_KEY))),
+    ],
+)
+def test_an_authority_with_its_key_takes_nothing_away(store: Store, tmp_path: Path) -> None:
+    """Some implementations do not even read a second authority."""
+    assert flows(written(tmp_path / "a", {}, store), "/talker", "/motor")[Attacker.HONEST] is Status.HOLDS
+    assert flows(written(tmp_path / "b", LYING_ABOUT, store), "/talker", "/motor")[Attacker.HONEST] is Status.VIOLATED
+
+
+def test_the_key_of_the_permissions_ca_certified_as_an_identity(tmp_path: Path) -> None:
+    held = {"backup/cert.pem": OF_PERMISSIONS_CA.pem, "backup/key.pem": OF_PERMISSIONS_CA.key_pem}
+    assert flows(written(tmp_path, held), "/talker", "/motor")[Attacker.HONEST] is Status.VIOLATED
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_who_has_that_key_joins_by_it_wherever_the_key_is(held: bool, tmp_path: Path) -> None:
+    """Certificates are no secret, and the question is what follows from the key."""
+    lying = {"backup/key.pem": OF_PERMISSIONS_CA.key_pem} if held else {}
+    for of, reached in (("permissionsCA", {"/listener", "/motor"}), ("somebody", set())):
+        files = {"backup/cert.pem": identity("/admin", of).pem, **lying}
+        found = find_blast_radius(
+            written(tmp_path / of, files), "permissions-ca", profiles=resolve(("cyclonedds-11",)), at=AT
+        )
+        (answer,) = found.keys
+        assert {path for each in answer.alone.values() for path in each.radius.reached} == reached
