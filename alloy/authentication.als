@@ -37,6 +37,9 @@ fun authentic: Realm -> Enclave {
 /** Enclaves that can issue themselves any identity: their key is that of an authority that a realm believes. */
 fun issuing: Realm -> Enclave { (identity_ca & Realm -> authority).public_key.~public_key.~identity }
 
+/** Realms that enclaves are of, and not identities at large alone: how the keystore is meant to be used. */
+fun of_enclaves: set Realm { (Enclave - AtLarge).in_realm }
+
 /** Pairs of enclaves whose identities have one key, so that each can pass for the other. */
 fun one_key: Enclave -> Enclave { identity.public_key.~(identity.public_key) - iden }
 
@@ -48,8 +51,18 @@ fun acts_as: Enclave -> Enclave {
 /** Pairs of enclaves whose identities one grant names, so that neither can have rights that the other has not. */
 fun one_subject: Enclave -> Enclave { identity.~subject_name.subject_name.~identity - iden }
 
-/** Enclaves that each can pass for; one that we could not read, for anybody. Of two, one may be at large. */
-fun shares_identity: Enclave -> Enclave { one_key - AtLarge -> AtLarge + (opaque & Enclave) -> Enclave }
+/** Pairs of an enclave and an identity at large, either first, of one issuer and one subject to every grant. */
+fun renewed: Enclave -> Enclave {
+	let same = { e: Enclave - AtLarge, large: AtLarge |
+		e.identity.issuer = large.identity.issuer and subject_name.(e.identity) = subject_name.(large.identity) } |
+			same + ~same
+}
+
+/**
+ * Enclaves that each can pass for; one that we could not read, for anybody. Of two, one may be at large, but then it is
+ * no certificate of the other that was renewed.
+ */
+fun shares_identity: Enclave -> Enclave { one_key - AtLarge -> AtLarge - renewed + (opaque & Enclave) -> Enclave }
 
 /** Pairs of an enclave and an identity at large, either first, whose key is that of another enclave. */
 fun held_by_another: Enclave -> Enclave {

@@ -8,11 +8,13 @@
 module properties
 open enforcement
 
+-- Of realms those count that enclaves are of. Where only identities at large are, who comes there wants it so.
+
 -- authentication: who may take part (8.3 and 9.3)
 
 /** Only participants that the identity CA vouches for join a domain. */
 assert OnlyAuthenticatedParticipantsJoin {
-	all realm: Realm, domain: Domain | domain not in realm.unauthenticated_allowed
+	all realm: of_enclaves, domain: Domain | domain not in realm.unauthenticated_allowed
 }
 
 /** Every enclave's identity is vouched for by its identity CA, in force and not revoked. */
@@ -24,7 +26,7 @@ assert IdentitiesChainToTheIdentityCa {
 
 /** Every governance and permissions document is signed by the permissions CA itself, in force. */
 assert DocumentsSignedByThePermissionsCa {
-	all enclave: Enclave, document: enclave.permissions + enclave.in_realm.governance |
+	all enclave: Enclave - AtLarge, document: enclave.permissions + enclave.in_realm.governance |
 		document in enclave.in_realm.genuine and document.signer in in_force
 }
 
@@ -40,7 +42,7 @@ assert NoSubjectServesTwoEnclaves {
 
 /** No enclave can sign a permissions document that its peers obey, or holds one that not the CA has signed. */
 assert NoEnclaveGrantsItselfRights {
-	all realm: Realm, enclave: Enclave |
+	all realm: of_enclaves, enclave: Enclave |
 		enclave not in realm.self_granting and no enclave.permissions & (realm.accepted - realm.genuine)
 }
 
@@ -49,7 +51,7 @@ assert NoEnclaveGrantsItselfRights {
  * steals such a key has everything at once; and where signers are not pinned, identities fit to sign sign permissions.
  */
 assert OneCaForOneRole {
-	all realm: Realm, certificate: realm.identity_ca, other_certificate: realm.permissions_ca |
+	all realm: of_enclaves, certificate: realm.identity_ca, other_certificate: realm.permissions_ca |
 		certificate.public_key != other_certificate.public_key
 }
 
@@ -57,54 +59,54 @@ assert OneCaForOneRole {
 
 /** No payload is readable without a key of this keystore. */
 assert OutsidersCannotRead {
-	all realm: Realm, channel: Channel | channel not in realm.readable_outside
+	all realm: of_enclaves, channel: Channel | channel not in realm.readable_outside
 }
 
 /** No topic name is readable in discovery without a key of this keystore. */
 assert OutsidersCannotLearnNames {
-	all realm: Realm, channel: Channel | channel not in realm.announced_outside
+	all realm: of_enclaves, channel: Channel | channel not in realm.announced_outside
 }
 
 /** No reader takes a sample that was made without a key of this keystore. */
 assert OutsidersCannotInject {
-	all realm: Realm, channel: Channel | channel not in realm.injectable_outside
+	all realm: of_enclaves, channel: Channel | channel not in realm.injectable_outside
 }
 
 /** No reader takes an old sample for a new one from somebody without a key of this keystore. */
 assert OutsidersCannotReplay {
-	all realm: Realm, channel: Channel | channel not in realm.replayable_outside
+	all realm: of_enclaves, channel: Channel | channel not in realm.replayable_outside
 }
 
 /** No reader believes somebody without a key of this keystore that a writer lives, or has gone. */
 assert OutsidersCannotForgeLiveliness {
-	all realm: Realm, channel: Channel | channel not in realm.liveliness_forgeable_outside
+	all realm: of_enclaves, channel: Channel | channel not in realm.liveliness_forgeable_outside
 }
 
 -- access control: whether rights are what the signed permissions grant (8.4 and 9.4)
 
 /** Wherever a permissions document grants something, the governance makes peers ask for the grant. */
 assert GrantsAreEnforced {
-	all realm: Realm, channel: Channel | channel not in realm.unenforced
+	all realm: of_enclaves, channel: Channel | channel not in realm.unenforced
 }
 
 /** No enclave gets a sample taken on a topic for which the permissions CA gave it no grant at all. */
 assert NobodyWritesWithoutAGrant {
-	all realm: Realm, enclave: Enclave, channel: Channel | channel not in enclave.(writes_without_a_grant[realm])
+	all realm: of_enclaves, enclave: Enclave, channel: Channel | channel not in enclave.(writes_without_a_grant[realm])
 }
 
 /** No enclave reads a topic for which the permissions CA gave it no subscribe grant. */
 assert NobodyReadsWithoutAGrant {
-	all realm: Realm, enclave: Enclave, channel: Channel | channel not in enclave.(reads_without_a_grant[realm])
+	all realm: of_enclaves, enclave: Enclave, channel: Channel | channel not in enclave.(reads_without_a_grant[realm])
 }
 
 /** No enclave that may only subscribe to a topic can pass for a publisher of it. */
 assert ReadersCannotForge {
-	all realm: Realm, enclave: Enclave, channel: Channel | channel not in enclave.(forged_by_readers[realm])
+	all realm: of_enclaves, enclave: Enclave, channel: Channel | channel not in enclave.(forged_by_readers[realm])
 }
 
 /** No enclave that is granted to relay a topic, and not to subscribe to it, reads what it relays. */
 assert RelaysCannotRead {
-	all realm: Realm, enclave: Enclave, channel: Channel | channel not in enclave.(read_by_relays[realm])
+	all realm: of_enclaves, enclave: Enclave, channel: Channel | channel not in enclave.(read_by_relays[realm])
 }
 
 /**
@@ -113,6 +115,6 @@ assert RelaysCannotRead {
  * of the bridge.
  */
 assert NoEnclaveBridgesDomains {
-	all realm: Realm, other_realm: Realm, enclave: Enclave, channel: enclave.(carried_across[realm, other_realm]),
+	all realm: of_enclaves, other_realm: of_enclaves, enclave: Enclave, channel: enclave.(carried_across[realm, other_realm]),
 		other_channel: enclave.acts_as.(feeds[other_realm]) | channel.in_domain = other_channel.in_domain
 }

@@ -19,7 +19,7 @@ from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.domains import Interval
 from keystore_audit.model.effective import EffectiveRights
 from keystore_audit.model.governed_domains import governed_domains
-from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.inventory import system_documents
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.question import Answer, Question, Ruling, joint
@@ -53,7 +53,7 @@ class Access:
         self._profiles = profiles
         self._at = at
         self._enclaves = {enclave.path: enclave for enclave in reversed(keystore.enclaves)}
-        self._accesses = AccessViews(documents_of(keystore), at, zone)
+        self._accesses = AccessViews(system_documents(keystore), at, zone)
         points: dict[Point, int] = {}
         for question in questions:
             points.setdefault((question.topic, question.partition), len(points))
@@ -159,4 +159,4 @@ def read_access_table(
     from keystore_audit.model.access_table import access_table  # single questions need none of it
 
     keystore = read_keystore(path)
-    return access_table(keystore, profiles, at, AccessViews(documents_of(keystore), at, zone), domain)
+    return access_table(keystore, profiles, at, AccessViews(system_documents(keystore), at, zone), domain)

@@ -15,7 +15,7 @@ from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.blast_radius import BlastRadius, Ground, ground
 from keystore_audit.model.doubt import keystore_doubts
-from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.inventory import system_documents
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.stolen_key import holding, holding_both, radius, radius_of_enclave
 from keystore_audit.model.system import System
@@ -41,7 +41,7 @@ def find_blast_radius(
     there are too many names, authorities or subjects.
     """
     keystore = read_keystore(path)
-    accesses = AccessViews(documents_of(keystore), at, zone)
+    accesses = AccessViews(system_documents(keystore), at, zone)
     stolen = Stolen(who) if who in (Stolen.IDENTITY_CA.value, Stolen.PERMISSIONS_CA.value) else Stolen.ENCLAVE
     if stolen is Stolen.ENCLAVE:
         _check(who, keystore)

@@ -15,7 +15,7 @@ from keystore_audit.intent.intent import Intent
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.interpret import interpret
-from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.inventory import system_documents
 from keystore_audit.model.places import NamedPlace
 from keystore_audit.model.profiles import resolve
 from keystore_audit.model.usability import Usabilities
@@ -42,7 +42,7 @@ def export_model(
     beside = _beside(files, places)
     keystore = read_keystore(path)
     nodes = wiring(intents, keystore.layout.kind)
-    accesses = AccessViews(documents_of(keystore), at, time_zone)
+    accesses = AccessViews(system_documents(keystore), at, time_zone)
     usabilities = Usabilities(domain, accesses)
     meaning = interpret(keystore, resolve(profiles), at, accesses, usabilities, places=places, nodes=nodes)
     if meaning.over_budget is not None:

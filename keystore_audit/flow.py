@@ -19,7 +19,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.claim import ATTACKERS, Attacker, ClaimKind
 from keystore_audit.model.claims import Claim, with_claims
 from keystore_audit.model.doubt import keystore_doubts
-from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.inventory import system_documents
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.properties.property import Status
@@ -93,7 +93,7 @@ def find_flow(
     """
     claims = questions(question)
     keystore = read_keystore(path, aside=aside)
-    accesses = AccessViews(documents_of(keystore), at, zone)
+    accesses = AccessViews(system_documents(keystore), at, zone)
     builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims, aside=aside)
     native = NativeEngine(with_claims(builder.systems(), claims, builder.channels, keystore, {}))
     runs, answers = _decide(native, engines or Engines(), aside=aside and len(keystore.enclaves) >= FEW)

@@ -24,7 +24,7 @@ from keystore_audit.keystore.identity import Beside
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.interpret import interpret
-from keystore_audit.model.inventory import certificates_of, documents_of
+from keystore_audit.model.inventory import certificates_of, documents_of, system_documents
 from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.profiles import Profile, resolve
 from keystore_audit.model.usability import Usabilities
@@ -80,7 +80,7 @@ def audit(
     aside = options.aside and len(keystore.enclaves) >= FEW
     if progress:
         progress.stage("working out what the documents mean")
-    accesses = AccessViews(documents_of(keystore), options.at, options.time_zone)
+    accesses = AccessViews(system_documents(keystore), options.at, options.time_zone)
     usabilities = Usabilities(options.domain, accesses)
     meaning = interpret(
         keystore,

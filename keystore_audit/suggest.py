@@ -18,7 +18,7 @@ from keystore_audit.keystore.keystore import Enclave, Keystore, read_keystore
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Rule
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.domains import covered
-from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.inventory import system_documents
 from keystore_audit.model.least_policy import EnclavePolicy, LeastPolicy, PolicyRight, least_policy
 from keystore_audit.model.names import dds_expressions
 from keystore_audit.model.observed_needs import DISCOVERY
@@ -73,7 +73,7 @@ class Suggester:
         self._intents = tuple(_read(sources))
         self._keystore: Keystore = read_keystore(path)
         self._enclaves = {enclave.path: enclave for enclave in reversed(self._keystore.enclaves)}
-        accesses = AccessViews(documents_of(self._keystore), at, zone)
+        accesses = AccessViews(system_documents(self._keystore), at, zone)
         self._deciders = Deciders(profiles, at, accesses, domain)
         self._domain = domain
 

@@ -107,6 +107,8 @@ class _Questions:
         self._decisions = decisions
         self._permissions = Permissions(system, moment, decisions)
         self._realms = realm_views(system, self._permissions)
+        used = {enclave.realm for enclave in system.enclaves if not enclave.at_large}
+        self._used = [(realm, self._realms[realm]) for realm in sorted(used)]  # by others than identities at large
 
     def answers(self) -> dict[str, Answer]:
         return {prop.id: self._answer(prop) for prop in PROPERTIES} | self.claims() | self.determinism()
@@ -140,7 +142,7 @@ class _Questions:
 
     def unauthenticated_joins(self) -> Iterator[Witness]:
         """Domains that an unauthenticated participant can join."""
-        for realm, view in enumerate(self._realms):
+        for realm, view in self._used:
             for domain in members(view.protection.unauthenticated):
                 yield {Role.REALM: realm, Role.DOMAIN: domain}
 
@@ -155,7 +157,8 @@ class _Questions:
         """Documents in use that the permissions CA did not sign, or is not in force to."""
         for enclave, atom in enumerate(self._system.enclaves):
             view = self._realms[atom.realm]
-            used = {atom.permissions, self._system.realms[atom.realm].governance} - {None}
+            governance = self._system.realms[atom.realm].governance
+            used = {atom.permissions, governance} - {None} if not atom.at_large else ()
             for document in sorted(number for number in used if number is not None):
                 signers = [self._system.certificates[s] for s in self._system.documents[document].signers]
                 if document not in view.genuine or not all(
@@ -169,7 +172,7 @@ class _Questions:
 
     def self_granted_rights(self) -> Iterator[Witness]:
         """Enclaves that peers take permissions from which the permissions CA did not sign."""
-        for realm, view in enumerate(self._realms):
+        for realm, view in self._used:
             foreign = view.accepted - view.genuine
             for enclave, atom in enumerate(self._system.enclaves):
                 if atom.permissions in foreign or view.self_granting(enclave):
@@ -178,7 +181,8 @@ class _Questions:
     def double_authorities(self) -> Iterator[Witness]:
         """Pairs of identity CA and permissions CA with one key; a certificate that is both is a pair with itself."""
         certificates = self._system.certificates
-        for realm, atom in enumerate(self._system.realms):
+        for realm, _view in self._used:
+            atom = self._system.realms[realm]
             for one in sorted(atom.identity_ca):
                 for other in sorted(atom.permissions_ca):
                     if certificates[one].key == certificates[other].key:
@@ -190,31 +194,31 @@ class _Questions:
 
     def readable_outside(self) -> Iterator[Witness]:
         """Channels whose payload is readable without any key."""
-        for realm, view in enumerate(self._realms):
+        for realm, view in self._used:
             yield from _channels(realm, view.readable and view.readable & self._written_at_all(view))
 
     def names_outside(self) -> Iterator[Witness]:
         """Channels whose topic name is readable in discovery without any key."""
-        for realm, view in enumerate(self._realms):
+        for realm, view in self._used:
             p = view.protection
             clear = p.governed & ~(p.rtps_encrypts | p.discovery_hidden)
             yield from _channels(realm, clear and clear & (self._written_at_all(view) | self._read_at_all(view)))
 
     def injectable_outside(self) -> Iterator[Witness]:
         """Channels on which a reader takes samples made without any key."""
-        for realm, view in enumerate(self._realms):
+        for realm, view in self._used:
             yield from _channels(realm, view.injectable and view.injectable & self._read_at_all(view))
 
     def replayable_outside(self) -> Iterator[Witness]:
         """Channels on which a reader takes old samples again from somebody without any key."""
-        for realm, view in enumerate(self._realms):
+        for realm, view in self._used:
             p = view.protection
             clear = view.unauthenticated & ~p.metadata_authenticates
             yield from _channels(realm, clear and clear & self._read_at_all(view))
 
     def liveliness_outside(self) -> Iterator[Witness]:
         """Channels on which somebody without any key can assert that a writer is alive."""
-        for realm, view in enumerate(self._realms):
+        for realm, view in self._used:
             clear = view.unauthenticated & ~view.protection.liveliness_authenticates
             yield from _channels(realm, clear and clear & self._read_at_all(view))
 
@@ -232,7 +236,7 @@ class _Questions:
 
     def unenforced_grants(self) -> Iterator[Witness]:
         """Channels with a grant that the governance does not make peers ask for."""
-        for realm, view in enumerate(self._realms):
+        for realm, view in self._used:
             p = view.protection
             published, subscribed = 0, 0
             for enclave in range(len(self._system.enclaves)):
@@ -248,7 +252,7 @@ class _Questions:
 
     def ungranted_writes(self) -> Iterator[Witness]:
         """Enclaves that write, or forge without being a granted reader, where no grant lets them."""
-        for realm, view in enumerate(self._realms):
+        for realm, view in self._used:
             for enclave in range(len(self._system.enclaves)):
                 able = view.abilities(enclave)
                 forged = able.forges & ~view.granted(enclave, Operation.SUBSCRIBE)
@@ -257,7 +261,7 @@ class _Questions:
 
     def ungranted_reads(self) -> Iterator[Witness]:
         """Enclaves that read where no grant lets them."""
-        for realm, view in enumerate(self._realms):
+        for realm, view in self._used:
             for enclave in range(len(self._system.enclaves)):
                 able = view.abilities(enclave)
                 without = able.knows & ~view.granted(enclave, Operation.SUBSCRIBE)
@@ -265,7 +269,7 @@ class _Questions:
 
     def forging_readers(self) -> Iterator[Witness]:
         """Granted readers that can pass for a writer of the topic."""
-        for realm, view in enumerate(self._realms):
+        for realm, view in self._used:
             written = union(able.may_write for able in self._every(view))
             for enclave in range(len(self._system.enclaves)):
                 reader = view.may_be_granted(enclave, Operation.SUBSCRIBE)
@@ -274,7 +278,7 @@ class _Questions:
 
     def reading_relays(self) -> Iterator[Witness]:
         """Enclaves that relay a topic, are not granted to read it, and find its payload in clear."""
-        for realm, view in enumerate(self._realms):
+        for realm, view in self._used:
             for enclave in range(len(self._system.enclaves)):
                 relayed = view.abilities(enclave).may_relay & ~view.protection.data_encrypts
                 yield from _channels(realm, relayed and relayed & ~view.granted(enclave, Operation.SUBSCRIBE), enclave)
@@ -287,10 +291,10 @@ class _Questions:
         if len(self._system.domains) < 2:
             return
         fed = [0] * len(self._system.enclaves)
-        for view in self._realms:
+        for _realm, view in self._used:
             fed = [each | able.may_write | able.forges for each, able in zip(fed, self._every(view), strict=True)]
         for enclave, written in enumerate(Flows(self._system, self._realms).as_any(fed)):
-            for realm, view in enumerate(self._realms):
+            for realm, view in self._used:
                 read = view.abilities(enclave).knows
                 for within in self._permissions.channels_in if read and written else ():
                     elsewhere = written & ~within

@@ -16,11 +16,20 @@ def shared_identities(system: System) -> Iterator[Witness]:
     """Pairs of enclaves with one identity key; an opaque enclave may be any other, even one that is not here."""
     for sharing in system.holders().values():
         for one, other in permutations(sharing, 2):
-            if not (system.enclaves[one].at_large and system.enclaves[other].at_large):
+            at_large = system.enclaves[one].at_large, system.enclaves[other].at_large
+            if not any(at_large) or (not all(at_large) and not _renewed(system, one, other)):
                 yield {Role.ENCLAVE: one, Role.OTHER: other}
     for one, atom in enumerate(system.enclaves):
         if atom.opaque:
             yield {Role.ENCLAVE: one, Role.OTHER: one}
+
+
+def _renewed(system: System, *enclaves: int) -> bool:
+    """Whether two have certificates of one issuer and one subject to every grant."""
+    identities = [system.enclaves[enclave].identity for enclave in enclaves]
+    issuers = {system.certificates[each].issuers for each in identities if each is not None}
+    named = {tuple(n for n, grant in enumerate(system.grants) if each in grant.names) for each in identities}
+    return len(issuers) == len(named) == 1
 
 
 def shared_subjects(system: System) -> Iterator[Witness]:

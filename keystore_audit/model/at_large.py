@@ -49,22 +49,15 @@ def at_large_atoms(
 ) -> Iterator[EnclaveAtom]:
     """The identities that a realm lets in, in each that does.
 
-    Whose realm it is matters for what it takes itself, and nobody knows which files it is started with: an enclave that
-    has its key need not use its own, nor need anybody else. `names`: the certificates that subjects of grants mean.
-    `own`: by certificate and realm, the endpoints that their implementation creates with each document that names them.
-    One that is like an enclave's own, or like another, in all that peers look at adds nothing and is left out: a
-    certificate that was renewed, for instance. Raises errors.BudgetExceeded.
+    Whose realm it is matters for what it takes itself, and nobody knows which files it is started with
+    (`holders.hosts_of`): an enclave that has its key need not use its own, nor need anybody else.
+    `names`: the certificates that subjects of grants mean. `own`: by certificate and realm, the endpoints that their
+    implementation creates with each document that names them. One that is like an enclave's own, or like another, in
+    all that peers look at adds nothing to its realm and is left out there: a certificate that was renewed, for
+    instance. Raises errors.BudgetExceeded.
     """
-    candidates = tuple(candidates)
-    if not candidates:  # nearly always
-        return
-    admitted = (
-        (each, realm)
-        for each in _adding(candidates, enclaves, _Told(realms, certificates, names))
-        for realm, atom in enumerate(realms)
-        if _admits(atom, each.number, certificates)
-    )
-    for count, (each, realm) in enumerate(admitted):
+    adding = _adding(candidates, enclaves, realms, certificates, names)
+    for count, (each, realm) in enumerate(adding):
         if count >= MAX_AT_LARGE:
             raise BudgetExceeded(
                 f"More than {MAX_AT_LARGE} identities that are no enclave's own are more than can be told apart, "
@@ -85,14 +78,36 @@ def at_large_atoms(
         )
 
 
-def _adding(candidates: Iterable[Candidate], enclaves: Iterable[EnclaveAtom], told: _Told) -> Iterator[Candidate]:
-    """Those that are like no enclave's own and like none before."""
-    known = {told.of(enclave.identity) for enclave in enclaves if enclave.identity is not None}
+def let_in(
+    candidates: Iterable[Candidate],
+    enclaves: Iterable[EnclaveAtom],
+    realms: Sequence[RealmAtom],
+    certificates: Sequence[CertificateAtom],
+) -> list[Candidate]:
+    """Those that some enclave takes for one of its realm: others have nobody to talk to, whatever they start with."""
+    peers = [realms[number] for number in sorted({enclave.realm for enclave in enclaves})]
+    return [each for each in candidates if any(admits(realm, each.number, certificates) for realm in peers)]
+
+
+def _adding(
+    candidates: Iterable[Candidate],
+    enclaves: Iterable[EnclaveAtom],
+    realms: Sequence[RealmAtom],
+    certificates: Sequence[CertificateAtom],
+    names: Mapping[str, frozenset[int]],
+) -> Iterator[tuple[Candidate, int]]:
+    """Those that a realm lets in and that are like no enclave's own there and like none before, with the realm."""
+    candidates = tuple(candidates)
+    if not candidates:  # nearly always
+        return
+    told = _Told(realms, certificates, names)
+    known = {(each.realm, told.of(each.identity)) for each in enclaves if each.identity is not None}
     for each in candidates:
         about = told.of(each.number)
-        if about not in known or each.doubted:
-            known.add(about)
-            yield each
+        for realm, atom in enumerate(realms):
+            if admits(atom, each.number, certificates) and (each.doubted or (realm, about) not in known):
+                known.add((realm, about))
+                yield each, realm
 
 
 def unread_atoms(places: Sequence[str], realms: Sequence[RealmAtom]) -> Iterator[EnclaveAtom]:
@@ -109,7 +124,8 @@ def unread_atoms(places: Sequence[str], realms: Sequence[RealmAtom]) -> Iterator
         )
 
 
-def _admits(realm: RealmAtom, number: int, certificates: Sequence[CertificateAtom]) -> bool:
+def admits(realm: RealmAtom, number: int, certificates: Sequence[CertificateAtom]) -> bool:
+    """Whether members of the realm take who has the certificate for one of theirs, whatever the dates."""
     issuers = certificates[number].issuers & realm.identity_ca
     return number not in realm.revoked and any(certificates[issuer].authority for issuer in issuers)
 

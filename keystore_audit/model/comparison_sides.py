@@ -20,7 +20,7 @@ from keystore_audit.model.comparison import Name, Names, Unread
 from keystore_audit.model.domains import Interval, contains, merged
 from keystore_audit.model.doubt import enclave_doubts, keystore_doubts
 from keystore_audit.model.interpret import usability_by_profile
-from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.inventory import documents_of, system_documents
 from keystore_audit.model.own_rights import OwnRights
 from keystore_audit.model.permission import Decisions, Permissions, bits, members, union
 from keystore_audit.model.profiles import Profile
@@ -121,7 +121,7 @@ class Sides:
         self.at = at
         self.profiles = profiles
         self.keystores = (old, new)
-        self.accesses = AccessViews(documents, at, zone)
+        self.accesses = AccessViews((*system_documents(old), *system_documents(new)), at, zone)
         rows = {self.accesses.row(profile.access) for profile in profiles}
         files = [document.file for document in documents if document.file is not None]
         read = {row: [self.accesses.read(file, row) for file in files] for row in rows}

@@ -17,7 +17,13 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews, ReadDocument
-from keystore_audit.model.inventory import AtLarge, identities_at_large, permissions_at_large, permissions_cas
+from keystore_audit.model.inventory import (
+    AtLarge,
+    governance_at_large,
+    identities_at_large,
+    permissions_at_large,
+    permissions_cas,
+)
 from keystore_audit.model.meaning import Doubt
 from keystore_audit.model.profiles import Access, Profile, Trust
 from keystore_audit.model.revocation import list_unread
@@ -76,9 +82,12 @@ def _file_doubts(enclave: Enclave) -> tuple[Doubt, ...]:
 
 
 def _stray_doubts(keystore: Keystore, trust: Trust, access: Access, accesses: AccessViews) -> Iterator[Doubt]:
-    """Everything outside enclaves that could not be read and that a peer may take for permissions."""
+    """Everything outside enclaves that could not be read and that a peer may take for permissions.
+
+    And governance that somebody may apply who has an identity at large.
+    """
     files = permissions_cas(keystore)
-    for stray in permissions_at_large(keystore):
+    for stray in (*permissions_at_large(keystore), *governance_at_large(keystore)):
         if stray.document is None:
             yield Doubt(enclave=None, location=Location(path=stray.place), reason=stray.file.detail)
             continue

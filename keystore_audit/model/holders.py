@@ -1,23 +1,29 @@
 """Whoever has an identity at large, as an enclave: what their own implementation lets them do is asked like one's own.
 
-They start it in a folder with files of their own. Of trust and governance these are those of some realm, or peers would
-have nothing to do with them; of permissions any document that names them.
+They start it in a folder with files of their own. Authorities are those of some enclave, or peers would have nothing
+to do with them. Revocation lists and governance are their own affair, which no peer looks at: there may be no list, and
+any governance that the permissions CA signed. Of permissions any document that names them will do.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from datetime import datetime
+from functools import cached_property
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.files import File, Status
+from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import EnclaveFiles, Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.private_key import PrivateKey
-from keystore_audit.model.inventory import Document
+from keystore_audit.model.at_large import Candidate
+from keystore_audit.model.doubt import at_large_doubt, realm_doubt
+from keystore_audit.model.inventory import Document, governance_at_large, identities_at_large, may_be_taken
 from keystore_audit.model.local_moments import Endpoints
 from keystore_audit.model.lone_endpoints import Alone
 from keystore_audit.model.profiles import Profile
@@ -37,20 +43,92 @@ class Holder:
     enclave: Enclave
 
 
+class Large:
+    """The identities at large of a keystore `at` an instant (aware UTC), and who may start with them.
+
+    `numbers`: of certificates, by their SHA-256.
+    """
+
+    def __init__(
+        self,
+        keystore: Keystore,
+        numbers: Mapping[str, int],
+        documents: Iterable[Document],
+        profiles: Sequence[Profile],
+        at: datetime,
+    ) -> None:
+        self._keystore = keystore
+        self._numbers = numbers
+        self._documents = documents
+        self._profiles = profiles
+        self._at = at
+
+    @cached_property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """The identities."""
+        return tuple(
+            Candidate(
+                certificate=each.certificate,
+                number=self._numbers[each.certificate.sha256],
+                doubted=at_large_doubt(each) is not None,
+                possible=each.key is not None,
+            )
+            for each in identities_at_large(self._keystore, self._at)
+        )
+
+    @cached_property
+    def hosts(self) -> dict[TrustFiles, Enclave]:
+        """In whose place somebody may start with one; nobody's where there is none."""
+        return hosts_of(self._keystore) if self.candidates else {}
+
+    @cached_property
+    def holders(self) -> tuple[Holder, ...]:
+        """Whoever has one. Raises errors.BudgetExceeded."""
+        identities = {each.number: each.certificate for each in self.candidates}
+        return holders_of(self.hosts, identities, self._documents, self._profiles)
+
+
+def hosts_of(keystore: Keystore) -> dict[TrustFiles, Enclave]:
+    """In whose place they may start: enclaves, by realm; and as these without revocation lists, with each governance.
+
+    Who has no list refuses nobody whom others take. Where it is unknown whom an enclave trusts, all is open already.
+    """
+    found = {trust_files(enclave): enclave for enclave in keystore.enclaves}
+    known = [enclave for enclave in found.values() if realm_doubt(enclave) is None]
+    strays = governance_at_large(keystore)
+    governances = [stray.document for stray in strays if isinstance(stray.document, GovernanceFile)]
+    without: dict[CertificateFile | None, CertificateFile | None] = {}
+    for enclave in known:
+        ca = enclave.identity_ca
+        if ca not in without:
+            without[ca] = replace(ca, revocation_lists=()) if ca is not None and ca.revocation_lists else ca
+        taken = (each for each in governances if may_be_taken(each.signed, (enclave.permissions_ca,)))
+        for governance in (enclave.governance, *taken):
+            host = _with(enclave, without[ca], governance)
+            found.setdefault(trust_files(host), host)
+    return found
+
+
+def _with(enclave: Enclave, identity_ca: CertificateFile | None, governance: GovernanceFile | None) -> Enclave:
+    """The enclave with these files, and without a list of its own."""
+    none = replace(enclave.files.files[Role.CRL], status=Status.MISSING, content=None)
+    files = replace(enclave.files, files={**enclave.files.files, Role.CRL: none})
+    return replace(enclave, files=files, identity_ca=identity_ca, governance=governance, crl=None)
+
+
 def holders_of(
-    keystore: Keystore,
+    hosts: Mapping[TrustFiles, Enclave],
     identities: Mapping[int, Certificate],
     documents: Iterable[Document],
     profiles: Sequence[Profile],
 ) -> tuple[Holder, ...]:
-    """Everybody who may start with one of these, by number. Raises errors.BudgetExceeded."""
+    """Everybody who may start with one of these, by number, in place of the `hosts`. Raises errors.BudgetExceeded."""
     if not identities:  # nearly always
         return ()
     files = [document.file for document in documents if isinstance(document.file, PermissionsFile)]
     numbered = tuple(identities)
     named = _named(files, [*identities.values()], profiles)
-    realms = {trust_files(enclave): enclave for enclave in keystore.enclaves}
-    if sum(map(len, named)) * len(realms) > MAX_HOLDERS:
+    if sum(map(len, named)) * len(hosts) > MAX_HOLDERS:
         raise BudgetExceeded(
             f"{len(identities)} identities that are no enclave's own may start in more than {MAX_HOLDERS} ways, with "
             "the documents that name them."
@@ -59,7 +137,7 @@ def holders_of(
         Holder(identity=number, realm=realm, enclave=_enclave(identities[number], file, host))
         for file, places in zip(files, named, strict=True)
         for number in (numbered[place] for place in sorted(places))
-        for realm, host in realms.items()
+        for realm, host in hosts.items()
     )
 
 

@@ -67,6 +67,27 @@ def permissions_at_large(keystore: Keystore) -> tuple[Stray, ...]:
     )
 
 
+def governance_at_large(keystore: Keystore) -> tuple[Stray, ...]:
+    """Governance documents of no enclave that some peer's permissions CA signed, where somebody may start with them.
+
+    Enclaves do not. Whoever has an identity that is no enclave's own has files that nobody here knows, and these lie
+    beside it.
+    """
+    governances = [stray for stray in keystore.strays if isinstance(stray.document, GovernanceFile)]
+    identities = keystore.identities
+    if not governances or not (identities.found or identities.possible or any(certified_again(keystore))):
+        return ()
+    files = permissions_cas(keystore)
+    return tuple(s for s in governances if s.document is not None and may_be_taken(s.document.signed, files))
+
+
+def system_documents(keystore: Keystore) -> tuple[Document, ...]:
+    """Those of `documents_of`, and the governance documents that no enclave applies and somebody else may, by place."""
+    more = [Document(stray.place, stray.document) for stray in governance_at_large(keystore)]
+    documents = documents_of(keystore)
+    return tuple(sorted((*documents, *more), key=lambda document: document.place)) if more else documents
+
+
 def permissions_cas(keystore: Keystore) -> tuple[CertificateFile | None, ...]:
     """The permissions CA files of the enclaves, those of equal bytes once; None where an enclave has none."""
     found = {e.permissions_ca.file.sha256 if e.permissions_ca else None: e.permissions_ca for e in keystore.enclaves}
@@ -190,3 +211,14 @@ def identities_at_large(keystore: Keystore, at: datetime) -> tuple[AtLarge, ...]
         if at <= each.not_after
     )
     return tuple(identity for identity in vouched if identity.authorities)
+
+
+def unread_places(keystore: Keystore) -> tuple[str, ...]:
+    """Places behind which whole enclaves may lie that were not read."""
+    layout = keystore.layout
+    return tuple(file.path for file in (*layout.directory_links, *layout.unreadable_directories))
+
+
+def behind(place: str) -> str:
+    """What whatever lies behind one of these is called."""
+    return f"whatever is behind {place}"

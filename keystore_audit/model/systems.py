@@ -5,7 +5,7 @@ Evidence in, normalised facts out, one for each kind of implementation and readi
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from functools import cached_property
 
@@ -18,23 +18,24 @@ from keystore_audit.keystore.issuer import fit_to_sign
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.access_view import AccessViews, ReadDocument
-from keystore_audit.model.at_large import Candidate, at_large_atoms, unread_atoms
+from keystore_audit.model.at_large import Candidate, admits, at_large_atoms, let_in, unread_atoms
 from keystore_audit.model.channels import Channels, Named, Point, document_channels
 from keystore_audit.model.claims import Claim, claim_regions
-from keystore_audit.model.doubt import at_large_doubt, identity_doubt, realm_doubt
-from keystore_audit.model.holders import Holder, holders_of, own_endpoints
+from keystore_audit.model.doubt import identity_doubt, realm_doubt
+from keystore_audit.model.holders import Large, own_endpoints
 from keystore_audit.model.inventory import (
     Document,
+    behind,
     certificates_of,
-    documents_of,
     embedded_authorities,
-    identities_at_large,
     instants_of,
+    system_documents,
+    unread_places,
 )
 from keystore_audit.model.local_moments import NO_ENDPOINTS, LocalMoments
 from keystore_audit.model.lone_endpoints import NOTHING, LoneEndpoints
 from keystore_audit.model.lone_refusals import LoneRefusals
-from keystore_audit.model.profiles import Access, Profile
+from keystore_audit.model.profiles import Access, Profile, Trust
 from keystore_audit.model.revocation import list_unread
 from keystore_audit.model.rule_atoms import Atoms, RuleAtoms
 from keystore_audit.model.system import (
@@ -46,7 +47,7 @@ from keystore_audit.model.system import (
     RealmAtom,
     System,
 )
-from keystore_audit.model.trust import is_authority, may_have_issued
+from keystore_audit.model.trust import Verdict, document_verdict, is_authority, may_have_issued
 from keystore_audit.model.views import Kind, TrustFiles, Views, trust_files
 
 MAX_ISSUER_CHECKS = 50_000
@@ -82,10 +83,11 @@ class SystemBuilder:
         self._keystore = keystore
         self._profiles = profiles
         self._at = at
-        self._documents = documents_of(keystore)
+        self._documents = system_documents(keystore)
         self._accesses = accesses
         self._certificates = certificates_of(keystore, self._documents, at)
         self._number = {certificate.sha256: n for n, certificate in enumerate(self._certificates)}
+        self._large = Large(keystore, self._number, self._documents, profiles, at)
         self._views = Views(keystore, self._documents, self._certificates, accesses, at)
         self._realm_doubts = [realm_doubt(enclave) for enclave in keystore.enclaves]
         self._unread_places = unread_places(keystore)
@@ -143,7 +145,7 @@ class SystemBuilder:
     def kinds(self) -> dict[Kind, tuple[str, ...]]:
         """The names of the profiles that read this keystore alike, under the rows of one of them."""
         moments = LocalMoments(self._accesses, self.channels, self._at)
-        at_large = [holder.enclave for holder in self._holders]
+        at_large = [holder.enclave for holder in self._large.holders]
         lone = LoneEndpoints(self._keystore, self._accesses, self.channels, moments, self._meets, at_large)
         return self._views.kinds(self._profiles, lone, LoneRefusals(self._keystore, moments))
 
@@ -193,7 +195,7 @@ class SystemBuilder:
             if unknown or doubt is not None:
                 yield LeftOut(label=enclave.path, identity=None if unknown else self._identity(enclave))
         for place in self._unread_places:
-            yield LeftOut(label=_behind(place), identity=None)
+            yield LeftOut(label=behind(place), identity=None)
 
     def _enclave_atoms(
         self, kind: Kind, documents: Sequence[Document], atoms: list[DocumentAtom], *, may: bool
@@ -204,7 +206,7 @@ class SystemBuilder:
         trusts: dict[TrustFiles, RealmAtom] = {}
         enclaves: list[EnclaveAtom] = []
         count = len(self._keystore.enclaves)
-        alone = kind.alone or (NOTHING,) * (count + len(self._holders))
+        alone = kind.alone or (NOTHING,) * (count + len(self._large.holders))
         refusals = kind.refusals or (NO_ENDPOINTS,) * count
         rows = zip(self._keystore.enclaves, self._unknown, self._realm_doubts, alone[:count], refusals, strict=True)
         for enclave, unknown, doubt, lone, refused in rows:
@@ -232,7 +234,7 @@ class SystemBuilder:
             )
         enclaves.extend(
             EnclaveAtom(
-                label=_behind(place),
+                label=behind(place),
                 location=Location(path=place),
                 realm=realms.setdefault(self._open_realm(atoms, place), len(realms)),
                 identity=None,
@@ -241,24 +243,44 @@ class SystemBuilder:
             )
             for place in (self._unread_places if may else ())
         )
-        at_large = (each for each in self._at_large if may or not (each.doubted or each.possible))
+        asked = (each for each in self._large.candidates if may or not (each.doubted or each.possible))
+        at_large = let_in(asked, enclaves, tuple(realms), self._certificate_atoms)
         names = self._views.names(kind.trust)
-        known = {files: realms[realm] for files, realm in trusts.items()}
-        own = own_endpoints(self._holders, alone[count:], known, may=may)
+        known = self._known_realms(trusts, realms, at_large, number, kind, may=may)
+        own = own_endpoints(self._large.holders, alone[count:], known, may=may)
         enclaves += list(at_large_atoms(at_large, enclaves, tuple(realms), self._certificate_atoms, names, own))
         if may:
             enclaves += unread_atoms([file.place for file in self._keystore.identities.unread], tuple(realms))
         return tuple(enclaves), tuple(realms)
+
+    def _known_realms(
+        self,
+        trusts: Mapping[TrustFiles, RealmAtom],
+        realms: dict[RealmAtom, int],
+        at_large: Sequence[Candidate],
+        number: dict[str, int],
+        kind: Kind,
+        *,
+        may: bool,
+    ) -> dict[TrustFiles, int]:
+        """The number of each realm of which nothing is unknown, those in which only identities at large are added."""
+        known = {files: realms[realm] for files, realm in trusts.items()}
+        for files, host in self._large.hosts.items() if at_large else ():
+            if files not in known and realm_doubt(host) is None and _applies(host, kind.trust):
+                realm = self._realm(host, number, kind, may=may)
+                if realm in realms or any(admits(realm, each.number, self._certificate_atoms) for each in at_large):
+                    known[files] = realms.setdefault(realm, len(realms))
+        return known
 
     def _in_use(self, enclaves: Iterable[EnclaveAtom], documents: Iterable[DocumentAtom]) -> Iterable[CertificateAtom]:
         """The certificates. One at large that adds nothing has no issuer, so that it is not taken for a stranger's.
 
         Signers add something, and so do the authorities over which they chain.
         """
-        if not self._at_large:  # nearly always
+        if not self._large.candidates:  # nearly always
             return self._certificate_atoms
         used = {enclave.identity for enclave in enclaves}.union(*(document.signers for document in documents))
-        idle = {each.number for each in self._at_large} - used.union(*self._issuers)
+        idle = {each.number for each in self._large.candidates} - used.union(*self._issuers)
         atoms = enumerate(self._certificate_atoms)
         return [replace(atom, issuers=frozenset()) if number in idle else atom for number, atom in atoms]
 
@@ -332,25 +354,6 @@ class SystemBuilder:
         read = [d for d in self._documents if isinstance(d.file, GovernanceFile)]
         return {d.file.signed.file.sha256: d.place for d in reversed(read) if d.file is not None}
 
-    @cached_property
-    def _at_large(self) -> tuple[Candidate, ...]:
-        """The identities that are no enclave's own."""
-        return tuple(
-            Candidate(
-                certificate=each.certificate,
-                number=self._number[each.certificate.sha256],
-                doubted=at_large_doubt(each) is not None,
-                possible=each.key is not None,
-            )
-            for each in identities_at_large(self._keystore, self._at)
-        )
-
-    @cached_property
-    def _holders(self) -> tuple[Holder, ...]:
-        """Whoever has them."""
-        identities = {each.number: each.certificate for each in self._at_large}
-        return holders_of(self._keystore, identities, self._documents, self._profiles)
-
     def _identity(self, enclave: Enclave) -> int | None:
         first = enclave.identity
         return None if first is None else self._number[first.sha256]
@@ -383,14 +386,10 @@ class SystemBuilder:
         return self._typed[key]
 
 
-def unread_places(keystore: Keystore) -> tuple[str, ...]:
-    """Places behind which whole enclaves may lie that were not read."""
-    layout = keystore.layout
-    return tuple(file.path for file in (*layout.directory_links, *layout.unreadable_directories))
-
-
-def _behind(place: str) -> str:
-    return f"whatever is behind {place}"
+def _applies(host: Enclave, trust: Trust) -> bool:
+    """Whether an implementation takes its governance document for the permissions CA's, or perhaps does."""
+    governance = host.governance
+    return governance is None or document_verdict(governance.signed, host.permissions_ca, trust) is not Verdict.REFUSED
 
 
 def _place(enclave: Enclave) -> Location:

@@ -12,7 +12,7 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.stray import Stray
-from keystore_audit.model.inventory import may_be_taken, permissions_at_large, permissions_cas
+from keystore_audit.model.inventory import governance_at_large, may_be_taken, permissions_at_large, permissions_cas
 from keystore_audit.model.stray_identity import Admitted, admitted
 from keystore_audit.model.surplus import StrayGrant, stray_grants
 from keystore_audit.model.trust import Verdict, envelope
@@ -127,8 +127,9 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
 def signed_governance_at_large(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     """A governance document that the permissions CA signed lies where no enclave applies it.
 
-    It has no effect. Whoever can write to a robot needs no key to put it in the place of the one in use, and old
-    governances are often weaker. Governance documents have no dates.
+    It has no effect on enclaves; who has an identity outside of them (KA668) may start with it, which flows count.
+    Whoever can write to a robot needs no key to put it in the place of the one in use, and old governances are often
+    weaker. Governance documents have no dates.
     """
     files = permissions_cas(keystore)
     found = [s for s in keystore.strays if isinstance(s.document, GovernanceFile)]
@@ -194,10 +195,12 @@ def document_at_large_unread(keystore: Keystore, context: Context) -> Iterator[V
     """A file outside the enclaves may be a permissions document that peers take, and what it says is unknown.
 
     It was not read (too large, not readable, a link out of the keystore, one of too many), or its XML has no single
-    meaning; it then counts as giving everything to everybody. Critical where it is of a form that ends the process of
-    the implementation that reads it, since permissions come from peers too. What is wrong with a signature is in KA3.
+    meaning; it then counts as giving everything to everybody. So does a governance document without a single meaning
+    where somebody has an identity outside the enclaves (KA668) and may start with it. Critical where it is of a form
+    that ends the process of the implementation that reads it, since permissions come from peers too. What is wrong with
+    a signature is in KA3.
     """
-    strays = {stray.place: stray for stray in permissions_at_large(keystore)}
+    strays = {stray.place: stray for stray in (*permissions_at_large(keystore), *governance_at_large(keystore))}
     for doubt in context.meaning.doubts:
         stray = strays.get(doubt.location.path)
         document = stray.document if stray is not None else None

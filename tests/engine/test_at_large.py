@@ -22,9 +22,15 @@ TALKERS_KEY, LISTENERS_KEY = 102, 103
 KEY, SUBJECT = "no-identity-serves-two-enclaves", "no-subject-serves-two-enclaves"
 
 
-def at_large(b: Builder, key: int | None = None, grants: Collection[int] = (), not_after: int = 4) -> None:
+def at_large(
+    b: Builder,
+    key: int | None = None,
+    grants: Collection[int] = (),
+    not_after: int = 4,
+    issuers: Collection[int] = (IDENTITY_CA,),
+) -> None:
     """`grants`: those that name it, the talker's (0) or the listener's (1)."""
-    identity = b.certificate([IDENTITY_CA], key=key, not_after=not_after)
+    identity = b.certificate(issuers, key=key, not_after=not_after)
     number = b.enclave(0, identity, None, label=f"CN=/{identity} (x.pem, no enclave)")
     b.enclaves[number] = replace(b.enclaves[number], at_large=True)
     for grant in grants:
@@ -46,11 +52,19 @@ CASES: dict[str, tuple[System, set[str]]] = {
     "two of one key": (with_some({"key": 7}, {"key": 7, "grants": [0]}), set()),
     "two that one grant names": (with_some({"grants": [0]}, {"grants": [0]}), set()),
     "of an enclave's key": (with_some({"key": TALKERS_KEY}), {KEY}),
-    "of an enclave's key, named by its own grant": (with_some({"key": TALKERS_KEY, "grants": [0]}), {KEY}),
+    "of an enclave's key, named by its own grant: it was renewed": (
+        with_some({"key": TALKERS_KEY, "grants": [0]}),
+        set(),
+    ),
+    "the same of another issuer": (with_some({"key": TALKERS_KEY, "grants": [0], "issuers": [1]}), {KEY}),
+    "of an enclave's key, named by its own grant and another": (
+        with_some({"key": TALKERS_KEY, "grants": [0, 1]}),
+        {KEY, SUBJECT},
+    ),
     "of an enclave's key, named by another's grant": (with_some({"key": TALKERS_KEY, "grants": [1]}), {KEY, SUBJECT}),
     "two, of which one has an enclave's key": (
         with_some({"grants": [1]}, {"key": LISTENERS_KEY, "grants": [1]}),
-        {KEY},
+        set(),
     ),
 }
 

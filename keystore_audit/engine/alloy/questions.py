@@ -229,7 +229,7 @@ _VACUITY: Final = frozenset({CONSISTENCY, *EXERCISED.values(), *claims.EXERCISED
 _OCCURS: Final[Mapping[Status | None, bool]] = {Status.VIOLATED: True, Status.HOLDS: False}
 """Whether a check has an instance, a counterexample."""
 
-_EACH_REALM: Final = "realm: Realm, "
+_EACH_REALM: Final = "realm: of_enclaves, "
 
 
 def _run(name: str) -> _Single:

@@ -1,0 +1,168 @@
+"""Whoever has an identity at large need use no revocation list, and may use any governance that lies there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from keystore_audit.engine.native import NativeEngine
+from keystore_audit.flow import FlowQuestion, find_flow
+from keystore_audit.model.claim import Attacker, ClaimKind
+from keystore_audit.model.claims import Globs
+from keystore_audit.model.profiles import resolve
+from keystore_audit.options import Options
+from keystore_audit.pipeline import audit
+from keystore_audit.properties import Status
+from tests.engine.alloy_batch import compare_batch
+from tests.engine.test_agreement import holding
+from tests.model.comparing import (
+    AT,
+    Member,
+    Store,
+    criterion,
+    domain_rule,
+    governance,
+    grant,
+    permissions,
+    rule,
+    topic_rule,
+)
+from tests.model.test_at_large import (
+    ADMIN,
+    LYING_ABOUT,
+    MOTOR,
+    NOBODYS,
+    STORE,
+    Files,
+    added,
+    claim,
+    identity,
+    understood,
+    written,
+)
+
+HOLDS, VIOLATED, UNKNOWN = Status.HOLDS, Status.VIOLATED, Status.UNKNOWN
+BY_LIST = ("spec", "fastdds-3.6")
+"""They read crl.pem."""
+WITHOUT_TALKER = replace(STORE, revoked=(STORE.members["/talker"].serial,))
+ZERO, FIVE, BOTH = "<id>0</id>", "<id>5</id>", "<id>0</id><id>5</id>"
+
+
+def ways(root: Path, target: str = "/motor", profiles: tuple[str, ...] = BY_LIST) -> set[Status]:
+    """From /talker, whether it attacks or nobody does."""
+    question = FlowQuestion(source="/talker", target=target, attackers=(Attacker.HONEST, Attacker.SOURCE))
+    found = find_flow(root, question, profiles=resolve(profiles), at=AT)
+    return {result.status for _attacker, result in found.results}
+
+
+@pytest.mark.parametrize(
+    ("files", "store", "expected"),
+    [
+        (LYING_ABOUT, STORE, VIOLATED),
+        (LYING_ABOUT, WITHOUT_TALKER, VIOLATED),
+        (NOBODYS, WITHOUT_TALKER, HOLDS),
+        (LYING_ABOUT, replace(STORE, revoked=(ADMIN.certificate.serial_number,)), HOLDS),
+    ],
+)
+def test_who_was_revoked_is_taken_by_whoever_has_no_list(
+    files: Files, store: Store, expected: Status, tmp_path: Path
+) -> None:
+    """And nobody takes what one says that was revoked itself, whatever that one takes."""
+    assert ways(written(tmp_path, files, store)) == {expected}
+
+
+def test_nobody_is_added_where_nobody_was_revoked(tmp_path: Path) -> None:
+    for number, (store, realms) in enumerate(((STORE, 1), (replace(STORE, revoked=(999,)), 1), (WITHOUT_TALKER, 2))):
+        systems = understood(written(tmp_path / str(number), LYING_ABOUT, store))
+        for system in (each for each in systems if "spec" in each.profiles):
+            assert len(system.realms) == len(added(system)) == realms
+
+
+def apart(domains: str | None = None) -> Store:
+    """/motor is in domain 5 alone, /talker in domain 0. `domains`: those of a governance that lies there."""
+    reads = rule(criterion("subscribe", "rt/motor"), domains=FIVE)
+    motor = Member(
+        permissions=permissions(grant("/motor", reads)), governance=governance(domain_rule(FIVE)), serial=MOTOR.serial
+    )
+    there = rule(criterion("subscribe", "rt/chatter")), rule(criterion("publish", "rt/motor"), domains=FIVE)
+    strays = {"old.p7s": permissions(grant("/admin", *there))}
+    if domains is not None:
+        strays["governance.p7s"] = governance(domain_rule(domains))
+    return replace(STORE, members={**STORE.members, "/motor": motor}, strays=strays)
+
+
+@pytest.mark.parametrize(("domains", "expected"), [(None, HOLDS), (ZERO, HOLDS), (FIVE, HOLDS), (BOTH, VIOLATED)])
+def test_who_starts_with_a_governance_that_lies_there_is_where_it_says(
+    domains: str | None, expected: Status, tmp_path: Path
+) -> None:
+    assert ways(written(tmp_path / "a", LYING_ABOUT, apart(domains))) == {expected}
+    assert ways(written(tmp_path / "b", NOBODYS, apart(domains))) == {HOLDS}
+
+
+def test_a_certificate_that_was_renewed_is_no_part_of_its_enclaves_realm_alone(tmp_path: Path) -> None:
+    """/admin, in a domain of its own, would pass on what /talker says if it were started with /talker's governance."""
+    passes_on = permissions(
+        grant("/admin", rule(criterion("subscribe", "rt/chatter"), criterion("publish", "rt/motor")))
+    )
+    admin = Member(permissions=passes_on, governance=governance(domain_rule(FIVE)), serial=104)
+    store = replace(STORE, members={**STORE.members, "/admin": admin}, strays={})
+    again = {"backup/cert.pem": identity("/admin", "/admin", serial=105).pem}
+    assert ways(written(tmp_path / "a", {}, store), profiles=("spec",)) == {HOLDS}
+    assert ways(written(tmp_path / "b", again, store), profiles=("spec",)) == {VIOLATED}
+    for system in understood(tmp_path / "b"):
+        assert len(added(system)) == 1
+        answers = NativeEngine([system]).answers[0]
+        assert answers["no-identity-serves-two-enclaves"].status is HOLDS, "it is one identity"
+
+
+WEAK = governance(
+    domain_rule(
+        topics=topic_rule(
+            enable_read_access_control="false",
+            enable_write_access_control="false",
+            metadata_protection_kind="NONE",
+            data_protection_kind="NONE",
+        ),
+        allow_unauthenticated_participants="true",
+        enable_join_access_control="false",
+        rtps_protection_kind="NONE",
+    )
+)
+
+
+def test_what_it_says_is_no_fault_of_the_enclaves(tmp_path: Path) -> None:
+    """Properties of the keystore are about what these apply."""
+    told = []
+    for name, strays in (("a", {}), ("b", {"governance.p7s": WEAK})):
+        root = written(tmp_path / name, LYING_ABOUT, replace(STORE, strays={**STORE.strays, **strays}))
+        told.append({each.code for each in audit(root, Options(at=AT, engine="native")).findings})
+    assert told[1] - told[0] == {"KA661"}
+
+
+def test_one_without_a_single_meaning_may_say_anything(tmp_path: Path) -> None:
+    odd = governance(domain_rule(ZERO, topic_rule("rt/[a-") + topic_rule()))
+    store = replace(STORE, strays={"governance.p7s": odd})
+    for name, files, expected in (("a", {}, HOLDS), ("b", LYING_ABOUT, UNKNOWN)):
+        root = written(tmp_path / name, files, store)
+        assert ways(root) == {expected}
+        unread = [each for each in audit(root, Options(at=AT, engine="native")).findings if each.code == "KA663"]
+        assert bool(unread) is (expected is UNKNOWN)
+
+
+@pytest.mark.alloy
+@pytest.mark.xdist_group("alloy")
+def test_both_engines_say_so(tmp_path: Path) -> None:
+    asked = replace(
+        claim(ClaimKind.NO_FLOW, Globs(enclaves=("/talker",)), Globs(enclaves=("/motor",))), attacker=Attacker.HONEST
+    )
+    systems = []
+    for number, store in enumerate((WITHOUT_TALKER, apart(FIVE), apart(BOTH))):
+        found = understood(written(tmp_path / str(number), LYING_ABOUT, store), (asked,))
+        systems.append(next(system for system in found if "spec" in system.profiles))
+    native = NativeEngine(systems).answers
+    theirs = tuple(compare_batch(systems, [holding(answers) for answers in native]))
+    assert [each.differing for each in theirs] == [()] * len(systems)
+    assert [each.claims["x"] for each in theirs] == [VIOLATED, HOLDS, VIOLATED]
+    assert [answers["x"].status for answers in native] == [VIOLATED, HOLDS, VIOLATED]
