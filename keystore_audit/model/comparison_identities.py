@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from datetime import datetime
+from datetime import datetime, timedelta
 from typing import Final
 
 from keystore_audit.dataclass import dataclass, field
@@ -24,25 +25,31 @@ _Identity = tuple[str, str, str]
 
 _Period = tuple[datetime, datetime]
 
+_SECOND: Final = timedelta(seconds=1)
+"""The last one of a certificate is its own; one that begins with the next leaves nothing between them."""
+
 MAX_PAIRS: Final = 1_000_000
 """Certificates and enclaves that may take them; beyond it every other certificate is another one."""
 
 MAX_PATHS: Final = 3
 """Enclaves that are told by their names; the rest are counted."""
 
+MAX_PERIODS: Final = 3
+"""Of those in which somebody is let in, that are told."""
+
 
 @dataclass(slots=True, kw_only=True)
 class _Taken:
-    """Certificates that say the same of somebody. `place`: of the first. `periods`: by enclave that takes one."""
+    """Certificates that say the same of somebody. `place`: of the first. `periods`: by enclave that takes them."""
 
     place: Location | None
-    periods: dict[str, _Period] = field(default_factory=dict)
+    periods: dict[str, set[_Period]] = field(default_factory=dict)
 
     def add(self, certificate: Certificate, paths: Iterable[str]) -> None:
-        """One more, which these enclaves take; what lies between two periods counts as one."""
+        """One more, which these enclaves take."""
+        period = certificate.not_before, certificate.not_after
         for path in paths:
-            begin, end = self.periods.get(path, (certificate.not_before, certificate.not_after))
-            self.periods[path] = min(begin, certificate.not_before), max(end, certificate.not_after)
+            self.periods.setdefault(path, set()).add(period)
 
     def by(self, paths: Collection[str]) -> str:
         """Which of these enclaves take it, and from when to when."""
@@ -50,18 +57,39 @@ class _Taken:
         if not known:
             return "by nobody"
         more = f" and {len(known) - MAX_PATHS} more" if len(known) > MAX_PATHS else ""
-        begins, ends = zip(*(self.periods[path] for path in known), strict=True)
-        return f"by {', '.join(known[:MAX_PATHS])}{more}, from {told(min(begins))} until {told(max(ends))}"
+        joined = _joined({period for path in known for period in self.periods[path]})
+        words = [f"from {told(begin)} until {told(end)}" for begin, end in joined[:MAX_PERIODS]]
+        times = f", and {len(joined) - MAX_PERIODS} times more" if len(joined) > MAX_PERIODS else ""
+        return f"by {', '.join(known[:MAX_PATHS])}{more}, {' and '.join(words)}{times}"
 
     def beyond(self, other: _Taken, paths: Collection[str], at: datetime) -> frozenset[str]:
         """Those of the enclaves that take it, `at` an instant or later, when they do not take the other."""
-        found = set()
-        for path in self.periods.keys() & paths:
-            begin, end = self.periods[path]
-            theirs = other.periods.get(path)
-            if theirs is None or max(begin, at) < theirs[0] or theirs[1] < end:
-                found.add(path)
-        return frozenset(found)
+        return frozenset(
+            path
+            for path in self.periods.keys() & paths
+            if not _within(
+                ((max(begin, at), end) for begin, end in self.periods[path] if end >= at),
+                _joined(other.periods.get(path, ())),
+            )
+        )
+
+
+def _joined(periods: Iterable[_Period]) -> tuple[_Period, ...]:
+    """Those that touch as one: nobody is let in between two that do not."""
+    found: list[_Period] = []
+    for begin, end in sorted(periods):
+        if found and begin - found[-1][1] <= _SECOND:
+            found[-1] = found[-1][0], max(found[-1][1], end)
+        else:
+            found.append((begin, end))
+    return tuple(found)
+
+
+def _within(periods: Iterable[_Period], others: Sequence[_Period]) -> bool:
+    """Whether each lies in one of the others, which are in order and do not touch."""
+    starts = [begin for begin, _end in others]
+    found = ((end, bisect_right(starts, begin)) for begin, end in periods)
+    return all(number and end <= others[number - 1][1] for end, number in found)
 
 
 def _in_both(sides: Sides) -> frozenset[str]:

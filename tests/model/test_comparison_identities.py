@@ -185,6 +185,40 @@ def test_the_place_is_that_of_the_profile_that_was_asked_for_first(tmp_path: Pat
         assert [each and each.path for each in (change.old, change.new)] == [place, place]
 
 
+@pytest.mark.parametrize(
+    ("gap", "open_between"),
+    [
+        (timedelta(days=9), True),
+        (timedelta(seconds=2), True),
+        (timedelta(seconds=1), False),
+        (-timedelta(days=5), False),
+    ],
+)
+@pytest.mark.parametrize(("name", "files"), [("spare", KEY), ("/talker", {})])
+def test_what_lies_between_two_certificates_is_no_time_of_theirs(
+    gap: timedelta, open_between: bool, name: str, files: Files, tmp_path: Path
+) -> None:
+    """One that covers both lets its key in between them as well, where they leave anything there."""
+    first = AT + timedelta(days=9)
+    early, late = identity("/admin", name, end=first), identity("/admin", name, start=first + gap)
+    apart = {**files, "public/x_ca.cert.pem": early.pem, "public/y_ca.cert.pem": late.pem}
+    whole = {**files, "public/x_ca.cert.pem": identity("/admin", name).pem}
+    there, back = changed(tmp_path / "there", apart, whole), changed(tmp_path / "back", whole, apart)
+    told = [[change.direction.value for change in each.changes] for each in (there, back)]
+    assert told == ([["gained"], ["lost"]] if open_between else [[], []])
+
+
+def test_periods_without_end_are_counted(tmp_path: Path) -> None:
+    """What is told of them stays short."""
+    days = [AT + timedelta(days=each) for each in range(10)]
+    apart = b"".join(identity(start=day, end=day + timedelta(hours=1)).pem for day in days)
+    (change,) = changed(tmp_path, {**KEY, "backup/cert.pem": apart}, {**KEY, **CERTIFICATE}).changes
+    (aspect,) = change.aspects
+    assert aspect.old is not None
+    assert aspect.old.count("from") == comparison_identities.MAX_PERIODS
+    assert aspect.old.endswith(", and 7 times more")
+
+
 def test_a_further_certificate_that_peers_come_to_take(tmp_path: Path) -> None:
     """It had the same name before, and was over, or of another authority that is called the same."""
     over = identity("/admin", "/talker", end=AT - timedelta(days=1))
