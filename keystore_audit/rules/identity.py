@@ -5,19 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
+from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.issuer import Issue
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
+from keystore_audit.keystore.stray_identity import StrayIdentity
 from keystore_audit.model.inventory import certified_again, identities_at_large
 from keystore_audit.model.profiles import VARIANTS, Profile
+from keystore_audit.model.stray_identity import admitted
 from keystore_audit.model.trust import chain_refusal, is_authority, issue, may_have_issued, vouches
 from keystore_audit.rules.certificate import ISSUE_AGAIN, RENEW_AUTHORITY, has_usual_subject, usual_subject, what
 from keystore_audit.rules.commands import CREATE_PERMISSION, SIGN_PERMISSIONS
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import CertificateUse
+from keystore_audit.rules.taken import Taken
 from keystore_audit.rules.wording import implementations, instant, paths, places, quoted, sole
 
 _SHARED: Final = ("no-identity-serves-two-enclaves", "no-subject-serves-two-enclaves")
@@ -327,21 +331,41 @@ def identity_key_certified_again(keystore: Keystore, context: Context) -> Iterat
     nobody, and serves whoever has the key: as another identity, with the grants of its subject, or as a signer
     (measured on Cyclone DDS and Fast DDS). Where the identity CA of an enclave vouches for it, flows and properties
     count it among the participants. Of one in any other file KA668 speaks, where the private key can be read. What was
-    certified elsewhere is not seen.
+    certified elsewhere is not seen. Grants that name a further certificate whom peers let in are among its places.
     """
     joining = {identity.certificate.sha256 for identity in identities_at_large(keystore, context.at)}
-    for enclave, others in certified_again(keystore):
+    again = list(certified_again(keystore))
+    every = [other for _enclave, others in again for other in others]
+    rights, taken = _rights(every, keystore, context), Taken(keystore, every, context.at)
+    for enclave, others in again:
         first = enclave.identity
         if first is not None:
             also = ", ".join(f"{quoted(other.subject)}, issued by {quoted(other.issuer)}" for other in others[:3])
             times = "once" if len(others) == 1 else f"{len(others)} times"
             yield Violation(
                 message=f"The identity key of {enclave.path} is certified {times} more: {also}.",
-                locations=places(Location(path=c.path, line=c.line) for c in (first, *others)),
+                locations=places(
+                    (
+                        *(Location(path=c.path, line=c.line) for c in (first, *others)),
+                        *(right for other in others for right in rights.get(other.sha256, ())),
+                    )
+                ),
                 enclave=enclave.path,
-                key="\n".join([first.key, *sorted(other.sha256 for other in others)]),
+                key="\n".join([first.key, taken.told(others)]),
                 explains=frozenset(_SHARED if any(other.sha256 in joining for other in others) else ()),
             )
+
+
+def _rights(
+    certificates: Sequence[Certificate], keystore: Keystore, context: Context
+) -> dict[str, tuple[Location, ...]]:
+    """By certificate that peers take what lets it in; whoever carries it has its key."""
+    held = [StrayIdentity(certificate=each, key=each.path) for each in certificates]
+    found = admitted(keystore, held, context.profiles, context.at) if held else ()
+    return {
+        each.certificate.sha256: tuple(replace(place, message="what lets it in") for place in each.rights)
+        for each in found
+    }
 
 
 IDENTITY: tuple[Rule[Any], ...] = (

@@ -6,7 +6,7 @@ says apply where somebody may take it: what a document says that every implement
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
@@ -15,7 +15,6 @@ from keystore_audit.keystore.identity import Identity
 from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.permission import Permissions
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.model.system import EnclaveAtom
 from keystore_audit.rules.certificate import ISSUE_AGAIN, has_usual_subject, usual_subject
 from keystore_audit.rules.commands import CREATE_PERMISSION, SHOW_SUBJECT, SIGN_PERMISSIONS
 from keystore_audit.rules.contents import dated
@@ -230,6 +229,8 @@ def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator
             enclave=sole(use.enclaves),
             severity=Severity.HIGH if gaining else None,
             key="\n".join([*sorted(names), "", *sorted(gaining)]),
+            # A right that is taken out of their own grants is one more that this document gives.
+            against=places(place for own_places in gaining.values() for place in own_places),
         )
 
 
@@ -251,23 +252,29 @@ def _whose(other: Identity) -> str:
     return f" ({other.enclave} in {quoted(other.root)})"
 
 
-def _gaining(use: PermissionsUse, paths: Sequence[str], context: Context) -> list[str]:
-    """Those enclaves that get a right from this document which their own does not give, under a chosen profile."""
-    found: dict[str, None] = {}
+def _gaining(use: PermissionsUse, paths: Sequence[str], context: Context) -> dict[str, list[Location]]:
+    """Those enclaves that get a right from this document which their own does not give, under a chosen profile.
+
+    With the places of their own grants.
+    """
+    found: dict[str, list[Location]] = {}
     for system in context.meaning.systems if paths else ():
         permissions = Permissions(system)
         atoms = {enclave.label: enclave for enclave in system.enclaves}
         place = use.signed.file.place
         here = frozenset(n for n, document in enumerate(system.documents) if document.location.path == place)
         for path in paths:
-            if path in atoms and path not in found and _gains(permissions, atoms[path], here):
-                found[path] = None
-    return list(found)
+            if path not in atoms:
+                continue
+            own = frozenset(number for number in (atoms[path].permissions,) if number is not None)
+            given, had = (permissions.chosen(atoms[path].identity, documents) for documents in (here, own))
+            if _gains(permissions, given, had):
+                found.setdefault(path, []).extend(system.grants[grant].location for grant in had)
+    return found
 
 
-def _gains(permissions: Permissions, enclave: EnclaveAtom, document: frozenset[int]) -> bool:
-    own = frozenset(() if enclave.permissions is None else (enclave.permissions,))
-    given, had = (permissions.chosen(enclave.identity, documents) for documents in (document, own))
+def _gains(permissions: Permissions, given: Iterable[int], had: Collection[int]) -> bool:
+    """Whether the grants that are given allow anything that those which one had do not."""
     for operation in Operation:
         beyond = 0
         for grant in given:

@@ -22,7 +22,8 @@ class Violation:
     because of it, so the audit is incomplete. `key`: what makes it beside what stands at its places, unabridged: with
     both it is accepted by its fingerprint. It holds no line numbers, which reformatting changes. `contents`: whether
     what stands at the places is part of what makes it (of a property that no finding explains: what all files say);
-    where not, `key` holds all of it. `explains`: the properties that this one is a cause of, where they are not the
+    where not, `key` holds all of it. `against`: further places, of which the finding does not tell, whose contents
+    make it, since it goes beyond them. `explains`: the properties that this one is a cause of, where they are not the
     rule's (None: the rule's). `shared`: it is said of each of several subjects in the same words, and is one finding
     for all of them. `properties`: of a rule about any property, the ids of those that it is about.
     """
@@ -35,6 +36,7 @@ class Violation:
     undecided: bool = False
     key: str = ""
     contents: bool = True
+    against: tuple[Location, ...] = ()
     remedy: str | None = None
     explains: frozenset[str] | None = None
     shared: bool = False

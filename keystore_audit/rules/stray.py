@@ -16,10 +16,10 @@ from keystore_audit.model.inventory import governance_at_large, may_be_taken, pe
 from keystore_audit.model.stray_identity import Admitted, admitted
 from keystore_audit.model.surplus import StrayGrant, stray_grants
 from keystore_audit.model.trust import Verdict, envelope
-from keystore_audit.rules.contents import Contents
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import stray_uses
+from keystore_audit.rules.taken import Taken
 from keystore_audit.rules.wording import listed, more_like, of_kinds, places, quoted, sentence
 
 _CLAUSE: Final = "DDS-Security 1.1, 9.4.1.3 and 8.4.2.9 (a peer checks the document that it is shown); measured"
@@ -59,12 +59,6 @@ def _contents(keystore: Keystore, documents: Collection[str]) -> str:
     return " ".join(sorted({stray.file.sha256 or "" for stray in keystore.strays if stray.place in documents}))
 
 
-def _beyond(wider: Sequence[StrayGrant], context: Context) -> str:
-    """What the enclaves' own grants say: a right that is taken out of them is one more that a stray document gives."""
-    own = Contents(context.keystore, context.at).at([place for grant in wider for place in grant.against])
-    return "\0".join([own, *sorted({grant.enclave for grant in wider})])
-
-
 def _at(strays: Sequence[Stray]) -> tuple[Location, ...]:
     return places(Location(path=stray.place) for stray in strays)
 
@@ -98,7 +92,14 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
             locations=places(grant.location for grant in wider),
             enclave=first.enclave if len({grant.enclave for grant in wider}) == 1 else None,
             profiles=() if every else tuple(p.name for p in context.profiles if p.name in profiles),
-            key=f"wider {_contents(keystore, {grant.document for grant in wider})} {_beyond(wider, context)}",
+            key="\0".join(
+                (
+                    f"wider {_contents(keystore, {grant.document for grant in wider})}",
+                    *sorted({grant.enclave for grant in wider}),
+                )
+            ),
+            # A right that is taken out of the enclaves' own grants is one more that a stray document gives.
+            against=places(place for grant in wider for place in grant.against),
         )
     known = {grant.document for grant in wider}
     equal = [grant for grant in granting if grant.document not in known]
@@ -249,7 +250,10 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
     identities = keystore.identities
     found = admitted(keystore, identities.found, context.profiles, context.at)
     for same in (False, True):
-        yield from _started([each for each in found if (each.enclave is not None) is same])
+        alike = [each for each in found if (each.enclave is not None) is same]
+        if alike:
+            certificates = [each.certificate for each in alike]
+            yield _started(alike, Taken(keystore, certificates, context.at).told(certificates))
     yield from _perhaps_started(admitted(keystore, identities.possible, context.profiles, context.at))
     unread = identities.unread
     if unread:
@@ -263,19 +267,18 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
         )
 
 
-def _started(found: Sequence[Admitted]) -> Iterator[Violation]:
-    """Identities with their keys, all of which share their subjects with enclaves, or none."""
-    if found:
-        first = found[0]
-        same = first.enclave is not None
-        whose = f"another identity of {first.enclave}" if same else "an identity of its own and no enclave here"
-        yield Violation(
-            message=f"{first.certificate.path} is {whose} ({quoted(first.certificate.subject)}), its private key "
-            f"is in {first.key}, and peers let it in: whoever has this tree can start it{more_like(found)}.",
-            locations=places(place for each in found for place in _identity_at(each)),
-            severity=Severity.MEDIUM if same else None,
-            key="same subject" if same else "other subject",
-        )
+def _started(found: Sequence[Admitted], taken: str) -> Violation:
+    """Identities with their keys, all of which share their subjects with enclaves, or none. `taken`: by whom."""
+    first = found[0]
+    same = first.enclave is not None
+    whose = f"another identity of {first.enclave}" if same else "an identity of its own and no enclave here"
+    return Violation(
+        message=f"{first.certificate.path} is {whose} ({quoted(first.certificate.subject)}), its private key "
+        f"is in {first.key}, and peers let it in: whoever has this tree can start it{more_like(found)}.",
+        locations=places(place for each in found for place in _identity_at(each)),
+        severity=Severity.MEDIUM if same else None,
+        key=f"{'same' if same else 'other'} subject\n{taken}",
+    )
 
 
 def _perhaps_started(possible: Sequence[Admitted]) -> Iterator[Violation]:

@@ -1,0 +1,106 @@
+"""A finding rests on more than what stands at its places: what it goes beyond, whom it concerns, who takes it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from keystore_audit.rules import taken
+from tests.test_fingerprints import beside, enclave, prints, renewed
+from tools.samples.base import IDENTITY_CA, LISTENER, PERMISSIONS_CA, QUIET, TALKER, TWO
+from tools.samples.certificates import Certificate
+from tools.samples.documents import DISCOVERY, Governance, Grant, Permissions, Rule
+from tools.samples.keys import Key
+from tools.samples.smime import signed_by
+from tools.samples.store import Enclave, Link, Store
+
+
+def grant(path: str, *topics: str) -> Grant:
+    return Grant(path=path, rules=(Rule(publish=topics), DISCOVERY))
+
+
+def lent(*own: str) -> Store:
+    """The talker's document lets the listener publish three topics; by its own it may publish these."""
+    talkers = (*TALKER.permissions.grants, grant("/listener", "rt/a", "rt/b", "rt/c"))
+    talker = replace(TALKER, permissions=Permissions(grants=talkers))
+    return replace(
+        TWO, enclaves=(talker, replace(LISTENER, permissions=Permissions(grants=(grant("/listener", *own),))))
+    )
+
+
+ADMIN = replace(TALKER.certificate, subject="/admin")
+
+
+def again(*more: Grant, authority: bytes | None = None) -> Store:
+    """The talker's key certified for /admin, too. `more`: grants beside the listener's. `authority`: whom it trusts."""
+    two = {"cert.pem": TALKER.certificate.pem() + ADMIN.pem()}
+    listeners = Permissions(grants=(*LISTENER.permissions.grants, *more))
+    trusting = {} if authority is None else {"identity_ca.cert.pem": authority}
+    listener = replace(LISTENER, permissions=listeners, changes=trusting)
+    return replace(TWO, enclaves=(replace(TALKER, changes=two), listener))
+
+
+OTHER_CA = Certificate(key=Key(label="fingerprints another identity CA"), subject="anotherCA", ca=True)
+BOTH_CAS = OTHER_CA.pem() + IDENTITY_CA.pem()
+
+
+def trusting(authorities: bytes) -> Store:
+    """An identity lies beside the enclaves; the listener trusts these authorities."""
+    own = replace(LISTENER.certificate, issuer=OTHER_CA)
+    listener = replace(LISTENER, certificate=own, changes={"identity_ca.cert.pem": authorities})
+    return replace(TWO, enclaves=(TALKER, listener), changes=beside("backup", "/admin"))
+
+
+def linked(*paths: str, weaker: str = "/c") -> Store:
+    """/c has a governance of its own, and /d one that says what the shared one does; these link to `weaker`'s."""
+    rules = {"/c": replace(QUIET, rtps="SIGN"), "/d": QUIET}
+    enclaves: list[Enclave] = []
+    for made in (TALKER, LISTENER, *(enclave(path, Rule(publish=("rt/a",))) for path in ("/c", "/d", "/e", "/f"))):
+        own = rules.get(made.path)
+        signed = own and signed_by(PERMISSIONS_CA).smime(Governance(rules=(own,)).xml().encode())
+        changes = {"governance.p7s": signed} if signed else {}
+        if made.path in paths:
+            changes = {"governance.p7s": Link(target=f"..{weaker}/governance.p7s")}  # type: ignore[dict-item]
+        enclaves.append(replace(made, changes=changes))
+    return replace(TWO, enclaves=tuple(enclaves))
+
+
+WORSE = {
+    "KA228 named": (again(), again(grant("/admin", "rt/cmd_vel"))),
+    "KA228 named for more": (again(grant("/admin", "rt/a")), again(grant("/admin", "rt/a", "rt/cmd_vel"))),
+    "KA228 taken": (again(authority=OTHER_CA.pem()), again(authority=BOTH_CAS)),
+    "KA416 linked": (linked("/e", weaker="/d"), linked("/e", weaker="/c")),
+    "KA512 own": (lent("rt/a", "rt/b"), lent("rt/a")),
+    "KA668 taken": (trusting(OTHER_CA.pem()), trusting(BOTH_CAS)),
+    "KA668 taken by Cyclone DDS": (trusting(BOTH_CAS), trusting(IDENTITY_CA.pem() + OTHER_CA.pem())),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", WORSE)
+def test_what_is_worse_though_its_places_say_the_same_is_another_finding(case: str, tmp_path: Path) -> None:
+    before, after = WORSE[case]
+    code = case.split(maxsplit=1)[0]
+    assert {*prints(before, tmp_path / "before", code)}.isdisjoint(prints(after, tmp_path / "after", code))
+
+
+ALIKE = {
+    "KA228": (again(grant("/admin", "rt/b", "rt/a")), renewed(again(grant("/admin", "rt/a", "rt/b")))),
+    "KA512": (lent("rt/a", "rt/b"), renewed(lent("rt/b", "rt/a"))),
+}
+
+
+@pytest.mark.parametrize("code", ALIKE)
+def test_what_it_rests_on_signed_again_is_the_same_finding(code: str, tmp_path: Path) -> None:
+    before, after = ALIKE[code]
+    assert {*prints(before, tmp_path / "before", code)} == {*prints(after, tmp_path / "after", code)}
+
+
+def test_where_nobody_can_be_asked_all_that_enclaves_trust_counts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(taken, "MAX_PAIRS", 0)
+    stores = trusting(OTHER_CA.pem()), trusting(BOTH_CAS), trusting(OTHER_CA.pem())
+    found = [{*prints(store, tmp_path / str(number), "KA668")} for number, store in enumerate(stores)]
+    assert found[0] == found[2] != found[1]
