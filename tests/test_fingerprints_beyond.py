@@ -7,14 +7,18 @@ from pathlib import Path
 
 import pytest
 
+from keystore_audit.options import Options
+from keystore_audit.pipeline import audit
 from keystore_audit.rules import taken
+from tests.rules.evidence import AT
 from tests.test_fingerprints import beside, enclave, prints, renewed
 from tools.samples.base import IDENTITY_CA, LISTENER, PERMISSIONS_CA, QUIET, TALKER, TWO
 from tools.samples.certificates import Certificate
 from tools.samples.documents import DISCOVERY, Governance, Grant, Permissions, Rule
+from tools.samples.identity_stories import revocation_list
 from tools.samples.keys import Key
 from tools.samples.smime import signed_by
-from tools.samples.store import Enclave, Link, Store
+from tools.samples.store import Enclave, Link, Store, write
 
 
 def grant(path: str, *topics: str) -> Grant:
@@ -67,7 +71,66 @@ def linked(*paths: str, weaker: str = "/c") -> Store:
     return replace(TWO, enclaves=tuple(enclaves))
 
 
+def three(**changes: dict[str, bytes | Link]) -> Store:
+    """With /third, and files that replace those of enclaves."""
+    enclaves = (
+        TALKER,
+        LISTENER,
+        enclave("/third", Rule(publish=("rt/a",))),
+        enclave("/fourth", Rule(publish=("rt/a",))),
+    )
+    return replace(TWO, enclaves=tuple(replace(each, changes=changes.get(each.path[1:], {})) for each in enclaves))
+
+
+def revoking(**links: str) -> Store:
+    """The talker has a list that revokes nobody, and the others link to these."""
+    one, other = revocation_list(), revocation_list(LISTENER.certificate)
+    linked_to = {"third": "listener", "fourth": "listener", **links}
+    others = {name: {"crl.pem": Link(target=f"../{target}/crl.pem")} for name, target in linked_to.items()}
+    return three(talker={"crl.pem": one}, listener={"crl.pem": other}, **others)
+
+
+SPARE = Key(label="fingerprints spare key")
+
+
+def lying_about(place: str, whose: Store = TWO) -> Store:
+    return replace(whose, changes={place: SPARE.pem()})
+
+
+def authority_of(role: str) -> Store:
+    """The talker trusts the holder of the spare key as well."""
+    more = {f"{role}_ca.cert.pem": TWO.permissions_ca.pem() + replace(PERMISSIONS_CA, key=SPARE).pem()}
+    return replace(TWO, enclaves=(replace(TALKER, changes=more), LISTENER))
+
+
+def spare_enclave() -> Store:
+    made = enclave("/third", Rule(publish=("rt/a",)))
+    return replace(TWO, enclaves=(*TWO.enclaves, replace(made, certificate=replace(made.certificate, key=SPARE))))
+
+
+def sharing(*topics: str, key: bool) -> Store:
+    """/third has the talker's key, or its subject; the talker may publish these topics."""
+    first = enclave("/talker", Rule(publish=topics))
+    mine = first.certificate if key else replace(first.certificate, key=SPARE)
+    return replace(TWO, enclaves=(first, LISTENER, replace(TALKER, path="/third", certificate=mine)))
+
+
+def served(*actions: str) -> Store:
+    """The talker may publish whatever lies below rt/arm, where the listener serves these actions."""
+    topics = tuple(f"rt/arm/{action}/_action/{topic}" for action in actions for topic in ("feedback", "status"))
+    return replace(
+        TWO, enclaves=(enclave("/talker", Rule(publish=("rt/arm/*",))), enclave("/listener", Rule(publish=topics)))
+    )
+
+
 WORSE = {
+    "KA109 whose": (lying_about("private/x.key.pem"), lying_about("private/x.key.pem", authority_of("permissions"))),
+    "KA118 authority": (lying_about("public/x.pem"), lying_about("public/x.pem", authority_of("permissions"))),
+    "KA118 enclave": (lying_about("public/x.pem"), lying_about("public/x.pem", spare_enclave())),
+    "KA215 linked": (revoking(), revoking(third="talker")),
+    "KA219 rights": (sharing("rt/a", key=True), sharing("rt/a", "rt/b", key=True)),
+    "KA225 rights": (sharing("rt/a", key=False), sharing("rt/a", "rt/b", key=False)),
+    "KA635 served": (served("move"), served("move", "stop")),
     "KA228 named": (again(), again(grant("/admin", "rt/cmd_vel"))),
     "KA228 named for more": (again(grant("/admin", "rt/a")), again(grant("/admin", "rt/a", "rt/cmd_vel"))),
     "KA228 taken": (again(authority=OTHER_CA.pem()), again(authority=BOTH_CAS)),
@@ -85,7 +148,19 @@ def test_what_is_worse_though_its_places_say_the_same_is_another_finding(case: s
     assert {*prints(before, tmp_path / "before", code)}.isdisjoint(prints(after, tmp_path / "after", code))
 
 
+def test_one_more_enclave_that_starts_in_a_domain_of_nobody_is_another_finding(tmp_path: Path) -> None:
+    found = []
+    for name, more in (("before", ()), ("after", (enclave("/third", Rule(publish=("rt/a",))),)), ("again", ())):
+        write(replace(TWO, enclaves=(*TWO.enclaves, *more)).tree(), tmp_path / name)
+        report = audit(str(tmp_path / name), Options(at=AT, engine="native", domain=7))
+        found.append({each.fingerprint for each in report.findings if each.code == "KA603"})
+    assert found[0] == found[2] != set()
+    assert found[0].isdisjoint(found[1])
+
+
 ALIKE = {
+    "KA219": (sharing("rt/a", "rt/b", key=True), renewed(sharing("rt/b", "rt/a", key=True))),
+    "KA225": (sharing("rt/a", "rt/b", key=False), renewed(sharing("rt/b", "rt/a", key=False))),
     "KA228": (again(grant("/admin", "rt/b", "rt/a")), renewed(again(grant("/admin", "rt/a", "rt/b")))),
     "KA512": (lent("rt/a", "rt/b"), renewed(lent("rt/b", "rt/a"))),
 }

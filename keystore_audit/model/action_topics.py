@@ -46,7 +46,8 @@ class ActionPattern:
     """A grant of an enclave (its path) has patterns that take in topics of actions.
 
     `expression`: the first; `count`: how many. `action`: one, `owner`: the enclave that publishes its status by name,
-    None where no other does. `operation`: publish, if any of them is for publishing.
+    None where no other does. `operation`: publish, if any of them is for publishing. `served`: all that they take in of
+    what others serve by name, with who does; rules that deny are not weighed.
     """
 
     enclave: str
@@ -55,6 +56,7 @@ class ActionPattern:
     count: int
     action: str
     owner: str | None
+    served: tuple[tuple[str, str], ...]
     locations: tuple[Location, ...]
 
 
@@ -104,18 +106,17 @@ class _Named:
         self._topics = sorted(order)
         self._order = order
 
-    def first(self, pattern: Pattern, enclave: str, effort: _Effort) -> str | None:
-        """The first that it matches of those of other enclaves."""
+    def among(self, pattern: Pattern, enclave: str, effort: _Effort) -> Iterator[str]:
+        """Those of other enclaves that it matches."""
         begin, end = bisect_left(self._topics, pattern.prefix), len(self._topics)
         if pattern.prefix:
             end = bisect_right(self._topics, pattern.prefix, begin, key=lambda topic: topic[: len(pattern.prefix)])
         if not effort.compare(end - begin):
-            return None
+            return
         for topic in sorted(self._topics[begin:end], key=self._order.__getitem__):
             name = STATUS.name(topic)
             if name is not None and self.owners[name] != enclave and pattern.matches(topic):
-                return name
-        return None
+                yield name
 
 
 def _grants(enclave: Enclave) -> tuple[Grant, ...]:
@@ -163,10 +164,12 @@ def _pattern(
     place = enclave.permissions.signed.file.place
     rules = {operation: _Rules(grant, operation) for operation in (Operation.PUBLISH, Operation.SUBSCRIBE)}
     hits: list[tuple[Operation, Text, str]] = []
+    served: dict[str, str] = {}
     for operation, text in found:
         pattern = parse(text.text, Matcher.POSIX)
-        known = named.first(pattern, enclave.path, effort)
-        action = known or taken_in(text.text, effort.decide)
+        known = list(named.among(pattern, enclave.path, effort))
+        served.update((name, named.owners[name]) for name in known)
+        action = known[0] if known else taken_in(text.text, effort.decide)
         if action is not None and rules[operation].reach(pattern, action, effort):
             hits.append((operation, text, action))
     if not hits:
@@ -180,6 +183,7 @@ def _pattern(
         count=len({hit[1].text for hit in hits}),
         action=action,
         owner=named.owners.get(action),
+        served=tuple(sorted(served.items())),
         locations=tuple(Location(path=place, line=hit[1].line) for hit in hits),
     )
 

@@ -87,9 +87,12 @@ def _locations(found: Sequence[Divergence]) -> Iterator[Location]:
 
 def _key(divergence: Divergence) -> str:
     example = divergence.example
-    if example is None:
-        return divergence.cause.value
-    return f"{divergence.cause.value} {example.operation.value} {example.topic} {example.partition} {example.domain}"
+    parts = [divergence.cause.value]
+    if example is not None:
+        parts += [example.operation.value, example.topic, str(example.partition), str(example.domain)]
+    if divergence.starting or divergence.refusing:  # then it is about each of them
+        parts += sorted(divergence.enclaves)
+    return " ".join(parts)
 
 
 def _consequence(divergence: Divergence, enclaves: Sequence[str]) -> str:

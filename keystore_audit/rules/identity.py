@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Final
 
 from keystore_audit.dataclass import replace
@@ -277,6 +277,7 @@ def identity_shared_by_enclaves(keystore: Keystore, _context: Context) -> Iterat
                 message=_shared_key(key, [enclave for enclave, _ in sharing.values()]),
                 locations=places(location for _enclave, found in sharing.values() for location in found),
                 key=key,
+                against=_permissions(enclave for enclave, _ in sharing.values()),
             )
 
 
@@ -312,6 +313,7 @@ def subject_shared_by_certificates(keystore: Keystore, _context: Context) -> Ite
                 f"grant names: {paths(enclave for enclave, _ in sharing.values())}.",
                 locations=places(Location(path=c.path, line=c.line) for _enclave, c in sharing.values()),
                 key=subject,
+                against=_permissions(enclave for enclave, _ in sharing.values()),
             )
 
 
@@ -354,6 +356,11 @@ def identity_key_certified_again(keystore: Keystore, context: Context) -> Iterat
                 key="\n".join([first.key, taken.told(others)]),
                 explains=frozenset(_SHARED if any(other.sha256 in joining for other in others) else ()),
             )
+
+
+def _permissions(enclaves: Iterable[Enclave]) -> tuple[Location, ...]:
+    """Their documents: what one of them is granted, each of them may do."""
+    return tuple(Location(path=enclave.files.files[Role.PERMISSIONS].place) for enclave in enclaves)
 
 
 def _rights(

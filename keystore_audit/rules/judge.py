@@ -273,7 +273,7 @@ class _Marks:
         """
         if rule.family != "KA7":
             there = self._contents.at if violation.contents else self._contents.names
-            return f"\\0{there((*violation.locations, *violation.against))}"
+            return f"\0{there((*violation.locations, *violation.against))}"
         causes = [cause for other, cause in found if _is_cause(other, cause, rule, violation)]
         explained = {name for cause in causes for name in cause.profiles or self._profiles}
         if not violation.contents:

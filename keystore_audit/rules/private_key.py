@@ -103,6 +103,7 @@ def ca_private_key_in_tree(keystore: Keystore, context: Context) -> Iterator[Vio
                 message=f"The private key {whose} is in {where}.",
                 locations=(Location(path=file.place),),
                 severity=Severity.CRITICAL if context.deployed else None,
+                key=whose,
             )
     for enclave in keystore.enclaves:
         for key, line in _keys_of(enclave):
@@ -113,6 +114,7 @@ def ca_private_key_in_tree(keystore: Keystore, context: Context) -> Iterator[Vio
                     locations=(Location(path=enclave.key.file.place, line=line),),
                     enclave=enclave.path,
                     severity=Severity.CRITICAL,
+                    key=subjects[key],
                     remedy=f"Make a new authority, and for {enclave.path} a key of its own. {ISSUE_AGAIN}",
                 )
 
@@ -149,11 +151,12 @@ def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> It
     held = {key.file.place: key for key in (*keystore.authority_keys, *keystore.further_keys)}
     for file in _keys_on_robots(keystore, context):
         key = held.get(file.place)
+        whose = _whose(key, holders) if key else ""
         yield Violation(
-            message=f"A private key is in {file.place}, which goes on robots{_whose(key, holders) if key else ''}.",
+            message=f"A private key is in {file.place}, which goes on robots{whose}.",
             locations=(Location(path=file.place),),
             undecided=file.sha256 is None,  # which key it is: nobody accepts one and gets another
-            key=f"{file.place} {file.sha256}",
+            key=f"{file.place} {file.sha256}{whose}",
             remedy=_authority_anew(key, keystore) if key else None,
         )
     for enclave in keystore.enclaves:
@@ -208,7 +211,7 @@ def _second_keys(enclave: str, key: PrivateKey, holders: Mapping[str | None, str
             message=f"{enclave} has a second private key{whose}: {defect.detail}.",
             locations=(Location(path=defect.path, line=defect.line),),
             enclave=enclave,
-            key=f"second {defect.path} {second}",
+            key=f"second {defect.path} {second}{whose}",
         )
 
 

@@ -159,7 +159,7 @@ def _of_another_issuer(use: RevocationUse) -> Iterator[Violation]:
             locations=(Location(path=revocations.path, line=revocations.line),),
             enclave=sole(enclaves),
             profiles=names,
-            key=f"issuer {' '.join(names)}",
+            key=" ".join(["issuer", *names, *(enclave.path for enclave in enclaves)]),
         )
 
 
@@ -258,7 +258,8 @@ def crl_not_everywhere(keystore: Keystore, _context: Context) -> Iterator[Violat
             for group in (without, *reversed(holders))
             for enclave in group
         ),
-        key="different" if len(holders) > 1 else "missing",
+        # What each list says is in the fingerprint; who carries which, links tell.
+        key="\n".join(f"{each.path} {each.files.files[Role.CRL].place}" for each in keystore.enclaves),
     )
 
 

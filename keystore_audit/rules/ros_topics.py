@@ -45,7 +45,7 @@ def wildcard_grants_actions(_keystore: Keystore, context: Context) -> Iterator[V
             locations=places(found.locations),
             enclave=found.enclave,
             severity=_severity(found),
-            key=f"{found.operation.value} {found.expression}",
+            key="\n".join((f"{found.operation.value} {found.expression}", *map(" ".join, found.served))),
         )
 
 
