@@ -14,22 +14,29 @@ from keystore_audit.properties.property import Role, Witness
 
 def shared_identities(system: System) -> Iterator[Witness]:
     """Pairs of enclaves with one identity key; an opaque enclave may be any other, even one that is not here."""
+    subjects = _subjects(system) if any(enclave.at_large for enclave in system.enclaves) else {}
     for sharing in system.holders().values():
         for one, other in permutations(sharing, 2):
             at_large = system.enclaves[one].at_large, system.enclaves[other].at_large
-            if not any(at_large) or (not all(at_large) and not _renewed(system, one, other)):
+            renewed = any(at_large) and subjects[one] == subjects[other]
+            if not (all(at_large) or renewed):
                 yield {Role.ENCLAVE: one, Role.OTHER: other}
     for one, atom in enumerate(system.enclaves):
         if atom.opaque:
             yield {Role.ENCLAVE: one, Role.OTHER: one}
 
 
-def _renewed(system: System, *enclaves: int) -> bool:
-    """Whether two have certificates of one issuer and one subject to every grant."""
-    identities = [system.enclaves[enclave].identity for enclave in enclaves]
-    issuers = {system.certificates[each].issuers for each in identities if each is not None}
-    named = {tuple(n for n, grant in enumerate(system.grants) if each in grant.names) for each in identities}
-    return len(issuers) == len(named) == 1
+def _subjects(system: System) -> dict[int, tuple[frozenset[int], Sequence[int]]]:
+    """By enclave, who issued its certificate and which grants name it: equal where a certificate was renewed."""
+    naming: dict[int, list[int]] = {}
+    for number, grant in enumerate(system.grants):
+        for certificate in grant.names:
+            naming.setdefault(certificate, []).append(number)
+    return {
+        number: (system.certificates[enclave.identity].issuers, naming.get(enclave.identity, []))
+        for number, enclave in enumerate(system.enclaves)
+        if enclave.identity is not None
+    }
 
 
 def shared_subjects(system: System) -> Iterator[Witness]:
