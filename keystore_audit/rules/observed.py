@@ -198,7 +198,7 @@ def node_in_unknown_enclave(keystore: Keystore, context: Context) -> Iterator[Vi
         yield Violation(
             message=f"{listed(unknown.nodes)} {verb} in {named}, which is not there.{meant}",
             locations=places(_beside(location) for location in unknown.locations),
-            key=unknown.path,
+            key="\n".join([unknown.path, *sorted(unknown.nodes)]),
         )
 
 

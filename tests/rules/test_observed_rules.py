@@ -301,6 +301,13 @@ def test_an_unknown_enclave_is_named_with_the_nearest() -> None:
     assert finding.locations == (place(1),)
 
 
+def test_one_more_node_in_an_unknown_enclave_is_another_finding() -> None:
+    nodes = node("/nav", "/nav/planner"), node("/nav", "/nav/brake")
+    one, two, swapped = (spoken(healthy(), launch(nodes=each)) for each in (nodes[:1], nodes, nodes[::-1]))
+    assert {each.code for each in (*one, *two, *swapped)} == {"KA652"}
+    assert one[0].fingerprint != two[0].fingerprint == swapped[0].fingerprint
+
+
 def test_a_node_without_an_enclave_is_in_the_root_one() -> None:
     (finding,) = spoken(healthy(), launch(nodes=(node("/", "/robot/camera"), node("/", "/robot/arm"))))
     assert finding.message.startswith("/robot/camera, /robot/arm run in the enclave '/', having named none, which is")
