@@ -157,7 +157,10 @@ class AccessViews:
             "reads_1_0": lambda: any(_is_1_0(file) for file in self._files),
             "refuses_unauthenticated_with_rtps": lambda: any(map(_opens_protected_rtps, self._governances)),
             "dates": lambda: not all(self._same_date(text, access.dates) for text in self._dates),
-            "skips_grants_out_of_date": lambda: any(len(permissions.grants) > 1 for permissions in self._permissions),
+            "skips_grants_out_of_date": lambda: (
+                any(len(permissions.grants) > 1 for permissions in self._permissions)
+                or (access.joins_out_of_date and occasions["joins_out_of_date"]())  # by the one grant that there is
+            ),
             "joins_out_of_date": lambda: any(self._may_be_out_of_date(grant, access.dates) for grant in self._grants),
             "honours_default": lambda: any(grant.default_allow for grant in self._grants),
             "partitions": lambda: not all(map(has_one_reading, self._permissions)),

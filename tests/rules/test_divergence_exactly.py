@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import product
 from typing import Any
 
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.keystore.keystore import Enclave, Keystore
@@ -122,6 +122,20 @@ def enclaves_that_differ(store: Keystore, profiles: Sequence[Profile], accesses:
     return found
 
 
+_LATER = "2030-01-01T00:00:00"
+_OVER = ([([(False, ((0, 0),), [], [], [])], "2020-01-01T00:00:00", False)],)
+
+
+@example(
+    drawn=(
+        (((0, 0),), True, True, False),
+        [([(True, ((0, 0),), [], [], [])], "2030-01-01T00:00:00", False)],
+        *_OVER,
+        [],
+    ),
+    names=("spec", "opendds"),
+    zone=None,
+)
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
     drawn=_KEYSTORES,
