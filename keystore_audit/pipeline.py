@@ -282,10 +282,15 @@ def _report(
 
 
 def _files(context: Context) -> Iterator[tuple[str, str]]:
-    """What the report speaks for, with its digests: what the same run audits apart is another report's."""
+    """What the report speaks for, with its digests: what the same run audits apart is another report's.
+
+    But for what is read here, too: a link of an enclave may lead there.
+    """
+    keystore = context.keystore
     apart = context.beside.apart if context.beside is not None else frozenset()
     folders = tuple(f"{place}/" for place in apart)
-    return ((path, sha256) for path, sha256 in context.keystore.contents if not path.startswith(folders))
+    ours = {file.place for each in keystore.enclaves for file in each.files.every} if apart else set()
+    return ((path, sha256) for path, sha256 in keystore.contents if path in ours or not path.startswith(folders))
 
 
 def _in_zone(options: Options) -> tuple[str, ...]:

@@ -51,6 +51,7 @@ _COUNTER: Final = re.compile(
     "|MAILCHECK|OPTIND|PERIOD|S?RANDOM|REPORTMEMORY|REPORTTIME|SAVEHIST|SECONDS|SHLVL|TMOUT|TRY_BLOCK_[A-Z]+"
 )
 """Variables that bash, zsh or ksh take for numbers: what is assigned is worked out, and `NAME=0` in it assigns, too."""
+_NUMBER: Final = re.compile(r"""(["']?)-?[0-9]*\1\s*""")
 _ANOTHER: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*=")
 """How another assignment begins, behind which a command may still follow."""
 
@@ -124,9 +125,9 @@ def read_environment(path: Path) -> Environment:
         else:
             if name == "BASH_ENV":
                 raise UsageError(f"{place}: bash runs what BASH_ENV names before each script; expected no such line.")
-            if _COUNTER.fullmatch(name) and not re.fullmatch(r"""(["']?)[0-9]*\1""", value):
+            passed = _pass_over(value, place, exported=export is not None)
+            if _COUNTER.fullmatch(name) and not _NUMBER.fullmatch(passed):
                 raise UsageError(f"{place}: {name} is a number to a shell, which works out its value; expected digits.")
-            _pass_over(value, place, exported=export is not None)
     return Environment(file=GivenFile.of(str(path), data), settings=found)
 
 
@@ -155,8 +156,11 @@ def _value(text: str, place: str, *, commented: bool) -> str:
     return next((group for group in match.groups() if group is not None), match[0])
 
 
-def _pass_over(text: str, place: str, *, exported: bool) -> None:
-    """Raises UsageError where the value of another variable may set, hide or take back one of `VARIABLES`."""
+def _pass_over(text: str, place: str, *, exported: bool) -> str:
+    """The value of another variable as it is written, without a comment.
+
+    Raises UsageError where it may set, hide or take back one of `VARIABLES`.
+    """
     closed = _CLOSED.fullmatch(text)
     if closed is None:
         raise UsageError(f"{place}: a quote that does not end in its line; expected a plain or quoted value.")
@@ -172,6 +176,7 @@ def _pass_over(text: str, place: str, *, exported: bool) -> None:
             f"{place}: more than one assignment, or a command; expected NAME=VALUE, what is special to a shell between "
             f"single quotes.{also}"
         )
+    return value
 
 
 def _runs_something(value: str, *, exported: bool) -> bool:

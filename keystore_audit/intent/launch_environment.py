@@ -26,8 +26,21 @@ _KEEPERS: Final = re.compile(
 )
 """Programs that start another one in the environment that they have themselves."""
 
-_CHANGERS: Final = frozenset({"sudo", "su", "doas", "runuser", "sh", "bash", "dash", "zsh", "ssh", "systemd-run"})
-"""What may start with other variables, and is often started by one of `_KEEPERS`."""
+_OPTION: Final = re.compile(r"-.*|[0-9][0-9A-Za-z,.:-]*|record|stat|trace")
+"""Their options and numbers; any other word may be a program, which may change variables as `sudo` does."""
+
+_TITLED: Final = frozenset({"-T", "-title", "-n"})
+"""Options of xterm that any word may stand behind."""
+
+_DEBUGGERS: Final = frozenset({"gdb", "gdbserver", "lldb"})
+_DEBUGGING: Final = re.compile(
+    r"-{0,2}(?:args|q|quiet|tui|batch|o|ex|ex=r|ex=run|r|run|bt|bt full|backtrace|quit|catch throw)?"
+    r"|thread apply all bt(?: full)?|set (?:pagination|confirm) off|[a-z]*:[0-9]+"
+)
+"""What they are told; they can change variables, too."""
+
+_LATER: Final = re.compile(r"""sleep [0-9.]+ ?(?:;|&&) ?(?:exec )?(["']?)\$0\1 (["']?)\$@\2""")
+"""What a shell does in the usual prefix of a node that starts later, `bash -c 'sleep 5; $0 $@'`."""
 
 
 def started_with(action: StartProcess, scope: Scope, source: Source) -> dict[str, str | Unknown]:
@@ -55,18 +68,28 @@ def _before(prefix: str) -> dict[str, str | Unknown]:
         words = shlex.split(prefix)
     except ValueError:
         return _unknown(may_change)
+    if len(words) == 3 and words[0] in ("sh", "bash") and words[1] == "-c" and _LATER.fullmatch(words[2]):
+        return {}
     found: dict[str, str | Unknown] = {}
     program = ""
-    for word in words:
+    for before, word in zip(["", *words], words, strict=False):
         called = word.rpartition("/")[2]
         name, is_set, value = word.partition("=")
         if called == "env" or _KEEPERS.fullmatch(called):
             program = called
         elif program == "env" and is_set and not name.startswith("-"):
             found |= {name: value} if name in NAMES else {}
-        elif program in ("", "env") or called in _CHANGERS or any(each in word for each in NAMES):
+        elif not _is_harmless(word, before, program) or any(each in word for each in NAMES):
             return {**found, **_unknown(may_change)}
     return found
+
+
+def _is_harmless(word: str, before: str, program: str) -> bool:
+    """Whether a word behind the program, one of `_KEEPERS`, changes no variables."""
+    if program in _DEBUGGERS:
+        return _DEBUGGING.fullmatch(word) is not None
+    titled = program == "xterm" and before in _TITLED
+    return program not in ("", "env") and (titled or _OPTION.fullmatch(word) is not None)
 
 
 def _unknown(reason: Unknown) -> dict[str, str | Unknown]:

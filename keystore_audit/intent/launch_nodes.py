@@ -139,8 +139,9 @@ class Nodes:
         """A process that may be a node: of its variables those count that are set for certain."""
         location = source.location(action.line)
         self.unresolved(location, "A process is started here; whether it is a node, and which, is not known.")
-        known = {name: value for name, value in started_with(action, scope, source).items() if isinstance(value, str)}
-        self._sets("", known, location)
+        variables = started_with(action, scope, source).items()
+        named = {name: value for name, value in variables if isinstance(value, str) and (value or not action.clean)}
+        self._sets("", named, location)
 
     def _sets(self, node: str, variables: Mapping[str, str | Unknown], location: Location) -> None:
         """The variables of a process, apart from the one that says its enclave."""

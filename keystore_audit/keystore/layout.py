@@ -127,8 +127,9 @@ _ONE_AUTHORITY: Final = b"ca.cert.pem"
 _FLAT_ROOT: Final = frozenset({_ONE_AUTHORITY, b"ca.key.pem", b"governance.p7s", b"governance.xml"})
 """What sros2 put into the root from Ardent to Eloquent."""
 
-_READ: Final = frozenset((*_RUN_TIME, _NAMES[Role.CRL]))  # of these it is said where a link leads to no file
-_FILE_NAMES: Final = frozenset((*_READ, *_UNSIGNED_NAMES.values(), *_FLAT_ROOT))
+_FILES: Final = re.compile(rb"(.*/)?(crl.pem|%s)|enclaves/(governance|.+/permissions)\.xml" % b"|".join(_RUN_TIME))
+# Links out of the tree are taken for links to files there, where others speak of them or documents are unsigned.
+_FILE_NAMES: Final = frozenset((*_RUN_TIME, _NAMES[Role.CRL], *_UNSIGNED_NAMES.values(), *_FLAT_ROOT))
 
 _COMPLETE: Final = tuple(
     frozenset({_NAMES[role], _PKCS11_NAMES.get(role, b"")} | ({_ONE_AUTHORITY} if "_ca." in role.value else set()))
@@ -348,8 +349,8 @@ def _directory_links(tree: _Tree, kind: LayoutKind) -> Iterator[File]:
         for entry in listing.entries:
             if entry.kind is not EntryKind.LINK:
                 continue
-            file = tree.root.sealed(_below(place, entry.name))
-            unseen = file.status in (Status.OUTSIDE, Status.UNREADABLE) and entry.name not in _READ
+            file = tree.root.sealed(path := _below(place, entry.name))
+            unseen = file.status in (Status.OUTSIDE, Status.UNREADABLE) and not _FILES.fullmatch(path)
             if file.status is Status.DIRECTORY or (unseen and may_hold_enclaves):
                 yield file
 

@@ -177,6 +177,14 @@ OPEN = {"SECURITY_ENABLE": None}
         ("nice sudo -u robot", OPEN),
         ("nice ROS_SECURITY_ENABLE", OPEN),
         ("./wrapper", OPEN),
+        ("bash -c 'sleep 5.0; $0 $@'", {}),
+        ("bash -c 'sleep 5.0; . x; $0 $@'", OPEN),
+        ("xterm -title motor -hold -e gdb -ex run -ex bt --args", {}),
+        ("gdb -ex 'set exec-wrapper env -i' -ex run --args", OPEN),
+        ("gdb -x weaken", OPEN),
+        ("nice pkexec", OPEN),
+        ("nice -n 5 setpriv --reset-env", OPEN),
+        ("taskset -c 0,1 chrt -f 80 stdbuf -oL", {}),
         ("sh -c '. ./weaken'", OPEN),
         ("$(env WRAPPER)", OPEN),
     ],
@@ -202,6 +210,8 @@ def test_what_stands_before_the_program_may_change_its_variables(
         ("xml", '<executable cmd="run"/>', ""),
         ("py", "ExecuteProcess(cmd=['run'], additional_env={'ROS_SECURITY_ENABLE': 'no'})", "no"),
         ("py", "ExecuteProcess(cmd=['run'])", ""),
+        ("py", "ExecuteProcess(cmd=['run'], env={'PATH': '/bin'})", ""),
+        ("py", "ExecuteProcess(cmd=['run'], env={'ROS_SECURITY_ENABLE': 'no'})", "no"),
     ],
 )
 def test_a_process_that_may_be_a_node_has_what_is_set_for_it(

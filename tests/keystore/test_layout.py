@@ -225,7 +225,11 @@ def test_links_to_directories_are_listed_and_not_followed(tmp_path: Path) -> Non
         ("dangling", "nowhere"),
         ("permissions.xml", "/etc"),  # whatever it is called: a robot that is told so takes it for an enclave
         ("ca.key.pem", "/etc"),
+        ("governance.xml", "/etc"),  # which sros2 puts here, and permissions.xml into enclaves
+        ("talker/permissions.xml", "/etc"),
+        ("talker/governance.xml", "/etc"),
     ):
+        (path / "enclaves" / name).unlink(missing_ok=True)
         os.symlink(target, path / "enclaves" / name)
     os.symlink("/etc", path / "elsewhere")  # no robot looks there
     os.symlink("shelf", path / "also")
@@ -239,6 +243,7 @@ def test_links_to_directories_are_listed_and_not_followed(tmp_path: Path) -> Non
         "enclaves/inside": Status.DIRECTORY,
         "enclaves/outside": Status.OUTSIDE,
         "enclaves/permissions.xml": Status.OUTSIDE,
+        "enclaves/talker/governance.xml": Status.OUTSIDE,
     }
 
 

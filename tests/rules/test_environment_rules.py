@@ -92,7 +92,7 @@ def test_one_enclave_alone_may_be_every_process(tmp_path: Path) -> None:
         ("PATH=$PATH:/bin\nROS_DISTRO=humble", "humble"),
         ("A='ROS_DISTRO=foxy; x' # it's so\nB=-a -b x \"z\\\" 'z\"\nROS_DISTRO=humble", "humble"),
         ("A=http://h/?a=1&b=2\nB='<Log/>'\nexport C=\"$D/x\"\nROS_DISTRO=humble", "humble"),
-        ("ROS_DISTRO=humble\nSHLVL=1\nOPTIND=2\nRANDOM=", "humble"),
+        ("ROS_DISTRO=humble\nSHLVL=1\nOPTIND=2\nRANDOM=\nUID=1000 # me\nHISTSIZE=-1\nTMOUT='0'", "humble"),
         ("ROS_DISTRO=", ""),
         ("", ""),
     ],

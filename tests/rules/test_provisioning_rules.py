@@ -493,6 +493,11 @@ def test_a_statement_is_about_what_its_own_report_judged(fleet: Fleet, tmp_path:
     root = fleet.robot(tmp_path / "robot")
     unpacked("robot2")(fleet, root)
     (root / "robot20").write_bytes(b"")  # of another name
+    governance = root / "enclaves/talker/governance.p7s"
+    shared = root / "robot2/enclaves/governance.p7s"
+    shared.write_bytes(governance.read_bytes())
+    governance.unlink()
+    governance.symlink_to("../../robot2/enclaves/governance.p7s")
     alone = [name for name, _digest in report(root).files]
     statements = tmp_path / "out"
     own = ("--engine", "native", "--at", INSTANT, "--quiet", "-o", f"statement={statements}/")
@@ -503,7 +508,7 @@ def test_a_statement_is_about_what_its_own_report_judged(fleet: Fleet, tmp_path:
     }
     below = "robot2/"
     assert said == {
-        "out": [name for name in alone if not name.startswith(below)],
+        "out": [name for name in alone if not name.startswith(below) or name == "robot2/enclaves/governance.p7s"],
         "robot2": [name.removeprefix(below) for name in alone if name.startswith(below)],
     }
 
