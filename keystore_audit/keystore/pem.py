@@ -14,6 +14,7 @@ from contextlib import suppress
 from typing import Final
 
 from keystore_audit.dataclass import dataclass, field
+from keystore_audit.keystore.der import first_element
 
 MAX_BLOCKS: Final = 1_000
 """Most blocks that are read of one file: a bundle of authorities has some hundred, an enclave's file one."""
@@ -23,10 +24,15 @@ MAX_DUMP_BYTES: Final = 256 * 1024
 
 _BEGIN: Final = re.compile(rb"-----BEGIN ([A-Z0-9 ]{1,64})-----[\x00-\x20]*")
 _LOOSE: Final = re.compile(rb"-----BEGIN ([A-Z0-9 #]{1,64})-----")
-_NO_BASE64: Final = re.compile(rb"\\[nrt]|[^A-Za-z0-9+/=]")
-"""What stands between the characters of a block in a quotation, a list or a JSON string."""
-_LINE: Final = re.compile(rb"[A-Za-z0-9+/]{48}")
-"""What base64 has, and hardly any text about it."""
+_ESCAPES: Final = (rb"\n", rb"\r", rb"\t")
+_BASE64: Final = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/="
+_NO_BASE64: Final = bytes(set(range(0x100)) - set(_BASE64))
+"""With the escapes, what stands between the characters of a block in a quotation, a list or a JSON string."""
+_LINE: Final = re.compile(rb"(?<![A-Za-z0-9+/])[A-Za-z0-9+/]{48}")
+"""What base64 has, and hardly any text about it. Asked once for each run of such characters: a file may have 4 MB."""
+
+_BEGINNING: Final = 1024
+"""Characters in which the first eight of base64 stand."""
 
 _ENCRYPTED: Final = b"Proc-Type: 4,ENCRYPTED"  # RFC 1421, 4.6.1.1: the header of an encrypted traditional key
 
@@ -142,9 +148,32 @@ def _loosely_decoded(body: bytes) -> bytes | None:
     der = b""
     for each in (text, text.partition(b"-")[0]):  # OpenSSL's base64 ends at the first hyphen
         with suppress(binascii.Error):
-            der = binascii.a2b_base64(_NO_BASE64.sub(b"", each))
+            der = binascii.a2b_base64(_base64_of(each))
             break
+    else:
+        if _is_shortened(text):
+            return b""
     return der if der[:1] == b"0" or _LINE.search(body) is None else None
+
+
+def _base64_of(text: bytes) -> bytes:
+    """The base64 characters of a text; the end of a line that is written as an escape is none."""
+    for escape in _ESCAPES:
+        text = text.replace(escape, b" ")
+    return text.translate(None, _NO_BASE64)
+
+
+def _is_shortened(text: bytes) -> bool:
+    """Whether a structure begins in it that says that it is longer than the text, whatever this were decoded as.
+
+    Somebody left the rest out. What only has more about it, as the lines of a patch or numbered ones, is long enough.
+    """
+    try:
+        begin = binascii.a2b_base64(_base64_of(text[:_BEGINNING])[:8])
+    except binascii.Error:  # not even eight characters
+        return False
+    written = begin.ljust(len(text) * 3 // 4, b"\0")
+    return begin[:1] == b"0" and begin[1:2] <= b"\x84" and first_element(written) is None
 
 
 def _text(text: bytes, line: int) -> Text:

@@ -36,6 +36,9 @@ BAG = pkcs7.serialize_certificates([ADMIN.certificate], Encoding.DER)
 STRANGE = DER.replace(b"\xa0\x03\x02\x01\x02", b"\xa0\x03\x02\x01\x09", 1)
 """Of a version that there is not."""
 LINES = ADMIN.pem.splitlines(keepends=True)
+ODD = (sum(len(line.strip().rstrip(b"=")) for line in LINES[1:-1]) - 1) % 4 or 4
+UNDERLINED = ADMIN.pem.replace(LINES[2][:ODD], b"_" * ODD)
+"""Other characters instead of some, so that one of base64 is too many."""
 TRUSTED = ADMIN.pem.replace(b" CERTIFICATE", b" TRUSTED CERTIFICATE")
 LARGE = b"# \n" * (MAX_FILE_BYTES // 3 + 1)
 WITH_PASSWORD = BestAvailableEncryption(b"secret")
@@ -118,6 +121,8 @@ def test_so_may_its_key(key: bytes, tmp_path: Path) -> None:
         {"backup/cert.patch": b"".join(b"+" + line for line in LINES), "backup/key.pem": ADMIN.key_pem},
         {"backup/cert.txt": b"".join(b"1: " + line for line in LINES), "backup/key.pem": ADMIN.key_pem},
         {"backup/cert.json": ADMIN.pem.replace(b"\n", b"\\u000a"), "backup/key.pem": ADMIN.key_pem},
+        {"backup/cert.txt": LINES[0] + b" 7\n".join(LINES[1:]), "backup/key.pem": ADMIN.key_pem},
+        {"backup/cert.txt": UNDERLINED, "backup/key.pem": ADMIN.key_pem},
         {"backup/ca.pem": identity("permissionsCA", "permissionsCA", ca=True).pem, "backup/key.pem": LOCKED},
     ],
 )
@@ -139,6 +144,14 @@ def test_what_could_not_be_read_may_be_one(files: Files, tmp_path: Path) -> None
         {"backup/ca.pem": authority("identityCA").pem, "private/ca.key.pem": authority("identityCA").key_pem},
         {"backup/ca.pem": authority("permissionsCA").pem, "backup/key.pem": LOCKED},
         {"backup/README": b"-----BEGIN CERTIFICATE-----\nMIIB...\n-----END CERTIFICATE-----\n"},
+        *(
+            {"backup/README": LINES[0] + written + LINES[-1], "backup/key.pem": ADMIN.key_pem}
+            for written in (
+                *(LINES[1][:length] + b"...\n" for length in (61, 62, 63, 64)),
+                LINES[1] + b"[the rest of the certificate is left out here for clarity]\n",
+                b"".join(LINES[1:-2]) + b"  # ... and so on\n",
+            )
+        ),
         {"backup/README": b"Look for -----BEGIN CERTIFICATE-----, in the first or a later line of the file."},
         *(
             {
