@@ -15,10 +15,10 @@ from cryptography.utils import CryptographyDeprecationWarning
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore import public_key
 from keystore_audit.keystore.defect import Defect, Kind
-from keystore_audit.keystore.der import first_element
+from keystore_audit.keystore.der import elements
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.pem import Block, Problem, loose_blocks, read_pem
-from keystore_audit.keystore.traces import is_key_in_der, is_pkcs12
+from keystore_audit.keystore.traces import MAX_ELEMENTS, is_key_in_der, is_pkcs12, structures
 
 MAX_KEY_BYTES: Final = 64 * 1024
 """Longest key that is parsed: an RSA key of 16,384 bits, the largest that OpenSSL uses, has 9,300 bytes."""
@@ -120,11 +120,13 @@ def read_held_keys(file: File) -> HeldKeys:
     content = file.content
     if content is None:
         return HeldKeys(locked=True)
-    if is_pkcs12(content):
+    if any(map(is_pkcs12, structures(content))):
         return HeldKeys(sealed=True)
     blocks = list(islice(loose_blocks(content, "PRIVATE KEY"), MAX_HELD_KEYS + 1))
-    if not blocks or is_key_in_der(content):
-        blocks.insert(0, Block(label="", line=1, der=first_element(content)))
+    whole = list(islice(elements(content), MAX_ELEMENTS))
+    blocks += (Block(label="", line=1, der=each) for each in whole if is_key_in_der(each))
+    if not blocks or (not whole and is_key_in_der(content)):  # not known what it is, or cut off
+        blocks.append(Block(label="", line=1, der=None))
     read = [_public_half(block) for block in blocks[:MAX_HELD_KEYS] if block.der != b""]  # else a text about keys
     keys = dict.fromkeys(public_key.identity(key) for key in read if key is not None)
     return HeldKeys(keys=tuple(keys), locked=None in read or len(blocks) > MAX_HELD_KEYS)

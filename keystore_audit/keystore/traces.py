@@ -6,8 +6,11 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Iterator
+from itertools import islice
 from typing import Final, NamedTuple
 
+from keystore_audit.keystore.der import elements
 from keystore_audit.keystore.message import HEADERS, TYPES, ends_header, is_signed_data
 
 MAX_SEARCHED: Final = 64 * 1024 * 1024
@@ -17,6 +20,9 @@ second.
 
 LEAST: Final = 4096
 """Bytes that are searched of each of them at least: the header of a real message has 250."""
+
+MAX_ELEMENTS: Final = 10_000
+"""Structures in DER, one behind the other in one file, that are looked at."""
 
 _PIECE: Final = 1024 * 1024
 _OVERLAP: Final = 64
@@ -56,15 +62,21 @@ class Traces(NamedTuple):
 
 
 def holds_private_key(content: bytes) -> bool:
-    """Whether a private key in PEM stands in it, or it is one in DER, or a PKCS #12 file, which is made for one."""
-    return b"PRIVATE KEY-----" in content or is_key_in_der(content)
+    """Whether a private key in PEM stands in it, or one in DER, or a PKCS #12 file, which is made for one."""
+    return b"PRIVATE KEY-----" in content or any(map(is_key_in_der, structures(content)))
 
 
 def holds_certificates(content: bytes) -> bool:
-    """Whether a certificate in PEM may stand in it, or it is one in DER, or a message that may carry some."""
-    if any(word in content for word in (_CERTIFICATE, *_BAGS)) or is_certificate_in_der(content):
+    """Whether a certificate in PEM may stand in it, or one in DER, or a message that may carry some."""
+    if any(word in content for word in (_CERTIFICATE, *_BAGS)):
         return True
-    return is_signed_data(content)
+    return any(is_certificate_in_der(each) or is_signed_data(each) for each in structures(content))
+
+
+def structures(data: bytes) -> Iterator[bytes]:
+    """What begins in the first byte, cut off or not, and the whole SEQUENCEs behind it: key and certificate, say."""
+    yield data
+    yield from islice(elements(data), 1, MAX_ELEMENTS)
 
 
 def is_certificate_in_der(data: bytes) -> bool:
@@ -128,8 +140,8 @@ def search(descriptor: int, most: int) -> tuple[Traces, int]:
         digest.update(piece)
         text = (before + piece).lower()
         if at == 0:
-            message, key = is_signed_data(piece), is_key_in_der(piece)
-            certificate = is_certificate_in_der(piece) or is_pkcs12(piece)
+            message, key = is_signed_data(piece), any(map(is_key_in_der, structures(piece)))
+            certificate = any(is_certificate_in_der(each) or is_pkcs12(each) for each in structures(piece))
         key = key or _KEY in text
         certificate = certificate or _CERTIFICATE.lower() in text
         message = message or any(word in text for word in (*TYPES, *_ARMOUR))
