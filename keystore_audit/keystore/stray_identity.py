@@ -150,10 +150,13 @@ class _Keys:
                 self._held(file, read_held_keys(root.unsealed(file) if file.status is Status.PRESENT else file))
         theirs = authorities & self._locked.keys()
         # Each once: of what could not be read no more is known of a link than where it leads.
-        files = [place for place in theirs if self._locked[place].resolved or self._locked[place].link is None]
-        if len(files) <= len({certificate.key for certificate in carried.authorities} - self.places.keys()):
-            for place in theirs:  # an authority's key with a password, say
-                del self._locked[place]
+        files = (self._locked[place] for place in theirs)
+        contents = {file.sha256 or file.place for file in files if file.resolved or file.link is None}
+        if len(contents) <= len({certificate.key for certificate in carried.authorities} - self.places.keys()):
+            # An authority's key with a password, say, wherever copies of it lie.
+            for place, file in [*self._locked.items()]:
+                if place in theirs or file.sha256 in contents:
+                    del self._locked[place]
 
     @property
     def locked(self) -> tuple[File, ...]:

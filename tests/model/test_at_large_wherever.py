@@ -185,14 +185,24 @@ def test_its_key_may_stand_in_that_of_an_enclave(key: bytes, tmp_path: Path) -> 
 
 
 def test_more_locked_keys_than_authorities_may_be_of_identities(tmp_path: Path) -> None:
-    files = {"backup/cert.pem": ADMIN.pem, "private/a.key.pem": LOCKED, "private/b.key.pem": LOCKED}
+    other, third = LOCKED + b"# b\n", LOCKED + b"# c\n"
+    files = {"backup/cert.pem": ADMIN.pem, "private/a.key.pem": LOCKED, "private/b.key.pem": other}
     assert way(written(tmp_path / "a", files)) is Status.HOLDS
-    assert way(written(tmp_path / "b", {**files, "private/c.key.pem": LOCKED})) is Status.UNKNOWN
-    known = {"private/b.key.pem": authority("identityCA").key_pem, "private/c.key.pem": LOCKED}
+    assert way(written(tmp_path / "b", {**files, "private/c.key.pem": third})) is Status.UNKNOWN
+    known = {"private/b.key.pem": authority("identityCA").key_pem, "private/c.key.pem": third}
     assert way(written(tmp_path / "c", {**files, **known})) is Status.UNKNOWN
-    for link, other in (("d", "c"), ("0", "a")):  # one more name is no key less
-        (tmp_path / f"b/private/{link}.key.pem").symlink_to(f"{other}.key.pem")
+    for link, target in (("d", "c"), ("0", "a")):  # one more name is no key less
+        (tmp_path / f"b/private/{link}.key.pem").symlink_to(f"{target}.key.pem")
         assert way(tmp_path / "b") is Status.UNKNOWN
+
+
+def test_copies_of_a_locked_key_are_one_key(tmp_path: Path) -> None:
+    """As `cp -L` leaves them of the links that ROS 2 makes, and wherever else they lie."""
+    names = ("ca", "identity_ca", "permissions_ca", "backup")
+    copies = {f"private/{name}.key.pem": LOCKED for name in names} | {"backup/ca.key.pem": LOCKED}
+    others = {f"private/{name}.key.pem": LOCKED + b"#" * number for number, name in enumerate(names)}
+    for files, status in ((copies, Status.HOLDS), (others, Status.UNKNOWN)):
+        assert way(written(tmp_path / str(status), {"backup/cert.pem": ADMIN.pem, **files})) is status
 
 
 @pytest.mark.parametrize("limit", ["stray_identity.MAX_ARMOURED", "private_key.MAX_HELD_KEYS"])
