@@ -239,14 +239,17 @@ class RealmView:
 
     def joined(self, enclave: int) -> int:
         """Domains that the enclave can join."""
-        return self._joined_with(enclave, self.accepted, anything=self._unbounded(enclave))
+        anything, issuing = self._unbounded(enclave), self.issuing(enclave)
+        return self._joined_with(enclave, self.accepted, anything=anything, issuing=issuing)
 
-    def _joined_with(self, enclave: int, documents: frozenset[int], *, anything: bool) -> int:
-        """Domains that it can join with the grants of these documents alone, or with any (`anything`)."""
+    def _joined_with(self, enclave: int, documents: frozenset[int], *, anything: bool, issuing: bool) -> int:
+        """Domains that it can join with the grants of these documents alone, or with any (`anything`).
+
+        `issuing`: as whomever the grants name.
+        """
         if self.open:
             return self._permissions.all_domains
         p = self.protection
-        issuing = self.issuing(enclave)
         if not (issuing or self.authenticated(enclave)):
             return 0
         if anything:
@@ -368,14 +371,16 @@ class RealmView:
         return self._permissions.within(members(joined)) & self.protection.governed
 
     def rights_with(self, enclave: int, documents: frozenset[int], *, anything: bool) -> tuple[int, int]:
-        """What the enclave may write and read with the grants of these documents alone, or with any (`anything`)."""
+        """What the enclave may write and read with the grants of these documents alone, or with any (`anything`).
+
+        As itself: whoever issues itself the identity of another attacks.
+        """
         p = self.protection
         published, subscribed = (self._permissions.all_channels,) * 2 if anything else (0, 0)
-        own = self._permissions.chosen(self._system.enclaves[enclave].identity, documents)
-        for grant in self._permissions.granting(documents) if self.issuing(enclave) else own:
+        for grant in self._permissions.chosen(self._system.enclaves[enclave].identity, documents):
             published |= self._permissions.allowed(grant, Operation.PUBLISH)
             subscribed |= self._permissions.allowed(grant, Operation.SUBSCRIBE)
-        reach = self._reach(self._joined_with(enclave, documents, anything=anything))
+        reach = self._reach(self._joined_with(enclave, documents, anything=anything, issuing=False))
         return reach & (~p.write_controlled | published), reach & (~p.read_controlled | subscribed)
 
 

@@ -1,0 +1,35 @@
+"""Enclaves whose key is that of an identity CA: what they can do, and what they are meant to do; by both engines."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+from keystore_audit.engine.native import NativeEngine
+from keystore_audit.model.claim import Attacker, ClaimKind
+from keystore_audit.model.system import System
+from keystore_audit.properties import Status
+from tests.engine.alloy.flow_builders import THIRD, at, claim, issuing, shut_out
+from tests.engine.alloy_batch import decide_claims
+from tests.engine.systems import CHATTER, IDENTITY_CA, LISTENER
+
+
+def granted_to(*, own: bool, issues: bool, asked: bool) -> System:
+    """The third's document also grants somebody to join and to write: itself, or another."""
+    b = shut_out()
+    b.topic_rules[0] = replace(b.topic_rules[0], enable_write_access_control=asked)
+    document, identity = b.enclaves[THIRD].permissions, b.enclaves[THIRD].identity
+    assert document is not None
+    assert identity is not None
+    b.rule(b.grant(document, [identity if own else b.certificate([IDENTITY_CA])]), [0], publish=[CHATTER])
+    able = claim(at(THIRD), at(LISTENER), Attacker.HONEST, kind=ClaimKind.ABLE)
+    return replace((issuing(b, THIRD) if issues else b).system(), claims=(able,))
+
+
+def test_able_is_by_the_enclaves_own_grants_whatever_its_key_issues() -> None:
+    """Whether writers are asked for grants or not: it has to join."""
+    cases = list(product((True, False), repeat=3))
+    built = [granted_to(own=own, issues=issues, asked=asked) for own, issues, asked in cases]
+    expected = [Status.HOLDS if own else Status.VIOLATED for own, _issues, _asked in cases]
+    assert [found["asked"] for found in decide_claims(built)] == expected
+    assert [NativeEngine([system]).answers[0]["asked"].status for system in built] == expected
