@@ -39,15 +39,19 @@ fun accepted: Realm -> Document {
 	+ Realm -> (opaque & Document)
 }
 
+/** Certificates below the permissions CAs whose keys sign what a realm obeys; an authority issues itself a signer. */
+fun signing_below: Realm -> Certificate { vouched_signer + (chained & (Realm - pins_signer) -> authority) }
+
 /**
  * Enclaves whose own key signs documents that the realm obeys: they can give themselves any right. It is the key of a
- * permissions CA, or one that such a CA vouches for; an authority among these issues itself a signer. Where we could not
- * read whom the realm believes, it may be any enclave.
+ * permissions CA, or one that such a CA vouches for: as the enclave's identity, or where it issues itself identities, as
+ * whatever has that key. Where we could not read whom the realm believes, it may be any enclave.
  */
 fun self_granting: Realm -> Enclave {
-	authentic & (
+	(authentic + issuing) & (
 		Realm -> (opaque & Enclave)
 		+ permissions_ca.(opaque & Certificate) -> Enclave
-		+ (vouched_signer + (chained & (Realm - pins_signer) -> authority)).~identity
+		+ signing_below.~identity
+		+ (issuing & signing_below.public_key.~public_key.~identity)
 		+ permissions_ca.public_key.~public_key.~identity)
 }

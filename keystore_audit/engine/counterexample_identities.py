@@ -111,9 +111,12 @@ def _grants_itself(case: Case) -> Counterexample:
     elif enclave.identity is not None and case.view.self_granting(case.witness[Role.ENCLAVE]):
         identity = case.system.certificates[enclave.identity]
         issued = identity.issuers & case.system.realms[case.realm].permissions_ca
+        cause = f"the permissions CA {'also issued' if issued else 'is above'} its identity ({identity.label})"
+        if enclave.identity not in case.view.signing_below:
+            cause = "its key is that of an identity CA and of a certificate below the permissions CA"
         text = (
-            f"{enclave.label} can sign itself permissions: the permissions CA {'also issued' if issued else 'is above'}"
-            f" its identity ({identity.label}), and these implementations accept any signer that the CA issued."
+            f"{enclave.label} can sign itself permissions: {cause}, and these implementations accept any signer that "
+            "the CA issued."
         )
     else:
         document = None if enclave.permissions is None else case.system.documents[enclave.permissions]

@@ -140,21 +140,25 @@ class RealmView:
         return known
 
     def _signs_for_itself(self, enclave: int) -> bool:
-        atom = self._system.enclaves[enclave]
-        if not self.authenticated(enclave):
+        atom, issuing = self._system.enclaves[enclave], self.issuing(enclave)
+        if not (issuing or self.authenticated(enclave)):
             return False
         if atom.opaque or any(self._system.certificates[number].opaque for number in self._realm.permissions_ca):
             return True
         if atom.identity is None:
             return False
-        return self._system.certificates[atom.identity].key in self._authority_keys or (
-            not self._system.pins_signer
-            and atom.identity in self._chained
-            and (
-                self._system.certificates[atom.identity].fit_to_sign
-                or self._system.certificates[atom.identity].authority
-            )
-        )
+        key = self._system.certificates[atom.identity].key
+        if key in self._authority_keys or atom.identity in self.signing_below:
+            return True
+        return issuing and any(self._system.certificates[number].key == key for number in self.signing_below)
+
+    @cached_property
+    def signing_below(self) -> frozenset[int]:
+        """Certificates below the permissions CAs whose keys sign what peers take, or certify one that does."""
+        if self._system.pins_signer:
+            return frozenset()
+        certificates = self._system.certificates
+        return frozenset(n for n in self._chained if certificates[n].fit_to_sign or certificates[n].authority)
 
     def issuing(self, enclave: int) -> bool:
         """Whether the enclave can issue itself any identity: its key is that of an identity CA."""

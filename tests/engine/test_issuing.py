@@ -9,9 +9,9 @@ from keystore_audit.engine.native import NativeEngine
 from keystore_audit.model.claim import Attacker, ClaimKind
 from keystore_audit.model.system import System
 from keystore_audit.properties import Status
-from tests.engine.alloy.flow_builders import THIRD, at, claim, issuing, shut_out
-from tests.engine.alloy_batch import decide_claims
-from tests.engine.systems import CHATTER, IDENTITY_CA, LISTENER
+from tests.engine.alloy.flow_builders import THIRD, at, chain, claim, issuing, shut_out, unknown
+from tests.engine.alloy_batch import decide_batch, decide_claims
+from tests.engine.systems import CHATTER, IDENTITY_CA, LISTENER, PERMISSIONS_CA, TALKER, TALKER_IDENTITY
 
 
 def granted_to(*, own: bool, issues: bool, asked: bool) -> System:
@@ -33,3 +33,38 @@ def test_able_is_by_the_enclaves_own_grants_whatever_its_key_issues() -> None:
     expected = [Status.HOLDS if own else Status.VIOLATED for own, _issues, _asked in cases]
     assert [found["asked"] for found in decide_claims(built)] == expected
     assert [NativeEngine([system]).answers[0]["asked"].status for system in built] == expected
+
+
+def stranger(*, issues: bool, authority: frozenset[int], signs: bool = False, pins_signer: bool = False) -> System:
+    """No CA issued the talker's identity. Its key may be that of an identity CA, which `authority` issued.
+
+    `signs`: and that of the permissions CA.
+    """
+    b = unknown(chain(), TALKER)
+    b.pins_signer = pins_signer
+    if signs:
+        key = b.certificates[PERMISSIONS_CA].key
+        b.certificates[TALKER_IDENTITY] = replace(b.certificates[TALKER_IDENTITY], key=key)
+    if issues:
+        issuing(b, TALKER)
+        b.certificates[-1] = replace(b.certificates[-1], issuers=authority)
+    return b.system()
+
+
+def test_who_issues_itself_identities_grants_itself_rights_by_its_key() -> None:
+    """Whoever issued the identity that it has here: with the key of the permissions CA, or of an authority below it."""
+    below, beside = frozenset({PERMISSIONS_CA}), frozenset({IDENTITY_CA})
+    cases = [
+        (stranger(issues=True, signs=True, authority=beside, pins_signer=True), False),
+        (stranger(issues=False, signs=True, authority=beside, pins_signer=True), True),
+        (stranger(issues=True, authority=beside, pins_signer=True), True),
+        (stranger(issues=True, authority=below), False),
+        (stranger(issues=False, authority=below), True),
+        (stranger(issues=True, authority=beside), True),
+        (stranger(issues=True, authority=below, pins_signer=True), True),
+    ]
+    asked, expected = "no-enclave-grants-itself-rights", [holds for _system, holds in cases]
+    systems = [system for system, _holds in cases]
+    assert [found[asked] for found in decide_batch(systems)] == expected
+    answers = [NativeEngine([system]).answers[0][asked] for system in systems]
+    assert [answer.status is Status.HOLDS for answer in answers] == expected

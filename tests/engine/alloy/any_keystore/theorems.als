@@ -44,9 +44,13 @@ check PinnedRealmsObeyTheirAuthorityOnly {
 	(no opaque and authorities_keep_their_keys) implies no pins_signer.self_granting
 } for 3 but 6 Entry, 2 Instant expect 0
 
-/** No enclave signs for itself where no identity chains to a permissions CA or has its key. */
+/**
+ * No enclave signs for itself where no identity chains to a permissions CA or has its key, nor any certificate of the key
+ * of who issues itself identities.
+ */
 check SplitAuthoritiesStopSelfGrants {
-	(no opaque and authorities_keep_their_keys and no Enclave.identity & (^issuer).(Realm.permissions_ca))
+	(no opaque and authorities_keep_their_keys
+		and no (Enclave.identity + Realm.issuing.identity.public_key.~public_key) & (^issuer).(Realm.permissions_ca))
 		implies no self_granting
 } for 3 but 6 Entry, 2 Instant expect 0
 
