@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import product
 
+from keystore_audit.engine.counterexample import describe
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.model.claim import Attacker, ClaimKind
 from keystore_audit.model.system import System
-from keystore_audit.properties import Status
+from keystore_audit.properties import BY_ID, Status
+from keystore_audit.properties.property import Role
 from tests.engine.alloy.flow_builders import THIRD, at, chain, claim, issuing, shut_out, unknown
 from tests.engine.alloy_batch import decide_batch, decide_claims
 from tests.engine.systems import CHATTER, IDENTITY_CA, LISTENER, PERMISSIONS_CA, TALKER, TALKER_IDENTITY
@@ -68,3 +70,15 @@ def test_who_issues_itself_identities_grants_itself_rights_by_its_key() -> None:
     assert [found[asked] for found in decide_batch(systems)] == expected
     answers = [NativeEngine([system]).answers[0][asked] for system in systems]
     assert [answer.status is Status.HOLDS for answer in answers] == expected
+
+
+def test_the_counterexample_says_by_which_key() -> None:
+    told = describe(
+        stranger(issues=True, authority=frozenset({PERMISSIONS_CA})),
+        BY_ID["no-enclave-grants-itself-rights"],
+        {Role.REALM: 0, Role.ENCLAVE: TALKER},
+    )
+    assert told.text == (
+        "/talker can sign itself permissions: its key is that of an identity CA and of a certificate below the "
+        "permissions CA, and these implementations accept any signer that the CA issued."
+    )
