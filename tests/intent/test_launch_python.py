@@ -76,7 +76,8 @@ def test_nothing_in_an_xml_or_yaml_launch_file_runs(form: str, tmp_path: Path) -
         "xml": f"""<executable cmd="touch {marker}"/>
             <executable cmd="touch {marker}" shell="true"/>
             <node pkg="p" exec="e" name="$(command 'touch {marker}')"/>
-            <node pkg="p" exec="e" name="n" if="$(eval &quot;{code}&quot;)" launch-prefix="nice touch {marker}"/>""",
+            <node pkg="p" exec="e" name="n" if="$(eval &quot;{code}&quot;)"/>
+            <node pkg="p" exec="e" name="m" launch-prefix="touch {marker}"/>""",
         "yaml": f"""launch:
   - executable: {{cmd: "touch {marker}"}}
   - node: {{pkg: p, exec: e, name: "$(command 'touch {marker}')"}}
@@ -86,7 +87,7 @@ def test_nothing_in_an_xml_or_yaml_launch_file_runs(form: str, tmp_path: Path) -
     intent = launch(tmp_path, texts[form], form)
     assert not marker.exists()
     assert nodes(intent) == {("/", "/n")}
-    assert len(unresolved(intent)) == {"xml": 4, "yaml": 3}[form]
+    assert len(unresolved(intent)) == {"xml": 5, "yaml": 3}[form]
 
 
 def test_a_tag_of_yaml_makes_no_object(tmp_path: Path) -> None:
