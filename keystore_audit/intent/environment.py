@@ -51,7 +51,7 @@ _COUNTER: Final = re.compile(
     "|MAILCHECK|OPTIND|PERIOD|S?RANDOM|REPORTMEMORY|REPORTTIME|SAVEHIST|SECONDS|SHLVL|TMOUT|TRY_BLOCK_[A-Z]+"
 )
 """Variables that bash, zsh or ksh take for numbers: what is assigned is worked out, and `NAME=0` in it assigns, too."""
-_NUMBER: Final = re.compile(r"""(["']?)-?[0-9]*\1\s*""")
+_NUMBER: Final = re.compile(r"""(["']?)(?:0|-?[1-9][0-9]{0,17})?\1[ \t]*""")
 _ANOTHER: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*=")
 """How another assignment begins, behind which a command may still follow."""
 

@@ -221,6 +221,9 @@ PIECES = st.sampled_from([*SIGNS, *WORDS])
 @settings(max_examples=400)
 @given(name=st.sampled_from(["A", *SHELLS_OWN]), value=st.lists(PIECES, max_size=9).map("".join), export=st.booleans())
 @example(name="RANDOM", value="'ROS_DISTRO=0'", export=False)
+@example(name="HISTCMD", value="\xa0", export=False)
+@example(name="OPTIND", value="09", export=False)
+@example(name="SRANDOM", value="-", export=False)
 def test_a_shell_has_what_was_read(
     name: str, value: str, export: bool, oracle: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory
 ) -> None:
