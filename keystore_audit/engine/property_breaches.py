@@ -7,7 +7,7 @@ violation of it: who accepted the cause's has not accepted that.
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
 from keystore_audit.dataclass import replace
 from keystore_audit.engine import causes
@@ -67,9 +67,9 @@ class _Files:
             self._held[label] = frozenset(Place(path) for path in paths)
         return self._held.get(label, frozenset())
 
-    def copies(self, path: str) -> frozenset[str]:
+    def copies(self, path: str) -> Collection[str]:
         """The names of a governance document."""
-        return next((frozenset(names) for names in self._governances.values() if path in names), frozenset({path}))
+        return next((names for names in self._governances.values() if path in names), {path})
 
 
 class _Reader:
@@ -79,7 +79,7 @@ class _Reader:
         self.system = system
         self._files = files
         self._names = {number: channel.topic for number, channel in enumerate(system.channels)}
-        self._decided: dict[tuple[int, int, bool], frozenset[Place]] = {}
+        self._decided: dict[tuple[Location | None, ...], frozenset[Place]] = {}
         self._lines: dict[str, list[int]] = {}
         places = [rule.location for rule in system.domain_rules] + [rule.location for rule in system.topic_rules]
         for place in places:
@@ -91,36 +91,37 @@ class _Reader:
         """The violation by names that do not hang on the order of atoms."""
         return told(self.system, self._names, witness)
 
-    def places(self, witness: Witness) -> frozenset[Place]:
-        """Where it stands: the rules about its topics and domains, the files of its enclaves, its documents."""
-        system, found = self.system, set[Place]()
+    def places(self, witness: Witness) -> tuple[frozenset[Place], ...]:
+        """Where it stands: the rules about its topics and domains, the files of its enclaves, its documents.
+
+        What many have in common is one object.
+        """
+        system, found = self.system, list[frozenset[Place]]()
         for role, atom in witness.items():
             if role in (Role.CHANNEL, Role.OTHER_CHANNEL, Role.DOMAIN):
-                found |= self._governed(witness[Role.REALM], atom, whole=role is Role.DOMAIN)
+                found.append(self._governed(witness[Role.REALM], atom, whole=role is Role.DOMAIN))
             elif role in (Role.ENCLAVE, Role.OTHER):
                 enclave = system.enclaves[atom]
-                found |= self._files.of(enclave.label) or {Place(enclave.location.path)}
+                found.append(self._files.of(enclave.label) or frozenset({Place(enclave.location.path)}))
             elif role is Role.DOCUMENT:
-                found.update(Place(path) for path in self._files.copies(system.documents[atom].location.path))
+                found.append(frozenset(map(Place, self._files.copies(system.documents[atom].location.path))))
             elif role in (Role.CERTIFICATE, Role.OTHER_CERTIFICATE):
-                found.add(Place(system.certificates[atom].location.path))
-        return frozenset(found)
+                found.append(frozenset({Place(system.certificates[atom].location.path)}))
+        return tuple(found)
 
     def _governed(self, realm: int, atom: int, *, whole: bool) -> frozenset[Place]:
         """The rules that decide about a channel, or (`whole`) a domain; where none does, the document."""
-        key = (realm, atom, whole)
-        if key not in self._decided:
-            self._decided[key] = self._deciding(realm, atom, whole=whole)
-        return self._decided[key]
-
-    def _deciding(self, realm: int, atom: int, *, whole: bool) -> frozenset[Place]:
         domain = atom if whole else self.system.channels[atom].domain
         by_domain = causes.domain_rule(self.system, realm, domain)
         by_topic = None if whole else causes.topic_rule(self.system, realm, atom)
-        found = {place for rule in (by_domain, by_topic) if rule is not None for place in self._span(rule.location)}
         document = causes.governance(self.system, realm)
-        paths = self._files.copies(document.location.path) if document is not None and not found else ()
-        return frozenset(found or {Place(path) for path in paths})
+        key = tuple(None if each is None else each.location for each in (by_domain, by_topic, document))
+        if key not in self._decided:
+            rules = [location for location in key[:2] if location is not None]
+            found = {place for location in rules for place in self._span(location)}
+            paths = self._files.copies(document.location.path) if document is not None and not found else ()
+            self._decided[key] = frozenset(found or map(Place, paths))
+        return self._decided[key]
 
     def _span(self, location: Location) -> Iterator[Place]:
         """The lines from a rule to the next one, in each copy."""

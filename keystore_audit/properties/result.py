@@ -75,7 +75,7 @@ class Breach:
     """What violates a property under some profiles: a name that tells it from others, and where it stands."""
 
     name: str
-    places: frozenset[Place]
+    places: tuple[frozenset[Place], ...]
     profiles: frozenset[str]
 
 

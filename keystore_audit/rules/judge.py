@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from functools import cache
 from itertools import chain, repeat
 from typing import Any, Final
 
@@ -16,7 +17,7 @@ from keystore_audit.findings import MAX_PLACES, WHOLE, Finding, Outcome, Result,
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.model.meaning import Doubt
-from keystore_audit.properties.result import PropertyResult
+from keystore_audit.properties.result import Place, PropertyResult
 from keystore_audit.rules.commands import for_layout
 from keystore_audit.rules.contents import Contents
 from keystore_audit.rules.context import Context
@@ -289,12 +290,15 @@ class _Marks:
         for cause in causes:
             for location in cause.locations:
                 there.setdefault(location.path, {})[location.line, cause.profiles] = None
+
+        @cache
+        def explained(places: frozenset[Place]) -> set[str]:
+            lines = ((place, line, profiles) for place in places for line, profiles in there.get(place.path, ()))
+            return set().union(*(profiles or self._profiles for place, line, profiles in lines if place.holds(line)))
+
         told = []
         for breach in self._violations.get(prop, ()):
-            left = set(breach.profiles)
-            for place in breach.places:
-                for line, profiles in there.get(place.path, ()) if left else ():
-                    left -= (set(profiles) or self._profiles) if place.holds(line) else set()
+            left = breach.profiles.difference(*map(explained, breach.places))
             told += [f"{name} {breach.name}" for name in sorted(left)]
         return "\0\0".join(sorted(told))
 
