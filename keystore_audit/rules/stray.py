@@ -245,7 +245,8 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
     and where a file may hold both: PKCS #12, with a certificate that cannot be read, too large with one in it, not
     readable and called like one. Keys in places of authorities that cannot be read are taken for theirs, for as many as
     have none that can be. Not seen is what is in compressed archives, Java key stores and PKCS #11 tokens, in UTF-16,
-    or in base64 alone (as Kubernetes keeps files of PEM), nor a certificate without a key in the tree.
+    in base64 alone (as Kubernetes keeps files of PEM), or DER behind other bytes, nor a certificate without a key in
+    the tree.
     """
     identities = keystore.identities
     found = admitted(keystore, identities.found, context.profiles, context.at)
