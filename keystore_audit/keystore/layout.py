@@ -127,7 +127,8 @@ _ONE_AUTHORITY: Final = b"ca.cert.pem"
 _FLAT_ROOT: Final = frozenset({_ONE_AUTHORITY, b"ca.key.pem", b"governance.p7s", b"governance.xml"})
 """What sros2 put into the root from Ardent to Eloquent."""
 
-_FILES: Final = re.compile(rb"(.*/)?(crl.pem|%s)|enclaves/(governance|.+/permissions)\.xml" % b"|".join(_RUN_TIME))
+_READ: Final = b"|".join(map(re.escape, (*_RUN_TIME, _NAMES[Role.CRL])))
+_FILES: Final = re.compile(rb"(.*/)?(%s)|enclaves/(governance|.+/permissions)\.xml" % _READ)
 # Links out of the tree are taken for links to files there, where others speak of them or documents are unsigned.
 _FILE_NAMES: Final = frozenset((*_RUN_TIME, _NAMES[Role.CRL], *_UNSIGNED_NAMES.values(), *_FLAT_ROOT))
 
@@ -372,8 +373,7 @@ def _nested(tree: _Tree, kind: LayoutKind) -> Iterator[Nested]:
         names = tree.names(place) - (set() if place else {b"enclaves"})
         if starts_by_itself(names):
             startable = b"enclaves" in names or bool(names & _CERTIFICATE and names & _KEY)
-            if startable and place:  # an enclave in the root hides nothing below it, nor what nobody can start
-                found = place
+            found = (startable and place) or found  # an enclave in the root hides nothing, nor what nobody can start
             yield Nested(path=display(place), startable=startable)
 
 

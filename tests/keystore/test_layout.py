@@ -225,6 +225,7 @@ def test_links_to_directories_are_listed_and_not_followed(tmp_path: Path) -> Non
         ("dangling", "nowhere"),
         ("permissions.xml", "/etc"),  # whatever it is called: a robot that is told so takes it for an enclave
         ("ca.key.pem", "/etc"),
+        ("certXpem", "/etc"),
         ("governance.xml", "/etc"),  # which sros2 puts here, and permissions.xml into enclaves
         ("talker/permissions.xml", "/etc"),
         ("talker/governance.xml", "/etc"),
@@ -239,6 +240,7 @@ def test_links_to_directories_are_listed_and_not_followed(tmp_path: Path) -> Non
         "also": Status.DIRECTORY,
         "enclaves/absolute": Status.OUTSIDE,
         "enclaves/ca.key.pem": Status.OUTSIDE,
+        "enclaves/certXpem": Status.OUTSIDE,
         "enclaves/circle": Status.DIRECTORY,
         "enclaves/inside": Status.DIRECTORY,
         "enclaves/outside": Status.OUTSIDE,
