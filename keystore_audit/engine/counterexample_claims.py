@@ -82,12 +82,17 @@ def _anybody_reading(case: Case, when: str) -> Counterexample:
         return Counterexample(text=text, steps=case.governance_steps())
     if case.view.granted_by_known >> case.witness[Role.CHANNEL] & 1:
         return _signing_itself(case, f"can read {case.topic}", when)
-    grant = " and some grant of the permissions CA" if case.system.requires_grant else ""
     text = (
-        f"Whoever has an identity of the CA{grant} can read {case.topic} without a grant to, robots elsewhere too, "
+        f"{_known(case)} can read {case.topic} without a grant to, robots elsewhere too, "
         f"since enable_join_access_control is false, and {_read_by(case)}{when}."
     )
     return Counterexample(text=text, steps=case.governance_steps())
+
+
+def _known(case: Case) -> str:
+    """Who joins where join access control is off, as the beginning of a sentence."""
+    grant = " and some grant of the permissions CA" if case.system.requires_grant else ""
+    return f"Whoever has an identity of the CA{grant}"
 
 
 def _signing_itself(case: Case, does: str, when: str) -> Counterexample:
@@ -165,9 +170,8 @@ def _publisher(case: Case, when: str) -> Counterexample:
     elif case.view.granted_by_known >> case.witness[Role.CHANNEL] & 1:
         return _signing_itself(case, f"may publish {case.topic}", when)
     else:
-        grant = " and some grant of the permissions CA" if case.system.requires_grant else ""
         text = (
-            f"Whoever has an identity of the CA{grant} may publish {case.topic}, robots elsewhere too, since "
+            f"{_known(case)} may publish {case.topic}, robots elsewhere too, since "
             f"enable_join_access_control and enable_write_access_control are false{when}."
         )
     return Counterexample(text=text, steps=case.governance_steps())

@@ -123,11 +123,7 @@ def read_environment(path: Path) -> Environment:
                 location=Location(path=str(path), line=number, beside=True),
             )
         else:
-            if name == "BASH_ENV":
-                raise UsageError(f"{place}: bash runs what BASH_ENV names before each script; expected no such line.")
-            passed = _pass_over(value, place, exported=export is not None)
-            if _COUNTER.fullmatch(name) and not _NUMBER.fullmatch(passed):
-                raise UsageError(f"{place}: {name} is a number to a shell, which works out its value; expected digits.")
+            _pass_over(name, value, place, exported=export is not None)
     return Environment(file=GivenFile.of(str(path), data), settings=found)
 
 
@@ -156,11 +152,10 @@ def _value(text: str, place: str, *, commented: bool) -> str:
     return next((group for group in match.groups() if group is not None), match[0])
 
 
-def _pass_over(text: str, place: str, *, exported: bool) -> str:
-    """The value of another variable as it is written, without a comment.
-
-    Raises UsageError where it may set, hide or take back one of `VARIABLES`.
-    """
+def _pass_over(name: str, text: str, place: str, *, exported: bool) -> None:
+    """Raises UsageError where the value of another variable may set, hide or take back one of `VARIABLES`."""
+    if name == "BASH_ENV":
+        raise UsageError(f"{place}: bash runs what BASH_ENV names before each script; expected no such line.")
     closed = _CLOSED.fullmatch(text)
     if closed is None:
         raise UsageError(f"{place}: a quote that does not end in its line; expected a plain or quoted value.")
@@ -168,7 +163,7 @@ def _pass_over(text: str, place: str, *, exported: bool) -> str:
     bare = _TEXT.sub("text", value)
     # "${NAME:=value}" sets, and $' reads on in its own way
     expanded = _TEXT.sub(lambda quoted: {"'": "''", "\\": ""}.get(quoted[0][0], quoted[0]), value)
-    named = next((name for name in VARIABLES if name in expanded), None)
+    named = next((each for each in VARIABLES if each in expanded), None)
     special = _EXPANSION.search(expanded) or _STRUCTURE.search(bare) or _runs_something(bare, exported=exported)
     if named is not None or special:
         also = f" It names {named}." if named else ""
@@ -176,7 +171,8 @@ def _pass_over(text: str, place: str, *, exported: bool) -> str:
             f"{place}: more than one assignment, or a command; expected NAME=VALUE, what is special to a shell between "
             f"single quotes.{also}"
         )
-    return value
+    if _COUNTER.fullmatch(name) and not _NUMBER.fullmatch(value):
+        raise UsageError(f"{place}: {name} is a number to a shell, which works out its value; expected digits.")
 
 
 def _runs_something(value: str, *, exported: bool) -> bool:

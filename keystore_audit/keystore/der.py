@@ -13,6 +13,9 @@ from typing import Final
 from cryptography import x509
 from cryptography.exceptions import UnsupportedAlgorithm
 
+MAX_ELEMENTS: Final = 10_000
+"""Structures, one behind the other in one file, that are looked at."""
+
 MALFORMED: Final = (
     ValueError,
     UnsupportedAlgorithm,
@@ -50,9 +53,11 @@ def first_element(data: bytes) -> bytes | None:
 
 
 def elements(data: bytes) -> Iterator[bytes]:
-    """The SEQUENCEs that `data` begins with, one behind the other."""
+    """The SEQUENCEs that `data` begins with, one behind the other, at most MAX_ELEMENTS."""
     position = 0
-    while data[position : position + 1] == b"0":
+    for _each in range(MAX_ELEMENTS):
+        if data[position : position + 1] != b"0":
+            return
         if data[position + 1 : position + 2] == b"\x80":
             yield data[position:]
             return

@@ -64,10 +64,10 @@ def concealed(data: bytes) -> str:
     """
     if _further(data):
         return "a signed message stands in it below other text"
-    if is_signed_data(data) and _is_signed(data):
+    if _is_signed(data):
         return "it is a signature in DER, without the S/MIME around it"
     blocks = islice(loose_blocks(data, *ARMOUR), MAX_ARMOURED)
-    if any(is_signed_data(block.der or b"") and _is_signed(block.der or b"") for block in blocks):
+    if any(_is_signed(block.der or b"") for block in blocks):
         return "a signature in PEM stands in it, without the S/MIME around it"
     return ""
 
@@ -101,8 +101,8 @@ def is_signed_data(data: bytes) -> bool:
 
 
 def _is_signed(der: bytes) -> bool:
-    """Whether signed data has a signature, or cannot be read; what carries certificates alone has none."""
+    """Whether it is signed data that has a signature, or cannot be read; what carries certificates alone has none."""
     try:
-        return bool(read_signed_data(der).signers)
+        return is_signed_data(der) and bool(read_signed_data(der).signers)
     except CmsError:
         return True

@@ -18,7 +18,7 @@ from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.der import elements
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.pem import Block, Problem, loose_blocks, read_pem
-from keystore_audit.keystore.traces import MAX_ELEMENTS, is_key_in_der, is_pkcs12, structures
+from keystore_audit.keystore.traces import is_key_in_der, is_pkcs12, structures
 
 MAX_KEY_BYTES: Final = 64 * 1024
 """Longest key that is parsed: an RSA key of 16,384 bits, the largest that OpenSSL uses, has 9,300 bytes."""
@@ -123,7 +123,7 @@ def read_held_keys(file: File) -> HeldKeys:
     if any(map(is_pkcs12, structures(content))):
         return HeldKeys(sealed=True)
     blocks = list(islice(loose_blocks(content, "PRIVATE KEY"), MAX_HELD_KEYS + 1))
-    whole = list(islice(elements(content), MAX_ELEMENTS))
+    whole = list(elements(content))
     blocks += (Block(label="", line=1, der=each) for each in whole if is_key_in_der(each))
     if not blocks or (not whole and is_key_in_der(content)):  # not known what it is, or cut off
         blocks.append(Block(label="", line=1, der=None))

@@ -194,7 +194,7 @@ def certificates_in(file: File) -> Iterator[Certificate | int]:
         else:
             for element in islice(elements(block.der), 1):
                 yield from _in_element(element, block.line, file, labelled=True)
-    for element in islice(elements(content), MAX_ARMOURED):
+    for element in elements(content):
         yield from _in_element(element, 1, file, labelled=False)
 
 

@@ -21,9 +21,6 @@ second.
 LEAST: Final = 4096
 """Bytes that are searched of each of them at least: the header of a real message has 250."""
 
-MAX_ELEMENTS: Final = 10_000
-"""Structures in DER, one behind the other in one file, that are looked at."""
-
 _PIECE: Final = 1024 * 1024
 _OVERLAP: Final = 64
 """More than any of the words that are looked for has."""
@@ -76,7 +73,7 @@ def holds_certificates(content: bytes) -> bool:
 def structures(data: bytes) -> Iterator[bytes]:
     """What begins in the first byte, cut off or not, and the whole SEQUENCEs behind it: key and certificate, say."""
     yield data
-    yield from islice(elements(data), 1, MAX_ELEMENTS)
+    yield from islice(elements(data), 1, None)
 
 
 def is_certificate_in_der(data: bytes) -> bool:
