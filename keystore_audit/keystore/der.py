@@ -1,20 +1,21 @@
 """DER structures: their parts byte for byte, where `cryptography` hands out only what they mean.
 
 Names are compared as bytes before they are compared by meaning, and the two statements of a signature
-algorithm have to be the same bytes. Only for structures that `cryptography` has parsed: nothing is
-validated here.
+algorithm have to be the same bytes. Nothing is validated here: `parts` is for structures that
+`cryptography` has parsed, the others only tell where each of them ends.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from itertools import islice
 from typing import Final
 
 from cryptography import x509
 from cryptography.exceptions import UnsupportedAlgorithm
 
 MAX_ELEMENTS: Final = 10_000
-"""Structures, one behind the other in one file, that are looked at."""
+"""Structures, one behind the other in one file, that are looked at; what stands behind them may be anything."""
 
 MALFORMED: Final = (
     ValueError,
@@ -67,6 +68,18 @@ def elements(data: bytes) -> Iterator[bytes]:
             return
         yield data[position:end]
         position = end
+
+
+def structures(data: bytes) -> Iterator[bytes]:
+    """What begins in the first byte, cut off or not, and the whole SEQUENCEs behind it: key and certificate, say."""
+    yield data
+    yield from islice(elements(data), 1, None)
+
+
+def any_structure(test: Callable[[bytes], bool], data: bytes) -> bool:
+    """Whether some of the structures is what `test` asks for, or there are too many to look at."""
+    found = list(structures(data))
+    return len(found) == MAX_ELEMENTS or any(map(test, found))
 
 
 def content_of(structure: bytes, position: int) -> tuple[int, int]:

@@ -6,6 +6,7 @@ from itertools import islice
 from typing import Final
 
 from keystore_audit.keystore.cms import CmsError, read_signed_data
+from keystore_audit.keystore.der import any_structure
 from keystore_audit.keystore.pem import loose_blocks
 
 _BLANK_LINES: Final = (b"\n\n", b"\n\r", b"\n\0")
@@ -66,6 +67,8 @@ def concealed(data: bytes) -> str:
         return "a signed message stands in it below other text"
     if _is_signed(data):
         return "it is a signature in DER, without the S/MIME around it"
+    if any_structure(_is_signed, data):
+        return "a signature in DER may stand in it, without the S/MIME around it"
     blocks = islice(loose_blocks(data, *ARMOUR), MAX_ARMOURED)
     if any(_is_signed(block.der or b"") for block in blocks):
         return "a signature in PEM stands in it, without the S/MIME around it"

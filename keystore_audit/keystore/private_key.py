@@ -15,10 +15,10 @@ from cryptography.utils import CryptographyDeprecationWarning
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore import public_key
 from keystore_audit.keystore.defect import Defect, Kind
-from keystore_audit.keystore.der import elements
+from keystore_audit.keystore.der import MAX_ELEMENTS, elements, structures
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.pem import Block, Problem, loose_blocks, read_pem
-from keystore_audit.keystore.traces import is_key_in_der, is_pkcs12, structures
+from keystore_audit.keystore.traces import is_key_in_der, is_pkcs12
 
 MAX_KEY_BYTES: Final = 64 * 1024
 """Longest key that is parsed: an RSA key of 16,384 bits, the largest that OpenSSL uses, has 9,300 bytes."""
@@ -125,7 +125,8 @@ def read_held_keys(file: File) -> HeldKeys:
     blocks = list(islice(loose_blocks(content, "PRIVATE KEY"), MAX_HELD_KEYS + 1))
     whole = list(elements(content))
     blocks += (Block(label="", line=1, der=each) for each in whole if is_key_in_der(each))
-    if not blocks or (not whole and is_key_in_der(content)):  # not known what it is, or cut off
+    cut_off = not whole and is_key_in_der(content)
+    if not blocks or cut_off or len(whole) == MAX_ELEMENTS:  # not known what it is, or what stands behind
         blocks.append(Block(label="", line=1, der=None))
     read = [_public_half(block) for block in blocks[:MAX_HELD_KEYS] if block.der != b""]  # else a text about keys
     keys = dict.fromkeys(public_key.identity(key) for key in read if key is not None)

@@ -13,7 +13,7 @@ from typing import Final
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore.certificate import Certificate, read_certificate
 from keystore_audit.keystore.cms import CmsError, read_signed_data
-from keystore_audit.keystore.der import elements
+from keystore_audit.keystore.der import MAX_ELEMENTS, elements, first_element
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.message import ARMOUR, MAX_ARMOURED, is_signed_data
 from keystore_audit.keystore.pem import loose_blocks
@@ -191,11 +191,13 @@ def certificates_in(file: File) -> Iterator[Certificate | int]:
     for block in blocks:
         if block.der is None:
             yield block.line
-        else:
-            for element in islice(elements(block.der), 1):
-                yield from _in_element(element, block.line, file, labelled=True)
-    for element in elements(content):
+        elif element := first_element(block.der):
+            yield from _in_element(element, block.line, file, labelled=True)
+    whole = list(elements(content))
+    for element in whole:
         yield from _in_element(element, 1, file, labelled=False)
+    if len(whole) == MAX_ELEMENTS:
+        yield 1
 
 
 def _in_element(der: bytes, line: int, file: File, *, labelled: bool) -> Iterator[Certificate | int]:

@@ -6,11 +6,9 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator
-from itertools import islice
 from typing import Final, NamedTuple
 
-from keystore_audit.keystore.der import elements
+from keystore_audit.keystore.der import any_structure
 from keystore_audit.keystore.message import HEADERS, TYPES, ends_header, is_signed_data
 
 MAX_SEARCHED: Final = 64 * 1024 * 1024
@@ -60,20 +58,14 @@ class Traces(NamedTuple):
 
 def holds_private_key(content: bytes) -> bool:
     """Whether a private key in PEM stands in it, or one in DER, or a PKCS #12 file, which is made for one."""
-    return b"PRIVATE KEY-----" in content or any(map(is_key_in_der, structures(content)))
+    return b"PRIVATE KEY-----" in content or any_structure(is_key_in_der, content)
 
 
 def holds_certificates(content: bytes) -> bool:
     """Whether a certificate in PEM may stand in it, or one in DER, or a message that may carry some."""
     if any(word in content for word in (_CERTIFICATE, *_BAGS)):
         return True
-    return any(is_certificate_in_der(each) or is_signed_data(each) for each in structures(content))
-
-
-def structures(data: bytes) -> Iterator[bytes]:
-    """What begins in the first byte, cut off or not, and the whole SEQUENCEs behind it: key and certificate, say."""
-    yield data
-    yield from islice(elements(data), 1, None)
+    return any_structure(lambda each: is_certificate_in_der(each) or is_signed_data(each), content)
 
 
 def is_certificate_in_der(data: bytes) -> bool:
@@ -137,8 +129,8 @@ def search(descriptor: int, most: int) -> tuple[Traces, int]:
         digest.update(piece)
         text = (before + piece).lower()
         if at == 0:
-            message, key = is_signed_data(piece), any(map(is_key_in_der, structures(piece)))
-            certificate = any(is_certificate_in_der(each) or is_pkcs12(each) for each in structures(piece))
+            message, key = any_structure(is_signed_data, piece), any_structure(is_key_in_der, piece)
+            certificate = any_structure(lambda each: is_certificate_in_der(each) or is_pkcs12(each), piece)
         key = key or _KEY in text
         certificate = certificate or _CERTIFICATE.lower() in text
         message = message or any(word in text for word in (*TYPES, *_ARMOUR))

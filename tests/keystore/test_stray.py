@@ -16,6 +16,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.der import MAX_ELEMENTS
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Keystore, read_keystore
@@ -269,6 +270,10 @@ CONCEALED: dict[str, Callable[[bytes], bytes]] = {
     "folded": lambda message: b"\n" + message.replace(b"Content-Type: multipart", b"Content-Type:\n multipart"),
     "DER": lambda message: by_openssl(message, "-outform", "DER"),
     "PEM": lambda message: b"notes\n" + by_openssl(message, "-outform", "PEM"),
+    "DER behind another structure": lambda message: (
+        b"0" + b"\x82\x02\0" + bytes(512) + by_openssl(message, "-outform", "DER")
+    ),
+    "DER behind too many to look at": lambda message: b"0\0" * MAX_ELEMENTS + by_openssl(message, "-outform", "DER"),
     "BER": lambda message: loosened(by_openssl(message, "-outform", "DER")),
     "a certificate's label": lambda message: by_openssl(message, "-outform", "PEM").replace(b" CMS-", b" CERTIFICATE-"),
     "a hyphen": lambda message: by_openssl(message, "-outform", "PEM").replace(b"\n-----END", b"\n-A\n-----END"),

@@ -18,6 +18,7 @@ from cryptography.hazmat.primitives.serialization import (
 
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.flow import FlowQuestion, find_flow
+from keystore_audit.keystore.der import MAX_ELEMENTS
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.keystore.root import MAX_FILE_BYTES
 from keystore_audit.model.claim import Attacker, ClaimKind
@@ -213,6 +214,16 @@ def test_what_is_too_much_to_look_at_may_be_one(limit: str, tmp_path: Path, monk
     assert way(root) is Status.HOLDS
     monkeypatch.setattr(f"keystore_audit.keystore.{limit}", 1)
     assert way(root) is Status.UNKNOWN
+
+
+@pytest.mark.parametrize("name", ["cert", "key"])
+@pytest.mark.parametrize(("before", "status"), [(MAX_ELEMENTS - 2, Status.VIOLATED), (MAX_ELEMENTS, Status.UNKNOWN)])
+def test_what_stands_behind_too_many_structures_may_be_one(
+    name: str, before: int, status: Status, tmp_path: Path
+) -> None:
+    files = {"backup/cert": DER, "backup/key": key_as(Encoding.DER, PrivateFormat.PKCS8)}
+    files[f"backup/{name}"] = b"0\0" * before + files[f"backup/{name}"]
+    assert way(written(tmp_path, files)) is status
 
 
 def test_a_second_certificate_of_a_key_that_could_not_be_read(tmp_path: Path) -> None:
