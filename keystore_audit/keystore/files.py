@@ -58,7 +58,7 @@ class File:
     holds_certificates: bool = False
     """Whether certificates may stand in it (`traces.holds_certificates`, `traces.search`)."""
     may_be_message: bool = False
-    """Whether its header may be that of an S/MIME message; of a file too large to be read, its first 4,096 bytes."""
+    """Whether a signed message may stand in it (`message.may_be_message`, `message.concealed`, `traces.search`)."""
 
     @property
     def place(self) -> str:

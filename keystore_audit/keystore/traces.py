@@ -9,7 +9,7 @@ import os
 from typing import Final, NamedTuple
 
 from keystore_audit.keystore.der import any_structure
-from keystore_audit.keystore.message import HEADERS, TYPES, ends_header, is_signed_data
+from keystore_audit.keystore.message import ARMOUR, HEADERS, TYPES, ends_header, is_signed_data
 
 MAX_SEARCHED: Final = 64 * 1024 * 1024
 """Bytes of files too large to be read that are searched and hashed, all files of a keystore together: a fifth of a
@@ -23,16 +23,14 @@ _PIECE: Final = 1024 * 1024
 _OVERLAP: Final = 64
 """More than any of the words that are looked for has."""
 
-_KEY: Final = b"private key-----"
-"""How the first line of a private key in PEM ends (RFC 7468, 10 and 11; OpenSSL's older forms), in small letters."""
+_KEY: Final = b"PRIVATE KEY-----"
+"""How the first line of a private key in PEM ends (RFC 7468, 10 and 11; OpenSSL's older forms)."""
 
 _CERTIFICATE: Final = b"CERTIFICATE-----"
 """How the first line of a certificate in PEM ends (RFC 7468, 5.1), and of its older and OpenSSL's own form."""
 
-_ARMOUR: Final = (b"-----begin pkcs7-----", b"-----begin cms-----", b"-----begin pkcs #7 signed data-----")
-
-_BAGS: Final = (b"-----BEGIN PKCS", b"-----BEGIN CMS-")
-"""How messages in PEM begin, which may carry certificates and no signature."""
+_ARMOUR: Final = tuple(f"{label}-----".encode() for label in ARMOUR)
+"""The same of all that certificates may stand in: messages may carry some and no signature."""
 
 _INTEGER: Final = b"\x02"
 _IDENTIFIER: Final = b"\x06"
@@ -58,14 +56,14 @@ class Traces(NamedTuple):
 
 def holds_private_key(content: bytes) -> bool:
     """Whether a private key in PEM stands in it, or one in DER, or a PKCS #12 file, which is made for one."""
-    return b"PRIVATE KEY-----" in content or any_structure(is_key_in_der, content)
+    return _KEY in content or any_structure(is_key_in_der, content)
 
 
 def holds_certificates(content: bytes) -> bool:
-    """Whether a certificate in PEM may stand in it, or one in DER, or a message that may carry some."""
-    if any(word in content for word in (_CERTIFICATE, *_BAGS)):
-        return True
-    return any_structure(lambda each: is_certificate_in_der(each) or is_signed_data(each), content)
+    """Whether certificates may stand in it: in PEM, in DER, within a message or a PKCS #12 file."""
+    return any(word in content for word in _ARMOUR) or any_structure(
+        lambda each: is_certificate_in_der(each) or is_signed_data(each) or is_pkcs12(each), content
+    )
 
 
 def is_certificate_in_der(data: bytes) -> bool:
@@ -127,13 +125,15 @@ def search(descriptor: int, most: int) -> tuple[Traces, int]:
     while left > 0:
         piece = os.pread(descriptor, min(left, _PIECE), at)
         digest.update(piece)
-        text = (before + piece).lower()
+        text = before + piece
         if at == 0:
-            message, key = any_structure(is_signed_data, piece), any_structure(is_key_in_der, piece)
-            certificate = any_structure(lambda each: is_certificate_in_der(each) or is_pkcs12(each), piece)
+            message = any_structure(is_signed_data, piece)
+            key, certificate = holds_private_key(piece), holds_certificates(piece)
         key = key or _KEY in text
-        certificate = certificate or _CERTIFICATE.lower() in text
-        message = message or any(word in text for word in (*TYPES, *_ARMOUR))
+        certificate = certificate or any(word in text for word in _ARMOUR)
+        message = message or any(word in text for word in _ARMOUR if word != _CERTIFICATE)
+        lowered = text.lower()
+        message = message or any(word in lowered for word in TYPES)
         ended = ended or ends_header(text)
         if len(piece) < min(left, _PIECE):
             return Traces(key, certificate, message, digest.hexdigest()), at + len(piece)

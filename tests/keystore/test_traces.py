@@ -146,6 +146,7 @@ def test_certificates_in_a_large_file(before: int, tmp_path: Path) -> None:
     for what, most, expected in (
         (b"-----BEGIN CERTIFICATE-----", MAX_SEARCHED, True),
         (b"-----BEGIN TRUSTED CERTIFICATE-----", MAX_SEARCHED, True),
+        (b"-----BEGIN PKCS7-----", MAX_SEARCHED, True),
         (b"-----BEGIN CERTIFICATE REQUEST-----", MAX_SEARCHED, False),
         (b"", MIB, True),
     ):
