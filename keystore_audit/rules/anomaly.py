@@ -16,7 +16,7 @@ from keystore_audit.model.anomaly import Anomaly, AnomalyKind, Point
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.permissions import WRITE_AGAIN, all_grants
+from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, PermissionsUse, speaks
 from keystore_audit.rules.wording import listed, more_like, places, quoted, sole
@@ -266,7 +266,7 @@ def rule_same_as_default(use: PermissionsUse, context: Context) -> Iterator[Viol
     every = odd(use, context, AnomalyKind.SAME_AS_DEFAULT)
     if not every:
         return
-    allowing = {each.subject_name.text for each in all_grants(use) if any(one.allow for one in each.rules)}
+    allowing = {each.subject_name.text for each in use.document.grants if any(one.allow for one in each.rules)}
     found = [anomaly for anomaly in every if not anomaly.allow and anomaly.subject in allowing]
     outside = {(anomaly.subject, anomaly.key) for anomaly in odd(use, context, AnomalyKind.UNGOVERNED_DOMAIN)}
     nothing = {text for anomaly in odd(use, context, AnomalyKind.MATCHES_NOTHING) for text in anomaly.texts}

@@ -12,7 +12,7 @@ from keystore_audit.model.coverage import TOPICS, WILDCARDS, allows_everything, 
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.permissions import SIGN_AGAIN, WRITE_AGAIN, about, all_grants
+from keystore_audit.rules.permissions import SIGN_AGAIN, WRITE_AGAIN, about
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import PermissionsUse, speaks
 from keystore_audit.rules.wording import either, listed, places, quoted, sole
@@ -45,7 +45,7 @@ def default_allow(use: PermissionsUse, _context: Context) -> Iterator[Violation]
     Cyclone DDS and OpenDDS do as it says; Fast DDS reads the element and never uses it, so that there what no rule
     names is denied (measured).
     """
-    for grant in all_grants(use):
+    for grant in use.document.grants:
         if grant.default_allow:
             message = (
                 f"<default> is ALLOW, expected DENY: {quoted(grant.subject_name.text)} may do whatever no rule denies "
@@ -72,7 +72,7 @@ def wildcard_grant(use: PermissionsUse, _context: Context) -> Iterator[Violation
     some of the names out again; that is not weighed here. A grant that allows everything is
     allow-everything-permissions, and only that.
     """
-    for grant in all_grants(use):
+    for grant in use.document.grants:
         for operation in Operation:
             found = [text for text in _allowed(grant, operation) if _is_pattern(text.text)]
             if not found or allows_everything(grant):
@@ -122,7 +122,7 @@ def allow_everything_permissions(use: PermissionsUse, _context: Context) -> Iter
     Judged by what the allow rules cover together, not by their text; deny rules before them are not weighed. What
     follows, such as the parameters of every node, is not said again by other rules.
     """
-    for grant in all_grants(use):
+    for grant in use.document.grants:
         if allows_everything(grant):
             message = (
                 f"{quoted(grant.subject_name.text)} may publish and subscribe to everything, the default of "

@@ -141,8 +141,7 @@ class Contents:
                     yield document.signed.file, self._document(document)
 
     def _document(self, document: GovernanceFile | PermissionsFile) -> _At:
-        permissions = document.permissions if isinstance(document, PermissionsFile) else None
-        grants = permissions.grants if permissions is not None else ()
+        grants = document.grants if isinstance(document, PermissionsFile) else ()
         said = cache(lambda: self._told(grants))  # thousands of places may be in one document
         whole = cache(lambda: _whole(document) or " ".join(said()))
         lines = [grant.line or 0 for grant in grants]

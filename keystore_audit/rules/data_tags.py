@@ -9,7 +9,7 @@ from keystore_audit.findings import Severity
 from keystore_audit.keystore.permissions import Criterion, Grant
 from keystore_audit.keystore.permissions import Rule as PermissionsRule
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.permissions import WRITE_AGAIN, about, all_grants
+from keystore_audit.rules.permissions import WRITE_AGAIN, about
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import PermissionsUse, speaks
 from keystore_audit.rules.wording import listed, quoted
@@ -46,7 +46,7 @@ def data_tags_ignored(use: PermissionsUse, _context: Context) -> Iterator[Violat
 
 
 def _tagged(use: PermissionsUse) -> Iterator[tuple[Grant, PermissionsRule, Criterion]]:
-    for grant in all_grants(use):
+    for grant in use.document.grants:
         for each in grant.rules:
             yield from ((grant, each, criterion) for criterion in each.criteria if criterion.data_tags)
 

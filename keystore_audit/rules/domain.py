@@ -11,7 +11,7 @@ from keystore_audit.keystore.permissions import Grant
 from keystore_audit.model.domains import HIGHEST_DOMAIN, covered, describe
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import CORRECT
-from keystore_audit.rules.permissions import WRITE_AGAIN, about, all_grants
+from keystore_audit.rules.permissions import WRITE_AGAIN, about
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks
 from keystore_audit.rules.wording import sole
@@ -93,8 +93,8 @@ def _ranges(use: DocumentUse) -> Iterator[DomainRange]:
     if isinstance(use, GovernanceUse) and use.document.governance is not None:
         for domain_rule in use.document.governance.domain_rules:
             yield from domain_rule.domains
-    if isinstance(use, PermissionsUse) and use.document.permissions is not None:
-        for grant in use.document.permissions.grants:
+    if isinstance(use, PermissionsUse):
+        for grant in use.document.grants:
             for permission_rule in grant.rules:
                 yield from permission_rule.domains
 
@@ -122,7 +122,7 @@ def grant_outside_governance_domains(use: PermissionsUse, _context: Context) -> 
     Fast DDS creates the participant all the same, and peers refuse its endpoints (measured).
     """
     grants: dict[str, Grant] = {}
-    for grant in all_grants(use):
+    for grant in use.document.grants:
         grants.setdefault(grant.subject_name.text, grant)
     for enclave in use.enclaves:
         governance = enclave.governance.governance if enclave.governance else None
@@ -164,7 +164,7 @@ def rule_domain_range_open(use: PermissionsUse, _context: Context) -> Iterator[V
     Critical without <min>: evaluating such a rule crashes Cyclone DDS 0.10.2 (measured with its plugin). Permissions
     come from peers too, so that one signed document takes others down.
     """
-    for grant in all_grants(use):
+    for grant in use.document.grants:
         for permission_rule in grant.rules:
             for domains in permission_rule.domains:
                 why = _open_range(domains)

@@ -23,7 +23,7 @@ from keystore_audit.model.validity import DateReading, read_date
 from keystore_audit.rules.subjects import governance_uses
 
 _BY_TRUST: Final = {
-    trust: [profile.name for profile in VARIANTS.values() if profile.trust is trust]
+    trust: [profile.name for profile in VARIANTS.values() if profile.trust == trust]
     for trust in dict.fromkeys(profile.trust for profile in VARIANTS.values())
 }
 """The names of the implementations that trust alike: each row is asked once."""
@@ -114,9 +114,8 @@ class Effects:
     @cached_property
     def _named(self) -> dict[SubjectComparison, dict[str, frozenset[int]]]:
         """By implementation and subject_name of a grant, the identities that it names."""
-        files = (each.file for each in documents_of(self._keystore))
-        read = (each.permissions for each in files if isinstance(each, PermissionsFile))
-        texts = {grant.subject_name.text for each in read if each is not None for grant in each.grants}
+        files = (each.file for each in documents_of(self._keystore) if isinstance(each.file, PermissionsFile))
+        texts = {grant.subject_name.text for each in files for grant in each.grants}
         kinds = {profile.trust.subjects for profile in VARIANTS.values()}
         return {kind: matching(sorted(texts), self._identities, kind) for kind in kinds}
 

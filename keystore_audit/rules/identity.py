@@ -298,8 +298,8 @@ def subject_shared_by_certificates(keystore: Keystore, _context: Context) -> Ite
     granted = {
         grant.subject_name.text
         for enclave in keystore.enclaves
-        if enclave.permissions is not None and enclave.permissions.permissions is not None
-        for grant in enclave.permissions.permissions.grants
+        if enclave.permissions is not None
+        for grant in enclave.permissions.grants
     }
     holders: dict[str, dict[str, tuple[Enclave, Certificate]]] = {}
     for enclave in keystore.enclaves:

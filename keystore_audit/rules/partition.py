@@ -17,7 +17,7 @@ from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.profiles.access import PartitionReading
 from keystore_audit.model.semantics import DEFAULT_PARTITION
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.permissions import WRITE_AGAIN, about, all_grants
+from keystore_audit.rules.permissions import WRITE_AGAIN, about
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import PermissionsUse, speaks
 from keystore_audit.rules.wording import quoted
@@ -42,7 +42,7 @@ def partition_evaded(use: PermissionsUse, _context: Context) -> Iterator[Violati
     Properties, claims and flows count who is met so; `can` and `access` answer about the plain name. Topics are
     compared one expression with another; two with wildcards are taken to overlap.
     """
-    for grant in all_grants(use):
+    for grant in use.document.grants:
         listed = any(criterion.partitions for each in grant.rules for criterion in each.criteria)
         for number, each in enumerate(grant.rules) if listed or grant.default_allow else ():
             for criterion in each.criteria:

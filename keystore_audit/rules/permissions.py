@@ -33,11 +33,6 @@ WRITE_AGAIN: Final = (
 SIGN_AGAIN: Final = f"To mend it, {WRITE_AGAIN}"
 
 
-def all_grants(use: PermissionsUse) -> tuple[Grant, ...]:
-    """The grants of the document, none where it has no single meaning."""
-    return use.document.permissions.grants if use.document.permissions else ()
-
-
 def subjects(use: PermissionsUse) -> frozenset[str]:
     """The subjects of the identities that carry the document."""
     return frozenset(enclave.identity.subject for enclave in use.enclaves if enclave.identity is not None)
@@ -46,7 +41,7 @@ def subjects(use: PermissionsUse) -> frozenset[str]:
 def own_grants(use: PermissionsUse) -> Iterator[Grant]:
     """The grants that name an enclave which carries the document, second ones too."""
     own = subjects(use)
-    return (grant for grant in all_grants(use) if grant.subject_name.text in own)
+    return (grant for grant in use.document.grants if grant.subject_name.text in own)
 
 
 def about(use: PermissionsUse, grant: Grant, line: int | None, message: str, **more: Any) -> Violation:
@@ -94,7 +89,7 @@ def permissions_ambiguous(use: PermissionsUse, _context: Context) -> Iterator[Vi
     four-digit years (measured), so that one signed file has several meanings.
     """
     yield from in_document(use, DIFFER, *AMBIGUOUS)
-    dates = (date for grant in all_grants(use) for date in (grant.not_before, grant.not_after))
+    dates = (date for grant in use.document.grants for date in (grant.not_before, grant.not_after))
     odd = (
         Defect(
             kind=Kind.VALUE_INVALID,
@@ -125,7 +120,7 @@ def no_grant_for_certificate(use: PermissionsUse, context: Context) -> Iterator[
     name the identity all the same is left to subject-read-differently, where it means that subject; else this is about
     the others, and low where none of those was chosen.
     """
-    grants = all_grants(use)
+    grants = use.document.grants
     named = list(dict.fromkeys(grant.subject_name.text for grant in grants))
     line = next((grant.subject_name.line for grant in grants), None)
     got = f"got {listed(f'{quoted(name)}' for name in named)}" if named else "there is no grant at all"
@@ -166,7 +161,7 @@ def second_grant_for_subject(use: PermissionsUse, _context: Context) -> Iterator
     for each <profiles> of an enclave, so that all but the first are lost.
     """
     first: dict[str, Grant] = {}
-    for grant in all_grants(use):
+    for grant in use.document.grants:
         subject = grant.subject_name.text
         if first.setdefault(subject, grant) is not grant:
             yield Violation(
@@ -201,7 +196,7 @@ def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator
     what that one may do by itself is not compared.
     """
     own = subjects(use)
-    if not own or all(grant.subject_name.text in own for grant in all_grants(use)):
+    if not own or all(grant.subject_name.text in own for grant in use.document.grants):
         return
     everybody = {
         enclave.identity.subject: enclave.path for enclave in context.keystore.enclaves if enclave.identity is not None
@@ -211,7 +206,7 @@ def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator
     misspelt = not any(own_grants(use))
     others = [
         grant
-        for grant in all_grants(use)
+        for grant in use.document.grants
         if grant.subject_name.text not in own and (grant.subject_name.text in known or not misspelt)
     ]
     if others:

@@ -13,7 +13,7 @@ from keystore_audit.model.substitution import Cause
 from keystore_audit.model.validity import read_date
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.effect import instant_of
-from keystore_audit.rules.permissions import WRITE_AGAIN, all_grants
+from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks
 from keystore_audit.rules.wording import implementations, more_like, places, quoted, sole
@@ -35,8 +35,8 @@ def _expressions(use: DocumentUse, but: frozenset[int | None]) -> Iterator[Text]
     if isinstance(use, GovernanceUse) and use.document.governance is not None:
         for domain_rule in use.document.governance.domain_rules:
             yield from (topic.expression for topic in domain_rule.topic_rules if topic.line not in but)
-    if isinstance(use, PermissionsUse) and use.document.permissions is not None:
-        for grant in use.document.permissions.grants:
+    if isinstance(use, PermissionsUse):
+        for grant in use.document.grants:
             for permission_rule in grant.rules:
                 for criterion in permission_rule.criteria if permission_rule.line not in but else ():
                     yield from criterion.topics
@@ -118,7 +118,7 @@ def date_not_portable(use: PermissionsUse, context: Context) -> Iterator[Violati
     readings: dict[DateReading, list[Profile]] = {}
     for profile in context.profiles:
         readings.setdefault(profile.access.dates, []).append(profile)
-    for grant in all_grants(use):
+    for grant in use.document.grants:
         for date in (grant.not_before, grant.not_after):
             taken = {_reading(date, reading) for reading in readings}
             if len(taken) > 1 and date.line not in spoken and instant_of(date) is not None:

@@ -42,7 +42,7 @@ def _grants_and_identities(keystore: Keystore) -> Iterator[_Named]:
     """Each grant of a document that may be taken, with each identity that some variants, not all, take it to name."""
     grants: dict[str, list[tuple[Grant, PermissionsUse]]] = {}
     for use in permissions_uses(keystore):
-        for grant in use.document.permissions.grants if use.speaks and use.document.permissions else ():
+        for grant in use.document.grants if use.speaks else ():
             grants.setdefault(grant.subject_name.text, []).append((grant, use))
     identities = _identities(keystore)
     tables = {comparison: matching(list(grants), identities, comparison) for comparison in SubjectComparison}
