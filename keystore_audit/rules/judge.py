@@ -275,10 +275,10 @@ class _Marks:
         if rule.family != "KA7":
             there = self._contents.at if violation.contents else self._contents.names
             return f"\0{there((*violation.locations, *violation.against))}"
-        causes = [cause for other, cause in found if _is_cause(other, cause, rule, violation)]
-        explained = {name for cause in causes for name in cause.profiles or self._profiles}
         if not violation.contents:
             return ""
+        causes = [cause for other, cause in found if _is_cause(other, cause, rule, violation)]
+        explained = {name for cause in causes for name in cause.profiles or self._profiles}
         if not explained.issuperset(violation.profiles or self._profiles):
             return f"\0{self._contents.everything}"
         beside = self._unexplained(rule.name, causes)
@@ -286,10 +286,10 @@ class _Marks:
 
     def _unexplained(self, prop: str, causes: Sequence[Violation]) -> str:
         """What violates the property at no place of its causes, under some profile of each."""
-        there: dict[str, dict[tuple[int | None, tuple[str, ...]], None]] = {}
+        there: dict[str, set[tuple[int | None, tuple[str, ...]]]] = {}
         for cause in causes:
             for location in cause.locations:
-                there.setdefault(location.path, {})[location.line, cause.profiles] = None
+                there.setdefault(location.path, set()).add((location.line, cause.profiles))
 
         @cache
         def explained(places: frozenset[Place]) -> set[str]:
@@ -299,7 +299,7 @@ class _Marks:
         told = []
         for breach in self._violations.get(prop, ()):
             left = breach.profiles.difference(*map(explained, breach.places))
-            told += [f"{name} {breach.name}" for name in sorted(left)]
+            told += [f"{name} {breach.name}" for name in left]
         return "\0\0".join(sorted(told))
 
 

@@ -61,7 +61,7 @@ def _absent(enclave: Enclave, file: File, message: str) -> Violation:
 def _how_to_make(enclave: Enclave, missing: File) -> str:
     """What makes the one file that is missing, or the enclave where nothing of it is there but a key."""
     files = enclave.files.files
-    (role, *_more) = [role for role in REQUIRED if files[role].path == missing.path]
+    role = next(role for role in REQUIRED if files[role].path == missing.path)
     there = any(files[each].status is Status.PRESENT for each in REQUIRED if each is not Role.KEY)
     if role is Role.GOVERNANCE and enclave.path == "/":  # what the others link to
         return f"Restore it, or sign governance.xml, in the keystore's root: {SIGN_GOVERNANCE}."

@@ -248,9 +248,8 @@ def _whose(other: Identity) -> str:
 
 
 def _gaining(use: PermissionsUse, paths: Sequence[str], context: Context) -> dict[str, list[Location]]:
-    """Those enclaves that get a right from this document which their own does not give, under a chosen profile.
-
-    With the places of their own grants.
+    """The enclaves that get a right from this document which their own does not give, under a chosen profile; with the
+    places of their own grants.
     """
     found: dict[str, list[Location]] = {}
     for system in context.meaning.systems if paths else ():
@@ -259,11 +258,12 @@ def _gaining(use: PermissionsUse, paths: Sequence[str], context: Context) -> dic
         place = use.signed.file.place
         here = frozenset(n for n, document in enumerate(system.documents) if document.location.path == place)
         for path in paths:
-            if path not in atoms:
+            enclave = atoms.get(path)
+            if enclave is None:
                 continue
-            own = frozenset(number for number in (atoms[path].permissions,) if number is not None)
-            given, had = (permissions.chosen(atoms[path].identity, documents) for documents in (here, own))
-            if _gains(permissions, given, had):
+            own = frozenset(() if enclave.permissions is None else (enclave.permissions,))
+            had = permissions.chosen(enclave.identity, own)
+            if _gains(permissions, permissions.chosen(enclave.identity, here), had):
                 found.setdefault(path, []).extend(system.grants[grant].location for grant in had)
     return found
 

@@ -32,6 +32,13 @@ _OTHERS: Final = 0o077
 _UNREAD_BUT_THERE: Final = frozenset({Status.PRESENT, Status.UNREADABLE, Status.TOO_LARGE})
 """A key that we could not read is in the tree all the same; one outside, by a link, is not."""
 
+_ANEW: Final = {
+    Role.PERMISSIONS_CA: f"{MAKE_PERMISSIONS_CA}. Sign everything with it: {SIGN_GOVERNANCE}, and for every enclave "
+    f"{SIGN_PERMISSIONS}. {UNREVIEWED}.",
+    Role.IDENTITY_CA: f"{MAKE_IDENTITY_CA}. Issue every identity with it: {ISSUE_IDENTITY}.",
+}
+"""How to replace an authority of a role whose key others have."""
+
 
 def _open_to_others(file: File) -> bool:
     """Whether other users may read it. Unknown where there are no modes: then nothing is said."""
@@ -86,12 +93,7 @@ def ca_private_key_in_tree(keystore: Keystore, context: Context) -> Iterator[Vio
     enclave's key.pem holds it, as its own or behind it. Where enclaves carry it in another file, KA118 says so. Backups
     and other copies outside the tree are not seen.
     """
-    subjects = {
-        certificate.key: certificate.subject
-        for enclave in keystore.enclaves
-        for file in (enclave.identity_ca, enclave.permissions_ca)
-        for certificate in (file.certificates if file else ())
-    }
+    subjects = _authorities(keystore)
     known = {key.file.place: key.key for key in keystore.authority_keys}
     told = {file.place for file in _keys_on_robots(keystore, context)}
     for file in keystore.layout.authority_keys:
@@ -174,13 +176,6 @@ def _keys_on_robots(keystore: Keystore, context: Context) -> Iterator[File]:
             yield file
 
 
-_ANEW: Final = {
-    Role.PERMISSIONS_CA: f"{MAKE_PERMISSIONS_CA}. Sign everything with it: {SIGN_GOVERNANCE}, and for every enclave "
-    f"{SIGN_PERMISSIONS}. {UNREVIEWED}.",
-    Role.IDENTITY_CA: f"{MAKE_IDENTITY_CA}. Issue every identity with it: {ISSUE_IDENTITY}.",
-}
-
-
 def _authority_anew(key: PrivateKey, keystore: Keystore) -> str | None:
     """How to replace the authority whose key it is, in each of its roles; None: it is that of none."""
     trusted = {
@@ -200,6 +195,16 @@ def _trusted(enclave: Enclave, role: Role) -> tuple[Certificate, ...]:
     """The certificates in the enclave's file of this authority."""
     file = enclave.identity_ca if role is Role.IDENTITY_CA else enclave.permissions_ca
     return file.certificates if file is not None else ()
+
+
+def _authorities(keystore: Keystore) -> dict[str, str]:
+    """By key, the subject of each authority that an enclave trusts."""
+    found: dict[str, str] = {}
+    for enclave in keystore.enclaves:
+        for role in _ANEW:
+            for certificate in _trusted(enclave, role):
+                found.setdefault(certificate.key, certificate.subject)
+    return found
 
 
 def _second_keys(enclave: str, key: PrivateKey, holders: Mapping[str | None, str]) -> Iterator[Violation]:
@@ -223,11 +228,9 @@ def _whose(key: PrivateKey, holders: Mapping[str | None, str]) -> str:
 
 def _holders(keystore: Keystore) -> dict[str | None, str]:
     """By key, the authority or enclave whose it is, in words; nobody has None, a key that could not be read."""
-    found: dict[str | None, str] = {}
-    for enclave in keystore.enclaves:
-        for file in (enclave.permissions_ca, enclave.identity_ca):
-            for certificate in file.certificates if file is not None else ():
-                found.setdefault(certificate.key, f"the authority {quoted(certificate.subject)}")
+    found: dict[str | None, str] = {
+        key: f"the authority {quoted(subject)}" for key, subject in _authorities(keystore).items()
+    }
     for enclave in keystore.enclaves:
         if enclave.identity is not None:
             found.setdefault(enclave.identity.key, enclave.path)

@@ -258,9 +258,9 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
     yield from _perhaps_started(admitted(keystore, identities.possible, context.profiles, context.at))
     unread = identities.unread
     if unread:
-        more = f" (and {len(unread) - 1} more files like it)" if len(unread) > 1 else ""
         yield Violation(
-            message=f"{unread[0].place} may hold an identity that peers let in: it {unread[0].detail}{more}.",
+            message=f"{unread[0].place} may hold an identity that peers let in: it {unread[0].detail}"
+            f"{more_like(unread)}.",
             locations=places(Location(path=file.place) for file in unread),
             undecided=True,
             remedy=_FIND_OUT,

@@ -60,8 +60,8 @@ def writable_by_others(keystore: Keystore, context: Context) -> Iterator[Violati
     signed = {
         file.place: file
         for each in enclaves
-        for file in each.files.values()
-        if file.place not in authorities and file is not each.files[Role.KEY]  # KA108 has that one
+        for role, file in each.files.items()
+        if file.place not in authorities and role is not Role.KEY  # KA108 has that one
     }
     addresses = [file for each in enclaves for file in each.pkcs11.values() if file.place not in authorities]
     severity, less = (Severity.HIGH, Severity.MEDIUM) if context.deployed else (Severity.MEDIUM, Severity.LOW)
