@@ -12,8 +12,11 @@ EXIT_INTERRUPTED: Final = 130
 """128 + SIGINT, as a shell says it."""
 
 
-def not_installed(module: str) -> str:
-    """That the audit lacks a package, as when it runs from a clone without its environment."""
+def not_installed(error: Exception) -> str:
+    """That the audit lacks a package, as when it runs from a clone without its environment; nothing of other errors."""
+    module = error.name if isinstance(error, ModuleNotFoundError) else None
+    if module is None or module.startswith("keystore_audit"):
+        return ""
     return (
         f"The Python module {module} is not installed for {sys.executable}, so nothing is decided. `pip install .` in "
         "the program's directory installs what it needs."
@@ -32,9 +35,10 @@ def main() -> NoReturn:
 
         code = run(sys.argv[1:])
     except ModuleNotFoundError as error:  # without click there is no program that says it
-        if error.name is None or error.name.startswith("keystore_audit"):
+        missing = not_installed(error)
+        if not missing:
             raise
-        print(f"keystore-audit: {not_installed(error.name)}", file=sys.stderr)  # noqa: T201
+        print(f"keystore-audit: {missing}", file=sys.stderr)  # noqa: T201
         code = EXIT_INCOMPLETE
     except KeyboardInterrupt:  # outside of what `run` watches: while it is imported, or says what went wrong
         code = EXIT_INTERRUPTED

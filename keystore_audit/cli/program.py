@@ -132,8 +132,8 @@ def fault(error: Exception, *, verbose: bool) -> str:
 
     A module that is missing is no fault of the program: it runs from a clone, or with another Python.
     """
-    if isinstance(error, ModuleNotFoundError) and error.name and not error.name.startswith("keystore_audit"):
-        return not_installed(error.name)
+    if missing := not_installed(error):
+        return missing
     sentence = "A fault in keystore-audit itself stopped it, so nothing is decided. Please report it."
     if not verbose:
         return f"{sentence} With -v it says where."
