@@ -118,15 +118,16 @@ def _finding(page: Page, finding: Finding, profiles: frozenset[str]) -> None:
 
 
 def _what_to_do(page: Page, finding: Finding, explained: dict[str, list[str]]) -> None:
-    """Clause and remedy, in full where they come first: a keystore repeats a defect in many enclaves."""
-    told = explained.get(finding.remedy)
-    if finding.clause and (told is None or finding.code not in told):
+    """Clause and remedy, in full where they come first: a keystore repeats a defect in many enclaves.
+
+    `explained`: by remedy, the codes under which it was given.
+    """
+    codes = explained.setdefault(finding.remedy, [])
+    remedy = f"as for {codes[0]} above" if codes else finding.remedy
+    if finding.code not in codes:
         page.labelled("clause", finding.clause, indent=4, column=12)
-    if told:
-        page.labelled("remedy", f"as for {told[0]} above", indent=4, column=12)
-    elif finding.remedy:
-        page.labelled("remedy", finding.remedy, indent=4, column=12)
-    explained.setdefault(finding.remedy, []).append(finding.code)
+        codes.append(finding.code)
+    page.labelled("remedy", remedy, indent=4, column=12)
 
 
 def _consequences(page: Page, consequences: Iterable[tuple[Finding, str]]) -> None:
