@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from functools import cached_property
-from itertools import islice
+from itertools import chain, islice
+from typing import NamedTuple
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import Certificate
-from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.issuer import fit_to_sign
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Grant, PermissionsFile
@@ -46,8 +46,12 @@ class Admitted:
     enclave: str | None
 
 
-_Peer = tuple[Enclave, Trust]
-"""One of the enclaves that trust alike, as an implementation reads its files."""
+class _Peer(NamedTuple):
+    """One of the enclaves that trust alike, as an implementation reads its files. `wants_grant`: from whoever joins."""
+
+    enclave: Enclave
+    trust: Trust
+    wants_grant: bool
 
 
 def admitted(
@@ -58,14 +62,14 @@ def admitted(
     `at`: aware UTC.
     """
     enclaves = list({trust_files(enclave): enclave for enclave in keystore.enclaves}.values())
-    peers = [(each, trust) for each in enclaves for trust in dict.fromkeys(profile.trust for profile in profiles)]
+    kinds = dict.fromkeys((profile.trust, profile.access.requires_grant) for profile in profiles)
+    peers = [_Peer(enclave, *kind) for enclave in enclaves for kind in kinds]
     authorities = {certificate.sha256 for certificate in authorities_of(keystore)}
     asked = ((s, _taking(peers, s.certificate, at)) for s in strays if s.certificate.sha256 not in authorities)
     vouched = [(stray, taking) for stray, taking in asked if taking]
     if not vouched:  # nearly always
         return ()
     granted = _granted(keystore, [stray.certificate for stray, _taking in vouched], profiles, at)
-    open_to_all = [*islice(_without_grants(enclaves), 1)]
     signers = _Signers(keystore)
     return tuple(
         Admitted(
@@ -75,13 +79,13 @@ def admitted(
             enclave=_like(stray.certificate, taking, keystore, signers, at),
         )
         for number, (stray, taking) in enumerate(vouched)
-        if (rights := tuple(granted.get(number) or open_to_all or signers.trusted_by(taking, stray.certificate)))
+        if (rights := tuple(granted.get(number) or _ungranted(taking, signers, stray.certificate)))
     )
 
 
 def _taking(peers: Iterable[_Peer], certificate: Certificate, at: datetime) -> list[_Peer]:
     """Those of the peers that take who has the certificate for one of theirs."""
-    return [(enclave, trust) for enclave, trust in peers if _takes(enclave, certificate, trust, at)]
+    return [peer for peer in peers if _takes(peer.enclave, certificate, peer.trust, at)]
 
 
 def _takes(enclave: Enclave, certificate: Certificate, trust: Trust, at: datetime) -> bool:
@@ -125,17 +129,18 @@ class _Signers:
 
     def trusted_by(self, peers: Iterable[_Peer], certificate: Certificate) -> Iterator[Location]:
         """Where the authority stands by which one of the peers takes what the certificate's key signs."""
-        for enclave, _trust in islice(self.peers(peers, certificate), 1):
-            if enclave.permissions_ca is not None:
-                yield Location(path=enclave.permissions_ca.file.place, line=1)
+        for peer in self.peers(peers, certificate):
+            if peer.enclave.permissions_ca is not None:
+                yield Location(path=peer.enclave.permissions_ca.file.place, line=1)
 
     def peers(self, peers: Iterable[_Peer], certificate: Certificate) -> Iterator[_Peer]:
         """Those of the peers that take what it signs for itself (`attacker.RealmView.self_granting`)."""
-        for enclave, trust in peers:
-            roots = signing_authorities(enclave.permissions_ca, trust) if enclave.permissions_ca is not None else ()
+        for peer in peers:
+            ca, trust = peer.enclave.permissions_ca, peer.trust
+            roots = signing_authorities(ca, trust) if ca is not None else ()
             below = not trust.pins_signer and (fit_to_sign(certificate) or is_authority(certificate))
             if any(root.key == certificate.key for root in roots) or (below and self._chains(certificate, roots)):
-                yield enclave, trust
+                yield peer
 
     def _chains(self, certificate: Certificate, roots: Iterable[Certificate]) -> bool:
         """Whether it is below one of the roots: a message brings the authorities between along."""
@@ -181,13 +186,22 @@ def _ended(grant: Grant, at: datetime) -> bool:
     return dated is not None and at - dated.instant > ANY_ZONE
 
 
-def _without_grants(enclaves: Sequence[Enclave]) -> Iterator[Location]:
-    """Governances under which whoever is authenticated may join."""
-    for enclave in enclaves:
-        file: GovernanceFile | None = enclave.governance
-        for rule in file.governance.domain_rules if file is not None and file.governance is not None else ():
-            if file is not None and not rule.enable_join_access_control:
-                yield Location(path=file.signed.file.place, line=rule.line)
+def _ungranted(taking: Sequence[_Peer], signers: _Signers, certificate: Certificate) -> Iterator[Location]:
+    """What lets it in among these peers without a grant of the permissions CA, if anything does."""
+    return islice(chain(_without_grants(taking), signers.trusted_by(taking, certificate)), 1)
+
+
+def _without_grants(peers: Iterable[_Peer]) -> Iterator[Location]:
+    """Governances under which these peers let in whomever they authenticate."""
+    for peer in peers:
+        file = None if peer.wants_grant else peer.enclave.governance
+        if file is not None and file.governance is not None:
+            rules = file.governance.domain_rules
+            yield from (
+                Location(path=file.signed.file.place, line=rule.line)
+                for rule in rules
+                if not rule.enable_join_access_control
+            )
 
 
 class Takers:

@@ -15,7 +15,18 @@ from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
 from tests.cli.keystores import answer
-from tests.model.comparing import AT, Member, Store, authority, criterion, grant, permissions, rule
+from tests.model.comparing import (
+    AT,
+    Member,
+    Store,
+    authority,
+    criterion,
+    domain_rule,
+    governance,
+    grant,
+    permissions,
+    rule,
+)
 from tests.model.test_at_large import HELD, LYING_ABOUT, NOBODYS, STORE, Files, identity, written
 
 
@@ -69,6 +80,22 @@ def test_an_enclave_of_its_subject_counts_where_whoever_takes_it_takes_that_encl
     assert beside(root) == [Severity.HIGH]
     revoked = replace(trusting, revoked=(ADMIN.serial,))
     assert beside(written(tmp_path / "d", LYING_ABOUT, revoked), "spec") == [Severity.HIGH]
+
+
+OPEN = governance(domain_rule(enable_join_access_control="false"))
+
+
+@pytest.mark.parametrize(("profile", "found"), [("cyclonedds-11", [Severity.HIGH]), ("fastdds-3.6", [])])
+def test_a_governance_that_wants_no_grant_is_one_of_a_peer_that_takes_it(
+    profile: str, found: list[Severity], tmp_path: Path
+) -> None:
+    """And of an implementation that lets anybody in by it: Fast DDS asks everybody for some grant."""
+    made = identity("/nobody", "nobody")
+    files = {"backup/cert.pem": made.pem, "backup/key.pem": made.key_pem}
+    assert beside(written(tmp_path / "a", files, replace(STORE, governance=OPEN)), profile) == found
+    root = written(tmp_path / "b", files)
+    Store(members={"/admin": ADMIN}, identity=OTHER[:1], permissions=OTHER[1:], governance=OPEN).write(root)
+    assert beside(root, profile) == []
 
 
 @pytest.mark.parametrize(("profile", "found"), [("cyclonedds-0.10", [Severity.HIGH]), ("cyclonedds-11", [])])
