@@ -23,11 +23,16 @@ from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.private_key import PrivateKey
 from keystore_audit.model.at_large import Candidate
 from keystore_audit.model.doubt import at_large_doubt, realm_doubt
-from keystore_audit.model.inventory import Document, governance_at_large, identities_at_large, may_be_taken
+from keystore_audit.model.inventory import (
+    Document,
+    governance_at_large,
+    identities_at_large,
+    may_be_taken,
+    named_by_some,
+)
 from keystore_audit.model.local_moments import Endpoints
 from keystore_audit.model.lone_endpoints import Alone
 from keystore_audit.model.profiles import Profile
-from keystore_audit.model.subject import matching
 from keystore_audit.model.views import TrustFiles, trust_files
 
 MAX_HOLDERS: Final = 4_000
@@ -161,11 +166,7 @@ def _named(
 ) -> list[frozenset[int]]:
     """By document the identities that one of its grants names, to some implementation."""
     texts = [frozenset(grant.subject_name.text for grant in file.grants) for file in files]
-    every = sorted(frozenset[str]().union(*texts))
-    named: dict[str, frozenset[int]] = {}
-    for comparison in dict.fromkeys(profile.trust.subjects for profile in profiles):
-        for text, numbers in matching(every, identities, comparison).items():
-            named[text] = named.get(text, frozenset()) | numbers
+    named = named_by_some(frozenset[str]().union(*texts), identities, profiles)
     return [frozenset[int]().union(*(named[text] for text in each)) for each in texts]
 
 

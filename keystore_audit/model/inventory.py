@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from datetime import datetime
 from functools import lru_cache
 from typing import Final
@@ -15,8 +15,9 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.keystore.stray import Stray
-from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.model.profiles import VARIANTS, Profile
 from keystore_audit.model.semantics import ReadGrant
+from keystore_audit.model.subject import matching
 from keystore_audit.model.trust import Verdict, document_verdict, envelope, is_authority, may_have_issued
 
 _TRUSTS: Final = tuple(dict.fromkeys(profile.trust for profile in VARIANTS.values()))
@@ -97,6 +98,16 @@ def permissions_cas(keystore: Keystore) -> tuple[CertificateFile | None, ...]:
 def may_be_taken(signed: SignedDocument, files: Iterable[CertificateFile | None]) -> bool:
     """Whether a peer with one of these permissions CA files may take the document, under any known implementation."""
     return any(document_verdict(signed, file, trust) is not Verdict.REFUSED for file in files for trust in _TRUSTS)
+
+
+def named_by_some(
+    texts: Iterable[str], certificates: Sequence[Certificate], profiles: Iterable[Profile]
+) -> dict[str, frozenset[int]]:
+    """For each subject_name of a grant the certificates (indices) that some of the profiles take it to name."""
+    wanted = sorted(set(texts))
+    comparisons = dict.fromkeys(profile.trust.subjects for profile in profiles)
+    found = [matching(wanted, certificates, comparison) for comparison in comparisons]
+    return {text: frozenset[int]().union(*(each[text] for each in found)) for text in wanted}
 
 
 def embedded_authorities(documents: Iterable[Document]) -> Iterator[Certificate]:

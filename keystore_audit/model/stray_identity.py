@@ -20,11 +20,11 @@ from keystore_audit.model.inventory import (
     documents_of,
     embedded_authorities,
     may_be_taken,
+    named_by_some,
     permissions_cas,
 )
 from keystore_audit.model.profiles import Profile, Trust
 from keystore_audit.model.revocation import revoked
-from keystore_audit.model.subject import matching
 from keystore_audit.model.trust import is_authority, is_issued, may_have_issued, signing_authorities
 from keystore_audit.model.validity import ANY_ZONE, DateReading, read_date
 from keystore_audit.model.views import TrustFiles, trust_files
@@ -168,11 +168,7 @@ def _granted(
         for grant in file.grants
         if not _ended(grant, at)
     ]
-    texts = list(dict.fromkeys(grant.subject_name.text for grant, _place in grants))
-    named: dict[str, set[int]] = {text: set() for text in texts}
-    for comparison in dict.fromkeys(profile.trust.subjects for profile in profiles):
-        for text, numbers in matching(texts, certificates, comparison).items():
-            named[text] |= numbers
+    named = named_by_some((grant.subject_name.text for grant, _place in grants), certificates, profiles)
     found: dict[int, list[Location]] = {}
     for grant, place in grants:
         for number in named[grant.subject_name.text]:

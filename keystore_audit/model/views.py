@@ -124,8 +124,8 @@ class Views:
             subjects = [
                 grant.subject_name.text
                 for document in self._documents
-                if isinstance(document.file, PermissionsFile) and document.file.permissions is not None
-                for grant in document.file.permissions.grants
+                if isinstance(document.file, PermissionsFile)
+                for grant in document.file.grants
             ]
             self._named[trust.subjects] = matching(subjects, self._certificates, trust.subjects)
         return self._named[trust.subjects]
