@@ -60,12 +60,8 @@ def locate(
     environment: Mapping[str, str] | None = None,
 ) -> Engine:
     """Return what `find` does, the jar checked. Raises EngineFailed too, if it is not the pinned one."""
-    environment = os.environ if environment is None else environment
     found = find(jar, offline=offline, ci=ci, progress=progress, environment=environment)
-    if jar is None and not environment.get(JAR_VARIABLE):
-        check(found.jar, otherwise="Remove the file and run `keystore-audit engine install`.")
-    else:
-        check(found.jar)
+    check(found.jar)
     return found
 
 
@@ -146,14 +142,14 @@ def checked_copy(jar: Path, directory: Path) -> Path:
     return copy
 
 
-def check(jar: Path, otherwise: str = _OTHER_FILE) -> bytes:
+def check(jar: Path) -> bytes:
     """Return the bytes of the jar; raise EngineMissing if it cannot be read, EngineFailed if it is not the pinned one.
 
-    `otherwise`: what to do then. Only the copy in the cache is ours to remove.
+    What is wrong in the cache, `install` replaces.
     """
     try:
         if jar.stat().st_size > MAX_JAR_SIZE:
-            raise EngineFailed(f"{jar} is not the Alloy Analyzer {VERSION}: it is far too large. {otherwise}")
+            raise EngineFailed(f"{jar} is not the Alloy Analyzer {VERSION}: it is far too large. {_OTHER_FILE}")
         with jar.open("rb") as file:
             content = file.read(MAX_JAR_SIZE)
         found = hashlib.sha256(content).hexdigest()
@@ -162,7 +158,7 @@ def check(jar: Path, otherwise: str = _OTHER_FILE) -> bytes:
     if found != SHA256:
         raise EngineFailed(
             f"{jar} is not the Alloy Analyzer {VERSION}: its SHA-256 is {found}, that of the published artifact "
-            f"{SHA256}. {otherwise}"
+            f"{SHA256}. {_OTHER_FILE}"
         )
     return content
 

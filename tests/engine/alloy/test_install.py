@@ -37,7 +37,7 @@ def test_one_byte_makes_it_another_file(home: dict[str, str], analyzer: Engine) 
     content = bytearray(path.read_bytes())
     content[12_345] ^= 1
     path.write_bytes(content)
-    with pytest.raises(EngineFailed, match="SHA-256"):
+    with pytest.raises(EngineFailed, match=r"SHA-256.*, or run `keystore-audit engine install`"):
         locate(None, offline=False, ci=False, environment=home)
     assert install.install(analyzer.jar, environment=home).read_bytes() == analyzer.jar.read_bytes()
 
@@ -84,18 +84,10 @@ def test_a_file_too_large_is_not_even_hashed(home: dict[str, str], tmp_path: Pat
 def test_a_wrong_file_is_not_installed(home: dict[str, str], tmp_path: Path) -> None:
     wrong = tmp_path / "wrong.jar"
     wrong.write_bytes(b"PK")
-    with pytest.raises(EngineFailed, match=r"SHA-256.*\. Give the jar of org\.alloytools") as raised:
+    with pytest.raises(EngineFailed, match=r"SHA-256.*\. Give the jar of org\.alloytools"):
         install.install(wrong, environment=home)
-    assert "Remove" not in raised.value.message  # the file is the user's
     assert not cached_jar(home).exists()
     assert list(cached_jar(home).parent.iterdir()) == []
-
-
-def test_a_wrong_file_in_the_cache_is_to_be_removed(home: dict[str, str]) -> None:
-    cached_jar(home).parent.mkdir(parents=True)
-    cached_jar(home).write_bytes(b"PK")
-    with pytest.raises(EngineFailed, match=r"SHA-256.*\. Remove the file and run"):
-        locate(None, offline=True, ci=True, environment=home)
 
 
 def test_a_cache_that_cannot_be_written(home: dict[str, str], analyzer: Engine, tmp_path: Path) -> None:
