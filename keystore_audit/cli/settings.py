@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 if TYPE_CHECKING:
-    from keystore_audit.settings import Baseline, Settings
+    from keystore_audit.ci import in_ci
+from keystore_audit.settings import Baseline, Settings
 
 STATEMENTS: Final = ("statement", "svr")
 """Formats that others take as a promise."""
@@ -78,9 +79,8 @@ def passed_over(given: Mapping[str, Any]) -> str:
 
 def _why_not_found(given: Mapping[str, Any]) -> list[str]:
     """Why settings count only where they are named."""
-    in_ci = os.environ.get("CI", "").lower() not in ("", "0", "false")
     return [
-        *(["the variable CI is set"] if in_ci else ()),
+        *(["the variable CI is set"] if in_ci() else ()),
         *(["--deployed is given"] if given["deployed"] else ()),
         *(["a statement is written"] if _attests(given) else ()),
     ]

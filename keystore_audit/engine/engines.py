@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from keystore_audit.ci import in_ci
 from keystore_audit.dataclass import replace
 from keystore_audit.engine.agreement import EngineAnswers
 from keystore_audit.engine.native import NativeEngine
@@ -61,8 +61,7 @@ def _alloy(
     asked = choice in ("alloy", "both") or jar is not None
     version: str | None = None
     try:
-        in_ci = os.environ.get("CI", "").lower() not in ("", "0", "false")
-        engine = find(jar, offline=offline, ci=in_ci, progress=stage)
+        engine = find(jar, offline=offline, ci=in_ci(), progress=stage)
         version = engine.version
         if stage:
             stage("asking the Alloy Analyzer")

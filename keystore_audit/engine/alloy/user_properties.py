@@ -7,12 +7,12 @@ and what contradicts them leaves the run `CONSISTENT` without an instance, and e
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
+from keystore_audit.ci import in_ci
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.engine.alloy import application, claims, install
 from keystore_audit.engine.alloy.facts import MODULES, fact_modules
@@ -98,8 +98,7 @@ def _told(
         why = alloy.reason if alloy else ""
         return _undecided(file, systems, f"Alloy gave no answer ({why.rstrip('.')})")
     try:
-        in_ci = os.environ.get("CI", "").lower() not in ("", "0", "false")
-        engine = install.find(jar, offline=offline, ci=in_ci, progress=stage)
+        engine = install.find(jar, offline=offline, ci=in_ci(), progress=stage)
         answers = ask(file, systems, Analyzer(java=engine.java, jar=engine.jar, timeout=timeout, memory_mb=MEMORY_MB))
     except EngineError as error:
         return _undecided(file, systems, f"Alloy gave no answer ({error.message.rstrip('.')})")
