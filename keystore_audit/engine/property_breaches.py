@@ -53,10 +53,10 @@ class _Files:
     def __init__(self, keystore: Keystore) -> None:
         self._enclaves = {enclave.path: enclave for enclave in keystore.enclaves}
         self._held: dict[str, frozenset[Place]] = {}
-        self._governances: dict[str | None, set[str]] = {}
+        self._governances: dict[str, set[str]] = {}
         for enclave in keystore.enclaves:
             file = enclave.files.files[FileRole.GOVERNANCE]
-            self._governances.setdefault(file.sha256, set()).update((file.path, file.place))
+            self._governances.setdefault(file.sha256 or file.place, set()).update((file.path, file.place))
 
     def of(self, label: str) -> frozenset[Place]:
         """Of an enclave, but its governance; of nobody's none."""
@@ -68,7 +68,7 @@ class _Files:
         return self._held.get(label, frozenset())
 
     def copies(self, path: str) -> Collection[str]:
-        """The names of a governance document."""
+        """The names of a governance document, by which enclaves have it or one of equal bytes."""
         return next((names for names in self._governances.values() if path in names), {path})
 
 
