@@ -284,6 +284,9 @@ def _carried(
         files=frozenset(file.file.sha256 for file in files if not file.defects),
         places=frozenset(file.file.place for file in files),
         keys=tuple(enclave.key for enclave in enclaves if enclave.key is not None),
+        own_places=frozenset(
+            place for enclave in enclaves for file in enclave.files.files.values() for place in (file.path, file.place)
+        ),
         key_places=(
             frozenset(enclave.files.files[Role.KEY].place for enclave in enclaves),
             frozenset(file.place for file in layout.authority_keys),

@@ -41,11 +41,13 @@ class StrayIdentity:
 class StrayIdentities:
     """Those of a keystore, by place but for what stands in files that are read as what they are, which come first.
 
+    `copies`: certificates of enclaves whose key lies in a file of no enclave as well, with this as their path.
     `keyless`: certificates of no enclave whose private key was not found. `locked`: files with private keys of which it
     is not known whose they are. `unread`: files in which whole identities may be, with the reason as their detail.
     """
 
     found: tuple[StrayIdentity, ...] = ()
+    copies: tuple[Certificate, ...] = ()
     keyless: tuple[Certificate, ...] = ()
     locked: tuple[File, ...] = ()
     unread: tuple[File, ...] = ()
@@ -73,8 +75,9 @@ class Carried:
 
     `identities`: the certificates of enclaves. `authorities`: those that vouch or sign. `others`: whatever else stands
     beside them or inside messages. `files`: the digests of those in which nothing else stands. `places`: those of which
-    it is said elsewhere what cannot be read. `keys`: the private keys of enclaves. `key_places`: where these should be,
-    and those of authorities.
+    it is said elsewhere what cannot be read. `keys`: the private keys of enclaves. `own_places`: where
+    enclaves' files are, and what links there lead to. `key_places`: where their keys should be, and those of
+    authorities.
     """
 
     identities: tuple[Certificate, ...]
@@ -83,6 +86,7 @@ class Carried:
     files: frozenset[str | None]
     places: frozenset[str]
     keys: tuple[PrivateKey, ...]
+    own_places: frozenset[str]
     key_places: tuple[frozenset[str], frozenset[str]]
 
 
@@ -119,6 +123,11 @@ def read_stray_identities(root: Root, carried: Carried, unread: Iterable[File]) 
         found=tuple(
             StrayIdentity(certificate=each, key=keys.places[each.key]) for each in strays if each.key in keys.places
         ),
+        copies=tuple(
+            replace(each, path=keys.elsewhere[each.key], line=1)
+            for each in carried.identities
+            if each.key in keys.elsewhere
+        ),
         keyless=tuple(each for each in strays if each.key not in keys.places),
         locked=keys.locked,
         unread=tuple(sorted(not_read, key=lambda file: file.place)),
@@ -128,12 +137,14 @@ def read_stray_identities(root: Root, carried: Carried, unread: Iterable[File]) 
 class _Keys:
     """The private keys of the tree.
 
-    `places`: where that of each public key is. `locked`: files of which it is not known whose keys are in them.
-    `unread`: files in which a certificate may be with its key.
+    `places`: where that of each public key is. `elsewhere`: of those in files of no enclave. `locked`: files of
+    which it is not known whose keys are in them. `unread`: files in which a certificate may be with its key.
     """
 
     def __init__(self, root: Root, carried: Carried, unread: Iterable[File]) -> None:
         self.places: dict[str, str] = {}
+        self.elsewhere: dict[str, str] = {}
+        self._own_places = carried.own_places
         self.unread: list[File] = []
         self._locked: dict[str, File] = {}
         for key in carried.keys:
@@ -173,6 +184,8 @@ class _Keys:
     def _held(self, file: File, held: HeldKeys) -> None:
         for public in held.keys:
             self.places.setdefault(public, file.place)
+            if file.place not in self._own_places:
+                self.elsewhere.setdefault(public, file.place)
         if held.sealed:
             self.unread.append(replace(file, detail="is a PKCS #12 file, made for a certificate with its key"))
         elif held.locked:

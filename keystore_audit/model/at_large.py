@@ -66,7 +66,7 @@ def at_large_atoms(
         ends = own.get((each.number, realm), ())
         yield EnclaveAtom(
             label=f"{shorten(each.certificate.subject, MAX_SUBJECT)} ({each.certificate.path}, no enclave)",
-            location=certificates[each.number].location,
+            location=Location(path=each.certificate.path, line=each.certificate.line),
             realm=realm,
             identity=None if each.doubted else each.number,
             permissions=None,

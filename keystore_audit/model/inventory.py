@@ -71,12 +71,13 @@ def permissions_at_large(keystore: Keystore) -> tuple[Stray, ...]:
 def governance_at_large(keystore: Keystore) -> tuple[Stray, ...]:
     """Governance documents of no enclave that some peer's permissions CA signed, where somebody may start with them.
 
-    Enclaves do not. Whoever has an identity that is no enclave's own has files that nobody here knows, and these lie
-    beside it.
+    Enclaves do not. Whoever has an identity outside of them has files that nobody here knows, and these lie beside it.
     """
     governances = [stray for stray in keystore.strays if isinstance(stray.document, GovernanceFile)]
     identities = keystore.identities
-    if not governances or not (identities.found or identities.possible or any(certified_again(keystore))):
+    if not governances or not (
+        identities.found or identities.copies or identities.possible or any(certified_again(keystore))
+    ):
         return ()
     files = permissions_cas(keystore)
     return tuple(s for s in governances if s.document is not None and may_be_taken(s.document.signed, files))
@@ -169,7 +170,7 @@ def certified_again(keystore: Keystore) -> Iterator[tuple[Enclave, tuple[Certifi
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AtLarge:
-    """An identity that is no enclave's own, and that the identity CA of some enclave vouches for: `authorities`.
+    """An identity outside the enclaves, and that the identity CA of some enclave vouches for: `authorities`.
 
     `key`: a file that may hold its private key and could not be read; None where it is known that somebody has it.
     """
@@ -198,11 +199,12 @@ def identities_at_large(keystore: Keystore, at: datetime) -> tuple[AtLarge, ...]
     Whoever has the key is a participant with what grants give the subject (measured on Cyclone DDS and Fast DDS).
     Authorities of CA files are none of these: what their keys open is asked by itself. A further certificate of such a
     key is one: it makes a participant, whatever else the key signs, and whether or not anybody trusts that authority.
+    So is an enclave's own where its key lies elsewhere, too: who has that one has other files around it.
     """
     authorities = {certificate.sha256 for certificate in authorities_of(keystore)}
     again = (c for _enclave, others in certified_again(keystore) for c in others if c.sha256 not in authorities)
     found: dict[str, tuple[Certificate, str | None]] = {
-        certificate.sha256: (certificate, None) for certificate in again
+        certificate.sha256: (certificate, None) for certificate in (*again, *keystore.identities.copies)
     }
     for strays, certain in ((keystore.identities.found, True), (keystore.identities.possible, False)):
         for stray in strays:

@@ -101,13 +101,18 @@ def test_who_starts_with_a_governance_that_lies_there_is_where_it_says(
     assert ways(written(tmp_path / "b", NOBODYS, apart(domains))) == {HOLDS}
 
 
-def test_a_certificate_that_was_renewed_is_no_part_of_its_enclaves_realm_alone(tmp_path: Path) -> None:
-    """/admin, in a domain of its own, would pass on what /talker says if it were started with /talker's governance."""
+def passing_on() -> Store:
+    """/admin may pass on what /talker says, and is in domain 5 alone."""
     passes_on = permissions(
         grant("/admin", rule(criterion("subscribe", "rt/chatter"), criterion("publish", "rt/motor")))
     )
     admin = Member(permissions=passes_on, governance=governance(domain_rule(FIVE)), serial=104)
-    store = replace(STORE, members={**STORE.members, "/admin": admin}, strays={})
+    return replace(STORE, members={**STORE.members, "/admin": admin}, strays={})
+
+
+def test_a_certificate_that_was_renewed_is_no_part_of_its_enclaves_realm_alone(tmp_path: Path) -> None:
+    """/admin, in a domain of its own, would pass on what /talker says if it were started with /talker's governance."""
+    store = passing_on()
     again = {"backup/cert.pem": identity("/admin", "/admin", serial=105).pem}
     assert ways(written(tmp_path / "a", {}, store), profiles=("spec",)) == {HOLDS}
     assert ways(written(tmp_path / "b", again, store), profiles=("spec",)) == {VIOLATED}
@@ -115,6 +120,30 @@ def test_a_certificate_that_was_renewed_is_no_part_of_its_enclaves_realm_alone(t
         assert len(added(system)) == 1
         answers = NativeEngine([system]).answers[0]
         assert answers["no-identity-serves-two-enclaves"].status is HOLDS, "it is one identity"
+
+
+@pytest.mark.parametrize(
+    ("place", "expected"),
+    [("backup/key.pem", VIOLATED), ("backup/README", VIOLATED), ("enclaves/motor/notes", VIOLATED), (None, HOLDS)],
+)
+def test_whoever_has_a_copy_of_an_enclaves_key_is_in_no_realm_of_it_alone(
+    place: str | None, expected: Status, tmp_path: Path
+) -> None:
+    """/admin, in a domain of its own, would pass on what /talker says if it were started with /talker's governance."""
+    root = written(tmp_path, {}, passing_on())
+    if place is not None:
+        copy = root / place
+        copy.parent.mkdir(exist_ok=True)
+        copy.write_bytes(b"A copy:\n" + (root / "enclaves/admin/key.pem").read_bytes())
+    assert ways(root, profiles=("spec",)) == {expected}
+    findings = audit(root, Options(at=AT, engine="native")).findings
+    assert not {"KA668", "KA704", "KA707"} & {each.code for each in findings}
+
+
+def test_a_copy_of_a_key_adds_nobody_to_the_realm_of_its_enclave(tmp_path: Path) -> None:
+    root = written(tmp_path, {})
+    (root / "key.pem").write_bytes((root / "enclaves/motor/key.pem").read_bytes())
+    assert [added(system) for system in understood(root)] == [[]] * len(understood(root))
 
 
 WEAK = governance(
@@ -158,11 +187,13 @@ def test_both_engines_say_so(tmp_path: Path) -> None:
         claim(ClaimKind.NO_FLOW, Globs(enclaves=("/talker",)), Globs(enclaves=("/motor",))), attacker=Attacker.HONEST
     )
     systems = []
-    for number, store in enumerate((WITHOUT_TALKER, apart(FIVE), apart(BOTH))):
-        found = understood(written(tmp_path / str(number), LYING_ABOUT, store), (asked,))
+    copied = passing_on(), {"backup/key.pem": identity("/admin", "/admin").key_pem}
+    others = ((store, LYING_ABOUT) for store in (WITHOUT_TALKER, apart(FIVE), apart(BOTH)))
+    for number, (store, files) in enumerate((*others, copied)):
+        found = understood(written(tmp_path / str(number), files, store), (asked,))
         systems.append(next(system for system in found if "spec" in system.profiles))
     native = NativeEngine(systems).answers
     theirs = tuple(compare_batch(systems, [holding(answers) for answers in native]))
     assert [each.differing for each in theirs] == [()] * len(systems)
-    assert [each.claims["x"] for each in theirs] == [VIOLATED, HOLDS, VIOLATED]
-    assert [answers["x"].status for answers in native] == [VIOLATED, HOLDS, VIOLATED]
+    assert [each.claims["x"] for each in theirs] == [VIOLATED, HOLDS, VIOLATED, VIOLATED]
+    assert [answers["x"].status for answers in native] == [VIOLATED, HOLDS, VIOLATED, VIOLATED]
