@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from functools import partial
+from itertools import chain
 from typing import TYPE_CHECKING
 
 from keystore_audit import __version__
@@ -284,12 +285,14 @@ def _report(
 def _files(context: Context) -> Iterator[tuple[str, str]]:
     """What the report speaks for, with its digests: what the same run audits apart is another report's.
 
-    But for what is read here, too: a link of an enclave may lead there.
+    But for what is read here, too: links of enclaves, in public/ and to the shared governance may lead there.
     """
-    keystore = context.keystore
+    keystore, layout = context.keystore, context.keystore.layout
     apart = context.beside.apart if context.beside is not None else frozenset()
     folders = tuple(f"{place}/" for place in apart)
-    ours = {file.place for each in keystore.enclaves for file in each.files.every} if apart else set()
+    shared = (*layout.authorities, *filter(None, (layout.governance, layout.unsigned_governance)))
+    read = chain(shared, *(each.files.every for each in keystore.enclaves)) if apart else ()
+    ours = {file.place for file in read}
     return ((path, sha256) for path, sha256 in keystore.contents if path in ours or not path.startswith(folders))
 
 
