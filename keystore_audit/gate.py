@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from keystore_audit.dataclass import replace
 from keystore_audit.engine.horizon import Horizon
 from keystore_audit.findings import Finding, Result, Severity
-from keystore_audit.intent.environment import DOMAIN, RMW, Environment
+from keystore_audit.intent.environment import DISTRIBUTION, DOMAIN, RMW, Environment
 from keystore_audit.model.profiles import DEFAULT, Profile, running
 from keystore_audit.options import DEFAULT_NOTICE, Options
 from keystore_audit.properties import Status
@@ -52,7 +52,7 @@ def verdict(findings: Sequence[Finding], fail_on: Severity | None, *, complete: 
 
 def started_with(environment: Environment) -> tuple[str, ...]:
     """The profiles that robots with these variables may start with."""
-    return running(environment.value("ROS_DISTRO"), environment.value(RMW))
+    return running(environment.value(DISTRIBUTION), environment.value(RMW))
 
 
 def weakened(options: Options, profiles: Sequence[Profile], environment: Environment | None) -> tuple[str, ...]:
@@ -89,7 +89,7 @@ def passed_over(options: Options, profiles: Sequence[Profile], environment: Envi
     domain = environment.value(DOMAIN)
     if domain and environment.domain != options.domain:
         found.append(f"--domain {options.domain} in place of {DOMAIN}={domain} in {environment.file.path}")
-    named = environment.value("ROS_DISTRO") or environment.value(RMW)
+    named = environment.value(DISTRIBUTION) or environment.value(RMW)
     missing = set(started_with(environment)) - {profile.name for profile in profiles} if named else ()
     if missing:
         left_out = ", ".join(sorted(missing))

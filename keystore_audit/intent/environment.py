@@ -28,11 +28,12 @@ OVERRIDE: Final = "ROS_SECURITY_ENCLAVE_OVERRIDE"
 """The variable that replaces the enclave of every process that has it (rcl's `security.c`)."""
 DOMAIN: Final = "ROS_DOMAIN_ID"
 RMW: Final = "RMW_IMPLEMENTATION"
+DISTRIBUTION: Final = "ROS_DISTRO"
 
 SECURE: Final = {ENABLE: "true", STRATEGY: "Enforce"}
 """The one value with which there is security, exactly (rcl's `security.c`)."""
 
-VARIABLES: Final = (ENABLE, STRATEGY, KEYSTORE, OVERRIDE, DOMAIN, RMW, "ROS_DISTRO")
+VARIABLES: Final = (ENABLE, STRATEGY, KEYSTORE, OVERRIDE, DOMAIN, RMW, DISTRIBUTION)
 """Those that are looked at; others are passed over."""
 
 _ASSIGNMENT: Final = re.compile(r"(export[ \t]+)?([A-Za-z_][A-Za-z0-9_]*)=(.*)", re.DOTALL)

@@ -78,7 +78,8 @@ def _before(prefix: str) -> dict[str, str | Unknown]:
         if called == "env" or _KEEPERS.fullmatch(called):
             program = called
         elif program == "env" and is_set and not name.startswith("-"):
-            found |= {name: value} if name in NAMES else {}
+            if name in NAMES:
+                found[name] = value
         elif not _is_harmless(word, before, program) or any(each in word for each in NAMES):
             return {**found, **_unknown(may_change)}
     return found

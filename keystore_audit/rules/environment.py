@@ -7,7 +7,7 @@ from difflib import get_close_matches
 from typing import Any, Final
 
 from keystore_audit.findings import Severity
-from keystore_audit.intent.environment import ENABLE, RMW, SECURE, STRATEGY, Environment
+from keystore_audit.intent.environment import DISTRIBUTION, ENABLE, RMW, SECURE, STRATEGY, Environment
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.profiles import DISTRIBUTIONS, MIDDLEWARE, running
 from keystore_audit.rules.context import Context
@@ -216,14 +216,14 @@ def distribution_not_modelled(_keystore: Keystore, context: Context) -> Iterator
     itself; whether the robot's is one of them stays open, unless profiles are chosen.
     """
     environment = _of(context)
-    name = environment.value("ROS_DISTRO")
+    name = environment.value(DISTRIBUTION)
     if name and name not in DISTRIBUTIONS:
         assumed = running(name, environment.value(RMW))
         chosen = tuple(profile.name for profile in context.profiles) != assumed
         what = "the profiles chosen are judged instead" if chosen else "every release that is known is judged instead"
         yield _found(
             environment,
-            "ROS_DISTRO",
+            DISTRIBUTION,
             f"ROS_DISTRO is {quoted(name)}, whose releases of DDS implementations are not known here: {what}.",
             undecided=not chosen,
         )
