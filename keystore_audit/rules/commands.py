@@ -75,13 +75,14 @@ SHOW_SUBJECT: Final = (
 )
 
 LINK_GOVERNANCE: Final = "`ln -sf ../governance.p7s enclaves/ENCLAVE/governance.p7s`"
+DEEPER: Final = "with one ../ more for every further level of the enclave's path"
 LINK_CA: Final = "`ln -sf ../../public/ROLE_ca.cert.pem enclaves/ENCLAVE/ROLE_ca.cert.pem`"
 
 MAKE_LAYOUT: Final = (
     "`mkdir public private enclaves`, `mv ca.cert.pem public/`, `mv ca.key.pem private/`, `mv governance.* enclaves/`, "
     "for both ROLEs, identity and permissions, `ln -s ca.cert.pem public/ROLE_ca.cert.pem` and `ln -s ca.key.pem "
     "private/ROLE_ca.key.pem`, for every folder of enclaves `mv FOLDER enclaves/`, and for every enclave "
-    f"{LINK_GOVERNANCE} and for both ROLEs {LINK_CA}, with one ../ more for every further level of the enclave's path"
+    f"{LINK_GOVERNANCE} and for both ROLEs {LINK_CA}, {DEEPER}"
 )
 
 START_LIST: Final = (

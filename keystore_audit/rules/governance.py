@@ -18,7 +18,7 @@ from keystore_audit.keystore.governance import DomainRule, GovernanceFile, Topic
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.domains import covered, describe
 from keystore_audit.model.names import DISCOVERY_TOPIC
-from keystore_audit.rules.commands import LINK_GOVERNANCE, SIGN_GOVERNANCE
+from keystore_audit.rules.commands import DEEPER, LINK_GOVERNANCE, SIGN_GOVERNANCE
 from keystore_audit.rules.contents import signed_bytes, told
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
@@ -263,7 +263,7 @@ def write_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[
     on=Keystore,
     clause="DDS-Security 1.1, 9.4.1.2 (participants of a domain share its governance); measured",
     remedy="Give every enclave the same governance.p7s, a link to enclaves/governance.p7s as sros2 makes it, in the "
-    f"keystore's root: {LINK_GOVERNANCE}, with one ../ more for every further level of the enclave's path.",
+    f"keystore's root: {LINK_GOVERNANCE}, {DEEPER}.",
 )
 def governances_differ(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     """Enclaves carry governance documents that say different things.

@@ -13,21 +13,19 @@ from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.rules.commands import CREATE_ENCLAVE, MAKE_LAYOUT, SHOW_DOCUMENT, SIGN_DOCUMENT
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.missing_files import RUN_TIME_FILES, about, dangling_link, file_name, required_file_missing
+from keystore_audit.rules.missing_files import (
+    RUN_TIME_FILES,
+    about,
+    dangling_link,
+    file_name,
+    in_state,
+    required_file_missing,
+)
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse
 from keystore_audit.rules.wording import listed, paths, quoted, sole
 
 _UNREAD = "keystore-audit, docs/model.md: what is not read counts as able to do anything"
-
-
-def _unread(enclave: Enclave, status: Status) -> Iterator[File]:
-    """Run-time files in this state, each path once."""
-    seen: set[str] = set()
-    for file in enclave.files.for_run_time:
-        if file.status is status and file.path not in seen:
-            seen.add(file.path)
-            yield file
 
 
 @rule(
@@ -45,7 +43,7 @@ def link_leaves_keystore(enclave: Enclave, _context: Context) -> Iterator[Violat
     What it leads to is no part of what is audited and was not read; a robot reads it, so that the enclave may be able
     to do anything.
     """
-    for file in _unread(enclave, Status.OUTSIDE):
+    for file in in_state(enclave.files.for_run_time, Status.OUTSIDE):
         yield about(enclave, file, f"{file_name(file)} {file.detail}.", undecided=True)
 
 
@@ -84,7 +82,7 @@ def not_a_regular_file(enclave: Enclave, _context: Context) -> Iterator[Violatio
 
     It is not opened: reading could hang, or give other bytes to each reader.
     """
-    for file in _unread(enclave, Status.SPECIAL):
+    for file in in_state(enclave.files.for_run_time, Status.SPECIAL):
         yield about(enclave, file, f"{file_name(file)} was not read: {file.detail}.", undecided=True)
 
 
@@ -98,7 +96,7 @@ def not_a_regular_file(enclave: Enclave, _context: Context) -> Iterator[Violatio
 )
 def file_too_large(enclave: Enclave, _context: Context) -> Iterator[Violation]:
     """A run-time file is over 4 MB, or all files together over their limit. A robot may read it all the same."""
-    for file in _unread(enclave, Status.TOO_LARGE):
+    for file in in_state(enclave.files.for_run_time, Status.TOO_LARGE):
         yield about(enclave, file, f"{file_name(file)} {file.detail}.", undecided=True)
 
 
@@ -119,7 +117,7 @@ def unreadable(keystore: Keystore, _context: Context) -> Iterator[Violation]:
             undecided=True,
         )
     for enclave in keystore.enclaves:
-        for file in _unread(enclave, Status.UNREADABLE):
+        for file in in_state(enclave.files.for_run_time, Status.UNREADABLE):
             yield about(enclave, file, f"{file_name(file)} was not read: {file.detail}.", undecided=True)
 
 

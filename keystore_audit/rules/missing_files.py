@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Final
 
 from keystore_audit.dataclass import replace
@@ -15,6 +15,7 @@ from keystore_audit.rules.certificate import ISSUE_AGAIN
 from keystore_audit.rules.commands import (
     CREATE_ENCLAVE,
     CREATE_PERMISSION,
+    DEEPER,
     LINK_CA,
     LINK_GOVERNANCE,
     SIGN_GOVERNANCE,
@@ -25,16 +26,17 @@ from keystore_audit.rules.registry import Violation, rule
 
 RUN_TIME_FILES: Final = "ros2/rmw_dds_common, security.cpp: the files that an enclave must have"
 
-_MAKE_AGAIN = f"Make what is missing: {CREATE_ENCLAVE}."
+_MAKE_AGAIN: Final = f"Make what is missing: {CREATE_ENCLAVE}."
 
-_LINK_AGAIN: Final = (
-    "Restore the file, or make the link that sros2 has there, in the keystore's root: {link}, with one ../ more for "
-    "every further level of the enclave's path."
-)
+
+def _link_again(link: str) -> str:
+    return f"Restore the file, or make the link that sros2 has there, in the keystore's root: {link}, {DEEPER}."
+
+
 _FOR_WANT_OF: Final = {  # create_enclave would make it, and put permissions that allow everything over those there are
-    Role.GOVERNANCE: _LINK_AGAIN.format(link=LINK_GOVERNANCE),
-    Role.IDENTITY_CA: _LINK_AGAIN.format(link=LINK_CA).replace("ROLE", "identity"),
-    Role.PERMISSIONS_CA: _LINK_AGAIN.format(link=LINK_CA).replace("ROLE", "permissions"),
+    Role.GOVERNANCE: _link_again(LINK_GOVERNANCE),
+    Role.IDENTITY_CA: _link_again(LINK_CA.replace("ROLE", "identity")),
+    Role.PERMISSIONS_CA: _link_again(LINK_CA.replace("ROLE", "permissions")),
     Role.PERMISSIONS: f"Where permissions.xml is there, read it and sign it, in the keystore's root: "
     f"{SIGN_PERMISSIONS}. Else write a policy: {CREATE_PERMISSION}.",
     Role.CERTIFICATE: ISSUE_AGAIN,
@@ -68,14 +70,14 @@ def _how_to_make(enclave: Enclave, missing: File) -> str:
     return _FOR_WANT_OF[role] if there else _MAKE_AGAIN
 
 
-def _required(enclave: Enclave, *statuses: Status) -> Iterator[File]:
-    """Required files in these states, each path once; a `.p11` file may stand in for the `.pem`."""
-    seen: set[str] = set()
-    for role in REQUIRED:
-        file = enclave.files.files[role]
-        if file.status in statuses and role not in enclave.files.pkcs11 and file.path not in seen:
-            seen.add(file.path)
-            yield file
+def in_state(files: Iterable[File], *statuses: Status) -> tuple[File, ...]:
+    """Those of the files that are in one of these states, each path once."""
+    return tuple({file.path: file for file in files if file.status in statuses}.values())
+
+
+def _required(enclave: Enclave) -> Iterator[File]:
+    """Required files; a `.p11` file may stand in for the `.pem`."""
+    return (enclave.files.files[role] for role in REQUIRED if role not in enclave.files.pkcs11)
 
 
 def file_name(file: File) -> str:
@@ -100,7 +102,7 @@ def required_file_missing(enclave: Enclave, _context: Context) -> Iterator[Viola
     Under Enforce the enclave's nodes do not start; under any other strategy they start without security. The check
     cannot know which strategy the robot uses.
     """
-    for file in _required(enclave, Status.MISSING, Status.DIRECTORY):
+    for file in in_state(_required(enclave), Status.MISSING, Status.DIRECTORY):
         got = "a directory" if file.status is Status.DIRECTORY else "nothing"
         message = f"{enclave.path} cannot start: expected a file {file_name(file)}, there is {got}."
         yield replace(_absent(enclave, file, message), remedy=_how_to_make(enclave, file))
@@ -113,8 +115,8 @@ def required_file_missing(enclave: Enclave, _context: Context) -> Iterator[Viola
     on=Enclave,
     clause=RUN_TIME_FILES,
     remedy="Restore the file that the link names (public/ and enclaves/governance.p7s belong to a copy), or make the "
-    f"link again, in the keystore's root: {LINK_GOVERNANCE} or {LINK_CA}, with one ../ more for every further level of "
-    "the enclave's path. `ros2 security create_enclave` replaces no link.",
+    f"link again, in the keystore's root: {LINK_GOVERNANCE} or {LINK_CA}, {DEEPER}. `ros2 security "
+    "create_enclave` replaces no link.",
     explains=tuple(_RESTS_ON.values()),
     stops=True,
 )
@@ -123,9 +125,8 @@ def dangling_link(enclave: Enclave, _context: Context) -> Iterator[Violation]:
 
     Copying a part of a keystore does that. A revocation list that is such a link revokes nothing, and nobody is told.
     """
-    for file in _required(enclave, Status.DANGLING, Status.LOOP):
+    for file in in_state(_required(enclave), Status.DANGLING, Status.LOOP):
         message = f"{enclave.path} cannot start: {file_name(file)} is a link that leads nowhere ({file.detail})."
         yield _absent(enclave, file, message)
-    crl = enclave.files.files[Role.CRL]
-    if crl.status in (Status.DANGLING, Status.LOOP):
+    for crl in in_state([enclave.files.files[Role.CRL]], Status.DANGLING, Status.LOOP):
         yield about(enclave, crl, f"{file_name(crl)} is a link that leads nowhere ({crl.detail}): nothing is revoked.")
