@@ -333,7 +333,7 @@ def identity_key_certified_again(keystore: Keystore, context: Context) -> Iterat
     nobody, and serves whoever has the key: as another identity, with the grants of its subject, or as a signer
     (measured on Cyclone DDS and Fast DDS). Where the identity CA of an enclave vouches for it, flows and properties
     count it among the participants. Of one in any other file KA668 speaks, where the private key can be read. What was
-    certified elsewhere is not seen. Grants that name a further certificate whom peers let in are among its places.
+    certified elsewhere is not seen. Among its places are grants that name a further certificate that peers let in.
     """
     joining = {identity.certificate.sha256 for identity in identities_at_large(keystore, context.at)}
     again = list(certified_again(keystore))

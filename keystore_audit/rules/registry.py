@@ -18,14 +18,14 @@ class Violation:
     """What a rule found wrong with its subject.
 
     `locations`: all, the primary place first. `severity`: where it depends on profile or option, else the rule's.
-    `profiles`: canonical variants that it holds for (empty: all). `undecided`: something stays unknown
-    because of it, so the audit is incomplete. `key`: what makes it beside what stands at its places, unabridged: with
-    both it is accepted by its fingerprint. It holds no line numbers, which reformatting changes. `contents`: whether
-    what stands at the places is part of what makes it (of a property that no finding explains: what all files say);
-    where not, `key` holds all of it. `against`: further places, of which the finding does not tell, whose contents
-    make it, since it goes beyond them. `explains`: the properties that this one is a cause of, where they are not the
-    rule's (None: the rule's). `shared`: it is said of each of several subjects in the same words, and is one finding
-    for all of them. `properties`: of a rule about any property, the ids of those that it is about.
+    `profiles`: canonical variants that it holds for (empty: all). `undecided`: something stays unknown because of it,
+    so the audit is incomplete. `key`: what makes it beside what stands at its places, unabridged: with both it is
+    accepted by its fingerprint. It holds no line numbers, which reformatting changes. `contents`: whether what stands
+    at the places is part of what makes it (of a property that no finding explains: what all files say); where not,
+    `key` holds all of it. `against`: places that the finding does not list, whose contents make it as well: the grants
+    of its own that an enclave gets more than, say. `explains`: the properties that this one is a cause of, where they
+    are not the rule's (None: the rule's). `shared`: it is said of each of several subjects in the same words, and is
+    one finding for all of them. `properties`: of a rule about any property, the ids of those that it is about.
     """
 
     message: str

@@ -128,7 +128,7 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
 def signed_governance_at_large(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     """A governance document that the permissions CA signed lies where no enclave applies it.
 
-    It has no effect on enclaves; who has an identity outside of them (KA668) may start with it, which flows count.
+    It has no effect on enclaves. Whoever has an identity outside of them (KA668) may start with it: flows count that.
     Whoever can write to a robot needs no key to put it in the place of the one in use, and old governances are often
     weaker. Governance documents have no dates.
     """
@@ -235,18 +235,20 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
     """A certificate outside the enclaves, its private key somewhere in the tree, and peers that let it in.
 
     Whoever has the tree can start it: a run time needs no more than a folder of six files, and may get them from
-    anywhere. It is no enclave here; flows and properties count it among the participants. Medium where an enclave has
-    the same subject, and whoever takes this identity takes that enclave: it has no rights then that this enclave has
-    not. Grants that begin later count, a governance with join access control off, where no grant is needed, and that
-    peers take permissions which it signs itself: with the permissions CA's own key, or where the signer is not pinned.
-    Certificates and keys are taken from wherever they stand: PEM within any file, DER, PKCS #7.
+    anywhere. It is no enclave here; flows and properties count it among the participants. Peers let it in by a grant,
+    also one that begins later; by a governance with join access control off, where no grant is needed; or by
+    permissions that it signs itself, where it has the permissions CA's own key or the signer is not pinned. Medium
+    where an enclave has the same subject and all peers that take this identity take that enclave, too: the identity
+    has no further rights then. Certificates and keys are taken from wherever they stand: PEM within any file, DER,
+    PKCS #7.
 
     Undecided where a key that cannot be read (a password, another form, too large) may be that of such a certificate,
-    and where a file may hold both: PKCS #12, with a certificate that cannot be read, too large with one in it, not
-    readable and called like one. Keys in places of authorities that cannot be read are taken for theirs, for as many as
-    have none that can be. Not seen is what is in compressed archives, Java key stores and PKCS #11 tokens, in UTF-16,
-    in base64 alone (as Kubernetes keeps files of PEM), or DER behind other bytes, nor a certificate without a key in
-    the tree.
+    and where a file may hold both: PKCS #12, one with a certificate that cannot be read or with more structures than
+    are looked at, one too large to be read with a certificate in it, one that is not readable and called like one. Keys
+    that cannot be read and lie where those of authorities do are taken for theirs, if they are no more than the
+    authorities whose keys were not found. Not seen is what is in compressed archives, Java key stores and PKCS #11
+    tokens, in UTF-16, in base64 alone (as Kubernetes keeps files of PEM), or DER behind other bytes, nor a certificate
+    without a key in the tree.
     """
     identities = keystore.identities
     found = admitted(keystore, identities.found, context.profiles, context.at)

@@ -40,14 +40,14 @@ def writable_by_others(keystore: Keystore, context: Context) -> Iterator[Violati
 
     Whoever may put a CA certificate of his own into the place of both is everybody to those who trust it. What the
     authorities signed nobody can change unseen, but an older document or list of theirs can be put back: a step less.
-    Who writes cert.p11 or key.p11 has the enclave use what else is on its token: a step less, too.
-    High in a tree that goes on a robot (--deployed), medium elsewhere, as in the checkout of a pipeline. One finding
-    for each of the four. A file's group counts unless it is the owner's own: where the two have one number, as on
-    distributions that give every user a group (0664 is usual there). A group of another number counts even if its user
-    is alone in it: that is known to the machine on which the files are used, and to no keystore. In a sticky folder
-    others can add files but replace none: it does not count, unless it is an enclave's, where a crl.pem or a `.p11` may
-    be added, which Fast DDS takes before the `.pem`. Who is in a group, who owns what, access control lists and folders
-    above the keystore are not looked at.
+    Whoever may write cert.p11 or key.p11 can have the enclave use something else on its token: a step less, too. High
+    in a tree that goes on a robot (--deployed), medium elsewhere, as in the checkout of a pipeline. CA certificates,
+    folders, signed files and addresses of a token are a finding each. A file's group counts unless it is the owner's
+    own: where the two have one number, as on distributions that give every user a group (0664 is usual there). A group
+    of another number counts even if its user is alone in it: that is known to the machine on which the files are used,
+    and to no keystore. In a sticky folder others can add files but replace none: it does not count, unless it is an
+    enclave's, where a crl.pem or a `.p11` may be added, which Fast DDS takes before the `.pem`. Who is in a group, who
+    owns what, access control lists and folders above the keystore are not looked at.
     """
     enclaves = keystore.layout.enclaves
     authorities = {
