@@ -9,7 +9,7 @@ import pytest
 
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
-from keystore_audit.rules import taken
+from keystore_audit.rules import who_takes
 from tests.rules.evidence import AT
 from tests.test_fingerprints import beside, enclave, prints, renewed
 from tools.samples.base import IDENTITY_CA, LISTENER, PERMISSIONS_CA, QUIET, TALKER, TWO
@@ -175,7 +175,7 @@ def test_what_it_rests_on_signed_again_is_the_same_finding(code: str, tmp_path: 
 def test_where_nobody_can_be_asked_all_that_enclaves_trust_counts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(taken, "MAX_PAIRS", 0)
+    monkeypatch.setattr(who_takes, "MAX_PAIRS", 0)
     stores = trusting(OTHER_CA.pem()), trusting(BOTH_CAS), trusting(OTHER_CA.pem())
     found = [{*prints(store, tmp_path / str(number), "KA668")} for number, store in enumerate(stores)]
     assert found[0] == found[2] != found[1]

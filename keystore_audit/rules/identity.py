@@ -21,7 +21,7 @@ from keystore_audit.rules.commands import CREATE_PERMISSION, SIGN_PERMISSIONS
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import CertificateUse
-from keystore_audit.rules.taken import Taken
+from keystore_audit.rules.who_takes import Taken
 from keystore_audit.rules.wording import implementations, instant, paths, places, quoted, sole
 
 _SHARED: Final = ("no-identity-serves-two-enclaves", "no-subject-serves-two-enclaves")

@@ -19,7 +19,7 @@ from keystore_audit.model.trust import Verdict, envelope
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import stray_uses
-from keystore_audit.rules.taken import Taken
+from keystore_audit.rules.who_takes import Taken
 from keystore_audit.rules.wording import listed, more_like, of_kinds, places, quoted, sentence
 
 _CLAUSE: Final = "DDS-Security 1.1, 9.4.1.3 and 8.4.2.9 (a peer checks the document that it is shown); measured"
