@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from keystore_audit.ci import in_ci
+
 if TYPE_CHECKING:
     from keystore_audit.ci import in_ci
 from keystore_audit.settings import Baseline, Settings
