@@ -36,15 +36,7 @@ def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Countere
     """The violation of a claim that an engine found, in the user's names."""
     when, system = _then(system, answer)
     if claim.kind is ClaimKind.ABLE:
-        refused = any(enclave.refused_writes or enclave.refused_reads for enclave in system.enclaves)
-        but = ", some of which their own implementations refuse them (`can` says why)" if refused else ""
-        if len({realm.told for realm in system.realms} - {None}) > 1:
-            but += (
-                "; enclaves refuse each other whose permissions CA files begin with certificates of different names, "
-                "or of which one is signed with RSA"
-            )
-        text = f"Nothing gets {_cut_off(system, claim, answer)} with the rights that enclaves have{but}{when}."
-        return Counterexample(text=text, steps=())
+        return _nothing_gets_there(system, claim, answer, when)
     if answer.path:
         ways = [way for hop in answer.path for way in hop_ways(system, claim, hop)]
         reasons = "".join(f" {why[0].upper()}{why[1:]}." for why in dict.fromkeys(way.why for way in ways if way.why))
@@ -59,6 +51,20 @@ def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Countere
     if claim.kind is ClaimKind.ONLY_PUBLISH:
         return _publisher(case, when)
     return _reading(case, when)
+
+
+def _nothing_gets_there(system: System, claim: ClaimAtom, answer: Answer, when: str) -> Counterexample:
+    """Between which places, and what may keep it from them beside rights."""
+    but = ""
+    if any(enclave.refused_writes or enclave.refused_reads for enclave in system.enclaves):
+        but = ", some of which their own implementations refuse them (`can` says why)"
+    if len({realm.told for realm in system.realms} - {None}) > 1:
+        but += (
+            "; enclaves refuse each other whose permissions CA files begin with certificates of different names, "
+            "or of which one is signed with RSA"
+        )
+    text = f"Nothing gets {_cut_off(system, claim, answer)} with the rights that enclaves have{but}{when}."
+    return Counterexample(text=text, steps=())
 
 
 def _reading(case: Case, when: str) -> Counterexample:

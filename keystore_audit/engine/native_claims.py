@@ -65,25 +65,28 @@ class Claims:
         """Channels of the target whose payload somebody reads without a grant to: enclaves, who is none, anybody."""
         asked, channels = bits(claim.target.channels), self._system.channels
         usual = bits(number for number in claim.target.channels if not channels[number].partition)
+        found = self._by_insiders if claim.attacker is Attacker.INSIDER else self._by_outsiders
         for each in (usual, asked & ~usual):  # an example where the nodes of ROS 2 are is understood at once
-            yield from self._readings(claim, each)
+            yield from ((witness, ()) for witness in found(each))
 
-    def _readings(self, claim: ClaimAtom, asked: int) -> Iterator[Found]:
+    def _by_outsiders(self, asked: int) -> Iterator[Witness]:
+        """Whoever names a topic means that somebody writes it."""
         for realm, view in enumerate(self._realms):
-            if claim.attacker is not Attacker.INSIDER:  # whoever names a topic means that somebody writes it
-                for channel in members(view.readable & asked):
-                    yield {Role.REALM: realm, Role.CHANNEL: channel}, ()
-                continue
+            for channel in members(view.readable & asked):
+                yield {Role.REALM: realm, Role.CHANNEL: channel}
+
+    def _by_insiders(self, asked: int) -> Iterator[Witness]:
+        for realm, view in enumerate(self._realms):
             for enclave in self._insiders:
                 learnt = union(view.abilities(each).knows for each in self._flows.acting(enclave))
                 for channel in members(learnt & ~view.entitled(enclave) & asked):
-                    yield {Role.REALM: realm, Role.ENCLAVE: enclave, Role.CHANNEL: channel}, ()
+                    yield {Role.REALM: realm, Role.ENCLAVE: enclave, Role.CHANNEL: channel}
             for certificate, learnt in view.learnt_elsewhere.items():
                 for channel in members(learnt & asked):
-                    yield {Role.REALM: realm, Role.CERTIFICATE: certificate, Role.CHANNEL: channel}, ()
-        for realm, view in enumerate(self._realms if claim.attacker is Attacker.INSIDER else ()):
+                    yield {Role.REALM: realm, Role.CERTIFICATE: certificate, Role.CHANNEL: channel}
+        for realm, view in enumerate(self._realms):
             for channel in members(view.learnt_known & asked):
-                yield {Role.REALM: realm, Role.CHANNEL: channel}, ()
+                yield {Role.REALM: realm, Role.CHANNEL: channel}
 
     def by_anybody(self, claim: ClaimAtom, witness: Witness) -> bool:
         """Whether what violates the claim needs no identity, where others of the CA violate it that have no name."""

@@ -89,9 +89,10 @@ def _of_keystores(old: Keystore, new: Keystore) -> Iterator[Draft]:
     if kinds[0] != kinds[1]:
         aspect = Aspect(what="layout", old=kinds[0], new=kinds[1], direction=Direction.CHANGED)
         yield _draft(Fact("layout", Direction.CHANGED, "the layout", (aspect,)), (), None, None)
+    keys = [_authority_keys(keystore) for keystore in (old, new)]
     for on_robots, where in ((False, ""), (True, ", among the files that robots get,")):
-        keys = [_authority_keys(keystore, on_robots=on_robots) for keystore in (old, new)]
-        yield from _left("authority-key", f"the private key of an authority{where}", *keys)
+        what = f"the private key of an authority{where}"
+        yield from _left("authority-key", what, *(each[on_robots] for each in keys))
     others = [{file.sha256 or file.place: file.place for file in _other_private_keys(k)} for k in (old, new)]
     yield from _left("private-key", "a private key that is no enclave's", others[0], others[1])
     large = [{file.sha256 or file.place: file.place for file in _governance_at_large(k)} for k in (old, new)]
@@ -100,11 +101,13 @@ def _of_keystores(old: Keystore, new: Keystore) -> Iterator[Draft]:
         yield draft
 
 
-def _authority_keys(keystore: Keystore, *, on_robots: bool) -> dict[str, str]:
-    """By key the places of authorities' private keys: those that robots get, or the others."""
+def _authority_keys(keystore: Keystore) -> Mapping[bool, Mapping[str, str]]:
+    """By whether robots get it, and by key, the places of authorities' private keys."""
     beside = beside_enclaves(keystore)
-    keys = keystore.authority_keys
-    return {each.key or each.file.place: each.file.place for each in keys if beside(each.file.place) is on_robots}
+    found: dict[bool, dict[str, str]] = {False: {}, True: {}}
+    for each in keystore.authority_keys:
+        found[beside(each.file.place)][each.key or each.file.place] = each.file.place
+    return found
 
 
 def _governance_at_large(keystore: Keystore) -> Iterator[File]:

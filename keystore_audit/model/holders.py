@@ -32,7 +32,8 @@ from keystore_audit.model.inventory import (
 )
 from keystore_audit.model.local_moments import Endpoints
 from keystore_audit.model.lone_endpoints import Alone
-from keystore_audit.model.profiles import Profile
+from keystore_audit.model.profiles import Profile, Trust
+from keystore_audit.model.trust import Verdict, document_verdict
 from keystore_audit.model.views import TrustFiles, trust_files
 
 MAX_HOLDERS: Final = 4_000
@@ -119,6 +120,12 @@ def _with(enclave: Enclave, identity_ca: CertificateFile | None, governance: Gov
     none = replace(enclave.files.files[Role.CRL], status=Status.MISSING, content=None)
     files = replace(enclave.files, files={**enclave.files.files, Role.CRL: none})
     return replace(enclave, files=files, identity_ca=identity_ca, governance=governance, crl=None)
+
+
+def may_apply(host: Enclave, trust: Trust) -> bool:
+    """Whether an implementation takes the host's governance document for the permissions CA's, or perhaps does."""
+    governance = host.governance
+    return governance is None or document_verdict(governance.signed, host.permissions_ca, trust) is not Verdict.REFUSED
 
 
 def holders_of(

@@ -22,7 +22,7 @@ from keystore_audit.model.at_large import Candidate, admits, at_large_atoms, let
 from keystore_audit.model.channels import Channels, Named, Point, document_channels
 from keystore_audit.model.claims import Claim, claim_regions
 from keystore_audit.model.doubt import identity_doubt, realm_doubt
-from keystore_audit.model.holders import Large, own_endpoints
+from keystore_audit.model.holders import Large, may_apply, own_endpoints
 from keystore_audit.model.inventory import (
     Document,
     behind,
@@ -35,7 +35,7 @@ from keystore_audit.model.inventory import (
 from keystore_audit.model.local_moments import NO_ENDPOINTS, LocalMoments
 from keystore_audit.model.lone_endpoints import NOTHING, LoneEndpoints
 from keystore_audit.model.lone_refusals import LoneRefusals
-from keystore_audit.model.profiles import Access, Profile, Trust
+from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.revocation import list_unread
 from keystore_audit.model.rule_atoms import Atoms, RuleAtoms
 from keystore_audit.model.system import (
@@ -47,7 +47,7 @@ from keystore_audit.model.system import (
     RealmAtom,
     System,
 )
-from keystore_audit.model.trust import Verdict, document_verdict, is_authority, may_have_issued
+from keystore_audit.model.trust import is_authority, may_have_issued
 from keystore_audit.model.views import Kind, TrustFiles, Views, trust_files
 
 MAX_ISSUER_CHECKS = 50_000
@@ -232,17 +232,8 @@ class SystemBuilder:
                     refused_reads=refused.reads,
                 )
             )
-        enclaves.extend(
-            EnclaveAtom(
-                label=behind(place),
-                location=Location(path=place),
-                realm=realms.setdefault(self._open_realm(atoms, place), len(realms)),
-                identity=None,
-                permissions=None,
-                opaque=True,
-            )
-            for place in (self._unread_places if may else ())
-        )
+        if may:
+            enclaves.extend(self._behind_unread(atoms, realms))
         asked = (each for each in self._large.candidates if may or not (each.doubted or each.possible))
         at_large = let_in(asked, enclaves, tuple(realms), self._certificate_atoms)
         names = self._views.names(kind.trust)
@@ -252,6 +243,18 @@ class SystemBuilder:
         if may:
             enclaves += unread_atoms([file.place for file in self._keystore.identities.unread], tuple(realms))
         return tuple(enclaves), tuple(realms)
+
+    def _behind_unread(self, atoms: list[DocumentAtom], realms: dict[RealmAtom, int]) -> Iterator[EnclaveAtom]:
+        """What stands for whatever enclaves are behind places that were not read."""
+        for place in self._unread_places:
+            yield EnclaveAtom(
+                label=behind(place),
+                location=Location(path=place),
+                realm=realms.setdefault(self._open_realm(atoms, place), len(realms)),
+                identity=None,
+                permissions=None,
+                opaque=True,
+            )
 
     def _known_realms(
         self,
@@ -266,7 +269,7 @@ class SystemBuilder:
         """The number of each realm of which nothing is unknown, those in which only identities at large are added."""
         known = {files: realms[realm] for files, realm in trusts.items()}
         for files, host in self._large.hosts.items() if at_large else ():
-            if files not in known and realm_doubt(host) is None and _applies(host, kind.trust):
+            if files not in known and realm_doubt(host) is None and may_apply(host, kind.trust):
                 realm = self._realm(host, number, kind, may=may)
                 if realm in realms or any(admits(realm, each.number, self._certificate_atoms) for each in at_large):
                     known[files] = realms.setdefault(realm, len(realms))
@@ -384,12 +387,6 @@ class SystemBuilder:
             read = [(document.place, by_place[document.place]) for document in documents]
             self._typed[key] = self._rule_atoms.of(read, names, kind.access)
         return self._typed[key]
-
-
-def _applies(host: Enclave, trust: Trust) -> bool:
-    """Whether an implementation takes its governance document for the permissions CA's, or perhaps does."""
-    governance = host.governance
-    return governance is None or document_verdict(governance.signed, host.permissions_ca, trust) is not Verdict.REFUSED
 
 
 def _place(enclave: Enclave) -> Location:
