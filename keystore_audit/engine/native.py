@@ -107,8 +107,7 @@ class _Questions:
         self._decisions = decisions
         self._permissions = Permissions(system, moment, decisions)
         self._realms = realm_views(system, self._permissions)
-        used = {enclave.realm for enclave in system.enclaves if not enclave.at_large}
-        self._used = [(realm, self._realms[realm]) for realm in sorted(used)]  # by others than identities at large
+        self._used = [(realm, self._realms[realm]) for realm in system.realms_of_enclaves()]
 
     def answers(self) -> dict[str, Answer]:
         return {prop.id: self._answer(prop) for prop in PROPERTIES} | self.claims() | self.determinism()

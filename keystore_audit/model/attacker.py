@@ -288,8 +288,7 @@ class RealmView:
             if number in here or not (self.open or self._known(number)):
                 continue
             if self._any_opaque:
-                joined = self._permissions.all_domains if self.open else self.protection.ruled
-                found[number] = self._able(joined, [self._permissions.all_channels] * len(_OPERATIONS))
+                found[number] = self._able(self.protection.ruled, [self._permissions.all_channels] * len(_OPERATIONS))
             elif admitting := self._permissions.admitting(number, self.accepted):
                 rights = [self._right(number, operation, genuine=False) for operation in _OPERATIONS]
                 found[number] = self._able(self._joined_by(admitting), rights)
@@ -392,3 +391,9 @@ def realm_views(system: System, permissions: Permissions | None = None) -> list[
     """How the peers of each realm see every enclave. `permissions`: those of another moment, None: of the audit's."""
     permissions = permissions or Permissions(system)
     return [RealmView(system, realm, permissions) for realm in range(len(system.realms))]
+
+
+def enclaves_views(system: System, permissions: Permissions | None = None) -> list[RealmView]:
+    """The same of the realms that enclaves are of alone: how the keystore is meant to be used."""
+    views = realm_views(system, permissions)
+    return [views[realm] for realm in system.realms_of_enclaves()]

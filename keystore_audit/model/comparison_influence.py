@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
+from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.claim import Attacker, Place
 from keystore_audit.model.claims import AMBIENT
 from keystore_audit.model.comparison import Direction, Hop, Influenced, Layer
@@ -23,7 +24,7 @@ class _Side:
     """One keystore: the compared enclaves come first, in one order on both sides, then those that it alone has."""
 
     def __init__(self, view: View, paths: Sequence[str], left_out: int, kept: int) -> None:
-        self._flows = Flows(view.system, view.realms)
+        self._flows = Flows(view.system, realm_views(view.system, view.permissions))
         self._left_out = frozenset(members(left_out))
         self._nobody = frozenset(range(len(view.system.enclaves))) - {view.numbers[path] for path in paths}
         self._numbers = [view.numbers[path] for path in paths]

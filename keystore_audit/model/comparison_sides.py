@@ -13,7 +13,7 @@ from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation, PermissionsFile
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.attacker import RealmView, realm_views
+from keystore_audit.model.attacker import RealmView, enclaves_views
 from keystore_audit.model.channels import document_channels
 from keystore_audit.model.claims import AMBIENT, named
 from keystore_audit.model.comparison import Name, Names, Unread
@@ -46,8 +46,8 @@ class View:
 
     @cached_property
     def realms(self) -> list[RealmView]:
-        """How the peers of each realm see every enclave."""
-        return realm_views(self.system, self.permissions)
+        """How the peers of each realm that enclaves are of see every enclave."""
+        return enclaves_views(self.system, self.permissions)
 
     @cached_property
     def taken(self) -> frozenset[int]:
@@ -115,13 +115,12 @@ class Sides:
         domain: int | None,
         topics: Iterable[str] = (),
     ) -> None:
-        several = documents_of(old), documents_of(new)
-        documents = (*several[0], *several[1])
-        self.documents = tuple({document.place: document.file for document in each} for each in several)
+        self.documents = tuple({each.place: each.file for each in documents_of(keystore)} for keystore in (old, new))
         self.at = at
         self.profiles = profiles
         self.keystores = (old, new)
-        self.accesses = AccessViews((*system_documents(old), *system_documents(new)), at, zone)
+        documents = (*system_documents(old), *system_documents(new))
+        self.accesses = AccessViews(documents, at, zone)
         rows = {self.accesses.row(profile.access) for profile in profiles}
         files = [document.file for document in documents if document.file is not None]
         read = {row: [self.accesses.read(file, row) for file in files] for row in rows}

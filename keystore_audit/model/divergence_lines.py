@@ -15,7 +15,7 @@ from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation, PermissionsFile
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.attacker import realm_views
+from keystore_audit.model.attacker import enclaves_views
 from keystore_audit.model.divergence_values import LocalValues, PeerValues
 from keystore_audit.model.permission import Permissions, bits, members
 from keystore_audit.model.profiles import PartitionReading, Profile
@@ -219,7 +219,7 @@ class _Peers:
     def __init__(self, system: System) -> None:
         self.system = system
         self.permissions = Permissions(system)
-        self.realms = realm_views(system, self.permissions)
+        self.realms = enclaves_views(system, self.permissions)
         self.numbers = {enclave.label: number for number, enclave in enumerate(system.enclaves)}
 
     def chosen(self, realm: int, identity: int | None, document: int) -> int | None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.attacker import realm_views
+from keystore_audit.model.attacker import enclaves_views
 from keystore_audit.model.permission import union
 from keystore_audit.model.system import Reading, System
 
@@ -35,11 +35,11 @@ class EffectiveRights:
 
 
 class _Peers:
-    """The realms of one system, as enclaves meet them. An enclave is its path."""
+    """The realms of the enclaves of one system, as enclaves meet them. An enclave is its path."""
 
     def __init__(self, system: System) -> None:
         self._numbers = {enclave.label: number for number, enclave in enumerate(system.enclaves)}
-        self._realms = realm_views(system)
+        self._realms = enclaves_views(system)
         self._known: dict[tuple[str, Operation], int] = {}
 
     def accept(self, path: str, operation: Operation) -> int:

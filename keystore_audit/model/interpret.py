@@ -14,7 +14,7 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.anomalies import anomalies
-from keystore_audit.model.attacker import realm_views
+from keystore_audit.model.attacker import enclaves_views
 from keystore_audit.model.channels import Named
 from keystore_audit.model.claims import Claim, lasting, with_claims
 from keystore_audit.model.divergence import divergences
@@ -134,7 +134,7 @@ def _idle(systems: tuple[System, ...]) -> tuple[str, ...]:
         f"Under {', '.join(system.profiles)} no enclave carries a governance that its peers accept: nothing "
         "starts, and encryption and access control hold for want of anything to protect."
         for system in systems
-        if system.reading is Reading.MAY and not any(view.protection.governed for view in realm_views(system))
+        if system.reading is Reading.MAY and not any(view.protection.governed for view in enclaves_views(system))
     )
 
 

@@ -8,7 +8,7 @@ from typing import Final
 from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.permissions import Operation, PermissionsFile
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.attacker import RealmView, realm_views
+from keystore_audit.model.attacker import RealmView, enclaves_views
 from keystore_audit.model.coverage import allows_everything, has_wildcard
 from keystore_audit.model.domains import Interval, contains
 from keystore_audit.model.expression import Matcher, parse
@@ -124,7 +124,7 @@ class Holders:
         Nodes are in enclaves: identities at large are no holders.
         """
         permissions = Permissions(system)
-        realms = realm_views(system, permissions)
+        realms = enclaves_views(system, permissions)
         placed = list(self._grants(system, row))
         return tuple(
             self._holder(number, enclave, realms, permissions, placed)

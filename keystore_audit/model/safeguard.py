@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
-from keystore_audit.model.attacker import realm_views
+from keystore_audit.model.attacker import enclaves_views
 from keystore_audit.model.protection import Protection
 from keystore_audit.model.system import System
 
@@ -38,7 +38,8 @@ def safeguards(system: System, channels: range, domain: int) -> tuple[tuple[Safe
 
     A realm whose governance could not be read, or is not in force in the domain, says nothing, unless none does.
     """
-    spoken = [view.protection for view in realm_views(system) if not view.open and view.protection.ruled >> domain & 1]
+    views = enclaves_views(system)
+    spoken = [view.protection for view in views if not view.open and view.protection.ruled >> domain & 1]
     distinct = list({_key(protection): protection for protection in spoken}.values())
     return tuple(
         tuple(dict.fromkeys(_safeguard(protection, channel, domain) for protection in distinct))

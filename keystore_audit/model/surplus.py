@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Sequence
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.attacker import RealmView, realm_views
+from keystore_audit.model.attacker import RealmView, enclaves_views
 from keystore_audit.model.permission import Permissions, members
 from keystore_audit.model.system import Reading, System
 
@@ -76,7 +76,7 @@ class _System:
             for number, enclave in enumerate(self._system.enclaves)
             if not (enclave.opaque or enclave.at_large) and self._permissions.chosen(enclave.identity, self._strays)
         ]
-        for view in realm_views(self._system, self._permissions) if named else ():
+        for view in enclaves_views(self._system, self._permissions) if named else ():
             for enclave in named:
                 if view.authenticated(enclave):
                     yield from self._taken(view, enclave)

@@ -296,6 +296,10 @@ class System:
                 found.setdefault(key, []).append(number)
         return found
 
+    def realms_of_enclaves(self) -> list[int]:
+        """The realms that enclaves are of; in the others are identities at large alone, with files of their own."""
+        return sorted({enclave.realm for enclave in self.enclaves if not enclave.at_large})
+
     @property
     def has_doubt(self) -> bool:
         """Whether anything in it is opaque or unread, so that the other reading may differ."""

@@ -9,8 +9,12 @@ import pytest
 
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.flow import FlowQuestion, find_flow
+from keystore_audit.keystore.keystore import read_keystore
+from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.claim import Attacker, ClaimKind
 from keystore_audit.model.claims import Globs
+from keystore_audit.model.comparison_run import compare
+from keystore_audit.model.effective import EffectiveRights
 from keystore_audit.model.profiles import resolve
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
@@ -21,6 +25,7 @@ from tests.model.comparing import (
     AT,
     Member,
     Store,
+    authority,
     criterion,
     domain_rule,
     governance,
@@ -168,6 +173,35 @@ def test_what_it_says_is_no_fault_of_the_enclaves(tmp_path: Path) -> None:
         root = written(tmp_path / name, LYING_ABOUT, replace(STORE, strays={**STORE.strays, **strays}))
         told.append({each.code for each in audit(root, Options(at=AT, engine="native")).findings})
     assert told[1] - told[0] == {"KA661"}
+
+
+def test_what_it_says_gives_enclaves_no_rights_with_enclaves(tmp_path: Path) -> None:
+    """No peer of theirs applies it."""
+    told = []
+    for name, strays in (("a", {}), ("b", {"governance.p7s": WEAK})):
+        root = written(tmp_path / name, LYING_ABOUT, replace(STORE, strays={**STORE.strays, **strays}))
+        rights = EffectiveRights(understood(root))
+        channels = [rights.may("/motor", profile, operation) for profile in BY_LIST for operation in Operation]
+        told.append([each.bit_count() for each in channels])
+    assert told[0] == told[1]
+
+
+def test_nor_is_it_one_that_governs_them(tmp_path: Path) -> None:
+    """Where none that they carry is taken, all holds for want of anything to protect."""
+    strays = {**STORE.strays, "governance.p7s": WEAK}
+    foreign = replace(STORE, governance_signer=authority("a stranger"), strays=strays)
+    told = audit(written(tmp_path, LYING_ABOUT, foreign), Options(at=AT, engine="native")).scope.not_checked
+    assert any("no enclave carries a governance that its peers accept" in each for each in told)
+
+
+def test_what_comes_with_it_is_what_whoever_starts_with_it_can(tmp_path: Path) -> None:
+    """Its names are told apart, and no right changes that enclaves have with each other."""
+    old = read_keystore(written(tmp_path / "a", LYING_ABOUT))
+    narrow = governance(domain_rule(BOTH, topics=topic_rule("rt/mo*") + topic_rule(), rtps_protection_kind="NONE"))
+    for name, text in (("b", WEAK), ("c", narrow)):
+        store = replace(STORE, strays={**STORE.strays, "governance.p7s": text})
+        found = compare(old, read_keystore(written(tmp_path / name, LYING_ABOUT, store)), resolve(()), AT)
+        assert {change.kind for change in found.changes} <= {"governance-at-large", "influence"}
 
 
 def test_one_without_a_single_meaning_may_say_anything(tmp_path: Path) -> None:
