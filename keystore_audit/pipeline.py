@@ -25,7 +25,7 @@ from keystore_audit.keystore.identity import Beside
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.interpret import interpret
-from keystore_audit.model.inventory import certificates_of, documents_of, system_documents
+from keystore_audit.model.inventory import certificates_of, system_documents
 from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.profiles import Profile, resolve
 from keystore_audit.model.usability import Usabilities
@@ -341,7 +341,7 @@ def _scope(context: Context) -> Scope:
     meaning, keystore = context.meaning, context.keystore
     system = meaning.systems[0] if meaning.systems else None
     return Scope(  # systems have certificates besides, for what is unread or elsewhere
-        certificates=len(certificates_of(keystore, documents_of(keystore), context.at)) if system else 0,
+        certificates=len(certificates_of(keystore, context.at)) if system else 0,
         documents=len(system.documents) if system else 0,
         channels=len(system.channels) if system else 0,
         rules=len(RULES),

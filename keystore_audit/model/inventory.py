@@ -83,6 +83,7 @@ def governance_at_large(keystore: Keystore) -> tuple[Stray, ...]:
     return tuple(s for s in governances if s.document is not None and may_be_taken(s.document.signed, files))
 
 
+@lru_cache(maxsize=2)
 def system_documents(keystore: Keystore) -> tuple[Document, ...]:
     """Those of `documents_of`, and the governance documents that no enclave applies and somebody else may, by place."""
     more = [Document(stray.place, stray.document) for stray in governance_at_large(keystore)]
@@ -118,11 +119,12 @@ def embedded_authorities(documents: Iterable[Document]) -> Iterator[Certificate]
             yield from (certificate for certificate in document.file.signed.embedded if is_authority(certificate))
 
 
-def certificates_of(keystore: Keystore, documents: Iterable[Document], at: datetime) -> tuple[Certificate, ...]:
+def certificates_of(keystore: Keystore, at: datetime) -> tuple[Certificate, ...]:
     """Every distinct certificate that plays a part `at` an instant: identities, authorities and signers, by place.
 
-    With what makes a participant of whoever has an authority's key, which need not lie here.
+    Systems number them so. With what makes a participant of whoever has an authority's key, which need not lie here.
     """
+    documents = system_documents(keystore)
     found: dict[str, Certificate] = {}
     for enclave in keystore.enclaves:
         for file in (enclave.identity_ca, enclave.permissions_ca):

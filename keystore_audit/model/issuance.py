@@ -13,7 +13,7 @@ from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.model.inventory import certificates_of, documents_of
+from keystore_audit.model.inventory import certificates_of
 from keystore_audit.model.system import System
 
 
@@ -57,7 +57,7 @@ def issuance(keystore: Keystore, system: System) -> Issuance:
 
     Those behind them stand for what was not read, or is elsewhere.
     """
-    certificates = certificates_of(keystore, documents_of(keystore), system.instants[system.now])
+    certificates = certificates_of(keystore, system.instants[system.now])
     issued: list[list[int]] = [[] for _ in certificates]
     roots = [True] * len(certificates)
     for number, atom in enumerate(system.certificates[: len(certificates)]):

@@ -85,7 +85,7 @@ class SystemBuilder:
         self._at = at
         self._documents = system_documents(keystore)
         self._accesses = accesses
-        self._certificates = certificates_of(keystore, self._documents, at)
+        self._certificates = certificates_of(keystore, at)
         self._number = {certificate.sha256: n for n, certificate in enumerate(self._certificates)}
         self._large = Large(keystore, self._number, self._documents, profiles, at)
         self._views = Views(keystore, self._documents, self._certificates, accesses, at)

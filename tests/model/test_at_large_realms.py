@@ -15,12 +15,14 @@ from keystore_audit.model.claim import Attacker, ClaimKind
 from keystore_audit.model.claims import Globs
 from keystore_audit.model.comparison_run import compare
 from keystore_audit.model.effective import EffectiveRights
+from keystore_audit.model.issuance import issuance
 from keystore_audit.model.profiles import resolve
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.properties import Status
 from tests.engine.alloy_batch import compare_batch
 from tests.engine.test_agreement import holding
+from tests.keystore.builder import certificate, signed_document
 from tests.model.comparing import (
     AT,
     Member,
@@ -166,10 +168,15 @@ WEAK = governance(
 )
 
 
-def test_what_it_says_is_no_fault_of_the_enclaves(tmp_path: Path) -> None:
+NARROW = governance(domain_rule(BOTH, topic_rule("rt/mo*")))
+"""It governs few topics, and a domain that no other does."""
+
+
+@pytest.mark.parametrize("text", [WEAK, NARROW])
+def test_what_it_says_is_no_fault_of_the_enclaves(text: str, tmp_path: Path) -> None:
     """Properties of the keystore are about what these apply."""
     told = []
-    for name, strays in (("a", {}), ("b", {"governance.p7s": WEAK})):
+    for name, strays in (("a", {}), ("b", {"governance.p7s": text})):
         root = written(tmp_path / name, LYING_ABOUT, replace(STORE, strays={**STORE.strays, **strays}))
         told.append({each.code for each in audit(root, Options(at=AT, engine="native")).findings})
     assert told[1] - told[0] == {"KA661"}
@@ -197,11 +204,21 @@ def test_nor_is_it_one_that_governs_them(tmp_path: Path) -> None:
 def test_what_comes_with_it_is_what_whoever_starts_with_it_can(tmp_path: Path) -> None:
     """Its names are told apart, and no right changes that enclaves have with each other."""
     old = read_keystore(written(tmp_path / "a", LYING_ABOUT))
-    narrow = governance(domain_rule(BOTH, topics=topic_rule("rt/mo*") + topic_rule(), rtps_protection_kind="NONE"))
-    for name, text in (("b", WEAK), ("c", narrow)):
+    for name, text in (("b", WEAK), ("c", NARROW)):
         store = replace(STORE, strays={**STORE.strays, "governance.p7s": text})
         found = compare(old, read_keystore(written(tmp_path / name, LYING_ABOUT, store)), resolve(()), AT)
         assert {change.kind for change in found.changes} <= {"governance-at-large", "influence"}
+
+
+def test_whoever_signed_it_is_among_those_that_are_told(tmp_path: Path) -> None:
+    """Certificates are told by their numbers in systems, which have its signer too."""
+    signer = certificate("signer", STORE.permissions[0])
+    files = {**LYING_ABOUT, "a.p7s": signed_document(WEAK.encode(), signer)}
+    root = written(tmp_path, files)
+    found = issuance(read_keystore(root), understood(root)[0])
+    signed = {each.subject: each.signed for each in found.certificates}
+    assert signed["CN=signer"] == ("a.p7s",)
+    assert "enclaves/motor/governance.p7s" in signed["CN=permissionsCA"]
 
 
 def test_one_without_a_single_meaning_may_say_anything(tmp_path: Path) -> None:
