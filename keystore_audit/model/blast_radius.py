@@ -22,7 +22,7 @@ from keystore_audit.model.claim import Attacker, Place
 from keystore_audit.model.claims import AMBIENT
 from keystore_audit.model.flow import Flows, Search
 from keystore_audit.model.influence import Influence, Lane
-from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.inventory import documents_of, system_documents
 from keystore_audit.model.named import Named, names_of
 from keystore_audit.model.permission import bits, members, union
 from keystore_audit.model.profiles import Profile
@@ -246,7 +246,7 @@ def ground(
     Raises errors.BudgetExceeded where the names are of too many classes.
     """
     rows = dict.fromkeys(accesses.row(profile.access) for profile in profiles)
-    files = [document.file for document in documents_of(keystore) if document.file is not None]
+    files = [document.file for document in system_documents(keystore) if document.file is not None]
     names = names_of((row.matcher, accesses.read(file, row)) for row in rows for file in files).names
     points = [(name.topic, name.partition) for name in names]
     builder = SystemBuilder(keystore, profiles, at, accesses, points, literal=False)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from keystore_audit.compromise import find_blast_radius
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.flow import FlowQuestion, find_flow
 from keystore_audit.keystore.keystore import read_keystore
@@ -219,6 +220,22 @@ def test_whoever_signed_it_is_among_those_that_are_told(tmp_path: Path) -> None:
     signed = {each.subject: each.signed for each in found.certificates}
     assert signed["CN=signer"] == ("a.p7s",)
     assert "enclaves/motor/governance.p7s" in signed["CN=permissionsCA"]
+
+
+def test_its_names_are_told_apart_where_a_key_is_lost(tmp_path: Path) -> None:
+    """Whoever starts with it takes from anybody what it names."""
+    reads = rule(criterion("subscribe", "rt/x*"), criterion("publish", "rt/motor"))
+    loose = topic_rule("rt/xy", enable_write_access_control="false")
+    reached = []
+    for name, rules in (("a", topic_rule()), ("b", loose + topic_rule())):
+        strays = {
+            "old.p7s": permissions(grant("/admin", reads)),
+            "governance.p7s": governance(domain_rule(topics=rules)),
+        }
+        root = written(tmp_path / name, LYING_ABOUT, replace(STORE, strays=strays))
+        (answer,) = find_blast_radius(root, "/talker", profiles=resolve(("spec",)), at=AT).keys
+        reached.append(set().union(*(each.radius.reached for each in answer.alone.values())))
+    assert reached == [{"/listener"}, {"/listener", "/motor"}]
 
 
 def test_one_without_a_single_meaning_may_say_anything(tmp_path: Path) -> None:
