@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from typing import NamedTuple
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.engine.counterexample import describe
@@ -18,7 +19,8 @@ from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.property import Property
 from keystore_audit.properties.result import ANYBODY, AssertedResult, ProfileResult, PropertyResult
 
-Decide = Callable[[System], Mapping[str, Answer]]
+Tell = Callable[[int, Answer], Counterexample]
+"""Says what an answer about the system of this number means."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,9 +39,9 @@ def combine(
     A status is HOLDS or VIOLATED only where at least one engine answered and all that did say so in both
     readings.
     """
+    asked = _Asked(systems, engines, profiles)
     return tuple(
-        PropertyResult(prop=prop, profiles=_by_profile(prop, systems, engines, profiles, partial(_told, systems, prop)))
-        for prop in PROPERTIES
+        PropertyResult(prop=prop, profiles=asked.by_profile(prop, partial(_told, systems, prop))) for prop in PROPERTIES
     )
 
 
@@ -51,13 +53,12 @@ def combine_claims(
     claims: Sequence[Claim], systems: Sequence[System], engines: Sequence[EngineAnswers], profiles: Sequence[str]
 ) -> tuple[AssertedResult, ...]:
     """The result of every claim under every profile, as for properties."""
-    return tuple(_asserted(number, claim, systems, engines, profiles) for number, claim in enumerate(claims))
+    asked = _Asked(systems, engines, profiles)
+    return tuple(_asserted(number, claim, asked) for number, claim in enumerate(claims))
 
 
-def _asserted(
-    number: int, claim: Claim, systems: Sequence[System], engines: Sequence[EngineAnswers], profiles: Sequence[str]
-) -> AssertedResult:
-    prop = _asked(claim, claim.attacker.value)
+def _asserted(number: int, claim: Claim, asked: _Asked) -> AssertedResult:
+    systems, prop = asked.systems, _as_property(claim, claim.attacker.value)
 
     def tell(at: int, answer: Answer) -> Counterexample:
         return describe_claim(systems[at], systems[at].claims[number], answer)
@@ -65,7 +66,7 @@ def _asserted(
     only = claim.kind is ClaimKind.ONLY_PUBLISH
     return AssertedResult(
         prop=prop,
-        profiles=_by_profile(prop, systems, engines, profiles, tell),
+        profiles=asked.by_profile(prop, tell),
         severity=claim.severity,
         location=claim.location,
         meaning=claim.meaning,
@@ -93,25 +94,20 @@ def combine_determinism(
     claims: Sequence[Determinism], systems: Sequence[System], engines: Sequence[EngineAnswers], profiles: Sequence[str]
 ) -> tuple[AssertedResult, ...]:
     """The result of every claim of determinism under every profile, as for properties."""
-    return tuple(_deterministic(number, claim, systems, engines, profiles) for number, claim in enumerate(claims))
+    asked = _Asked(systems, engines, profiles)
+    return tuple(_deterministic(number, claim, asked) for number, claim in enumerate(claims))
 
 
-def _deterministic(
-    number: int,
-    claim: Determinism,
-    systems: Sequence[System],
-    engines: Sequence[EngineAnswers],
-    profiles: Sequence[str],
-) -> AssertedResult:
+def _deterministic(number: int, claim: Determinism, asked: _Asked) -> AssertedResult:
     from keystore_audit.engine.counterexample_determinism import describe_determinism, why_undecided
 
-    prop = _asked(claim, "nobody")
+    systems, prop = asked.systems, _as_property(claim, "nobody")
 
     def tell(at: int, answer: Answer) -> Counterexample:
         return describe_determinism(systems[at], systems[at].determinism[number], answer)
 
-    results = _by_profile(prop, systems, engines, profiles, tell)
-    unknown = (_kind(systems, profile) for profile, result in results.items() if result.status is Status.UNKNOWN)
+    results = asked.by_profile(prop, tell)
+    unknown = (asked.kind(profile) for profile, result in results.items() if result.status is Status.UNKNOWN)
     undecided = next((systems[kind[0]] for kind in unknown if kind), None)
     reason = why_undecided(undecided, undecided.determinism[number]) if undecided is not None else ""
     return AssertedResult(
@@ -124,7 +120,7 @@ def _deterministic(
     )
 
 
-def _asked(claim: Claim | Determinism, attacker: str) -> Property:
+def _as_property(claim: Claim | Determinism, attacker: str) -> Property:
     """What is claimed, as a property."""
     return Property(
         id=claim.id,
@@ -136,39 +132,45 @@ def _asked(claim: Claim | Determinism, attacker: str) -> Property:
     )
 
 
-def _by_profile(
-    prop: Property,
-    systems: Sequence[System],
-    engines: Sequence[EngineAnswers],
-    profiles: Sequence[str],
-    tell: Callable[[int, Answer], Counterexample],
-) -> dict[str, ProfileResult]:
-    """The result under each profile; profiles that read the keystore alike have one."""
-    kinds = {profile: _kind(systems, profile) for profile in profiles}
-    results = {kind: _result(prop, kind, systems, engines, tell) for kind in dict.fromkeys(kinds.values())}
-    return {profile: results[kind] for profile, kind in kinds.items()}
+class _Asked(NamedTuple):
+    """The systems that engines were asked about, what they said, and under which profiles it counts."""
 
+    systems: Sequence[System]
+    engines: Sequence[EngineAnswers]
+    profiles: Sequence[str]
 
-def _kind(systems: Sequence[System], profile: str) -> tuple[int, ...]:
-    """The systems that say how `profile` reads the keystore."""
-    return tuple(number for number, system in enumerate(systems) if profile in system.profiles)
+    def by_profile(self, prop: Property, tell: Tell) -> dict[str, ProfileResult]:
+        """The result under each profile; profiles that read the keystore alike have one."""
+        kinds = {profile: self.kind(profile) for profile in self.profiles}
+        results = {kind: self._result(prop, kind, tell) for kind in dict.fromkeys(kinds.values())}
+        return {profile: results[kind] for profile, kind in kinds.items()}
 
+    def kind(self, profile: str) -> tuple[int, ...]:
+        """The systems that say how `profile` reads the keystore."""
+        return tuple(number for number, system in enumerate(self.systems) if profile in system.profiles)
 
-def _result(
-    prop: Property,
-    kind: tuple[int, ...],
-    systems: Sequence[System],
-    engines: Sequence[EngineAnswers],
-    tell: Callable[[int, Answer], Counterexample],
-) -> ProfileResult:
-    statuses = {
-        engine.engine: _both_readings([_status(engine.answers[number].get(prop.id)) for number in kind])
-        for engine in engines
-    }
-    distinct = set(statuses.values())
-    status = distinct.pop() if len(distinct) == 1 else Status.UNKNOWN
-    example = _counterexample(prop, kind, systems, engines, tell)
-    return ProfileResult(status=status, engines=statuses, counterexample=example)
+    def _result(self, prop: Property, kind: tuple[int, ...], tell: Tell) -> ProfileResult:
+        statuses = {
+            engine.engine: _both_readings([_status(engine.answers[number].get(prop.id)) for number in kind])
+            for engine in self.engines
+        }
+        distinct = set(statuses.values())
+        status = distinct.pop() if len(distinct) == 1 else Status.UNKNOWN
+        return ProfileResult(status=status, engines=statuses, counterexample=self._counterexample(prop, kind, tell))
+
+    def _counterexample(self, prop: Property, kind: tuple[int, ...], tell: Tell) -> Counterexample | None:
+        """A counterexample in the user's names: from the MUST reading where it has one, since that is certain.
+
+        The native engine's comes first, so that a finding tells the same story whichever engines ran.
+        """
+        native_first = sorted(self.engines, key=lambda engine: engine.engine != "native")
+        certain_first = sorted(kind, key=lambda number: self.systems[number].reading is Reading.MAY)
+        for number in certain_first:
+            for engine in native_first:
+                answer = engine.answers[number].get(prop.id)
+                if answer is not None and answer.witnesses:
+                    return tell(number, answer)
+        return None
 
 
 def _status(answer: Answer | None) -> Status:
@@ -179,24 +181,3 @@ def _status(answer: Answer | None) -> Status:
 def _both_readings(statuses: Sequence[Status]) -> Status:
     """One status where all readings agree, else unknown; unknown as well where there is none."""
     return statuses[0] if statuses and len(set(statuses)) == 1 else Status.UNKNOWN
-
-
-def _counterexample(
-    prop: Property,
-    kind: tuple[int, ...],
-    systems: Sequence[System],
-    engines: Sequence[EngineAnswers],
-    tell: Callable[[int, Answer], Counterexample],
-) -> Counterexample | None:
-    """A counterexample in the user's names: from the MUST reading where it has one, since that is certain.
-
-    The native engine's comes first, so that a finding tells the same story whichever engines ran.
-    """
-    native_first = sorted(engines, key=lambda engine: engine.engine != "native")
-    certain_first = sorted(kind, key=lambda number: systems[number].reading is Reading.MAY)
-    for number in certain_first:
-        for engine in native_first:
-            answer = engine.answers[number].get(prop.id)
-            if answer is not None and answer.witnesses:
-                return tell(number, answer)
-    return None
