@@ -127,9 +127,6 @@ _ONE_AUTHORITY: Final = b"ca.cert.pem"
 _FLAT_ROOT: Final = frozenset({_ONE_AUTHORITY, b"ca.key.pem", b"governance.p7s", b"governance.xml"})
 """What sros2 put into the root from Ardent to Eloquent."""
 
-_READ: Final = b"|".join(map(re.escape, (*_RUN_TIME, _NAMES[Role.CRL])))
-_FILES: Final = re.compile(rb"(.*/)?(%s)|enclaves/(governance|.+/permissions)\.xml" % _READ)
-# Links out of the tree are taken for links to files there, where others speak of them or documents are unsigned.
 _FILE_NAMES: Final = frozenset((*_RUN_TIME, _NAMES[Role.CRL], *_UNSIGNED_NAMES.values(), *_FLAT_ROOT))
 
 _COMPLETE: Final = tuple(
@@ -178,7 +175,7 @@ def discover(root: Root) -> Layout:
         authority_keys=tuple(_authority_keys(tree)),
         governance=_existing(root, shared, b"governance.p7s"),
         unsigned_governance=_existing(root, shared, b"governance.xml"),
-        directory_links=tuple(_directory_links(tree, kind)),
+        directory_links=tuple(_directory_links(tree, kind, enclaves)),
         unreadable_directories=tree.unreadable,
         expected=tuple(_expected(tree, kind)),
         provisioning=tuple(_provisioning(tree)),
@@ -344,14 +341,15 @@ def _existing(root: Root, directory: bytes | None, name: bytes) -> File | None:
     return None if file.status is Status.MISSING else file
 
 
-def _directory_links(tree: _Tree, kind: LayoutKind) -> Iterator[File]:
+def _directory_links(tree: _Tree, kind: LayoutKind, enclaves: Iterable[EnclaveFiles]) -> Iterator[File]:
+    spoken_of = {file.path for enclave in enclaves for file in enclave.for_run_time}
     for place, listing in tree.listings.items():
         may_hold_enclaves = kind is not LayoutKind.SROS2 or (place + b"/").startswith(b"enclaves/")
         for entry in listing.entries:
             if entry.kind is not EntryKind.LINK:
                 continue
-            file = tree.root.sealed(path := _below(place, entry.name))
-            unseen = file.status in (Status.OUTSIDE, Status.UNREADABLE) and not _FILES.fullmatch(path)
+            file = tree.root.sealed(_below(place, entry.name))
+            unseen = file.status in (Status.OUTSIDE, Status.UNREADABLE) and file.path not in spoken_of
             if file.status is Status.DIRECTORY or (unseen and may_hold_enclaves):
                 yield file
 

@@ -226,9 +226,10 @@ def test_links_to_directories_are_listed_and_not_followed(tmp_path: Path) -> Non
         ("permissions.xml", "/etc"),  # whatever it is called: a robot that is told so takes it for an enclave
         ("ca.key.pem", "/etc"),
         ("certXpem", "/etc"),
-        ("governance.xml", "/etc"),  # which sros2 puts here, and permissions.xml into enclaves
+        ("governance.xml", "/etc"),
+        ("identity_ca.cert.pem", "/etc"),  # of no enclave
         ("talker/permissions.xml", "/etc"),
-        ("talker/governance.xml", "/etc"),
+        ("talker/crl.pem", "/etc"),  # of one: a run time reads it
     ):
         (path / "enclaves" / name).unlink(missing_ok=True)
         os.symlink(target, path / "enclaves" / name)
@@ -242,10 +243,12 @@ def test_links_to_directories_are_listed_and_not_followed(tmp_path: Path) -> Non
         "enclaves/ca.key.pem": Status.OUTSIDE,
         "enclaves/certXpem": Status.OUTSIDE,
         "enclaves/circle": Status.DIRECTORY,
+        "enclaves/governance.xml": Status.OUTSIDE,
+        "enclaves/identity_ca.cert.pem": Status.OUTSIDE,
         "enclaves/inside": Status.DIRECTORY,
         "enclaves/outside": Status.OUTSIDE,
         "enclaves/permissions.xml": Status.OUTSIDE,
-        "enclaves/talker/governance.xml": Status.OUTSIDE,
+        "enclaves/talker/permissions.xml": Status.OUTSIDE,
     }
 
 
