@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from datetime import datetime
 from functools import lru_cache
 from typing import Any, Final
 
@@ -10,6 +11,7 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Grant
+from keystore_audit.model.inventory import identities_at_large
 from keystore_audit.model.profiles import VARIANTS, Profile, SubjectComparison
 from keystore_audit.model.subject import matching, same_meaning
 from keystore_audit.rules.context import Context
@@ -28,23 +30,25 @@ _Named = tuple[Grant, PermissionsUse, Certificate, tuple[Profile, ...]]
 """A grant, the document that holds it, a certificate, and the variants under which the grant names it."""
 
 
-def _identities(keystore: Keystore) -> list[Certificate]:
+def _identities(keystore: Keystore) -> dict[str, Certificate]:
+    """Those of enclaves, by SHA-256."""
     firsts = (enclave.identity for enclave in keystore.enclaves)
-    return list({first.sha256: first for first in firsts if first is not None}.values())
+    return {first.sha256: first for first in firsts if first is not None}
 
 
 @lru_cache(maxsize=1)  # both rules ask
-def _named(keystore: Keystore) -> tuple[_Named, ...]:
-    return tuple(_grants_and_identities(keystore))
+def _named(keystore: Keystore, at: datetime) -> tuple[_Named, ...]:
+    """Of identities at large as well, of which it is known that somebody has the key."""
+    at_large = {e.certificate.sha256: e.certificate for e in identities_at_large(keystore, at) if e.key is None}
+    return tuple(_grants_and_identities(keystore, [*(at_large | _identities(keystore)).values()]))
 
 
-def _grants_and_identities(keystore: Keystore) -> Iterator[_Named]:
+def _grants_and_identities(keystore: Keystore, identities: Sequence[Certificate]) -> Iterator[_Named]:
     """Each grant of a document that may be taken, with each identity that some variants, not all, take it to name."""
     grants: dict[str, list[tuple[Grant, PermissionsUse]]] = {}
     for use in permissions_uses(keystore):
         for grant in use.document.grants if use.speaks else ():
             grants.setdefault(grant.subject_name.text, []).append((grant, use))
-    identities = _identities(keystore)
     tables = {comparison: matching(list(grants), identities, comparison) for comparison in SubjectComparison}
     for subject, holders in grants.items():
         by_certificate: dict[int, set[SubjectComparison]] = {}
@@ -73,17 +77,22 @@ def grant_names_another_subject(keystore: Keystore, context: Context) -> Iterato
     Peers take whatever validly signed document an enclave presents, so that this identity has the rights of the grant.
     Fast DDS since 2.14 counts attributes and looks each up by its type, so that a repeated one stands for others.
     Cyclone DDS cuts names at `,`, `/` and `|` and wants every piece of the certificate's in the grant's: `/robot` has
-    the rights of `/robot/arm`, and `/arm/robot` as well. High where no chosen profile does so.
+    the rights of `/robot/arm`, and `/arm/robot` as well. High where no chosen profile does so. Identities that no
+    enclave has count where somebody has the key and an identity CA vouches for them (KA228, KA668).
     """
-    subjects = {each.subject for each in _identities(keystore)}
-    for grant, use, certificate, naming in _named(keystore):
+    enclaves = _identities(keystore)
+    subjects = {each.subject for each in enclaves.values()}
+    for grant, use, certificate, naming in _named(keystore, context.at):
         # Text of the same meaning, in another order say, is another subject where an identity has the text itself.
         to_the_letter = grant.subject_name.text in subjects and grant.subject_name.text != certificate.subject
         if same_meaning(grant.subject_name.text, certificate) and not to_the_letter:
             continue
+        whoever = (
+            "that enclave" if certificate.sha256 in enclaves else f"whoever has the identity in {certificate.path}"
+        )
         yield Violation(
             message=f"The grant of {quoted(grant.subject_name.text)} names {quoted(certificate.subject)} too, for "
-            f"{implementations(naming)}: that enclave has its rights.",
+            f"{implementations(naming)}: {whoever} has its rights.",
             locations=_places(use, grant, certificate),
             severity=None if {*naming} & {*context.profiles} else Severity.HIGH,
             profiles=tuple(profile.name for profile in naming),
@@ -106,8 +115,9 @@ def subject_read_differently(keystore: Keystore, context: Context) -> Iterator[V
     Order, blanks, quotes, escapes, characters beyond ASCII and repeated attributes are read differently. High where a
     chosen profile does not find it, else low.
     """
-    for grant, use, certificate, naming in _named(keystore):
-        if not same_meaning(grant.subject_name.text, certificate):
+    enclaves = _identities(keystore)
+    for grant, use, certificate, naming in _named(keystore, context.at):
+        if certificate.sha256 not in enclaves or not same_meaning(grant.subject_name.text, certificate):
             continue
         missing = [profile for profile in VARIANTS.values() if profile not in naming]
         yield Violation(

@@ -119,6 +119,20 @@ def test_whoever_has_the_key_of_the_permissions_ca_needs_none_under_any_profile(
         assert beside(written(tmp_path / profile, files), profile) == [Severity.HIGH]
 
 
+def test_a_grant_that_names_one_by_a_vendors_comparison_says_so(tmp_path: Path) -> None:
+    """/admin/arm is an enclave; on Cyclone DDS its grant names /admin too, whose key lies there."""
+    arm = Member(permissions=permissions(grant("/admin/arm", rule(criterion("publish", "rt/else")))), serial=104)
+    store = replace(STORE, members={**STORE.members, "/admin/arm": arm}, strays={})
+    other = {"backup/cert.pem": identity("/other", "other").pem, "backup/key.pem": identity("/other", "other").key_pem}
+    for name, files, expected in (("a", LYING_ABOUT, True), ("b", NOBODYS, False), ("c", other, False)):
+        told = [each for each in report(written(tmp_path / name, files, store)).findings if each.code == "KA519"]
+        assert bool(told) is expected
+        if told:
+            assert "'CN=/admin' too" in told[0].message
+            assert told[0].message.endswith("whoever has the identity in backup/cert.pem has its rights.")
+            assert {place.path for place in told[0].locations} == {"enclaves/admin/arm/permissions.p7s", *NOBODYS}
+
+
 def test_the_example_names_the_certificate_with_its_line(tmp_path: Path) -> None:
     root = written(tmp_path, HELD)
     shared = next(finding for finding in report(root).findings if finding.code == "KA704")
