@@ -7,6 +7,7 @@ algorithm have to be the same bytes. Nothing is validated here: `parts` is for s
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from itertools import islice
 from typing import Final
@@ -16,6 +17,15 @@ from cryptography.exceptions import UnsupportedAlgorithm
 
 MAX_ELEMENTS: Final = 10_000
 """Structures, one behind the other in one file, that are looked at; what stands behind them may be anything."""
+
+SEQUENCE: Final = b"\x30"
+
+_LONG: Final = 0x1F
+"""In the first byte of a tag: its number follows."""
+
+_NUMBER: Final = re.compile(rb"\x80*([\x00-\x7f]|[\x81-\xff][\x80-\xff]*[\x00-\x7f])", re.DOTALL)
+_MORE: Final = 0x80
+"""Of a length: so many bytes have it, or none."""
 
 MALFORMED: Final = (
     ValueError,
@@ -57,15 +67,13 @@ def elements(data: bytes) -> Iterator[bytes]:
     """The SEQUENCEs that `data` begins with, one behind the other, at most MAX_ELEMENTS."""
     position = 0
     for _each in range(MAX_ELEMENTS):
-        if data[position : position + 1] != b"0":
-            return
-        if data[position + 1 : position + 2] == b"\x80":
-            yield data[position:]
-            return
         try:
-            _start, end = content_of(data, position)
+            tag, start, length = opening(data, position)
         except ValueError:
             return
+        if tag != SEQUENCE or (length is not None and start + length > len(data)):
+            return
+        end = len(data) if length is None else start + length
         yield data[position:end]
         position = end
 
@@ -80,6 +88,47 @@ def any_structure(test: Callable[[bytes], bool], data: bytes) -> bool:
     """Whether some of the structures is what `test` asks for, or there are too many to look at."""
     found = list(structures(data))
     return len(found) == MAX_ELEMENTS or any(map(test, found))
+
+
+def opening(data: bytes, position: int) -> tuple[bytes, int, int | None]:
+    """The tag of the element at `position`, where its content begins, and how long it is (None: it does not say so).
+
+    BER may write the number of a tag behind it, with as many zeros before it as one likes, which OpenSSL reads: what
+    is returned is the short form, where there is one. Raises ValueError for a header that is cut off.
+    """
+    first, at = data[position : position + 1], position + 1
+    if first and first[0] & _LONG == _LONG:
+        number = _NUMBER.match(data, at)
+        if number is None:
+            raise ValueError("cut off in a header")
+        if number[1] < bytes([_LONG]):
+            first = bytes([first[0] & ~_LONG | number[1][0]])
+        at = number.end()
+    if at >= len(data):
+        raise ValueError("cut off in a header")
+    length, at = data[at], at + 1
+    if length == _MORE:
+        return first, at, None
+    if length & _MORE:
+        size = length & ~_MORE
+        length = int.from_bytes(data[at : at + size], "big")
+        at += size
+    return first, at, length
+
+
+def inside(data: bytes, *tags: bytes) -> bytes | None:
+    """What follows the header of the last of these, each of which begins with the next, in BER; None where one does
+    not. Whether they are whole is not asked.
+    """
+    position = 0
+    for tag in tags:
+        try:
+            found, position, _length = opening(data, position)
+        except ValueError:
+            return None
+        if found != tag:
+            return None
+    return data[position:]
 
 
 def content_of(structure: bytes, position: int) -> tuple[int, int]:

@@ -6,7 +6,7 @@ from itertools import islice
 from typing import Final
 
 from keystore_audit.keystore.cms import CmsError, read_signed_data
-from keystore_audit.keystore.der import any_structure
+from keystore_audit.keystore.der import SEQUENCE, any_structure, inside
 from keystore_audit.keystore.pem import loose_blocks
 
 _BLANK_LINES: Final = (b"\n\n", b"\n\r", b"\n\0")
@@ -23,11 +23,9 @@ _MAX_FIELD: Final = 1024
 MAX_MENTIONS: Final = 1000
 """Mentions of a type below the first header that are looked at."""
 
+_IDENTIFIER: Final = b"\x06"
 _SIGNED_DATA: Final = bytes.fromhex("2a864886f70d010702")
 """The identifier of signed data (RFC 5652, 5.1)."""
-
-HEADERS: Final = 300
-"""Bytes in which the identifier ends: OpenSSL takes lengths of up to 127 bytes before it and before the whole."""
 
 ARMOUR: Final = ("CERTIFICATE", "PKCS7", "CMS", "SIGNED DATA")
 """How the labels end of PEM in which messages are, and certificates: OpenSSL takes the first for a message, too, knows
@@ -100,7 +98,8 @@ def _further(data: bytes) -> bool:
 
 def is_signed_data(data: bytes) -> bool:
     """Whether it begins as a signed message in DER or BER does."""
-    return data[:1] == b"0" and _SIGNED_DATA in data[:HEADERS]
+    kind = inside(data, SEQUENCE, _IDENTIFIER)
+    return kind is not None and kind.startswith(_SIGNED_DATA)
 
 
 def _is_signed(der: bytes) -> bool:

@@ -34,7 +34,10 @@ _LINE: Final = re.compile(rb"(?<![A-Za-z0-9+/])[A-Za-z0-9+/]{48}")
 _BEGINNING: Final = 1024
 """Characters in which the first eight of base64 stand."""
 
-_ENCRYPTED: Final = b"Proc-Type: 4,ENCRYPTED"  # RFC 1421, 4.6.1.1: the header of an encrypted traditional key
+_ENCRYPTED: Final = re.compile(rb"Proc-Type:[ \t]*4,[ \t]*ENCRYPTED")
+"""The header of an encrypted traditional key (RFC 1421, 4.6.1.1), with the blanks that OpenSSL takes."""
+_ENDS: Final = re.compile(rb"-----(?:BEGIN|END) ")
+"""What ends a block: five hyphens alone may stand in its header, of which OpenSSL passes over short ones."""
 
 BEGIN_CERTIFICATES: Final = frozenset({"CERTIFICATE", "X509 CERTIFICATE"})
 """Labels of a certificate: RFC 7468, and the old one that OpenSSL takes for the same."""
@@ -135,13 +138,13 @@ def loose_blocks(content: bytes, *labels: str) -> Iterator[Block]:
         if label.endswith(labels):
             line += content.count(b"\n", before, opening.start())
             before = opening.start()
-            closing = content.find(b"-----", opening.end())
-            body = content[opening.end() : closing if closing >= 0 else len(content)]
+            closing = _ENDS.search(content, opening.end())
+            body = content[opening.end() : closing.start() if closing else len(content)]
             yield Block(label=label, line=line, der=_loosely_decoded(body))
 
 
 def _loosely_decoded(body: bytes) -> bytes | None:
-    if _ENCRYPTED in body:
+    if _ENCRYPTED.search(body):
         return None
     header = body.rfind(b":")  # of other fields, too
     text = body[_end_of_line(body, header) :] if header >= 0 else body
@@ -195,7 +198,7 @@ def _block(content: bytes, begin: int, line: int) -> tuple[Block | Problem, int]
         return Problem(line=line, detail="a PEM block that does not end as it begins"), end_of_line
     label = opening[1].decode("ascii")
     body = content[end_of_line:closing]
-    if label.endswith("PRIVATE KEY") and body.lstrip().startswith(_ENCRYPTED):
+    if label.endswith("PRIVATE KEY") and _ENCRYPTED.match(body.lstrip()):
         return Block(label=label, line=line, der=None), end_of_block
     der = _decoded(body)
     if der is None:

@@ -8,8 +8,8 @@ import hashlib
 import os
 from typing import Final, NamedTuple
 
-from keystore_audit.keystore.der import any_structure
-from keystore_audit.keystore.message import ARMOUR, HEADERS, TYPES, ends_header, is_signed_data
+from keystore_audit.keystore.der import SEQUENCE, any_structure, inside, opening
+from keystore_audit.keystore.message import ARMOUR, TYPES, ends_header, is_signed_data
 
 MAX_SEARCHED: Final = 64 * 1024 * 1024
 """Bytes of files too large to be read that are searched and hashed, all files of a keystore together: a fifth of a
@@ -34,7 +34,12 @@ _ARMOUR: Final = tuple(f"{label}-----".encode() for label in ARMOUR)
 
 _INTEGER: Final = b"\x02"
 _IDENTIFIER: Final = b"\x06"
-_SEQUENCE: Final = b"\x30"
+_STRINGS: Final = (b"\x04", b"\x24")
+"""Strings of bytes, whole and in pieces (BER)."""
+
+_MAX_VERSION: Final = 4
+"""Bytes that OpenSSL reads of the version of a key: what begins with a longer number is a public key, say."""
+
 _PASSWORDS: Final = (bytes.fromhex("2a864886f70d0105"), bytes.fromhex("2a864886f70d010c01"))
 """PKCS #5 and PKCS #12: how a private key is encrypted with a password (RFC 8018, RFC 7292)."""
 
@@ -68,48 +73,41 @@ def holds_certificates(content: bytes) -> bool:
 
 def is_certificate_in_der(data: bytes) -> bool:
     """By the first elements (RFC 5280, 4.1): the version, or the serial number of one of version 1."""
-    return has_certificate_version(data) or _first(data, _SEQUENCE, _SEQUENCE, _INTEGER) is not None
+    return has_certificate_version(data) or inside(data, SEQUENCE, SEQUENCE, _INTEGER) is not None
 
 
 def has_certificate_version(data: bytes) -> bool:
     """By the first elements: what else begins with a number, as revocation lists and requests do, has no such field."""
-    return _first(data, _SEQUENCE, _SEQUENCE, b"\xa0") is not None
+    return inside(data, SEQUENCE, SEQUENCE, b"\xa0") is not None
 
 
 def is_pkcs12(data: bytes) -> bool:
-    """By the first elements (RFC 7292, 4)."""
-    version = _first(data, _SEQUENCE, _INTEGER)
-    return version is not None and version[:1] == b"\x03" and _CONTENT in version[1:HEADERS]
+    """By the first elements (RFC 7292, 4); OpenSSL looks at no version."""
+    _length, rest = _numbered(data)
+    kind = inside(rest, SEQUENCE, _IDENTIFIER)
+    return kind is not None and kind.startswith(_CONTENT)
 
 
 def is_key_in_der(data: bytes) -> bool:
     """By the first elements: PKCS #8 (RFC 5958), encrypted or not; RSA, DSA and EC keys (RFC 8017, RFC 5915);
-    PKCS #12 (RFC 7292).
+    PKCS #12 (RFC 7292). OpenSSL takes other versions than there are.
     """
-    version = _first(data, _SEQUENCE, _INTEGER)
-    if version is None:
-        algorithm = _first(data, _SEQUENCE, _SEQUENCE, _IDENTIFIER)
-        return algorithm is not None and algorithm.startswith(_PASSWORDS)
-    if is_pkcs12(data):
+    algorithm = inside(data, SEQUENCE, SEQUENCE, _IDENTIFIER)
+    if algorithm is not None:
+        return algorithm.startswith(_PASSWORDS)
+    length, rest = _numbered(data)
+    if inside(rest, SEQUENCE, _IDENTIFIER) is not None:
         return True
-    number, rest = version[:1], version[1:]
-    if _first(rest, _SEQUENCE, _IDENTIFIER) is not None:
-        return number in (b"\0", b"\x01")
-    return (number, rest[:1]) in ((b"\0", _INTEGER), (b"\x01", b"\x04"))
+    return length <= _MAX_VERSION and any(inside(rest, tag) is not None for tag in (_INTEGER, *_STRINGS))
 
 
-def _first(data: bytes, *tags: bytes) -> bytes | None:
-    """What follows tag and length of the last of these, each of which begins with the next; None where one does not.
-
-    OpenSSL takes lengths in more bytes than they need.
-    """
-    position = 0
-    for tag in tags:
-        if data[position : position + 1] != tag or len(data) < position + 2:
-            return None
-        length = data[position + 1]
-        position += 2 + (length & 0x7F if length & 0x80 else 0)
-    return data[position : position + 2 * HEADERS]
+def _numbered(data: bytes) -> tuple[int, bytes]:
+    """Of a SEQUENCE that begins with a number: how long that is, and what follows it; b"" where it does not."""
+    body = inside(data, SEQUENCE) or b""
+    if inside(body, _INTEGER) is None:
+        return 0, b""
+    _tag, start, length = opening(body, 0)
+    return length or 0, body[start + (length or 0) :]
 
 
 def search(descriptor: int, most: int) -> tuple[Traces, int]:

@@ -95,6 +95,44 @@ def test_what_is_no_der_and_openssl_reads_is_seen(key: Path, certificate: Path, 
         assert holds_certificates(form)
 
 
+def retagged(der: bytes, tag: bytes) -> bytes:
+    return tag + der[1:]
+
+
+def sized(content: bytes, tag: bytes = b"\x30") -> bytes:
+    return tag + b"\x82" + len(content).to_bytes(2, "big") + content
+
+
+def content_of(der: bytes) -> bytes:
+    return der[2 + (der[1] & 0x7F if der[1] & 0x80 else 0) :]
+
+
+def test_tags_in_their_long_form_and_other_versions_hide_nothing(key: Path, certificate: Path, tmp_path: Path) -> None:
+    path = tmp_path / "loose"
+    der = openssl("pkey", "-in", key, "-outform", "DER")
+    rest = content_of(der)[3:]  # behind the version
+    forms = [retagged(der, b"\x3f\x10"), retagged(der, b"\x3f\x80\x80\x10")]
+    forms += [sized(version + rest) for version in (b"\x1f\x02\x01\0", b"\x02\x01\x05", b"\x02\x02\x01\0")]
+    if key.parent.name.rstrip("0123456789") == "ec":
+        older = content_of(openssl("pkey", "-in", key, "-traditional", "-outform", "DER"))
+        size = older[4]
+        pieces = bytes([0x24, size + 2]) + older[3 : 5 + size]
+        forms += [sized(b"\x02\x01\x05" + older[3:]), sized(older[:3] + pieces + older[5 + size :])]
+    for form in forms:
+        path.write_bytes(form)
+        assert b"PRIVATE KEY" in openssl("pkey", "-inform", "DER", "-in", path)
+        assert holds_private_key(form)
+    bag = openssl("pkcs12", "-export", "-inkey", key, "-in", certificate, "-passout", "pass:a")
+    for form in (retagged(bag, b"\x3f\x10"), sized(b"\x1f" + content_of(bag))):
+        path.write_bytes(form)
+        assert b"PRIVATE KEY" in openssl("pkcs12", "-passin", "pass:a", "-noenc", "-in", path)
+        assert holds_private_key(form)
+    form = retagged(openssl("x509", "-in", certificate, "-outform", "DER"), b"\x3f\x10")
+    path.write_bytes(form)
+    assert b"BEGIN CERTIFICATE" in openssl("x509", "-inform", "DER", "-in", path)
+    assert holds_certificates(form)
+
+
 def test_what_is_no_key_is_none(key: Path, certificate: Path, tmp_path: Path) -> None:
     document = tmp_path / "d.xml"
     document.write_text("<dds/>")
@@ -109,6 +147,10 @@ def test_what_is_no_key_is_none(key: Path, certificate: Path, tmp_path: Path) ->
         b"0",
         b"0\x80",
         b"0\xff" + bytes(70),
+        b"\x3f",
+        b"\x3f" + b"\x80" * 5000,
+        b"\x3f\x81\x10\x03\x02\x01\0",
+        openssl("rsa", "-in", key, "-RSAPublicKey_out", "-outform", "DER") if "rsa" in key.parent.name else b"",
         bytes(100),
         b"\x30\x03\x02\x01\x03",
     ]

@@ -376,6 +376,15 @@ def in_der(made: Signed) -> bytes:
     return made.key.private_bytes(Encoding.DER, PrivateFormat.PKCS8, NoEncryption())
 
 
+def in_pem(made: Signed) -> bytes:
+    return made.key_pem
+
+
+def headed(pem: bytes) -> bytes:
+    """With a header that OpenSSL passes over, since it is short (decode_pem2der.c)."""
+    return pem.replace(b"-----\n", b"-----\na: -----\n\n", 1)
+
+
 CHAIN = 2 * authority("someCA").certificate.public_bytes(Encoding.DER)
 EMPTY_KEY = b"-----BEGIN PRIVATE KEY----------END PRIVATE KEY-----\n"
 
@@ -397,6 +406,10 @@ EMPTY_KEY = b"-----BEGIN PRIVATE KEY----------END PRIVATE KEY-----\n"
         (lambda made: made.certificate.public_bytes(Encoding.DER) + in_der(made)[:-9], lambda _made: b"", 0),
         (lambda made: encrypted(made.certificate.public_bytes(Encoding.DER)), lambda made: made.key_pem, 4),
         (lambda made: made.pem, lambda _made: EMPTY_KEY, 0),
+        (lambda made: headed(made.pem), lambda made: headed(made.key_pem), 1),
+        (lambda made: encrypted(made.certificate.public_bytes(Encoding.DER)).replace(b" 4", b"4"), in_pem, 4),
+        (lambda made: made.pem, lambda made: b"\x3f\x10" + in_der(made)[1:], 4),
+        (lambda made: b"\x3f\x10" + made.certificate.public_bytes(Encoding.DER)[1:], in_pem, 4),
         (lambda _made: b"-----BEGIN CERTIFICATE-----\n...\n-----END CERTIFICATE-----\n", lambda made: made.key_pem, 0),
     ],
 )
