@@ -53,6 +53,10 @@ _COUNTER: Final = re.compile(
 )
 """Variables that bash, zsh or ksh take for numbers: what is assigned is worked out, and `NAME=0` in it assigns, too."""
 _NUMBER: Final = re.compile(r"""(["']?)(?:0|-?[1-9][0-9]{0,17})?\1[ \t]*""")
+_COMMANDS: Final = frozenset({"BASH_ENV", "PROMPT_COMMAND"})
+"""What bash runs before each script and each prompt."""
+_FURTHER: Final = re.compile(r"[ \t;&|]([A-Za-z_][A-Za-z0-9_]*)=([^ \t;&|]*)")
+"""In a value, assignments of their own to a shell, as in `A=1 B=2` and `A=x&B=2`; others take it all for the value."""
 _ANOTHER: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*=")
 """How another assignment begins, behind which a command may still follow."""
 
@@ -155,8 +159,6 @@ def _value(text: str, place: str, *, commented: bool) -> str:
 
 def _pass_over(name: str, text: str, place: str, *, exported: bool) -> None:
     """Raises UsageError where the value of another variable may set, hide or take back one of `VARIABLES`."""
-    if name == "BASH_ENV":
-        raise UsageError(f"{place}: bash runs what BASH_ENV names before each script; expected no such line.")
     closed = _CLOSED.fullmatch(text)
     if closed is None:
         raise UsageError(f"{place}: a quote that does not end in its line; expected a plain or quoted value.")
@@ -172,8 +174,11 @@ def _pass_over(name: str, text: str, place: str, *, exported: bool) -> None:
             f"{place}: more than one assignment, or a command; expected NAME=VALUE, what is special to a shell between "
             f"single quotes.{also}"
         )
-    if _COUNTER.fullmatch(name) and not _NUMBER.fullmatch(value):
-        raise UsageError(f"{place}: {name} is a number to a shell, which works out its value; expected digits.")
+    for each, given in ((name, value), *_FURTHER.findall(bare)):
+        if each in _COMMANDS:
+            raise UsageError(f"{place}: bash runs what {each} names; expected no such assignment.")
+        if _COUNTER.fullmatch(each) and not _NUMBER.fullmatch(given):
+            raise UsageError(f"{place}: {each} is a number to a shell, which works out its value; expected digits.")
 
 
 def _runs_something(value: str, *, exported: bool) -> bool:

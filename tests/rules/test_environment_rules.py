@@ -91,7 +91,7 @@ def test_one_enclave_alone_may_be_every_process(tmp_path: Path) -> None:
         ("export ROS_DISTRO=humble # a comment", "humble"),
         ("PATH=$PATH:/bin\nROS_DISTRO=humble", "humble"),
         ("A='ROS_DISTRO=foxy; x' # it's so\nB=-a -b x \"z\\\" 'z\"\nROS_DISTRO=humble", "humble"),
-        ("A=http://h/?a=1&b=2\nB='<Log/>'\nexport C=\"$D/x\"\nROS_DISTRO=humble", "humble"),
+        ("A=http://h/?a=1&b=2&SECONDS=5\nB='<Log/>'\nexport C=\"$D/x\"\nROS_DISTRO=humble", "humble"),
         ("ROS_DISTRO=humble\nSHLVL=1\nOPTIND=2\nRANDOM=\nUID=1000 # me\nHISTSIZE=-1\nTMOUT='0'", "humble"),
         ("ROS_DISTRO=", ""),
         ("", ""),
@@ -140,7 +140,13 @@ def test_assignments_are_read(text: str, value: str, tmp_path: Path) -> None:
         ("# a comment \\\nROS_DISTRO=humble", "robot.env:1: a line that goes on"),
         ('A="x\nROS_DISTRO=humble\nB=x"', "robot.env:1: a quote"),
         ("BASH_ENV=/etc/robot", "robot.env:1: bash runs"),
+        ("A=1 B=2 BASH_ENV=/etc/robot", "robot.env:1: bash runs"),
+        ("A=x&BASH_ENV=/etc/robot", "robot.env:1: bash runs"),
+        ("PROMPT_COMMAND='ROS_DISTRO=0'", "robot.env:1: bash runs"),
         ("RANDOM='ROS_DISTRO=0'", "robot.env:1: RANDOM is a number"),
+        ("A=1 RANDOM='ROS_DISTRO=0'", "robot.env:1: RANDOM is a number"),
+        ("A=1;B=2;OPTIND='ROS_DISTRO=0'", "robot.env:1: OPTIND is a number"),
+        ("A=1 RANDOM=1\tSRANDOM='ROS_DISTRO=0'", "robot.env:1: SRANDOM is a number"),
         (b"A=1\n\xff", "robot.env:2: not UTF-8"),
         (b"#" * (1024 * 1024 + 1), "larger than"),
     ],
@@ -221,6 +227,8 @@ PIECES = st.sampled_from([*SIGNS, *WORDS])
 @settings(max_examples=400)
 @given(name=st.sampled_from(["A", *SHELLS_OWN]), value=st.lists(PIECES, max_size=9).map("".join), export=st.booleans())
 @example(name="RANDOM", value="'ROS_DISTRO=0'", export=False)
+@example(name="A", value="1 RANDOM='ROS_DISTRO=0'", export=False)
+@example(name="A", value="1;RANDOM='ROS_DISTRO=0'", export=False)
 @example(name="HISTCMD", value="\xa0", export=False)
 @example(name="OPTIND", value="09", export=False)
 @example(name="SRANDOM", value="-", export=False)
