@@ -156,8 +156,10 @@ class StartProcess(Action):
     """A process, of which it is not known whether it is a node.
 
     `clean`: it has `environment` alone. `prefix`: what stands before the program, None: what is set for all.
+    `command`: what is run, in pieces, of a process that is not known to be a node.
     """
 
+    command: tuple[Text, ...] = ()
     environment: tuple[tuple[Text, Text], ...] = ()
     clean: bool = False
     prefix: Text | None = None

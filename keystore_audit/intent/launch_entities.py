@@ -31,6 +31,7 @@ from keystore_audit.intent.launch_actions import (
     Unknown,
     Unread,
 )
+from keystore_audit.intent.launch_environment import replaced
 from keystore_audit.intent.source import Source, shown
 from keystore_audit.intent.substitution import SubstitutionError, parse
 
@@ -99,6 +100,15 @@ class _Entities:
         name = self._text(entity, "name")
         return AssignEnvironment(line=entity.line, conditions=self._conditions(entity), name=name, value=value)
 
+    def replace_env(self, entity: Entity) -> Action:
+        """A `<rep_env>`, or a `<reset_env>` or `<pop_env>`, which bring earlier variables back."""
+        values, conditions = self._values(entity.called("env")), self._conditions(entity)
+        return replaced(values, line=entity.line, conditions=conditions, earlier=entity.kind != "rep_env")
+
+    def nothing(self, entity: Entity) -> Action:
+        """A `<push_env>`, which changes no variable."""
+        return Group(line=entity.line, actions=())
+
     def push_namespace(self, entity: Entity) -> Action:
         """A `<push_ros_namespace>`."""
         namespace = self._text(entity, "namespace")
@@ -162,6 +172,7 @@ class _Entities:
         return StartProcess(
             line=entity.line,
             conditions=self._conditions(entity),
+            command=(self._optional(entity, "cmd") or (),),
             environment=self._values(entity.called("env")),
             prefix=self._optional(entity, "launch-prefix"),
         )
@@ -243,6 +254,10 @@ _READERS: Final[Mapping[str, Callable[[_Entities, Entity], Action]]] = {
     "set_env": _Entities.set_env,
     "unset_env": _Entities.set_env,
     "append_env": _Entities.set_env,
+    "rep_env": _Entities.replace_env,
+    "reset_env": _Entities.replace_env,
+    "pop_env": _Entities.replace_env,
+    "push_env": _Entities.nothing,
     "push_ros_namespace": _Entities.push_namespace,
     "push_namespace": _Entities.push_namespace,
     "set_remap": _Entities.set_remap,

@@ -4,10 +4,19 @@ from __future__ import annotations
 
 import re
 import shlex
+from collections.abc import Iterable
 from typing import Final
 
 from keystore_audit.intent.environment import DOMAIN, ENABLE, KEYSTORE, OVERRIDE, RMW, STRATEGY
-from keystore_audit.intent.launch_actions import StartProcess, Unknown
+from keystore_audit.intent.launch_actions import (
+    AssignEnvironment,
+    Comparison,
+    Condition,
+    Group,
+    StartProcess,
+    Text,
+    Unknown,
+)
 from keystore_audit.intent.launch_scope import Scope
 from keystore_audit.intent.source import Source, shown
 
@@ -41,6 +50,41 @@ _DEBUGGING: Final = re.compile(
 
 _LATER: Final = re.compile(r"""sleep [0-9.]+ ?(?:;|&&) ?(?:exec )?(["']?)\$0\1 (["']?)\$@\2""")
 """What a shell does in the usual prefix of a node that starts later, `bash -c 'sleep 5; $0 $@'`."""
+
+
+_UNSET: Final = r"(?:\bunset\b|(?:^|\s)-u|--unset)[^;&|]*"
+"""What takes back the variables that are named behind it: a shell's own word, and options of env."""
+
+
+def replaced(
+    values: Iterable[tuple[Text, Text]],
+    *,
+    line: int,
+    conditions: tuple[Condition | Comparison, ...],
+    earlier: bool,
+) -> Group:
+    """All variables give way to these, or (`earlier`) to those that there were before."""
+    before = Unknown(reason="an earlier environment") if earlier else ""
+    every = (*(((name,), (before,)) for name in NAMES), *values)
+    actions = tuple(AssignEnvironment(line=line, name=name, value=value) for name, value in every)
+    return Group(line=line, conditions=conditions, actions=actions, scoped=False)
+
+
+def set_by_command(action: StartProcess, scope: Scope, source: Source) -> dict[str, str | Unknown]:
+    """The values that a command line itself gives to `NAMES`, in any of its words: `env NAME=VALUE`, or a shell's."""
+    known = (scope.known((part,), source) for word in action.command for part in (*word, " "))
+    command = "".join(each if isinstance(each, str) else "$" for each in known)
+    plain = re.sub(r"""["'\\]""", "", command)
+    found: dict[str, str | Unknown] = {}
+    for name in NAMES:
+        values = set(re.findall(rf"(?<![A-Za-z0-9_]){name}=([^\s;&|]*)", plain))
+        if values:
+            value = values.pop()
+            told = not values and not re.search(r"[$`]", value)
+            found[name] = value if told else Unknown(reason=f"{shown(command)}, which sets {name}")
+        elif re.search(_UNSET + name, plain):
+            found[name] = ""
+    return found
 
 
 def started_with(action: StartProcess, scope: Scope, source: Source) -> dict[str, str | Unknown]:

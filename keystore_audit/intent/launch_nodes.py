@@ -21,7 +21,7 @@ from keystore_audit.intent.intent import (
     UsedName,
 )
 from keystore_audit.intent.launch_actions import LoadComponents, NodeKind, NodeNames, StartNode, StartProcess, Unknown
-from keystore_audit.intent.launch_environment import started_with
+from keystore_audit.intent.launch_environment import set_by_command, started_with
 from keystore_audit.intent.launch_scope import GlobalRemap, Scope
 from keystore_audit.intent.ros_arguments import RosArguments, Rule, read
 from keystore_audit.intent.ros_names import ROOT, expanded, is_node_name, is_path, joined
@@ -136,12 +136,12 @@ class Nodes:
             self._place(component, enclave)
 
     def process(self, action: StartProcess, scope: Scope, source: Source) -> None:
-        """A process that may be a node: of its variables those count that are set for certain."""
+        """A process that may be a node: of its variables those count that are set for certain, or by its command."""
         location = source.location(action.line)
         self.unresolved(location, "A process is started here; whether it is a node, and which, is not known.")
         variables = started_with(action, scope, source).items()
         named = {name: value for name, value in variables if isinstance(value, str) and (value or not action.clean)}
-        self._sets("", named, location)
+        self._sets("", {**named, **set_by_command(action, scope, source)}, location)
 
     def _sets(self, node: str, variables: Mapping[str, str | Unknown], location: Location) -> None:
         """The variables of a process, apart from the one that says its enclave."""

@@ -29,7 +29,7 @@ from keystore_audit.intent.launch_actions import (
     Unread,
     Variable,
 )
-from keystore_audit.intent.launch_environment import NAMES
+from keystore_audit.intent.launch_environment import replaced
 from keystore_audit.intent.python_values import (
     NONE,
     ActionValue,
@@ -332,10 +332,9 @@ def _set(call: Call) -> Value:
 
 def _environment(call: Call) -> Value:
     """All variables are replaced, by those that are named or by earlier ones."""
-    before = "" if call.name == "ReplaceEnvironmentVariables" else Unknown(reason="an earlier environment")
-    values = (*(((name,), (before,)) for name in NAMES), *_mapping(call.get("environment", 0)))
-    actions = tuple(AssignEnvironment(line=call.line, name=name, value=value) for name, value in values)
-    return ActionValue(action=Group(line=call.line, conditions=call.conditions, actions=actions, scoped=False))
+    earlier = call.name != "ReplaceEnvironmentVariables"
+    values = _mapping(call.get("environment", 0))
+    return ActionValue(action=replaced(values, line=call.line, conditions=call.conditions, earlier=earlier))
 
 
 def _inert(call: Call) -> Value:
@@ -343,7 +342,8 @@ def _inert(call: Call) -> Value:
 
 
 def _process(call: Call) -> Value:
-    process = StartProcess(line=call.line, conditions=call.conditions, **_environment_of(call))
+    started = {"command": _words(call, "cmd")[0], **_environment_of(call)}
+    process = StartProcess(line=call.line, conditions=call.conditions, **started)
     return ActionValue(action=_with(process, _on_exit(call)))
 
 

@@ -209,6 +209,17 @@ def test_what_stands_before_the_program_may_change_its_variables(
         ("xml", '<executable cmd="run" launch-prefix="sudo"/>', ""),
         ("xml", '<executable cmd="run"/>', ""),
         ("py", "ExecuteProcess(cmd=['run'], additional_env={'ROS_SECURITY_ENABLE': 'no'})", "no"),
+        ("xml", '<executable cmd="env ROS_SECURITY_ENABLE=no ros2 run a b"/>', "no"),
+        ("xml", """<executable cmd="ROS_SECURITY_'ENABLE'=no ros2 run a b" shell="true"/>""", "no"),
+        ("xml", '<executable cmd="echo $ROS_SECURITY_ENABLE; exec NOT_ROS_SECURITY_ENABLE=no"/>', ""),
+        ("xml", '<executable cmd="$(var e)" launch-prefix="env ROS_SECURITY_ENABLE=true"/>', "true"),
+        (
+            "xml",
+            '<executable cmd="env ROS_SECURITY_ENABLE=no run" launch-prefix="env ROS_SECURITY_ENABLE=true"/>',
+            "no",
+        ),
+        ("py", "ExecuteProcess(cmd=['env', 'ROS_SECURITY_ENABLE=no', 'run'])", "no"),
+        ("py", "ExecuteProcess(cmd=[['ROS_SECURITY_', 'ENABLE=no run']], shell=True)", "no"),
         ("py", "ExecuteProcess(cmd=['run'])", ""),
         ("py", "ExecuteProcess(cmd=['run'], env={'PATH': '/bin'})", ""),
         ("py", "ExecuteProcess(cmd=['run'], env={'ROS_SECURITY_ENABLE': 'no'})", "no"),
@@ -222,6 +233,37 @@ def test_a_process_that_may_be_a_node_has_what_is_set_for_it(
     assert [reason for _line, reason in unresolved(intent)] == [
         "A process is started here; whether it is a node, and which, is not known."
     ]
+
+
+@pytest.mark.parametrize(
+    ("command", "expected"),
+    [
+        ("ROS_SECURITY_ENABLE=true ROS_SECURITY_ENABLE=false run", {"SECURITY_ENABLE": None}),
+        ("env ROS_SECURITY_ENABLE=$(var unknown) run", {"SECURITY_ENABLE": None}),
+        ("unset A ROS_SECURITY_ENABLE; run", {"SECURITY_ENABLE": ""}),
+        ("env -u ROS_SECURITY_STRATEGY run", {"SECURITY_STRATEGY": ""}),
+        ("env --unset=ROS_SECURITY_STRATEGY run", {"SECURITY_STRATEGY": ""}),
+        ("sudo -u robot run; echo ROS_SECURITY_STRATEGY", {}),
+    ],
+)
+def test_what_a_command_sets_is_that_or_not_known(
+    command: str, expected: dict[str, str | None], tmp_path: Path
+) -> None:
+    assert variables(launch(tmp_path, f'<executable cmd="{command}"/>')) == expected
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("<push_env/>", {}),
+        ("<rep_env/>", CLEAN),
+        ('<rep_env><env name="ROS_DOMAIN_ID" value="3"/></rep_env>', {**CLEAN, "DOMAIN_ID": "3"}),
+        ("<reset_env/>", dict.fromkeys(CLEAN)),
+        ('<set_env name="ROS_SECURITY_ENABLE" value="true"/><pop_env/>', dict.fromkeys(CLEAN)),
+    ],
+)
+def test_what_replaces_all_variables_in_xml(text: str, expected: dict[str, str | None], tmp_path: Path) -> None:
+    assert variables(launch(tmp_path, f'{text}<node pkg="p" exec="e" name="n"/>')) == expected
 
 
 @pytest.mark.parametrize(
