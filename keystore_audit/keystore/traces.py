@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 from typing import Final, NamedTuple
 
 from keystore_audit.keystore.der import SEQUENCE, any_structure, inside, opening
@@ -37,6 +38,9 @@ _IDENTIFIER: Final = b"\x06"
 _STRINGS: Final = (b"\x04", b"\x24")
 """Strings of bytes, whole and in pieces (BER)."""
 
+_MICROSOFT: Final = re.compile(rb"\x07\x02.{6}(?:RSA2|DSS2)|\x1e\xf1\xb5\xb0", re.DOTALL)
+"""How private keys begin in a blob and in a PVK file of Microsoft's, both of which OpenSSL reads."""
+
 _MAX_VERSION: Final = 4
 """Bytes that OpenSSL reads of the version of a key: what begins with a longer number is a public key, say."""
 
@@ -60,8 +64,10 @@ class Traces(NamedTuple):
 
 
 def holds_private_key(content: bytes) -> bool:
-    """Whether a private key in PEM stands in it, or one in DER, or a PKCS #12 file, which is made for one."""
-    return _KEY in content or any_structure(is_key_in_der, content)
+    """Whether a private key in PEM stands in it, or one in DER, or it is a file of PKCS #12 or Microsoft's, which are
+    made for one.
+    """
+    return _KEY in content or bool(_MICROSOFT.match(content)) or any_structure(is_key_in_der, content)
 
 
 def holds_certificates(content: bytes) -> bool:

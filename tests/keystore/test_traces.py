@@ -54,6 +54,8 @@ def test_every_form_of_a_key_is_seen(key: Path, certificate: Path) -> None:
     )
     forms.append(openssl("pkey", "-in", key, *LOCKED))
     forms.append(openssl("pkcs12", "-export", "-inkey", key, "-in", certificate, "-passout", "pass:a"))
+    if key.parent.name.rstrip("0123456789") == "rsa":
+        forms += [openssl("rsa", "-in", key, "-outform", *form) for form in (("MSBLOB",), ("PVK", "-pvk-none"))]
     assert [number for number, form in enumerate(forms) if not holds_private_key(form)] == []
 
 
@@ -150,6 +152,7 @@ def test_what_is_no_key_is_none(key: Path, certificate: Path, tmp_path: Path) ->
         b"\x3f",
         b"\x3f" + b"\x80" * 5000,
         b"\x3f\x81\x10\x03\x02\x01\0",
+        openssl("rsa", "-in", key, "-pubout", "-outform", "MSBLOB") if key.parent.name.startswith("rsa0") else b"",
         openssl("rsa", "-in", key, "-RSAPublicKey_out", "-outform", "DER") if "rsa" in key.parent.name else b"",
         bytes(100),
         b"\x30\x03\x02\x01\x03",
