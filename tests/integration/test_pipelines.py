@@ -86,6 +86,8 @@ def test_the_action_runs_nothing_that_its_inputs_say(repository: Path, tmp_path:
     named = "sample_keystores/healthy/turtlesim"
     assert action(repository, tmp_path, keystores=named, arguments=arguments, alloy="false")[0] == 0
     assert action(repository, tmp_path, keystores="", alloy="false")[0] == 2
+    code, outputs, _summary = action(repository, tmp_path, keystores=named, arguments="--help", alloy="false")
+    assert (code, outputs["exit-code"]) == (4, "4")
 
 
 def test_the_action_installs_what_is_locked(repository: Path) -> None:
