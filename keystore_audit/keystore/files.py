@@ -54,9 +54,9 @@ class File:
     """Whether its group may hold others than its owner: a group of one user alone has that user's number."""
     link: str | None = None
     holds_private_key: bool = False
-    """Whether a private key may stand in it (`traces.holds_private_key`, `traces.search`)."""
+    """Whether a private key may stand in it (`traces.holds`, `traces.search`)."""
     holds_certificates: bool = False
-    """Whether certificates may stand in it (`traces.holds_certificates`, `traces.search`)."""
+    """Whether certificates may stand in it (`traces.holds`, `traces.search`)."""
     may_be_message: bool = False
     """Whether a signed message may stand in it (`message.may_be_message`, `message.concealed`, `traces.search`)."""
 

@@ -151,7 +151,7 @@ def _loosely_decoded(body: bytes) -> bytes | None:
     der = b""
     for each in (text, text.partition(b"-")[0]):  # OpenSSL's base64 ends at the first hyphen
         with suppress(binascii.Error):
-            der = binascii.a2b_base64(_base64_of(each))
+            der = binascii.a2b_base64(base64_of(each))
             break
     else:
         if _is_shortened(text):
@@ -159,7 +159,7 @@ def _loosely_decoded(body: bytes) -> bytes | None:
     return der if der[:1] == b"0" or _LINE.search(body) is None else None
 
 
-def _base64_of(text: bytes) -> bytes:
+def base64_of(text: bytes) -> bytes:
     """The base64 characters of a text; the end of a line that is written as an escape is none."""
     for escape in _ESCAPES:
         text = text.replace(escape, b" ")
@@ -172,7 +172,7 @@ def _is_shortened(text: bytes) -> bool:
     Somebody left the rest out. What only has more about it, as the lines of a patch or numbered ones, is long enough.
     """
     try:
-        begin = binascii.a2b_base64(_base64_of(text[:_BEGINNING])[:8])
+        begin = binascii.a2b_base64(base64_of(text[:_BEGINNING])[:8])
     except binascii.Error:  # not even eight characters
         return False
     written = begin.ljust(len(text) * 3 // 4, b"\0")

@@ -17,8 +17,9 @@ from keystore_audit.keystore import public_key
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.der import MAX_ELEMENTS, elements, structures
 from keystore_audit.keystore.files import File
+from keystore_audit.keystore.forms import texts
 from keystore_audit.keystore.pem import Block, Problem, loose_blocks, read_pem
-from keystore_audit.keystore.traces import is_key_in_der, is_pkcs12
+from keystore_audit.keystore.traces import in_base64, is_key_in_der, is_pkcs12
 
 MAX_KEY_BYTES: Final = 64 * 1024
 """Longest key that is parsed: an RSA key of 16,384 bits, the largest that OpenSSL uses, has 9,300 bytes."""
@@ -120,11 +121,13 @@ def read_held_keys(file: File) -> HeldKeys:
     content = file.content
     if content is None:
         return HeldKeys(locked=True)
-    if any(map(is_pkcs12, structures(content))):
+    encoded = list(in_base64(content))
+    if any(map(is_pkcs12, (*structures(content), *encoded))):
         return HeldKeys(sealed=True)
-    blocks = list(islice(loose_blocks(content, "PRIVATE KEY"), MAX_HELD_KEYS + 1))
+    found = (block for text in texts(content) for block in loose_blocks(text, "PRIVATE KEY"))
+    blocks = list(islice(found, MAX_HELD_KEYS + 1))
     whole = list(elements(content))
-    blocks += (Block(label="", line=1, der=each) for each in whole if is_key_in_der(each))
+    blocks += (Block(label="", line=1, der=each) for each in (*whole, *encoded) if is_key_in_der(each))
     cut_off = not whole and is_key_in_der(content)
     if not blocks or cut_off or len(whole) == MAX_ELEMENTS:  # not known what it is, or what stands behind
         blocks.append(Block(label="", line=1, der=None))

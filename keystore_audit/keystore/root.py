@@ -26,7 +26,7 @@ from keystore_audit.keystore.descent import (
 )
 from keystore_audit.keystore.files import Entry, EntryKind, File, Listing, Status
 from keystore_audit.keystore.message import concealed, may_be_message
-from keystore_audit.keystore.traces import MAX_SEARCHED, holds_certificates, holds_private_key, search
+from keystore_audit.keystore.traces import MAX_SEARCHED, holds, search
 
 MAX_FILE_BYTES: Final = 4 * 1024 * 1024
 """Largest file that is read: a permissions document of 20,000 topics has about 2 MB; no parser gets more."""
@@ -276,9 +276,10 @@ class Root:
         message = may_be_message(content) or concealed(content) != ""
         if message:
             self._messages.setdefault(digest, content)
-        if certificates := holds_certificates(content):
+        secret, certificates = holds(content)
+        if certificates:
             self._certificates.setdefault(digest, content)
-        if secret := holds_private_key(content):
+        if secret:
             self._secrets.setdefault(digest, content)
         return replace(
             reading,

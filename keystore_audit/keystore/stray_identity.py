@@ -1,7 +1,7 @@
 """Identities beside the enclaves: certificates that no enclave carries, with private keys that lie in the same tree.
 
 Whoever has both is a participant, whatever folder they are in: a run time starts from any six files. So certificates
-and keys are taken from wherever they stand: files that are parsed for something else, other text, DER.
+and keys are taken from wherever they stand: files that are parsed for something else, other text, DER, base64.
 """
 
 from __future__ import annotations
@@ -15,11 +15,12 @@ from keystore_audit.keystore.certificate import Certificate, read_certificate
 from keystore_audit.keystore.cms import CmsError, read_signed_data
 from keystore_audit.keystore.der import MAX_ELEMENTS, elements, first_element
 from keystore_audit.keystore.files import File, Status
+from keystore_audit.keystore.forms import texts
 from keystore_audit.keystore.message import ARMOUR, MAX_ARMOURED, is_signed_data
-from keystore_audit.keystore.pem import loose_blocks
+from keystore_audit.keystore.pem import Block, loose_blocks
 from keystore_audit.keystore.private_key import HeldKeys, PrivateKey, read_held_keys
 from keystore_audit.keystore.root import Root
-from keystore_audit.keystore.traces import has_certificate_version, is_certificate_in_der
+from keystore_audit.keystore.traces import has_certificate_version, in_base64, is_certificate_in_der
 
 MAX_BYTES: Final = 4 * 1024 * 1024
 """Of files with certificates outside enclaves that are parsed: 5,000 certificates, a quarter of a second."""
@@ -198,7 +199,7 @@ def certificates_in(file: File) -> Iterator[Certificate | int]:
     What is cut off is no certificate, as in a text about certificates.
     """
     content = file.content or b""
-    blocks = list(islice(loose_blocks(content, *ARMOUR), MAX_ARMOURED + 1))
+    blocks = list(islice(_blocks(content), MAX_ARMOURED + 1))
     if len(blocks) > MAX_ARMOURED:  # what begins there counts as a certificate that cannot be read
         yield blocks.pop().line
     for block in blocks:
@@ -207,10 +208,17 @@ def certificates_in(file: File) -> Iterator[Certificate | int]:
         elif element := first_element(block.der):
             yield from _in_element(element, block.line, file, labelled=True)
     whole = list(elements(content))
-    for element in whole:
+    for element in (*whole, *in_base64(content)):
         yield from _in_element(element, 1, file, labelled=False)
     if len(whole) == MAX_ELEMENTS:
         yield 1
+
+
+def _blocks(content: bytes) -> Iterator[Block]:
+    """Those of the file itself, and of texts in it in another form, whose lines are not the file's."""
+    for number, text in enumerate(texts(content)):
+        for block in loose_blocks(text, *ARMOUR):
+            yield replace(block, line=1) if number else block
 
 
 def _in_element(der: bytes, line: int, file: File, *, labelled: bool) -> Iterator[Certificate | int]:

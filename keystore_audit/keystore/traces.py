@@ -7,9 +7,11 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 from keystore_audit.keystore.der import SEQUENCE, any_structure, inside, opening
+from keystore_audit.keystore.forms import may_hold_text, structures_in_base64, texts
 from keystore_audit.keystore.message import ARMOUR, TYPES, ends_header, is_signed_data
 
 MAX_SEARCHED: Final = 64 * 1024 * 1024
@@ -63,18 +65,27 @@ class Traces(NamedTuple):
     sha256: str | None
 
 
-def holds_private_key(content: bytes) -> bool:
-    """Whether a private key in PEM stands in it, or one in DER, or it is a file of PKCS #12 or Microsoft's, which are
-    made for one.
+def holds(content: bytes) -> tuple[bool, bool]:
+    """Whether private keys may stand in it, and whether certificates: in PEM, in DER or in other forms (`forms`).
+
+    PKCS #12 files and Microsoft's two kinds are made for a key; messages and PKCS #12 files may carry certificates.
     """
-    return _KEY in content or bool(_MICROSOFT.match(content)) or any_structure(is_key_in_der, content)
-
-
-def holds_certificates(content: bytes) -> bool:
-    """Whether certificates may stand in it: in PEM, in DER, within a message or a PKCS #12 file."""
-    return any(word in content for word in _ARMOUR) or any_structure(
-        lambda each: is_certificate_in_der(each) or is_signed_data(each) or is_pkcs12(each), content
+    written, encoded = [*texts(content)], [*in_base64(content)]
+    secret = any(_KEY in text for text in written) or _MICROSOFT.match(content) is not None
+    certified = any(word in text for text in written for word in _ARMOUR)
+    return (
+        secret or any(map(is_key_in_der, encoded)) or any_structure(is_key_in_der, content),
+        certified or any(map(_may_hold_certificates, encoded)) or any_structure(_may_hold_certificates, content),
     )
+
+
+def in_base64(data: bytes) -> Iterator[bytes]:
+    """Keys and certificates in DER that stand in it in base64 alone."""
+    return structures_in_base64(data, lambda head: has_certificate_version(head) or is_key_in_der(head))
+
+
+def _may_hold_certificates(der: bytes) -> bool:
+    return is_certificate_in_der(der) or is_signed_data(der) or is_pkcs12(der)
 
 
 def is_certificate_in_der(data: bytes) -> bool:
@@ -132,9 +143,9 @@ def search(descriptor: int, most: int) -> tuple[Traces, int]:
         text = before + piece
         if at == 0:
             message = any_structure(is_signed_data, piece)
-            key, certificate = holds_private_key(piece), holds_certificates(piece)
+            key, certificate = holds(piece)
         key = key or _KEY in text
-        certificate = certificate or any(word in text for word in _ARMOUR)
+        certificate = certificate or any(word in text for word in _ARMOUR) or may_hold_text(text)
         message = message or any(word in text for word in _ARMOUR if word != _CERTIFICATE)
         lowered = text.lower()
         message = message or any(word in lowered for word in TYPES)

@@ -146,8 +146,9 @@ def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> It
     every robot. Whose key it is changes nothing: nobody needs one there. Where a certificate of the keystore has it,
     the finding names the holder, for the first 64 such files. A second key in key.pem counts as well. In a tree that
     goes on a robot (--deployed), so does a key in any other file, as in a backup; KA109 speaks of those that
-    authorities' names are on. Keys are seen in PEM anywhere in a file, in DER, and as a PKCS #12 file, which is made
-    for one. Where the file is too large to be hashed, nobody can tell whether it is the same one tomorrow: undecided.
+    authorities' names are on. Keys are seen in PEM anywhere in a file, in DER, in base64 of either, and as a PKCS #12
+    file, which is made for one. Where the file is too large to be hashed, nobody can tell whether it is the same one
+    tomorrow: undecided.
     """
     holders = _holders(keystore)
     held = {key.file.place: key for key in (*keystore.authority_keys, *keystore.further_keys)}

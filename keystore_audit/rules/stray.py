@@ -239,16 +239,15 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
     also one that begins later; by a governance with join access control off, where no grant is needed; or by
     permissions that it signs itself, where it has the permissions CA's own key or the signer is not pinned. Medium
     where an enclave has the same subject and all peers that take this identity take that enclave, too: the identity
-    has no further rights then. Certificates and keys are taken from wherever they stand: PEM within any file, DER,
-    PKCS #7.
+    has no further rights then. Certificates and keys are taken from wherever they stand: PEM within any file, in UTF-16
+    or in base64, too (as Kubernetes keeps files), DER, the same in base64 alone, PKCS #7.
 
     Undecided where a key that cannot be read (a password, another form, too large) may be that of such a certificate,
     and where a file may hold both: PKCS #12, one with a certificate that cannot be read or with more structures than
     are looked at, one too large to be read with a certificate in it, one that is not readable and called like one. Keys
     that cannot be read and lie where those of authorities do are taken for theirs, if they are no more than the
     authorities whose keys were not found. Not seen is what is in compressed archives, Java key stores and PKCS #11
-    tokens, in UTF-16, in base64 alone (as Kubernetes keeps files of PEM), or DER behind other bytes, nor a certificate
-    without a key in the tree.
+    tokens, or DER behind other bytes, nor a certificate without a key in the tree.
     """
     identities = keystore.identities
     found = admitted(keystore, identities.found, context.profiles, context.at)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import os
 import subprocess
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from keystore_audit.keystore.traces import LEAST, MAX_SEARCHED, holds_certificates, holds_private_key, search
+from keystore_audit.keystore.traces import LEAST, MAX_SEARCHED, holds, search
 
 FORMS = {
     "ec": ("genpkey", "-algorithm", "EC", "-pkeyopt", "ec_paramgen_curve:P-256"),
@@ -56,7 +57,30 @@ def test_every_form_of_a_key_is_seen(key: Path, certificate: Path) -> None:
     forms.append(openssl("pkcs12", "-export", "-inkey", key, "-in", certificate, "-passout", "pass:a"))
     if key.parent.name.rstrip("0123456789") == "rsa":
         forms += [openssl("rsa", "-in", key, "-outform", *form) for form in (("MSBLOB",), ("PVK", "-pvk-none"))]
-    assert [number for number, form in enumerate(forms) if not holds_private_key(form)] == []
+    assert [number for number, form in enumerate(forms) if not holds(form)[0]] == []
+
+
+def test_a_key_is_seen_in_base64_and_in_utf_16(key: Path, certificate: Path) -> None:
+    der = [openssl("pkey", "-in", key, "-outform", "DER")]
+    pem = [openssl("pkey", "-in", key)]
+    if key.parent.name.rstrip("0123456789") in OLDER:
+        der.append(openssl("pkey", "-in", key, "-traditional", "-outform", "DER"))
+        pem.append(openssl("pkey", "-in", key, "-traditional"))
+    der.append(openssl("pkcs8", "-topk8", "-in", key, "-outform", "DER", "-passout", "pass:a"))
+    forms = [encoded(each) for each in (*der, *pem) for encoded in (base64.b64encode, base64.encodebytes)]
+    forms += [b"%sx\n" % (b"#" * before) + each for before in range(3) for each in pem]
+    forms[-3 * len(pem) :] = map(base64.b64encode, forms[-3 * len(pem) :])
+    forms += [each.decode().encode(encoding) for each in pem for encoding in ("utf-16", "utf-16-be")]
+    assert [number for number, form in enumerate(forms) if not holds(b"KEY=" + form)[0]] == []
+    assert [number for number, form in enumerate(forms) if holds(form)[1]] == [], "and no certificate"
+    public = openssl("pkey", "-in", key, "-pubout", "-outform", "DER")
+    request = openssl("req", "-new", "-key", key, "-subj", "/CN=e", "-outform", "DER")
+    other = openssl("x509", "-in", certificate, "-outform", "DER")
+    bag = openssl("pkcs12", "-export", "-inkey", key, "-in", certificate, "-passout", "pass:a")
+    none, certified = (False, False), (False, True)
+    assert [holds(base64.b64encode(each)) for each in (public, request, other)] == [none, none, certified]
+    assert holds(base64.b64encode(bag)) == (True, True)
+    assert {holds(base64.b64encode(each)[:60] + b"...") for each in (*der, bag, other)} == {none}, "abbreviated"
 
 
 def test_every_form_of_a_certificate_is_seen(certificate: Path, key: Path) -> None:
@@ -64,10 +88,10 @@ def test_every_form_of_a_certificate_is_seen(certificate: Path, key: Path) -> No
     forms.append(openssl("x509", "-in", certificate, "-trustout"))
     bag = ("crl2pkcs7", "-nocrl", "-certfile", certificate, "-outform")
     forms += [openssl(*bag, form) for form in ("DER", "PEM")]
-    assert [number for number, form in enumerate(forms) if not holds_certificates(form)] == []
+    assert [number for number, form in enumerate(forms) if not holds(form)[1]] == []
     others = [openssl("pkey", "-in", key, *more) for more in ((), ("-outform", "DER"), ("-pubout", "-outform", "DER"))]
     others.append(openssl("req", "-new", "-key", key, "-subj", "/CN=e"))
-    assert [number for number, form in enumerate(others) if holds_certificates(form)] == []
+    assert [number for number, form in enumerate(others) if holds(form)[1]] == []
 
 
 def loosened(der: bytes) -> bytes:
@@ -88,13 +112,13 @@ def test_what_is_no_der_and_openssl_reads_is_seen(key: Path, certificate: Path, 
     ):
         path.write_bytes(loosened(openssl(*made)))
         assert b"PRIVATE KEY" in openssl(*read, "-in", path)
-        assert holds_private_key(path.read_bytes())
+        assert holds(path.read_bytes())[0]
     der = openssl("x509", "-in", certificate, "-outform", "DER")
     content = der[4:]  # of more than 255 bytes and less than 64 kB
     for form in (loosened(der), b"0\x80" + content + b"\0\0"):
         path.write_bytes(form)
         assert b"BEGIN CERTIFICATE" in openssl("x509", "-inform", "DER", "-in", path)
-        assert holds_certificates(form)
+        assert holds(form)[1]
 
 
 def retagged(der: bytes, tag: bytes) -> bytes:
@@ -123,16 +147,16 @@ def test_tags_in_their_long_form_and_other_versions_hide_nothing(key: Path, cert
     for form in forms:
         path.write_bytes(form)
         assert b"PRIVATE KEY" in openssl("pkey", "-inform", "DER", "-in", path)
-        assert holds_private_key(form)
+        assert holds(form)[0]
     bag = openssl("pkcs12", "-export", "-inkey", key, "-in", certificate, "-passout", "pass:a")
     for form in (retagged(bag, b"\x3f\x10"), sized(b"\x1f" + content_of(bag))):
         path.write_bytes(form)
         assert b"PRIVATE KEY" in openssl("pkcs12", "-passin", "pass:a", "-noenc", "-in", path)
-        assert holds_private_key(form)
+        assert holds(form)[0]
     form = retagged(openssl("x509", "-in", certificate, "-outform", "DER"), b"\x3f\x10")
     path.write_bytes(form)
     assert b"BEGIN CERTIFICATE" in openssl("x509", "-inform", "DER", "-in", path)
-    assert holds_certificates(form)
+    assert holds(form)[1]
 
 
 def test_what_is_no_key_is_none(key: Path, certificate: Path, tmp_path: Path) -> None:
@@ -157,7 +181,7 @@ def test_what_is_no_key_is_none(key: Path, certificate: Path, tmp_path: Path) ->
         bytes(100),
         b"\x30\x03\x02\x01\x03",
     ]
-    assert [number for number, form in enumerate(forms) if holds_private_key(form)] == []
+    assert [number for number, form in enumerate(forms) if holds(form)[0]] == []
 
 
 def searched(path: Path, content: bytes, most: int = MAX_SEARCHED) -> tuple[tuple[bool, bool], int]:

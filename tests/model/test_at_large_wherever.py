@@ -72,6 +72,14 @@ def way(root: Path) -> Status:
         {"backup/chain.p7b": armour("PKCS7", BAG)},
         {"backup/trusted.pem": TRUSTED},
         {"backup/secret.yaml": b"tls.crt: |\n" + b"".join(b"  " + line for line in LINES)},
+        {"backup/secret.yaml": b"data:\n  tls.crt: " + base64.b64encode(ADMIN.pem) + b"\n  tls.key: \n"},
+        {"backup/wrapped": base64.encodebytes(b"Subject: admin\n" + ADMIN.pem)},
+        {"backup/cert.env": b"CERT=" + base64.b64encode(b"# " + ADMIN.pem).rstrip(b"=") + b" # admin\n"},
+        {"backup/cert.txt": ADMIN.pem.decode().encode("utf-16")},
+        {"backup/cert.txt": ADMIN.pem.decode().encode("utf-16-be")},
+        {"backup/cert.json": b'{"cert": "' + base64.b64encode(DER) + b'"}'},
+        {"backup/cert.txt": b"The certificate:\n" + base64.encodebytes(DER)},
+        {"backup/cert.txt": b"".join(LINES[1:-1])},
         {"backup/secret.json": b'{"cert": "' + ADMIN.pem.replace(b"\n", b"\\n") + b'"}'},
         {"public/ghost_ca.cert.pem": ADMIN.pem},
         {"enclaves/talker/permissions.xml": ADMIN.pem},
@@ -94,6 +102,10 @@ def test_its_certificate_may_stand_anywhere(certificates: Files, tmp_path: Path)
         identity("/other", "other").key_pem + ADMIN.key_pem,
         LOCKED + ADMIN.key_pem,
         b"  > " + ADMIN.key_pem.replace(b"\n", b"\n  > "),
+        b"data: {tls.key: " + base64.b64encode(ADMIN.key_pem) + b"}\n",
+        ADMIN.key_pem.decode().encode("utf-16-le"),
+        b"KEY=" + base64.b64encode(key_as(Encoding.DER, PrivateFormat.PKCS8)) + b"\n",
+        base64.encodebytes(key_as(Encoding.DER, PrivateFormat.TraditionalOpenSSL)),
     ],
 )
 def test_so_may_its_key(key: bytes, tmp_path: Path) -> None:
@@ -108,6 +120,13 @@ def test_so_may_its_key(key: bytes, tmp_path: Path) -> None:
     "files",
     [
         {"backup/admin.p12": CONTAINER},
+        {"backup/admin.yaml": b"keystore.p12: " + base64.b64encode(CONTAINER) + b"\n"},
+        {"backup/cert.pem": ADMIN.pem, "backup/key.yaml": b"tls.key: " + base64.b64encode(LOCKED)},
+        {"backup/cert.pem": LARGE + base64.b64encode(ADMIN.pem), "backup/key.pem": ADMIN.key_pem},
+        {
+            "backup/cert.pem": ADMIN.pem,
+            "backup/key": base64.b64encode(key_as(Encoding.DER, PrivateFormat.PKCS8, locked=True)),
+        },
         {"backup/admin": CONTAINER + bytes(MAX_FILE_BYTES)},
         {"backup/cert.pem": ADMIN.pem, "backup/key.pem": LOCKED},
         {"backup/cert.pem": ADMIN.pem, "backup/key": key_as(Encoding.DER, PrivateFormat.PKCS8, locked=True)},
@@ -153,6 +172,12 @@ def test_what_could_not_be_read_may_be_one(files: Files, tmp_path: Path) -> None
                 b"".join(LINES[1:-2]) + b"  # ... and so on\n",
             )
         ),
+        {
+            "backup/README": b"tls.crt: LS0tLS1CRUdJTiBDRVJUSUZJQ0FURS0tLS0tCk1JSUI...\n",
+            "backup/key.pem": ADMIN.key_pem,
+        },
+        {"backup/README": b"tls.key: LS0tLS1CRUdJTiBQUklWQVRFIEtFWS0tLS0tCg==\n", "backup/cert.pem": ADMIN.pem},
+        {"backup/README": base64.b64encode(DER)[:64] + b"...\n", "backup/key.pem": ADMIN.key_pem},
         {"backup/README": b"Look for -----BEGIN CERTIFICATE-----, in the first or a later line of the file."},
         *(
             {
