@@ -40,7 +40,8 @@ def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Countere
     if answer.path:
         ways = [way for hop in answer.path for way in hop_ways(system, claim, hop)]
         reasons = "".join(f" {why[0].upper()}{why[1:]}." for why in dict.fromkeys(way.why for way in ways if way.why))
-        text = f"{_route(system, claim, answer.path)} ({_UNDER[claim.attacker]}{when}).{reasons}"
+        attacker = Attacker.HONEST if _by_right(system, claim, answer.path) else claim.attacker
+        text = f"{_route(system, claim, answer.path)} ({_UNDER[attacker]}{when}).{reasons}"
         return Counterexample(text=text, steps=tuple(dict.fromkeys(step for way in ways for step in way.steps)))
     witness = answer.witnesses[0] if answer.witnesses else {}
     if claim.kind is ClaimKind.SEPARATE_DOMAINS and Role.DOMAIN in witness:
@@ -275,6 +276,27 @@ def _case(system: System, hop: Hop) -> Case:
     realm = 0 if enclave is None else system.enclaves[enclave].realm
     witness = {Role.REALM: realm, Role.CHANNEL: hop.channel}
     return Case(system=system, witness=witness if enclave is None else {**witness, Role.ENCLAVE: enclave})
+
+
+def _by_right(system: System, claim: ClaimAtom, path: Sequence[Hop]) -> bool:
+    """Whether it needs no attack: at each hop, within one realm, who sends may write there and who gets it may read."""
+    for number, hop in enumerate(path):
+        view, realms = _case(system, hop).view, set()
+        for enclave, operation, begins_or_ends in (
+            (hop.sender, Operation.PUBLISH, number == 0 and claim.source.channels),
+            (hop.receiver, Operation.SUBSCRIBE, number == len(path) - 1 and claim.target.channels),
+        ):
+            if enclave is None:  # a topic that the claim names, or an outsider
+                if not begins_or_ends:
+                    return False
+                continue
+            able = view.abilities(enclave)
+            if not (able.may_write if operation == Operation.PUBLISH else able.may_read) >> hop.channel & 1:
+                return False
+            realms.add(system.enclaves[enclave].realm)
+        if len(realms) != 1:
+            return False
+    return True
 
 
 def hop_ways(system: System, claim: ClaimAtom, hop: Hop) -> tuple[Way, ...]:

@@ -56,6 +56,9 @@ class ReadDocument:
 
 _UNPARSED: Final = ReadDocument()
 
+ZONE_DECIDES: Final = "is read in the robot's zone (--time-zone), which decides whether the grant counts now"
+"""How a doubt ends that the robots' zone would settle."""
+
 
 class AccessViews:
     """The views of one keystore's documents at `at` (aware UTC); `zone`: where the robot is, None if not said."""
@@ -291,8 +294,7 @@ class AccessViews:
             in_force = is_in_force(not_before, not_after, self.at, access.dates)
             if in_force is None:
                 date = grant.not_before if not_before.local and not_before.latest > self.at else grant.not_after
-                reason = "is read in the robot's zone (--time-zone), which decides whether the grant counts now"
-                return ReadDocument(doubt=(f"{date.text!r} {reason}", date.line))
+                return ReadDocument(doubt=(f"{date.text!r} {ZONE_DECIDES}", date.line))
             grants.append(read_grant(grant, *self._bounds(not_before, not_after, in_force=in_force), access))
         return ReadDocument(grants=tuple(grants))
 

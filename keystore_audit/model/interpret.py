@@ -24,7 +24,7 @@ from keystore_audit.model.meaning import Doubt, Meaning, UngovernedTopics, Usabi
 from keystore_audit.model.names import DISCOVERY_TOPIC
 from keystore_audit.model.permission import Permissions, members
 from keystore_audit.model.places import NamedPlace, place_regions, with_places
-from keystore_audit.model.profiles import SPEC, Profile
+from keystore_audit.model.profiles import SPEC, Access, Profile, Trust
 from keystore_audit.model.protection import protection
 from keystore_audit.model.ros_patterns import ros_patterns
 from keystore_audit.model.system import ChannelAtom, Reading, System
@@ -121,11 +121,20 @@ def usability_by_profile(
 
 def _doubts(keystore: Keystore, profiles: Sequence[Profile], accesses: AccessViews) -> tuple[Doubt, ...]:
     """What any of the kinds of implementation may act on although we could not read it."""
-    doubts: dict[tuple[str | None, Location], Doubt] = {}
-    for profile in {(profile.trust, accesses.row(profile.access)): profile for profile in profiles}.values():
-        for doubt in keystore_doubts(keystore, profile, accesses):
-            doubts.setdefault((doubt.enclave, doubt.location), doubt)
-    return tuple(sorted(doubts.values(), key=lambda d: (d.location.path, d.location.line or 0, d.enclave or "")))
+    kinds: dict[tuple[Trust, Access], list[Profile]] = {}
+    for profile in profiles:
+        kinds.setdefault((profile.trust, accesses.row(profile.access)), []).append(profile)
+    found: dict[tuple[str | None, Location], tuple[Doubt, list[Profile]]] = {}
+    for kind in kinds.values():
+        for doubt in keystore_doubts(keystore, kind[0], accesses):
+            found.setdefault((doubt.enclave, doubt.location), (doubt, []))[1].extend(kind)
+    doubts = (replace(doubt, profiles=_some(profiles, under)) for doubt, under in found.values())
+    return tuple(sorted(doubts, key=lambda d: (d.location.path, d.location.line or 0, d.enclave or "")))
+
+
+def _some(profiles: Sequence[Profile], under: Sequence[Profile]) -> tuple[str, ...]:
+    """The names of those under which something is so, in the order of all; none where it is so under all."""
+    return () if len(under) == len(profiles) else tuple(profile.name for profile in profiles if profile in under)
 
 
 def _idle(systems: tuple[System, ...]) -> tuple[str, ...]:

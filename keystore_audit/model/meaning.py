@@ -31,12 +31,14 @@ class Usability:
 class Doubt:
     """Something that could not be read, so that it counts as able to do anything.
 
-    `enclave`: the enclave's path, None where it concerns several or an unnamed one.
+    `enclave`: the enclave's path, None where it concerns several or an unnamed one. `profiles`: those that may act on
+    it; empty: all.
     """
 
     enclave: str | None
     location: Location
     reason: str
+    profiles: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,6 +11,8 @@ from keystore_audit.report.content import Report, Verdict
 OF_THE_AUDIT: Final = "KA9"
 """The family of what the audit says of itself: it follows from something else, or nobody can mend it in a keystore."""
 
+PROPERTY: Final = "KA906"
+"""A property that is undecided: it follows from whatever else is."""
 
 MAX_CODES: Final = 6
 """Codes named of what is left."""
@@ -41,11 +43,11 @@ def _first(wanted: Sequence[Finding]) -> Finding:
     """
     places = {finding.fingerprint: place for place, finding in enumerate(wanted)}
     ranked = [
-        (wanted[cause].code.startswith(OF_THE_AUDIT), finding.severity.rank, cause)
+        (wanted[cause].code.startswith(OF_THE_AUDIT), wanted[cause].code == PROPERTY, finding.severity.rank, cause)
         for place, finding in enumerate(wanted)
         for cause in [places[mark] for mark in finding.explained_by if mark in places] or [place]
     ]
-    return wanted[min(ranked)[2]]
+    return wanted[min(ranked)[-1]]
 
 
 def _besides(first: Finding, findings: Sequence[Finding]) -> list[Finding]:

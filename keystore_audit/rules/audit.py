@@ -8,6 +8,7 @@ from typing import Any, Final
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.model.access_view import ZONE_DECIDES
 from keystore_audit.model.meaning import Doubt
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import (
@@ -18,12 +19,19 @@ from keystore_audit.properties.result import (
     ProfileResult,
     PropertyResult,
 )
+from keystore_audit.rules.commands import SIGN_PERMISSIONS
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import Crash
 from keystore_audit.rules.wording import MAX_LISTED, listed, places, sentence
 
 _CLAUSE: Final = "keystore-audit, docs/reference.md: an audit that could not decide everything never passes"
+
+
+_SAY_THE_ZONE: Final = (
+    "Say in which zone the robots are, `--time-zone Europe/Berlin`. Or move <not_before> a day back (<not_after> a day "
+    f"on) in permissions.xml and sign it with the permissions CA, in the keystore's root: {SIGN_PERMISSIONS}."
+)
 
 
 @rule(
@@ -44,8 +52,10 @@ def undecided(doubt: Doubt, _context: Context) -> Iterator[Violation]:
         message=f"{sentence(doubt.reason)}: it may do or grant anything.",
         locations=(doubt.location,),
         enclave=doubt.enclave,
+        profiles=doubt.profiles,
         undecided=True,
         key=doubt.reason,
+        remedy=_SAY_THE_ZONE if doubt.reason.endswith(ZONE_DECIDES) else None,
     )
 
 

@@ -20,7 +20,7 @@ from keystore_audit.model.system import Reading, System
 from keystore_audit.properties import BY_ID, PROPERTIES
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Role, Status
-from tests.engine.alloy.flow_builders import THIRD, at, chain, claim, shut_out
+from tests.engine.alloy.flow_builders import THIRD, at, chain, claim, shut_out, weak
 from tests.engine.systems import (
     CHATTER,
     GOVERNANCE,
@@ -39,6 +39,9 @@ from tests.engine.systems import (
 )
 
 Flags = Mapping[str, Any]
+
+
+NONE = ProtectionKind.NONE
 
 
 def tell(system: System, identifier: str, **atoms: int) -> Counterexample:
@@ -272,3 +275,29 @@ def test_every_hop_is_explained() -> None:
                 assert len(hop_ways(system, asked, hop)) == ends, (seed, asked.id, hop)
                 told += 1
     assert told > 100
+
+
+@pytest.mark.parametrize(("kinds", "needs"), [({}, False), (dict.fromkeys(("rtps", "metadata", "data"), NONE), True)])
+def test_a_way_that_needs_no_attack_is_told_so_whoever_is_asked_about(
+    kinds: dict[str, ProtectionKind], needs: bool
+) -> None:
+    """Where anybody can send, the shortest way leaves the listener out, as no right does."""
+    asked = claim(at(TALKER), at(THIRD))
+    system = replace(weak(**kinds).system(), claims=(asked,))
+    told = describe_claim(system, asked, NativeEngine([system]).answers[0][asked.id]).text
+    assert ("(if those on the way are compromised too)" in told) == needs
+    assert ("(even if nobody attacks)" in told) != needs
+
+
+def test_what_is_told_to_need_no_attack_needs_none() -> None:
+    told = 0
+    for seed in range(240):
+        system = with_claims(random_system(seed), seed, 6)
+        for asked in system.claims:
+            answer = NativeEngine([system]).answers[0][asked.id]
+            if answer.path and "even if nobody attacks" in describe_claim(system, asked, answer).text:
+                honest = replace(asked, attacker=Attacker.HONEST)
+                alone = replace(system, claims=(honest,))
+                assert NativeEngine([alone]).answers[0][honest.id].status is Status.VIOLATED, (seed, asked.id)
+                told += asked.attacker is not Attacker.HONEST
+    assert told > 20

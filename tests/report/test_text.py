@@ -249,6 +249,8 @@ def test_what_to_do_first_is_the_last_line(make_report: MakeReport) -> None:
     assert "Mend first: KA205" in next_step(incomplete)
     assert " Then 1 more that leaves the audit open and 1 that fails the gate: KA302. `" in next_step(incomplete)
     assert "Mend first: KA906" in next_step(replace(incomplete, findings=(own, signed)))
+    unread = replace(own, code="KA901", name="undecided", fingerprint="f" * 64)
+    assert "Mend first: KA901" in next_step(replace(incomplete, findings=(own, unread, signed)))
     assert render(report).rstrip().endswith("`keystore-audit explain KA302` says more.")
 
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from datetime import datetime, timezone
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from keystore_audit import audit
 from keystore_audit.findings import Location, Result, Severity
 from keystore_audit.keystore.files import Status as FileStatus
 from keystore_audit.model.meaning import Doubt
@@ -207,6 +210,19 @@ def test_a_doubt_is_told_beside_a_finding_that_leaves_nothing_open() -> None:
 
     store = laid_out(authority_keys=(file("private/ca.key.pem", None),))(healthy())
     assert {f.code for f in judged(store, doubts=(expired_elsewhere,)).findings} == {"KA109", "KA901"}
+
+
+@pytest.mark.parametrize(("zone", "told"), [(None, [("fastdds-2.6",)] * 2), ("Europe/Berlin", [])])
+def test_a_grant_that_begins_today_is_open_under_fastdds_until_the_zone_is_said(
+    zone: str | None, told: list[tuple[str, ...]], repository: Path
+) -> None:
+    """Its holder need not be told to change a form that is right; whom it does not concern is not named."""
+    store = repository / "sample_keystores/healthy/talker_listener"
+    at = datetime(2020, 1, 1, 3, tzinfo=timezone.utc)
+    report = audit(store, at=at, profiles=["humble"], engine="native", time_zone=zone)
+    open_now = [finding for finding in report.findings if finding.code == "KA901"]
+    assert [finding.profiles for finding in open_now] == told
+    assert all("`--time-zone" in finding.remedy for finding in open_now)
 
 
 def test_an_asserted_property_has_the_severity_and_the_place_that_its_user_gave() -> None:
