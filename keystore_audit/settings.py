@@ -153,7 +153,7 @@ def _claim(table: Table, forwards: tuple[Forward, ...]) -> Claim | Determinism:
     statement = said.pop("statement")
     return Claim(
         id=name,
-        statement=table.text("description") if "description" in table.values else statement,
+        statement=table.described(statement),
         severity=severity,
         until=table.instant("until"),
         location=table.location,

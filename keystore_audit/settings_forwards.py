@@ -74,7 +74,7 @@ def read_determinism(table: Table, name: str, severity: Severity, forwards: Sequ
         form.wrong("low", "no [[forward]] leads to it: it would be as its publishers make it, whatever they do")
     return Determinism(
         id=name,
-        statement=table.text("description") if "description" in table.values else _statement(form, unreachability),
+        statement=table.described(_statement(form, unreachability)),
         severity=severity,
         high=high,
         low=low,

@@ -172,6 +172,13 @@ class Table:
             self.wrong(key if key in self.values else None, f'expected {key} = "...", a string that is not empty')
         return value
 
+    def described(self, otherwise: str) -> str:
+        """What the `description` says, as a sentence with its full stop: more follows it in a message."""
+        if "description" not in self.values:
+            return otherwise
+        said = self.text("description").rstrip()
+        return said if said.endswith((".", "!", "?")) else f"{said}."
+
     def texts(self, key: str) -> tuple[str, ...]:
         """One string, or several in an array."""
         value = self.values.get(key)

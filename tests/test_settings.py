@@ -49,6 +49,13 @@ def wrong(tmp_path: Path, text: str | bytes) -> str:
     return caught.value.message.removeprefix(str(file))
 
 
+@pytest.mark.parametrize(("said", "told"), [("No", "No."), ("No. ", "No."), ("Never!", "Never!"), ("Why?", "Why?")])
+def test_a_description_ends_as_a_sentence_since_more_follows_it(said: str, told: str, tmp_path: Path) -> None:
+    text = '[[property]]\nname = "x"\ndescription = "{}"\nnever_share_domain = ["/a", "/b"]\n'
+    (claim,) = claims(tmp_path, text.format(said))
+    assert claim.statement == told
+
+
 def test_every_form_is_read(tmp_path: Path) -> None:
     flow, publish, encrypted, apart, able = claims(
         tmp_path,

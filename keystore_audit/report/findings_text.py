@@ -112,7 +112,7 @@ def _finding(page: Page, finding: Finding, profiles: frozenset[str]) -> None:
         page.labelled("where" if number == 0 else "", *where, indent=4, column=12)
     if len(finding.locations) > MAX_PLACES:
         more = len(finding.locations) - MAX_PLACES
-        page.put(f"and {more} more places (all are in the JSON report)", indent=12)
+        page.put(f"and {more} more place{'' if more == 1 else 's'} (all are in the JSON report)", indent=12)
     if finding.profiles and not profiles <= frozenset(finding.profiles):
         page.labelled("under", ", ".join(finding.profiles), indent=4, column=12)
 

@@ -18,6 +18,7 @@ from keystore_audit.model.meaning import Usability
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
 from keystore_audit.report.content import Report, Verdict
+from keystore_audit.report.findings_text import MAX_PLACES
 from keystore_audit.report.next_step import next_step
 from keystore_audit.report.text import View, render, render_several
 
@@ -217,6 +218,13 @@ def test_what_lesser_findings_say_to_the_word_is_said_once(make_report: MakeRepo
         both = render(replace(report, findings=pair))
         assert sum(both.count(each) for each in {finding.message for finding in pair}) == 2
         assert "One more of it" not in both
+
+
+@pytest.mark.parametrize(("more", "said"), [(1, "and 1 more place (all"), (2, "and 2 more places (all")])
+def test_places_that_are_not_shown_are_counted(more: int, said: str, make_report: MakeReport) -> None:
+    report = make_report()
+    places = tuple(Location(path=f"enclaves/{number}") for number in range(MAX_PLACES + more))
+    assert said in render(replace(report, findings=(replace(report.findings[2], locations=places),)))
 
 
 def test_what_to_do_first_is_the_last_line(make_report: MakeReport) -> None:

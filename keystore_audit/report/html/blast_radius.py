@@ -40,7 +40,7 @@ def blast_radius(sheet: Sheet, rankings: Sequence[Ranking] | None) -> Html:
         return element("p", f"{words}--from-compromised` answers for each.", class_="soft")
     intro = (
         "What somebody can do who holds the key of an enclave, the worst first: to how many enclaves its data can get, "
-        "and on how many topics. Topics that nearly every node uses are left out."
+        "and on how many topics. What it reaches over topics that nearly every node uses is left out."
     )
     first = rankings[0]
     parts = [element("p", intro), _ranking(sheet, first, len(rankings) > 1)]

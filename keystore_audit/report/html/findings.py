@@ -86,7 +86,8 @@ def _places(locations: Sequence[Location], message: str) -> Html:
     """The places, each with what is said of it unless the message says the same."""
     shown = [_place(location, message.casefold()) for location in locations[:MAX_PLACES]]
     if len(locations) > MAX_PLACES:
-        shown.append(element("span", f"{len(locations) - MAX_PLACES} more places. {FULL}", class_="soft"))
+        more = len(locations) - MAX_PLACES
+        shown.append(element("span", f"{more} more place{'' if more == 1 else 's'}. {FULL}", class_="soft"))
     return items(shown, class_="places")
 
 

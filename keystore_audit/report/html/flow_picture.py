@@ -209,7 +209,8 @@ def _box(table: AccessTable, hop: Hop) -> list[_Line]:
         room = max(_FIT - len(remark), 16)
         found.append(_Line(fitted(label(table, number), room) + remark, f"topic {guard.kind}"))
     if len(hop.names) > MAX_NAMES:
-        found.append(_Line(f"and {len(hop.names) - MAX_NAMES} more topics", "soft"))
+        more = len(hop.names) - MAX_NAMES
+        found.append(_Line(f"and {more} more topic{'' if more == 1 else 's'}", "soft"))
     if not hop.by_right:
         found.append(_Line(_NOTE, "soft"))
     return found
