@@ -171,8 +171,7 @@ def rule_crashed(crash: Crash, _context: Context) -> Iterator[Violation]:
     Severity.HIGH,
     on=PropertyResult,
     clause=_CLAUSE,
-    remedy="Mend what the other findings call unread or unknown, or declare with [[forward]] what nodes make of what "
-    "they read, and run the audit again.",
+    remedy="Mend what the other findings call unread or unknown, and run the audit again.",
 )
 def property_undecided(result: PropertyResult, context: Context) -> Iterator[Violation]:
     """Whether a property holds depends on what could not be read, or no engine gave an answer.
@@ -197,10 +196,18 @@ def property_undecided(result: PropertyResult, context: Context) -> Iterator[Vio
         profiles=() if len(profiles) == len(result.profiles) else profiles,
         undecided=True,
         key="\n".join(ids),
-        remedy=_WITH_ALLOY if _without_alloy(result, context) else None,
+        remedy=_undecided_remedy(result, context),
         shared=len(alike) > 1,
         properties=ids,
     )
+
+
+def _undecided_remedy(result: PropertyResult, context: Context) -> str | None:
+    if _without_alloy(result, context):
+        return _WITH_ALLOY
+    if isinstance(result, AssertedResult) and result.reason:  # of determinism
+        return _WITH_FORWARDS
+    return None
 
 
 def _is_ours(result: PropertyResult) -> bool:
@@ -227,6 +234,11 @@ def _why(result: PropertyResult, context: Context) -> str:
 
 _WITH_ALLOY: Final = (
     "Run the audit with the Alloy Analyzer, `--engine both`; `keystore-audit engine` says whether it is there."
+)
+
+_WITH_FORWARDS: Final = (
+    "Declare with [[forward]] what nodes make of what they read, or ask about fewer topics (docs/settings.md, What "
+    "nodes forward), and run the audit again."
 )
 
 

@@ -225,6 +225,13 @@ def test_a_grant_that_begins_today_is_open_under_fastdds_until_the_zone_is_said(
     assert all("`--time-zone" in finding.remedy for finding in open_now)
 
 
+@pytest.mark.parametrize(("reason", "forwards"), [("", False), ("no forward says what happens there", True)])
+def test_forwards_settle_nothing_but_determinism(reason: str, forwards: bool) -> None:
+    (asserted,) = CASES["KA740"]["results"]
+    (found,) = judged(results=(replace(asserted, profiles={"spec": answer(UNKNOWN)}, reason=reason),)).findings
+    assert (found.code, "[[forward]]" in found.remedy) == ("KA906", forwards)
+
+
 def test_an_asserted_property_has_the_severity_and_the_place_that_its_user_gave() -> None:
     (found,) = judged(**CASES["KA740"]).findings
     assert found.severity is Severity.LOW
