@@ -14,6 +14,7 @@ from cryptography.hazmat.primitives.serialization import Encoding
 from keystore_audit.dataclass import dataclass, field
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.der import MALFORMED, parts
+from keystore_audit.keystore.distinguished_name import same_name
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.pem import DUMP_OF_REVOCATION_LIST, Block, Problem, read_pem
 from keystore_audit.keystore.public_key import signature_algorithm, verifies
@@ -33,7 +34,7 @@ _PROCESSED_IN_ENTRY: Final = frozenset({"2.5.29.29"})  # certificateIssuer (x_cr
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RevocationList:
-    """One CRL found at `line` of `path`; `revoked` holds serial numbers. Compared by identity, like certificates.
+    """One CRL found at `line` of `path`; `revoked` holds serial numbers of its own issuer. Compared by identity.
 
     `unknown_critical`: critical extensions, of the list or of an entry, that OpenSSL does not process.
     `signed_part` is kept since the library encodes a list of a megabyte anew, for 20 ms, whenever it is asked;
@@ -48,6 +49,8 @@ class RevocationList:
     this_update: datetime
     next_update: datetime | None
     revoked: frozenset[int]
+    passed_over: frozenset[int]
+    """Serial numbers of entries without effect: of another issuer, or behind one that takes the number back."""
     signature_algorithm: str
     unknown_critical: tuple[str, ...]
     scope: frozenset[str]
@@ -135,16 +138,22 @@ def crl_signed_by(crl: RevocationList, ca: Certificate) -> bool | None:
 
 def _parsed(parsed: x509.CertificateRevocationList, line: int, path: str) -> RevocationList:
     """Look at every part, so that whatever is malformed raises here and not in a rule."""
-    revoked: set[int] = set()
     issuer = parsed.issuer  # the library reads it anew each time, and warns each time
     critical = set(_critical(parsed.extensions, _PROCESSED))
+    entries: dict[int, bool] = {}  # by serial number; of several entries the first decides (x_crl.c, def_crl_lookup)
+    passed_over: set[int] = set()
+    about_own = True  # an entry's certificateIssuer holds for those behind it too (RFC 5280, 5.3.3), in any list
     for entry in parsed:
-        extensions = entry.extensions
+        extensions, removed = entry.extensions, False
         if len(extensions):
             critical.update(_critical(extensions, _PROCESSED_IN_ENTRY))
-            if _removed(extensions):
-                continue
-        revoked.add(entry.serial_number)
+            named = _certificate_issuers(extensions)
+            about_own = about_own if named is None else any(same_name(each, issuer) for each in named)
+            removed = _removed(extensions)
+        serial = entry.serial_number
+        if not (about_own and entries.setdefault(serial, not removed)) and not removed:
+            passed_over.add(serial)
+    revoked = frozenset(serial for serial, is_revoked in entries.items() if is_revoked)
     signed = parsed.tbs_certlist_bytes
     algorithm, issuer_der = _algorithm_and_issuer(signed)
     return RevocationList(
@@ -155,7 +164,8 @@ def _parsed(parsed: x509.CertificateRevocationList, line: int, path: str) -> Rev
         issuer_der=issuer_der,
         this_update=parsed.last_update_utc,
         next_update=parsed.next_update_utc,
-        revoked=frozenset(revoked),
+        revoked=revoked,
+        passed_over=frozenset(passed_over) - revoked,
         signature_algorithm=signature_algorithm(parsed.signature_algorithm_oid.dotted_string),
         unknown_critical=tuple(sorted(critical)),
         scope=_scope(parsed.extensions),
@@ -197,6 +207,14 @@ def _scope(extensions: x509.Extensions) -> frozenset[str]:
         for attribute, name in _SCOPES
         if getattr(extension.value, attribute)
     )
+
+
+def _certificate_issuers(extensions: x509.Extensions) -> list[x509.Name] | None:
+    """Whose certificate an entry is about; None where it does not say."""
+    for extension in extensions:
+        if isinstance(extension.value, x509.CertificateIssuer):
+            return extension.value.get_values_for_type(x509.DirectoryName)
+    return None
 
 
 def _removed(extensions: x509.Extensions) -> bool:

@@ -86,11 +86,19 @@ def may_issue(certificate: Certificate) -> bool:
 
 @lru_cache(maxsize=65_536)
 def names_itself(certificate: Certificate) -> bool:
-    """Whether OpenSSL takes it for self-signed (EXFLAG_SS): the issuer is the subject, and its key identifier fits."""
+    """Whether OpenSSL takes it for self-signed (EXFLAG_SS): issuer, key identifier and kind of key are its own."""
     own = certificate.issuer_der == certificate.subject_der or same_name(
         certificate.issuer_name, certificate.subject_name
     )
-    return own and key_identifier_fits(certificate, certificate)
+    return own and key_identifier_fits(certificate, certificate) and suits_key(certificate, certificate)
+
+
+def suits_key(certificate: Certificate, issuer: Certificate) -> bool:
+    """Whether keys of the issuer's kind make signatures of the certificate's algorithm, or we cannot tell.
+
+    Without that OpenSSL looks for another issuer (check_sig_alg_match in crypto/x509/v3_purp.c).
+    """
+    return not public_key.is_of_another_kind(certificate.signature_algorithm, issuer.key_kind)
 
 
 def key_identifier_fits(named: Certificate | RevocationList, issuer: Certificate) -> bool:

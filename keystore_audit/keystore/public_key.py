@@ -43,6 +43,17 @@ SIGNATURE_ALGORITHMS: Final[Mapping[str, str]] = {
     "1.3.101.113": "ED448",
 }
 
+_SIGNING_KINDS: Final = {"ecdsa": "EC", "dsa": "DSA", "ed25519": "Ed25519", "ed448": "Ed448"}
+"""By the beginning of an algorithm's name the kind of key that makes such signatures; all others are RSA's."""
+
+
+def is_of_another_kind(algorithm: str, key_kind: str) -> bool:
+    """Whether signatures of this algorithm are made by keys of another kind than this one, as `kind` names it."""
+    made_by = next((k for name, k in _SIGNING_KINDS.items() if algorithm.lower().startswith(name)), "RSA")
+    known = algorithm in SIGNATURE_ALGORITHMS.values() and key_kind.startswith(("RSA", *_SIGNING_KINDS.values()))
+    return known and key_kind.partition(" ")[0] != made_by
+
+
 SignatureParameters = padding.PSS | padding.PKCS1v15 | ec.ECDSA | None
 """What `signature_algorithm_parameters` of a certificate or revocation list returns."""
 

@@ -6,6 +6,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from typing import Final
 
+from cryptography import x509
+
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.crl import RevocationList, crl_signed_by
 from keystore_audit.keystore.distinguished_name import same_name
@@ -37,7 +39,7 @@ def list_unread(enclave: Enclave, trust: Trust) -> tuple[str, str] | None:
 
 
 def lists_read(enclave: Enclave, trust: Trust) -> tuple[RevocationList, ...]:
-    """The revocation lists that an implementation reads: the first of `crl.pem`, perhaps those in the CA file.
+    """The revocation lists that an implementation reads: perhaps those in the CA file, then the first of `crl.pem`.
 
     None where one of them is unknown (`list_unread`).
     """
@@ -45,7 +47,7 @@ def lists_read(enclave: Enclave, trust: Trust) -> tuple[RevocationList, ...]:
         return ()
     lists = enclave.crl.revocation_lists[:1] if enclave.crl else ()
     if trust.revocation is RevocationLists.CRL_AND_CA_FILE and enclave.identity_ca is not None:
-        lists += enclave.identity_ca.revocation_lists
+        lists = enclave.identity_ca.revocation_lists + lists
     return lists
 
 
@@ -91,7 +93,8 @@ def list_looked_up(authority: Certificate, lists: Iterable[RevocationList], at: 
         if same_name(each.issuer_name, authority.subject_name)
         and not each.scope & NO_IDENTITIES
         and key_identifier_fits(each, authority)
-        and (authority.key_usage is None or "cRLSign" in authority.key_usage)
+        and not each.unknown_critical
+        and _lets_sign_lists(each, authority)
         and crl_signed_by(each, authority) is not False
     )
     return max(usable, key=lambda each: (_in_force(each, at), each.this_update), default=None)
@@ -121,15 +124,30 @@ def _usable(
     revocations: RevocationList, certificate: Certificate, authorities: Sequence[Certificate], trust: Trust
 ) -> bool:
     """Whether a list can be used for a certificate; a signature that cannot be checked counts."""
-    other_kind = "onlyContainsUserCerts" if certificate.is_ca else "onlyContainsCACerts"
-    if revocations.scope & (NO_IDENTITIES - {"onlyContainsCACerts"} | {other_kind}):
+    if revocations.unknown_critical or not _in_scope(revocations, certificate):
         return False
     if not same_name(revocations.issuer_name, certificate.issuer_name):
         return False
     return any(
-        crl_signed_by(revocations, signer) is not False and (signer.key_usage is None or "cRLSign" in signer.key_usage)
+        crl_signed_by(revocations, signer) is not False and _lets_sign_lists(revocations, signer)
         for signer in _signers(revocations, certificate, authorities, trust)
     )
+
+
+def _in_scope(revocations: RevocationList, certificate: Certificate) -> bool:
+    """Whether the list is about certificates like this one (crl_crldp_check in x509_vfy.c).
+
+    Whether it is one of the lists that a certificate itself points to is not worked out.
+    """
+    other = {"onlyContainsUserCerts" if certificate.is_ca else "onlyContainsCACerts"}
+    if not any(isinstance(extension.value, x509.CRLDistributionPoints) for extension in certificate.parsed.extensions):
+        other.add("distributionPoint")
+    return not revocations.scope & (NO_IDENTITIES - {"onlyContainsCACerts"} | other)
+
+
+def _lets_sign_lists(revocations: RevocationList, signer: Certificate) -> bool:
+    """Whether the keyUsage admits signing the list; of a delta OpenSSL does not ask that (check_crl; measured)."""
+    return revocations.delta or signer.key_usage is None or "cRLSign" in signer.key_usage
 
 
 def _signers(

@@ -8,13 +8,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from keystore_audit.keystore.certificate import CertificateFile
+from cryptography import x509
+
+from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.governance import GovernanceFile
+from keystore_audit.keystore.issuer import names_itself
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.profiles import Trust
-from keystore_audit.model.trust import authorities_read, is_root, strict_refusal
+from keystore_audit.model.trust import authorities_read, is_root, may_have_issued
 
 REQUIRED = (
     Role.IDENTITY_CA,
@@ -97,9 +100,11 @@ def authority_refusals(sight: Sight, trust: Trust) -> Iterator[str]:
     for file in dict.fromkeys((sight.identity_ca, sight.permissions_ca)):
         if file is None or file.first is None:
             continue
-        if trust.ca_algorithms is not None and file.first.signature_algorithm not in trust.ca_algorithms:
+        read = authorities_read(file, trust)
+        if not read or (trust.strict_authorities and not any(each.sha256 == file.first.sha256 for each in read)):
+            # Strictly, the first certificate is verified by those that were loaded, even where it is none of them.
             yield f"it loads no CA signed with {file.first.signature_algorithm} ({file.file.place})"
-        refusal = strict_refusal(file.first) if trust.strict_authorities else None
+        refusal = _strict_refusal(file.first) if trust.strict_authorities else None
         if refusal is not None:
             yield f"it does not load {file.file.place}: {refusal}"
     file = sight.permissions_ca
@@ -107,3 +112,20 @@ def authority_refusals(sight: Sight, trust: Trust) -> Iterator[str]:
         return
     if trust.checks_permissions_ca and not any(is_root(authority) for authority in authorities_read(file, trust)):
         yield f"no certificate that counts in {file.file.place} is self-signed, so the permissions CA is refused"
+
+
+def _strict_refusal(authority: Certificate) -> str | None:
+    """Why the first certificate of a CA file fails X509_verify_cert with X509_STRICT; None where it does not.
+
+    As Fast DDS since 2.6.10, 2.14.5 and 3.2 verifies it when it loads the file (FileProvider.cpp; checked with `openssl
+    verify -x509_strict -check_ss_sig`). Of one that is not self-signed far more is asked than sros2 writes.
+    """
+    if not names_itself(authority):
+        return "its first certificate is not self-signed, which wants key usage and key identifiers throughout"
+    if not may_have_issued(authority, authority):
+        return "its first certificate names itself, and another key signed it"
+    if authority.is_ca is None and (authority.parsed.version is x509.Version.v1 or authority.key_usage is not None):
+        return "its first certificate does not say that it is an authority"
+    if authority.key_usage is not None and "keyCertSign" not in authority.key_usage:
+        return "the key usage of its first certificate does not admit signing certificates"
+    return None

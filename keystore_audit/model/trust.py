@@ -11,8 +11,6 @@ from enum import Enum
 from functools import lru_cache
 from typing import Final
 
-from cryptography import x509
-
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.defect import Kind
@@ -25,6 +23,7 @@ from keystore_audit.keystore.issuer import (
     lets_sign,
     may_issue,
     names_itself,
+    suits_key,
 )
 from keystore_audit.keystore.smime import Signature, SignedDocument
 from keystore_audit.model.profiles import SPEC, Trust
@@ -84,8 +83,19 @@ def _signer(signature: Signature) -> Certificate | None:
 
 
 def authorities_read(file: CertificateFile, trust: Trust) -> tuple[Certificate, ...]:
-    """The certificates of a CA file that count: all, or the first alone."""
-    return file.certificates[:1] if trust.first_authority_only else file.certificates[:MAX_AUTHORITIES]
+    """The certificates of a CA file that count: all, or the first alone.
+
+    Fast DDS leaves out those before the first whose signature algorithm it knows, and takes whatever stands behind it
+    (FileProvider.cpp; measured on 2.9.1).
+    """
+    if trust.first_authority_only:
+        return file.certificates[:1]
+    known = trust.ca_algorithms
+    if known is None:
+        return file.certificates[:MAX_AUTHORITIES]
+    begins = (number for number, each in enumerate(file.certificates) if each.signature_algorithm in known)
+    first = next(begins, len(file.certificates))
+    return file.certificates[first : first + MAX_AUTHORITIES]
 
 
 def signing_authorities(file: CertificateFile, trust: Trust) -> tuple[Certificate, ...]:
@@ -96,12 +106,13 @@ def signing_authorities(file: CertificateFile, trust: Trust) -> tuple[Certificat
     return read if trust.pins_signer else tuple(authority for authority in read if is_root(authority))
 
 
-def introduction(file: CertificateFile | None) -> tuple[str, bool]:
+def introduction(file: CertificateFile | None, trust: Trust) -> tuple[str, bool]:
     """What a participant with this permissions CA file tells its peers of it: the name of the first certificate, and
-    whether it is signed with RSA (Fast DDS tells no more of how, whose `ca_algorithms` are this and ECDSA).
+    whether the first that counts is signed with RSA (Fast DDS tells no more; `ca_algorithms` are this and ECDSA).
     """
-    first = file.first if file is not None else None
-    return ("", False) if first is None else (first.subject, "RSA" in first.signature_algorithm)
+    if file is None or file.first is None:
+        return "", False
+    return file.first.subject, any("RSA" in read.signature_algorithm for read in authorities_read(file, trust)[:1])
 
 
 @lru_cache(maxsize=4096)
@@ -115,7 +126,7 @@ def trusted_authorities(file: CertificateFile, trust: Trust, at: datetime | None
     pool = [
         authority
         for authority in authorities_read(file, trust)
-        if is_authority(authority) and (at is None or authority.not_before <= at <= authority.not_after)
+        if is_authority(authority) and (at is None or in_force(authority, at))
     ]
     if not trust.needs_root:
         return tuple(pool)
@@ -150,36 +161,47 @@ def is_root(certificate: Certificate, *, signed: bool = False) -> bool:
     return names_itself(certificate) and (not signed or may_have_issued(certificate, certificate))
 
 
-@lru_cache(maxsize=64)
-def _chaining(trust: Trust, *, several: bool) -> Trust:
-    """One row for all that look for chains alike, among one authority or `several`: each is then looked for once."""
-    return _row(trust.needs_root, trust.checks_root_signature, trust.first_authority_only and several)
+def _chaining(trust: Trust, file: CertificateFile) -> Trust:
+    """One row for all that look for chains in the file alike: each is then looked for once."""
+    return _row(trust.needs_root, trust.checks_root_signature, *_reading(trust, file))
 
 
-@lru_cache(maxsize=64)
-def _signing(trust: Trust, *, several: bool) -> Trust:
+def _signing(trust: Trust, file: CertificateFile | None) -> Trust:
     """The same for all that look for signers alike."""
-    return _signing_row(trust.pins_signer, trust.first_authority_only and several)
+    return _signing_row(trust.pins_signer, *_reading(trust, file))
 
 
-@lru_cache(maxsize=4)
-def _signing_row(pins_signer: bool, first_authority_only: bool) -> Trust:
-    return replace(SPEC.trust, pins_signer=pins_signer, first_authority_only=first_authority_only)
+def _reading(trust: Trust, file: CertificateFile | None) -> tuple[bool, frozenset[str] | None]:
+    """What of a row decides which certificates of the file count."""
+    if file is None or file.first is None:
+        return False, None
+    algorithms = None if file.first.signature_algorithm in (trust.ca_algorithms or ()) else trust.ca_algorithms
+    return trust.first_authority_only and len(file.certificates) > 1, algorithms
 
 
-@lru_cache(maxsize=8)
-def _row(needs_root: bool, checks_root_signature: bool, first_authority_only: bool) -> Trust:
+@lru_cache(maxsize=64)
+def _signing_row(pins_signer: bool, first_authority_only: bool, ca_algorithms: frozenset[str] | None) -> Trust:
+    return replace(
+        SPEC.trust, pins_signer=pins_signer, first_authority_only=first_authority_only, ca_algorithms=ca_algorithms
+    )
+
+
+@lru_cache(maxsize=64)
+def _row(
+    needs_root: bool, checks_root_signature: bool, first_authority_only: bool, ca_algorithms: frozenset[str] | None
+) -> Trust:
     return replace(
         SPEC.trust,
         needs_root=needs_root,
         checks_root_signature=checks_root_signature,
         first_authority_only=first_authority_only,
+        ca_algorithms=ca_algorithms,
     )
 
 
 def is_issued(file: CertificateFile, certificate: Certificate, trust: Trust, at: datetime | None = None) -> bool:
     """Whether one of the `trusted_authorities` of an identity CA file issued the certificate."""
-    return _is_issued(file, certificate, _chaining(trust, several=len(file.certificates) > 1), at)
+    return _is_issued(file, certificate, _chaining(trust, file), at)
 
 
 @lru_cache(maxsize=65_536)
@@ -193,7 +215,7 @@ def chain_refusal(certificate: Certificate, file: CertificateFile, trust: Trust)
     OpenSSL takes, at each step, the first certificate with the issuer's name and key identifier for the issuer, and
     tries no other one (X509_STORE_CTX_get1_issuer; measured with 3.0.19): all authorities of sros2 have one name.
     """
-    return _chain_refusal(certificate, file, _chaining(trust, several=len(file.certificates) > 1))
+    return _chain_refusal(certificate, file, _chaining(trust, file))
 
 
 @lru_cache(maxsize=65_536)
@@ -214,13 +236,14 @@ def _chain_refusal(certificate: Certificate, file: CertificateFile, trust: Trust
 def issuers_taken(certificate: Certificate, authorities: Sequence[Certificate]) -> tuple[Certificate, ...]:
     """The authorities that OpenSSL takes for the issuer at some instant: the first of those that fit and are in force.
 
-    Fitting are name, key identifier and keyUsage (X509_check_issued); the signature comes later, and no second one is
-    tried (X509_STORE_CTX_get1_issuer; measured with 3.0.19).
+    Fitting are name, key identifier, kind of key and keyUsage (X509_check_issued); the signature comes later, and no
+    second one is tried (X509_STORE_CTX_get1_issuer; measured with 3.0.19).
     """
     fitting = [
         each
         for each in authorities
         if issue(each, certificate) in (Issue.ISSUED, Issue.UNSUPPORTED, Issue.SIGNATURE_INVALID)
+        and suits_key(certificate, each)
         and key_identifier_fits(certificate, each)
         and (each.key_usage is None or "keyCertSign" in each.key_usage)
     ]
@@ -269,40 +292,33 @@ def _step_refusal(above: Certificate, below: Certificate, between: int, *, root:
     return "did not sign itself" if root and signed and not may_have_issued(above, above) else None
 
 
-def strict_refusal(authority: Certificate) -> str | None:
-    """Why the first certificate of a CA file fails X509_verify_cert with X509_STRICT; None where it does not.
-
-    As Fast DDS since 2.6.10, 2.14.5 and 3.2 verifies it when it loads the file (FileProvider.cpp; checked with `openssl
-    verify -x509_strict -check_ss_sig`). Of one that is not self-signed far more is asked than sros2 writes.
-    """
-    if not names_itself(authority):
-        return "its first certificate is not self-signed, which wants key usage and key identifiers throughout"
-    if not may_have_issued(authority, authority):
-        return "its first certificate names itself, and another key signed it"
-    if authority.is_ca is None and (authority.parsed.version is x509.Version.v1 or authority.key_usage is not None):
-        return "its first certificate does not say that it is an authority"
-    if authority.key_usage is not None and "keyCertSign" not in authority.key_usage:
-        return "the key usage of its first certificate does not admit signing certificates"
-    return None
-
-
-def may_sign(signer: Certificate, signed: SignedDocument, permissions_ca: CertificateFile, trust: Trust) -> bool:
+def may_sign(
+    signer: Certificate,
+    signed: SignedDocument,
+    permissions_ca: CertificateFile,
+    trust: Trust,
+    at: datetime | None = None,
+) -> bool:
     """Whether an enclave with this permissions CA file takes `signer` as a signer of the document.
 
     Pinned: it is one of the file's certificates (issuer, serial number and key: here, the same bytes). Otherwise it has
     to be in the message, the first there of its issuer and serial number, fit for S/MIME signing, and to chain to a
     root of the file over authorities of the file and the message: CVE-2023-24010, CVE-2023-24011, CVE-2023-24012
-    (PKCS7_verify with a store and PKCS7_TEXT; measured against libcrypto). Dates are not looked at.
+    (PKCS7_verify with a store and PKCS7_TEXT; measured against libcrypto). The whole chain is in force `at` an instant;
+    None: dates are not looked at.
     """
     read = authorities_read(permissions_ca, trust)
     if trust.pins_signer:
         return any(signer.sha256 == authority.sha256 for authority in read)
     if not is_first_embedded(signer, signed) or not fit_to_sign(signer) or signer.unknown_critical:
         return False
-    roots = [root for root in read if is_root(root)]
+    if at is not None and not in_force(signer, at):
+        return False
+    roots = [root for root in read if is_root(root) and (at is None or in_force(root, at))]
     if any(signer.sha256 == root.sha256 for root in roots):
         return True
-    pool = {c.sha256: c for c in (*read, *signed.embedded) if is_authority(c) and lets_sign(c)}
+    above_it = (c for c in (*read, *signed.embedded) if is_authority(c) and lets_sign(c))
+    pool = {c.sha256: c for c in above_it if at is None or in_force(c, at)}
     above = _below(list(pool.values()), [root for root in roots if root.sha256 in pool])
     return any(may_have_issued(authority, signer) for authority in above)
 
@@ -337,8 +353,7 @@ def is_first_embedded(signer: Certificate, signed: SignedDocument) -> bool:
 
 def document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | None, trust: Trust) -> Verdict:
     """What an enclave with this permissions CA file does with the document's signatures."""
-    several = permissions_ca is not None and len(permissions_ca.certificates) > 1
-    return _document_verdict(signed, permissions_ca, _signing(trust, several=several))
+    return _document_verdict(signed, permissions_ca, _signing(trust, permissions_ca))
 
 
 @lru_cache(maxsize=65_536)
@@ -351,6 +366,11 @@ def _document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | 
     if all(may_sign(signer, signed, permissions_ca, trust) for signer in judged.signers):
         return Verdict.ACCEPTED
     return Verdict.REFUSED
+
+
+def in_force(certificate: Certificate, at: datetime) -> bool:
+    """Whether the instant is within its validity."""
+    return certificate.not_before <= at <= certificate.not_after
 
 
 def is_authority(certificate: Certificate) -> bool:

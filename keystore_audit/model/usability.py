@@ -12,6 +12,7 @@ from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
+from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.model.access_view import AccessViews, Typed
 from keystore_audit.model.domains import Interval, contains, elementary
 from keystore_audit.model.doubt import enclave_doubts
@@ -26,7 +27,9 @@ from keystore_audit.model.trust import (
     chain_refusal,
     document_verdict,
     envelope,
+    in_force,
     is_issued,
+    may_sign,
 )
 
 _Governed = tuple[tuple[Interval, ReadDomainRule], ...]
@@ -50,8 +53,9 @@ class _Dated:
     """The domains of which a grant has to let the enclave join one; None where the governance says nothing."""
     listed: Enclave | None
     """The enclave, where it carries revocation lists."""
-    signers: tuple[Certificate, ...]
-    """Of the documents, where others than the permissions CA may sign: their dates count (measured)."""
+    signed: tuple[tuple[SignedDocument, CertificateFile], ...]
+    """The documents, each with the permissions CA file, where others than the permissions CA may sign: the dates of
+    the signers, and of the authorities above them, count (measured)."""
 
 
 _USABLE: Final = Usability(usable=True, reasons=())
@@ -175,17 +179,18 @@ class Usabilities:
         file, trust = enclave.identity_ca, profile.trust
         issued = file is not None and certificate is not None and is_issued(file, certificate, trust, None)
         authority = enclave.permissions_ca.first if enclave.permissions_ca else None
+        dated_first = trust.checks_permissions_ca and (trust.first_authority_only or trust.strict_authorities)
         return _Dated(
             certificate=certificate,
             identity_ca=file if issued else None,
-            permissions_ca=authority if trust.checks_permissions_ca else None,
+            permissions_ca=authority if dated_first else None,
             grants=self._own_grants(enclave, certificate, profile),
             skips_grants_out_of_date=profile.access.skips_grants_out_of_date,
             joins_out_of_date=profile.access.joins_out_of_date,
             joins=profile.local.joins,
             governed=self._governed_domains(enclave.governance, profile),
             listed=enclave if lists_read(enclave, trust) else None,
-            signers=() if trust.pins_signer else _signers(enclave),
+            signed=() if trust.pins_signer else tuple(_signed_validly(enclave, trust)),
         )
 
     def _own_grants(
@@ -235,10 +240,14 @@ def _chain_refusals(enclave: Enclave, certificate: Certificate, trust: Trust) ->
     return ()
 
 
-def _signers(enclave: Enclave) -> tuple[Certificate, ...]:
-    """The certificates that signed the enclave's documents."""
-    files = (enclave.governance, enclave.permissions)
-    return tuple(signer for file in files if file is not None for signer in envelope(file.signed).signers)
+def _signed_validly(enclave: Enclave, trust: Trust) -> Iterator[tuple[SignedDocument, CertificateFile]]:
+    """The enclave's documents that are taken at some instant."""
+    file = enclave.permissions_ca
+    for read in (enclave.governance, enclave.permissions):
+        if read is None or file is None:
+            continue
+        if document_verdict(read.signed, file, trust) is Verdict.ACCEPTED:
+            yield read.signed, file
 
 
 def _in_force(each: Certificate | ReadGrant, at: datetime) -> bool:
@@ -247,7 +256,9 @@ def _in_force(each: Certificate | ReadGrant, at: datetime) -> bool:
 
 def _rests_on(dated: _Dated) -> Iterator[Certificate | ReadGrant | None]:
     """Whatever is in force or is not; None for revocation lists."""
-    yield from (each for each in (dated.certificate, dated.permissions_ca, *dated.signers) if each is not None)
+    yield from (each for each in (dated.certificate, dated.permissions_ca) if each is not None)
+    for signed, file in dated.signed:
+        yield from (*file.certificates, *signed.embedded)
     yield from dated.identity_ca.certificates if dated.identity_ca is not None else ()
     yield from dated.grants or ()
     if dated.listed is not None:
@@ -265,8 +276,11 @@ def _refusals_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:
     authority = dated.permissions_ca
     if authority is not None and not authority.not_before <= at <= authority.not_after:
         yield "the permissions CA certificate is outside its validity"
-    if any(signer != authority and not signer.not_before <= at <= signer.not_after for signer in dated.signers):
+    signers = [(signer, signed, file) for signed, file in dated.signed for signer in envelope(signed).signers]
+    if any(signer != authority and not in_force(signer, at) for signer, _signed, _file in signers):
         yield "the certificate that signed a document is outside its validity"
+    elif not all(signer == authority or may_sign(signer, signed, file, trust, at) for signer, signed, file in signers):
+        yield "a certificate above the one that signed a document is outside its validity"
     if certificate is not None and dated.listed is not None:
         yield from _revocations_at(dated.listed, certificate, trust, at)
     if certificate is not None and dated.grants is not None:

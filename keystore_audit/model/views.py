@@ -74,7 +74,7 @@ class Views:
         self._number = {certificate.sha256: number for number, certificate in enumerate(certificates)}
         self._realms = list({trust_files(enclave): enclave for enclave in keystore.enclaves}.values())
         self._permissions_cas = list(dict.fromkeys(enclave.permissions_ca for enclave in keystore.enclaves))
-        self._told = list(dict.fromkeys(map(introduction, self._permissions_cas)))
+        self._told: dict[tuple[str, bool], int] = {}
         self._named: dict[SubjectComparison, dict[str, frozenset[int]]] = {}
 
     def kinds(
@@ -116,7 +116,9 @@ class Views:
 
     def told(self, enclave: Enclave, trust: Trust) -> int:
         """What the enclave tells peers of its permissions CA: equal numbers, equal things."""
-        return self._told.index(introduction(enclave.permissions_ca)) if trust.compares_permissions_ca else 0
+        if not trust.compares_permissions_ca:
+            return 0
+        return self._told.setdefault(introduction(enclave.permissions_ca, trust), len(self._told))
 
     def names(self, trust: Trust) -> dict[str, frozenset[int]]:
         """The certificates that each subject_name of a grant is taken to name."""

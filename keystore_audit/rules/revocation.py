@@ -272,7 +272,8 @@ def crl_not_everywhere(keystore: Keystore, _context: Context) -> Iterator[Violat
     remedy="Let one complete list say all that is revoked. " + NEW_LIST,
 )
 def revocation_without_effect(use: RevocationUse, _context: Context) -> Iterator[Violation]:
-    """What somebody revoked is in force: a list behind the first of crl.pem says so alone, or the list is a delta.
+    """What somebody revoked is in force: a list behind the first of crl.pem says so alone, the list is a delta, or its
+    entry is passed over.
 
     OpenSSL, as the implementations ask it, takes a delta for a complete list (measured): whatever its base revokes is
     accepted again.
@@ -286,6 +287,17 @@ def revocation_without_effect(use: RevocationUse, _context: Context) -> Iterator
                 enclave=sole(use.enclaves),
                 profiles=_reads(use),
                 key=f"delta {revocations.issuer}",
+            )
+        if revocations.passed_over:
+            serials = [f"{serial:X}" for serial in sorted(revocations.passed_over)]
+            yield Violation(
+                message=f"Run times pass over {len(serials)} entries in the revocation list of {paths(use.enclaves)}, "
+                "which name another issuer (certificateIssuer) or stand behind one that takes the number back: "
+                f"{listed(serials)}.",
+                locations=(Location(path=revocations.path, line=revocations.line),),
+                enclave=sole(use.enclaves),
+                profiles=_reads(use),
+                key=f"entries {revocations.issuer} {' '.join(serials)}",
             )
     for revocations in use.lists[len(use.in_use) :]:
         first = use.lists[0]

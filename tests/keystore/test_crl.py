@@ -158,6 +158,28 @@ def test_extensions_of_lists_and_entries() -> None:
     assert found.revoked == {1, 3}  # an entry that takes back is none
 
 
+def test_of_several_entries_the_first_counts_and_other_issuers_none() -> None:
+    def issuer(name: x509.Name) -> tuple[x509.CertificateIssuer, bool]:
+        return x509.CertificateIssuer([x509.DirectoryName(name)]), True
+
+    removed, other = (x509.CRLReason(x509.ReasonFlags.remove_from_crl), False), authority("other").certificate.subject
+    builder = (
+        x509.CertificateRevocationListBuilder()
+        .issuer_name(CA.certificate.subject)
+        .last_update(START)
+        .next_update(START + timedelta(days=1))
+    )
+    entries = (
+        *(entry(1), entry(2, removed), entry(2), entry(1, removed), entry(3, issuer(other)), entry(4)),
+        *(entry(5, issuer(CA.certificate.subject)), entry(6, removed)),
+    )
+    for each in entries:
+        builder = builder.add_revoked_certificate(each)
+    (found,) = read(builder.sign(CA.key, hashes.SHA256()).public_bytes(Encoding.PEM)).revocation_lists
+    assert found.revoked == {1, 5}
+    assert found.passed_over == {2, 3, 4}
+
+
 @pytest.mark.parametrize(("revoked", "critical"), [(True, False), (False, False), (False, True)])
 def test_openssl_revokes_by_the_same_lists(revoked: bool, critical: bool, tmp_path: Path) -> None:
     leaf = certificate("/x", CA)

@@ -142,13 +142,17 @@ def crl(
     this_update: datetime = START,
     next_update: datetime = END,
     delta: bool = False,
+    revoked_of: str | None = None,
 ) -> CrlFile:
-    """A revocation list, read by the real reader; `delta`: of changes alone."""
+    """A revocation list, read by the real reader; `delta`: of changes alone, `revoked_of`: the entries' issuer."""
     builder = x509.CertificateRevocationListBuilder(
         issuer_name=name(issuer), last_update=this_update, next_update=next_update
     )
     for serial in revoked:
         entry = x509.RevokedCertificateBuilder(serial_number=serial, revocation_date=START)
+        if revoked_of is not None:
+            others = x509.CertificateIssuer([x509.DirectoryName(name(revoked_of))])
+            entry = entry.add_extension(others, critical=True)
         builder = builder.add_revoked_certificate(entry.build())
     if delta:
         builder = builder.add_extension(x509.DeltaCRLIndicator(1), critical=True)

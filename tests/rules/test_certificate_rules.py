@@ -383,6 +383,11 @@ def test_a_delta_is_taken_for_a_complete_list() -> None:
     assert becomes(both(crl=crl(CRL, SERIAL, delta=True))) == ["KA212", "KA229"]
 
 
+def test_an_entry_of_another_issuer_is_without_effect() -> None:
+    assert becomes(both(crl=crl(CRL, SERIAL, revoked_of="identityCA"))) == ["KA212"]
+    assert becomes(both(crl=crl(CRL, SERIAL, revoked_of="another"))) == ["KA229"]
+
+
 def test_an_unreadable_list_leaves_it_open() -> None:
     broken = read_crl(file(CRL, b"-----BEGIN X509 CRL-----\nMAA=\n-----END X509 CRL-----\n"))
     store = both(crl=broken)(healthy())

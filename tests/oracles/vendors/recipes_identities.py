@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 from cryptography import x509
@@ -140,20 +141,125 @@ def chains() -> tuple[Recipe, ...]:
     )
 
 
+def kinds_of_authorities() -> tuple[Recipe, ...]:
+    """Authorities of one name with keys of several kinds, or with signatures that not everybody knows."""
+    plain, others = common_authority(), authority("x")
+    of_rsa = authority("i", key=rsa.generate_private_key(65537, 2048))
+    of_ec = authority("i")
+    renewed = certificate("i", of_rsa, ca=True)
+    long = authority("x", digest=hashes.SHA512())
+    issuing = authority("i", digest=hashes.SHA384())
+    return (
+        under("of RSA behind one of its name of EC", of_rsa, of_ec.pem + of_rsa.pem),
+        under("of EC behind one of its name of RSA", of_ec, of_rsa.pem + of_ec.pem),
+        under("of EC behind one of its name of EC", of_ec, authority("i").pem + of_ec.pem),
+        under("of EC renewed by one of RSA, behind it", renewed, of_rsa.pem + renewed.pem),
+        under("of EC renewed by one of RSA, before it", renewed, renewed.pem + of_rsa.pem),
+        under("of EC renewed by one of RSA, alone", renewed),
+        under("behind one signed with SHA-512", plain, long.pem + plain.pem),
+        under("behind two signed with SHA-512 and SHA-384", plain, long.pem + issuing.pem + plain.pem),
+        under("signed with SHA-384 before another", issuing, issuing.pem + others.pem),
+        under("signed with SHA-384 behind another", issuing, others.pem + issuing.pem),
+        under("signed with SHA-384 before and behind another", issuing, issuing.pem + others.pem + issuing.pem),
+    )
+
+
+Entry = int | tuple[int, x509.ExtensionType]
+"""A serial number, perhaps with what its entry says."""
+
+
 def _list(
-    issuer: Signed, revoked: tuple[int, ...] = (), *, start: int = -9, end: int | None = 9, signer: Signed | None = None
+    issuer: Signed,
+    revoked: tuple[Entry, ...] = (),
+    *,
+    start: int = -9,
+    end: int | None = 9,
+    signer: Signed | None = None,
+    extensions: tuple[x509.ExtensionType, ...] = (),
 ) -> bytes:
-    """A revocation list in PEM, from and to so many days from now."""
+    """A revocation list in PEM, from and to so many days from now; its extensions are critical."""
     builder = (
         x509.CertificateRevocationListBuilder()
         .issuer_name(issuer.certificate.subject)
         .last_update(NOW + start * DAY)
         .next_update(NOW + (end or 9) * DAY)
     )
-    for serial in revoked:
-        entry = x509.RevokedCertificateBuilder().serial_number(serial).revocation_date(NOW - 20 * DAY).build()
-        builder = builder.add_revoked_certificate(entry)
+    for extension in extensions:
+        builder = builder.add_extension(extension, critical=True)
+    for each in revoked:
+        serial, said = each if isinstance(each, tuple) else (each, None)
+        entry = x509.RevokedCertificateBuilder().serial_number(serial).revocation_date(NOW - 20 * DAY)
+        if said is not None:
+            entry = entry.add_extension(said, critical=isinstance(said, x509.CertificateIssuer))
+        builder = builder.add_revoked_certificate(entry.build())
     return builder.sign((signer or issuer).key, hashes.SHA256()).public_bytes(Encoding.PEM)
+
+
+_REMOVED = x509.CRLReason(x509.ReasonFlags.remove_from_crl)
+
+
+def _issuer(name: x509.Name) -> x509.CertificateIssuer:
+    return x509.CertificateIssuer([x509.DirectoryName(name)])
+
+
+def _scope(**how: object) -> x509.IssuingDistributionPoint:
+    fields = ("full_name", "relative_name", "only_some_reasons")
+    flags = ("only_contains_user_certs", "only_contains_ca_certs", "indirect_crl", "only_contains_attribute_certs")
+    every = {**dict.fromkeys(fields), **dict.fromkeys(flags, False), **how}
+    return x509.IssuingDistributionPoint(**every)  # type: ignore[arg-type]
+
+
+def odd_lists() -> tuple[Recipe, ...]:
+    """Lists with what few lists have."""
+    ca = common_authority()
+    mine, own = talker().certificate.serial_number, ca.certificate.subject
+    other = authority("another").certificate.subject
+    no_signer = authority("i", extensions=(usage("key_cert_sign"),))
+    delta = x509.DeltaCRLIndicator(1)
+    point = _scope(full_name=[x509.UniformResourceIdentifier("http://crl")])
+    some = _scope(only_some_reasons=frozenset({x509.ReasonFlags.key_compromise}))
+    lists = {
+        "revokes another issuer's of the number": _list(ca, ((mine, _issuer(other)),)),
+        "revokes, behind another issuer's": _list(ca, ((99, _issuer(other)), mine)),
+        "revokes, behind another issuer's and its own": _list(ca, ((99, _issuer(other)), (98, _issuer(own)), mine)),
+        "takes back, then revokes": _list(ca, ((mine, _REMOVED), mine)),
+        "revokes, then takes back": _list(ca, (mine, (mine, _REMOVED))),
+        "has an unknown critical extension": _list(ca, extensions=(_UNKNOWN,)),
+        "is of a distribution point": _list(ca, extensions=(point,)),
+        "is a delta of a distribution point": _list(ca, extensions=(point, delta)),
+        "is of users": _list(ca, extensions=(_scope(only_contains_user_certs=True),)),
+        "is of authorities": _list(ca, extensions=(_scope(only_contains_ca_certs=True),)),
+        "is indirect": _list(ca, extensions=(_scope(indirect_crl=True),)),
+        "is of some reasons": _list(ca, extensions=(some,)),
+        "is a delta": _list(ca, extensions=(delta,)),
+        "is a delta and revokes": _list(ca, (mine,), extensions=(delta,)),
+    }
+    behind_odd = {
+        "an unknown critical extension": _list(ca, (mine,), start=-2, extensions=(_UNKNOWN,)),
+        "a distribution point": _list(ca, (mine,), start=-2, extensions=(point,)),
+    }
+    return (
+        *(Recipe(title=f"crl.pem {title}", files={"crl.pem": content}) for title, content in lists.items()),
+        *(
+            Recipe(
+                title=f"crl.pem is newer than the list in the CA file, revokes and has {title}",
+                files={"crl.pem": content, "identity_ca.cert.pem": ca.pem + _list(ca)},
+            )
+            for title, content in behind_odd.items()
+        ),
+        *(
+            Recipe(
+                title=f"crl.pem is as old as the list in the CA file, {which} revokes",
+                files={"crl.pem": _list(ca, here), "identity_ca.cert.pem": ca.pem + _list(ca, there)},
+            )
+            for which, here, there in (("crl.pem", (mine,), ()), ("that", (), (mine,)))
+        ),
+        *(
+            replace(under(f"may not sign lists, {what}", no_signer), files={**files, "crl.pem": content})
+            for what, content in (("a list", _list(no_signer)), ("a delta", _list(no_signer, extensions=(delta,))))
+            for files in ({"identity_ca.cert.pem": no_signer.pem},)
+        ),
+    )
 
 
 def revocation() -> tuple[Recipe, ...]:
@@ -195,4 +301,4 @@ def revocation() -> tuple[Recipe, ...]:
 @lru_cache
 def recipes() -> tuple[Recipe, ...]:
     """All of them; keys are made, so not at import."""
-    return (*certificates(), *keys(), *chains(), *revocation())
+    return (*certificates(), *keys(), *chains(), *kinds_of_authorities(), *revocation(), *odd_lists())

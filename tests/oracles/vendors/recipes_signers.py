@@ -155,6 +155,8 @@ def authorities() -> tuple[Recipe, ...]:
         "a root, then the intermediate": wide.pem + intermediate.pem,
     }
     other = authority("other")
+    old, renewed, long = authority("p", **PAST), authority("p"), authority("q", digest=hashes.SHA512())
+    again = certificate("p", key=old.key, ca=True)
     files = {
         "the CA, then another": common_authority().pem + other.pem,
         "another, then the CA": other.pem + common_authority().pem,
@@ -170,6 +172,12 @@ def authorities() -> tuple[Recipe, ...]:
         *(_ca(f"is {title}, which signs", pem, intermediate) for title, pem in chain.items()),
         *(_ca(f"is {title}, the root signs", pem, wide) for title, pem in chain.items()),
         *(_ca(f"file is {title}", pem, common_authority()) for title, pem in files.items()),
+        _ca("is an expired one, then another of its name, which signs", old.pem + renewed.pem, renewed),
+        _ca("is an expired one, then its renewal, which signs", old.pem + again.pem, again),
+        _ca("is an expired one, which signs, then another of its name", old.pem + renewed.pem, old),
+        _ca("is one that signs, then an expired one", renewed.pem + old.pem, renewed),
+        _ca("is one of SHA-512, then another, which signs", long.pem + other.pem, other),
+        _ca("is one of SHA-512, which signs, then another", long.pem + other.pem, long),
         Recipe(title="permissions CA missing", files={"permissions_ca.cert.pem": None}),
         Recipe(title="governance missing", files={"governance.p7s": None}),
         Recipe(title="permissions missing", files={"permissions.p7s": None}),
