@@ -6,7 +6,7 @@ Each answer is worked out from a `Sight` alone, once for all enclaves of which i
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from cryptography import x509
 
@@ -104,7 +104,7 @@ def authority_refusals(sight: Sight, trust: Trust) -> Iterator[str]:
         if not read or (trust.strict_authorities and not any(each.sha256 == file.first.sha256 for each in read)):
             # Strictly, the first certificate is verified by those that were loaded, even where it is none of them.
             yield f"it loads no CA signed with {file.first.signature_algorithm} ({file.file.place})"
-        refusal = _strict_refusal(file.first) if trust.strict_authorities else None
+        refusal = strict_refusal(file.first) if trust.strict_authorities else None
         if refusal is not None:
             yield f"it does not load {file.file.place}: {refusal}"
     file = sight.permissions_ca
@@ -114,14 +114,29 @@ def authority_refusals(sight: Sight, trust: Trust) -> Iterator[str]:
         yield f"no certificate that counts in {file.file.place} is self-signed, so the permissions CA is refused"
 
 
-def _strict_refusal(authority: Certificate) -> str | None:
+_WANTED_BELOW_A_ROOT: Final = {
+    x509.KeyUsage: "key usage",
+    x509.SubjectKeyIdentifier: "subject key identifier",
+    x509.AuthorityKeyIdentifier: "authority key identifier",
+}
+"""What X509_STRICT asks of an authority in a chain of several (x509_vfy.c, check_extensions)."""
+
+
+def strict_refusal(authority: Certificate) -> str | None:
     """Why the first certificate of a CA file fails X509_verify_cert with X509_STRICT; None where it does not.
 
     As Fast DDS since 2.6.10, 2.14.5 and 3.2 verifies it when it loads the file (FileProvider.cpp; checked with `openssl
-    verify -x509_strict -check_ss_sig`). Of one that is not self-signed far more is asked than sros2 writes.
+    verify -x509_strict -check_ss_sig`). Of one that is not self-signed far more is asked than sros2 writes; the same is
+    asked of those above it, which are not looked at here.
     """
     if not names_itself(authority):
-        return "its first certificate is not self-signed, which wants key usage and key identifiers throughout"
+        present = {type(extension.value): extension.critical for extension in authority.parsed.extensions}
+        missing = [name for extension, name in _WANTED_BELOW_A_ROOT.items() if extension not in present]
+        if missing:
+            return f"its first certificate is not self-signed and has no {', no '.join(missing)}"
+        if present.get(x509.BasicConstraints) is False:
+            return "its first certificate is not self-signed, and its basic constraints are not critical"
+        return None
     if not may_have_issued(authority, authority):
         return "its first certificate names itself, and another key signed it"
     if authority.is_ca is None and (authority.parsed.version is x509.Version.v1 or authority.key_usage is not None):

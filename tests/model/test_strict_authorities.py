@@ -1,0 +1,53 @@
+"""What Fast DDS since 2.6.10 asks of the first certificate of a CA file: what `openssl verify -x509_strict` does."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Sequence
+from itertools import combinations
+from pathlib import Path
+
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric import ec
+
+from keystore_audit.model.sight import strict_refusal
+from tests.keystore.builder import Signed, certificate, evidence
+from tests.oracles.vendors.recipes_signers import usage
+
+Extension = tuple[x509.ExtensionType, bool]
+AT = "1750000000"
+ROOT_KEY, KEY = (ec.generate_private_key(ec.SECP256R1()) for _ in range(2))
+CRITICAL, NOT_CRITICAL = ((x509.BasicConstraints(ca=True, path_length=None), critical) for critical in (True, False))
+SIGNS = usage("key_cert_sign", "crl_sign")
+OWN = (x509.SubjectKeyIdentifier.from_public_key(KEY.public_key()), False)
+ABOVE = (x509.AuthorityKeyIdentifier.from_issuer_public_key(ROOT_KEY.public_key()), False)
+ROOT = certificate(
+    "root",
+    key=ROOT_KEY,
+    ca=None,
+    extensions=(CRITICAL, SIGNS, (x509.SubjectKeyIdentifier.from_public_key(ROOT_KEY.public_key()), False)),
+)
+
+
+def loaded(first: Signed, directory: Path) -> bool:
+    """Whether OpenSSL takes it, the first of a file with the root behind it."""
+    (directory / "ca").write_bytes(first.pem + ROOT.pem)
+    (directory / "first").write_bytes(first.pem)
+    command = ["openssl", "verify", "-x509_strict", "-check_ss_sig", "-attime", AT, "-CAfile", "ca", "first"]
+    return subprocess.run(command, cwd=directory, capture_output=True, check=False).returncode == 0
+
+
+BELOW = [(CRITICAL, *some) for count in range(4) for some in combinations((SIGNS, OWN, ABOVE), count)]
+
+
+@pytest.mark.parametrize("extensions", [*BELOW, (NOT_CRITICAL, SIGNS, OWN, ABOVE), (NOT_CRITICAL,)])
+def test_one_below_a_root_is_refused_where_openssl_refuses_it(extensions: Sequence[Extension], tmp_path: Path) -> None:
+    first = certificate("below", ROOT, key=KEY, ca=None, extensions=extensions)
+    assert (strict_refusal(evidence(first)) is None) == loaded(first, tmp_path)
+
+
+@pytest.mark.parametrize("extensions", [(CRITICAL,), (NOT_CRITICAL,), (), (SIGNS,), (CRITICAL, usage("crl_sign"))])
+def test_a_root_is_refused_where_openssl_refuses_it(extensions: Sequence[Extension], tmp_path: Path) -> None:
+    first = certificate("alone", key=KEY, ca=None, extensions=extensions)
+    assert (strict_refusal(evidence(first)) is None) == loaded(first, tmp_path)
