@@ -56,7 +56,8 @@ class Case:
         if second is None or self.domains[0] != self.domains[1]:
             return False
         same = second.governance == self.first.governance and second.authorities == self.first.authorities == CAS
-        return same and second.key is None and self.first.crl is None and second.crl is None
+        alike = second.permissions_ca == self.first.permissions_ca
+        return same and alike and second.key is None and self.first.crl is None and second.crl is None
 
     def sides(self, directory: Path) -> tuple[Side, Side]:
         """The two, with a keystore of them in `directory`, where the second enclave has what it presents."""

@@ -7,6 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import NameOID
 
 from tests.keystore.builder import authority, crl, signed_document
@@ -277,6 +279,22 @@ def _identities() -> list[Case]:
     ]
 
 
+def _told_authorities() -> list[Case]:
+    """What the second side tells of its permissions CA: name and kind of signature of what its file begins with."""
+    mine, name = CAS.permissions.pem, "permissions CA"
+    files = {
+        "begins with another one": authority("another permissions CA").pem + mine,
+        "ends with another one": mine + authority("another permissions CA").pem,
+        "begins with one of its name, of RSA": authority(name, key=rsa.generate_private_key(65537, 2048)).pem + mine,
+        "begins with one of its name, of SHA-512": authority(name, digest=hashes.SHA512()).pem + mine,
+        "begins with another one, of SHA-512": authority("another", digest=hashes.SHA512()).pem + mine,
+    }
+    return [
+        Case(title=f"the permissions CA file {title}", second=replace(plain("second"), permissions_ca=pem))
+        for title, pem in files.items()
+    ]
+
+
 DOCUMENT_CASES = (
     *_signers(),
     *_empty_documents(),
@@ -286,4 +304,5 @@ DOCUMENT_CASES = (
     *_relays(),
     *_joining(),
     *_identities(),
+    *_told_authorities(),
 )

@@ -143,7 +143,9 @@ class Authorities:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Enclave:
-    """The files of one enclave; the documents signed already. The CAs are those that it trusts itself."""
+    """The files of one enclave; the documents signed already. The CAs are those that it trusts itself; `permissions_ca`
+    replaces the file of one.
+    """
 
     authorities: Authorities
     identity: Signed
@@ -151,6 +153,7 @@ class Enclave:
     permissions: bytes
     key: PrivateKey | None = None
     crl: x509.CertificateRevocationList | None = None
+    permissions_ca: bytes | None = None
 
     def contents(self) -> dict[str, bytes]:
         """By file name."""
@@ -158,7 +161,7 @@ class Enclave:
         revocations = {} if self.crl is None else {"crl.pem": self.crl.public_bytes(Encoding.PEM)}
         return {
             "identity_ca.cert.pem": self.authorities.identity.pem,
-            "permissions_ca.cert.pem": self.authorities.permissions.pem,
+            "permissions_ca.cert.pem": self.permissions_ca or self.authorities.permissions.pem,
             "cert.pem": self.identity.pem,
             "key.pem": key.key_pem,
             "governance.p7s": self.governance,
