@@ -18,9 +18,11 @@ from keystore_audit.keystore.stray import Stray
 from keystore_audit.model.profiles import VARIANTS, Profile
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.subject import matching
-from keystore_audit.model.trust import Verdict, document_verdict, envelope, is_authority, may_have_issued
+from keystore_audit.model.trust import Verdict, document_verdict, envelope, is_authority, may_have_issued, signers_taken
 
 _TRUSTS: Final = tuple(dict.fromkeys(profile.trust for profile in VARIANTS.values()))
+_BY_SIGNERS: Final = tuple({trust.pins_signer: trust for trust in _TRUSTS}.values())
+"""One of each way to find a document's signers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +135,8 @@ def certificates_of(keystore: Keystore, at: datetime) -> tuple[Certificate, ...]
         if enclave.identity is not None:
             found.setdefault(enclave.identity.sha256, enclave.identity)
     for document in documents:
-        for signer in envelope(document.file.signed).signers if document.file else ():
+        signed = (document.file.signed,) if document.file else ()
+        for signer in (signer for each in signed for trust in _BY_SIGNERS for signer in signers_taken(each, trust)):
             found.setdefault(signer.sha256, signer)
     for certificate in embedded_authorities(documents):
         found.setdefault(certificate.sha256, certificate)

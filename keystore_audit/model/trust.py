@@ -99,20 +99,9 @@ def authorities_read(file: CertificateFile, trust: Trust) -> tuple[Certificate, 
 
 
 def signing_authorities(file: CertificateFile, trust: Trust) -> tuple[Certificate, ...]:
-    """Those of a permissions CA file by which documents are judged; where it is not pinned, a signer's chain ends at a
-    root.
-    """
+    """Those of a permissions CA file by which documents are judged: where it is not pinned, roots, which end chains."""
     read = authorities_read(file, trust)
     return read if trust.pins_signer else tuple(authority for authority in read if is_root(authority))
-
-
-def introduction(file: CertificateFile | None, trust: Trust) -> tuple[str, bool]:
-    """What a participant with this permissions CA file tells its peers of it: the name of the first certificate, and
-    whether the first that counts is signed with RSA (Fast DDS tells no more; `ca_algorithms` are this and ECDSA).
-    """
-    if file is None or file.first is None:
-        return "", False
-    return file.first.subject, any("RSA" in read.signature_algorithm for read in authorities_read(file, trust)[:1])
 
 
 @lru_cache(maxsize=4096)
@@ -164,11 +153,6 @@ def is_root(certificate: Certificate, *, signed: bool = False) -> bool:
 def _chaining(trust: Trust, file: CertificateFile) -> Trust:
     """One row for all that look for chains in the file alike: each is then looked for once."""
     return _row(trust.needs_root, trust.checks_root_signature, *_reading(trust, file))
-
-
-def _signing(trust: Trust, file: CertificateFile | None) -> Trust:
-    """The same for all that look for signers alike."""
-    return _signing_row(trust.pins_signer, *_reading(trust, file))
 
 
 def _reading(trust: Trust, file: CertificateFile | None) -> tuple[bool, frozenset[str] | None]:
@@ -326,7 +310,7 @@ def may_sign(
 def signer_refusal(signed: SignedDocument, permissions_ca: CertificateFile, trust: Trust) -> str | None:
     """Why a document whose signatures hold is refused for its signer; None where it is taken."""
     place = permissions_ca.file.place
-    for signer in envelope(signed).signers:
+    for signer in signers_taken(signed, trust):
         if may_sign(signer, signed, permissions_ca, trust):
             continue
         if not any(signer.sha256 == authority.sha256 for authority in permissions_ca.certificates):
@@ -341,19 +325,34 @@ def signer_refusal(signed: SignedDocument, permissions_ca: CertificateFile, trus
     return None
 
 
-def is_first_embedded(signer: Certificate, signed: SignedDocument) -> bool:
-    """Whether it is the first certificate in the message of its issuer and serial number: the one OpenSSL takes.
+def signers_taken(signed: SignedDocument, trust: Trust) -> tuple[Certificate, ...]:
+    """The signers as the implementation finds them: in the message, where it does not pin.
 
-    Issuers are compared by meaning (X509_NAME_cmp).
+    An authority made anew from its old certificate has the issuer, serial number and key of that one.
     """
-    named = (c for c in signed.embedded if c.serial == signer.serial and same_name(c.issuer_name, signer.issuer_name))
-    first = next(named, None)
+    signers = envelope(signed).signers
+    if trust.pins_signer:
+        return signers
+    found = ((signer, _first_embedded(signer, signed)) for signer in signers)
+    return tuple(first if first is not None and first.key == signer.key else signer for signer, first in found)
+
+
+def is_first_embedded(signer: Certificate, signed: SignedDocument) -> bool:
+    """Whether it is the first certificate in the message of its issuer and serial number: the one OpenSSL takes."""
+    first = _first_embedded(signer, signed)
     return first is not None and first.sha256 == signer.sha256
+
+
+def _first_embedded(signer: Certificate, signed: SignedDocument) -> Certificate | None:
+    """Issuers are compared by meaning (X509_NAME_cmp)."""
+    named = (c for c in signed.embedded if c.serial == signer.serial)
+    return next((c for c in named if same_name(c.issuer_name, signer.issuer_name)), None)
 
 
 def document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | None, trust: Trust) -> Verdict:
     """What an enclave with this permissions CA file does with the document's signatures."""
-    return _document_verdict(signed, permissions_ca, _signing(trust, permissions_ca))
+    row = _signing_row(trust.pins_signer, *_reading(trust, permissions_ca))
+    return _document_verdict(signed, permissions_ca, row)
 
 
 @lru_cache(maxsize=65_536)
@@ -363,7 +362,7 @@ def _document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | 
         return judged.verdict
     if permissions_ca is None:
         return Verdict.REFUSED
-    if all(may_sign(signer, signed, permissions_ca, trust) for signer in judged.signers):
+    if all(may_sign(signer, signed, permissions_ca, trust) for signer in signers_taken(signed, trust)):
         return Verdict.ACCEPTED
     return Verdict.REFUSED
 

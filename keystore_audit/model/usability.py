@@ -26,10 +26,10 @@ from keystore_audit.model.trust import (
     Verdict,
     chain_refusal,
     document_verdict,
-    envelope,
     in_force,
     is_issued,
     may_sign,
+    signers_taken,
 )
 
 _Governed = tuple[tuple[Interval, ReadDomainRule], ...]
@@ -276,7 +276,7 @@ def _refusals_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:
     authority = dated.permissions_ca
     if authority is not None and not authority.not_before <= at <= authority.not_after:
         yield "the permissions CA certificate is outside its validity"
-    signers = [(signer, signed, file) for signed, file in dated.signed for signer in envelope(signed).signers]
+    signers = [(signer, signed, file) for signed, file in dated.signed for signer in signers_taken(signed, trust)]
     if any(signer != authority and not in_force(signer, at) for signer, _signed, _file in signers):
         yield "the certificate that signed a document is outside its validity"
     elif not all(signer == authority or may_sign(signer, signed, file, trust, at) for signer, signed, file in signers):

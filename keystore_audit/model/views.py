@@ -22,10 +22,11 @@ from keystore_audit.model.revocation import list_unread, revoked
 from keystore_audit.model.subject import matching
 from keystore_audit.model.trust import (
     Verdict,
+    authorities_read,
     document_verdict,
     envelope,
-    introduction,
     is_first_embedded,
+    signers_taken,
     signing_authorities,
     trusted_authorities,
 )
@@ -118,7 +119,7 @@ class Views:
         """What the enclave tells peers of its permissions CA: equal numbers, equal things."""
         if not trust.compares_permissions_ca:
             return 0
-        return self._told.setdefault(introduction(enclave.permissions_ca, trust), len(self._told))
+        return self._told.setdefault(_introduction(enclave.permissions_ca, trust), len(self._told))
 
     def names(self, trust: Trust) -> dict[str, frozenset[int]]:
         """The certificates that each subject_name of a grant is taken to name."""
@@ -157,6 +158,16 @@ class Views:
         judged = envelope(signed)
         if judged.verdict is not Verdict.ACCEPTED:
             return frozenset()
-        if not trust.pins_signer and not all(is_first_embedded(signer, signed) for signer in judged.signers):
+        signers = signers_taken(signed, trust)
+        if not trust.pins_signer and not all(is_first_embedded(signer, signed) for signer in signers):
             return frozenset()
-        return frozenset(self._number[signer.sha256] for signer in judged.signers)
+        return frozenset(self._number[signer.sha256] for signer in signers)
+
+
+def _introduction(file: CertificateFile | None, trust: Trust) -> tuple[str, bool]:
+    """What a participant with this permissions CA file tells its peers of it: the name of the first certificate, and
+    whether the first that counts is signed with RSA (Fast DDS tells no more; `ca_algorithms` are this and ECDSA).
+    """
+    if file is None or file.first is None:
+        return "", False
+    return file.first.subject, any("RSA" in read.signature_algorithm for read in authorities_read(file, trust)[:1])

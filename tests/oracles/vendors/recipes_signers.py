@@ -157,6 +157,7 @@ def authorities() -> tuple[Recipe, ...]:
     other = authority("other")
     old, renewed, long = authority("p", **PAST), authority("p"), authority("q", digest=hashes.SHA512())
     again = certificate("p", key=old.key, ca=True)
+    numbered = certificate("p", key=old.key, ca=True, serial=old.certificate.serial_number)
     files = {
         "the CA, then another": common_authority().pem + other.pem,
         "another, then the CA": other.pem + common_authority().pem,
@@ -174,6 +175,8 @@ def authorities() -> tuple[Recipe, ...]:
         *(_ca(f"file is {title}", pem, common_authority()) for title, pem in files.items()),
         _ca("is an expired one, then another of its name, which signs", old.pem + renewed.pem, renewed),
         _ca("is an expired one, then its renewal, which signs", old.pem + again.pem, again),
+        _ca("is an expired one, then its renewal of the same number, which signs", old.pem + numbered.pem, numbered),
+        _ca("is the renewal of an expired one of the same number, which signs", numbered.pem, old),
         _ca("is an expired one, which signs, then another of its name", old.pem + renewed.pem, old),
         _ca("is one that signs, then an expired one", renewed.pem + old.pem, renewed),
         _ca("is one of SHA-512, then another, which signs", long.pem + other.pem, other),
