@@ -12,8 +12,7 @@ import click
 from keystore_audit.ci import in_ci
 
 if TYPE_CHECKING:
-    from keystore_audit.ci import in_ci
-from keystore_audit.settings import Baseline, Settings
+    from keystore_audit.settings import Baseline, Settings
 
 STATEMENTS: Final = ("statement", "svr")
 """Formats that others take as a promise."""
