@@ -15,7 +15,7 @@ from tests.keystore.builder import GOVERNANCE, Signed, authority, certificate, s
 AT = "2026-11-21T12:00:00Z"
 """Within every sample's and every built document's validity."""
 
-DOCUMENT = """<?xml version="1.0" encoding="UTF-8"?>
+_DOCUMENT = """<?xml version="1.0" encoding="UTF-8"?>
 <dds>
   <permissions>
     <grant name="g">
@@ -27,6 +27,19 @@ DOCUMENT = """<?xml version="1.0" encoding="UTF-8"?>
   </permissions>
 </dds>
 """
+
+
+_GRANT = _DOCUMENT[_DOCUMENT.index("    <grant") : _DOCUMENT.index("  </permissions>")]
+
+
+def grant_of(path: str, *rules: str, default: str = "DENY") -> str:
+    """A grant in XML for an enclave."""
+    return _GRANT.format(path=path, rules="\n".join(rules), default=default)
+
+
+def document_of(*grants: str) -> bytes:
+    """A permissions document of these grants."""
+    return _DOCUMENT.replace(_GRANT, "".join(grants)).encode()
 
 
 def rule(
@@ -51,10 +64,7 @@ def keystore(
     root: Path, enclaves: Mapping[str, tuple[str, ...]], *, governance: bytes = GOVERNANCE, default: str = "DENY"
 ) -> Path:
     """A keystore of two authorities whose enclaves have these rules."""
-    documents = {
-        path: DOCUMENT.format(path=path, rules="\n".join(rules), default=default).encode()
-        for path, rules in enclaves.items()
-    }
+    documents = {path: document_of(grant_of(path, *rules, default=default)) for path, rules in enclaves.items()}
     return signed_keystore(root, documents, governance=governance)
 
 

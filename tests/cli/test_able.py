@@ -9,7 +9,17 @@ from typing import Any
 import pytest
 from cryptography.hazmat.primitives.asymmetric import ec
 
-from tests.cli.keystores import AT, DOCUMENT, answer, keystore, properties, rule, signed_keystore, write_enclave
+from tests.cli.keystores import (
+    AT,
+    answer,
+    document_of,
+    grant_of,
+    keystore,
+    properties,
+    rule,
+    signed_keystore,
+    write_enclave,
+)
 from tests.keystore.builder import GOVERNANCE, authority, certificate
 
 ENCLAVES = {
@@ -157,7 +167,7 @@ def test_who_starts_under_one_implementation_alone_is_told_of_that_one(tmp_path:
     """Cyclone DDS takes no keys on P-384; the documents say the same to all."""
     identity, permissions = authority("identityCA"), authority("permissionsCA")
     for path, key in (("/button", None), ("/motor", ec.generate_private_key(ec.SECP384R1()))):
-        document = DOCUMENT.format(path=path, rules=rule(("rt/stop",), ("rt/stop",)), default="DENY").encode()
+        document = document_of(grant_of(path, rule(("rt/stop",), ("rt/stop",))))
         own = certificate(path, identity, key=key)
         write_enclave(tmp_path / "keys/enclaves" / path[1:], own, document, identity, permissions, GOVERNANCE)
     settings = '[[property]]\nname = "stop"\nable = { from = "/button", to = "/motor" }\n'
@@ -170,10 +180,7 @@ def test_who_starts_under_one_implementation_alone_is_told_of_that_one(tmp_path:
 def test_whom_one_implementation_alone_takes_a_grant_for_is_told_of_that_one(tmp_path: Path) -> None:
     """To Cyclone DDS a grant of `CN=/arm/hand` is one of `CN=/arm` too, whom a grant names and who is not here."""
     grants = {"/arm/hand": ("/arm/hand", rule(("rt/x",))), "/leg": ("/arm", rule(("rt/y",)))}
-    documents = {
-        enclave: DOCUMENT.format(path=path, rules=text, default="DENY").encode()
-        for enclave, (path, text) in grants.items()
-    }
+    documents = {enclave: document_of(grant_of(path, text)) for enclave, (path, text) in grants.items()}
     root = signed_keystore(tmp_path / "keys", documents)
     settings = '[[property]]\nname = "x"\nonly_publish = { topic = "/x", enclaves = "/arm/hand" }\n'
     found = properties(root, settings)["x"]["profiles"]

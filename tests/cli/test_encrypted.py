@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.keystores import DOCUMENT, keystore, properties, signed_keystore, write_enclave
+from tests.cli.keystores import document_of, grant_of, keystore, properties, signed_keystore, write_enclave
 from tests.cli.keystores import rule as plain
 from tests.keystore.builder import GOVERNANCE, authority, certificate
 
@@ -18,7 +18,6 @@ name = "inside"
 encrypted = { topic = "/x", against = "insider" }
 """
 PROFILE = "cyclonedds-11"
-GRANT = DOCUMENT[DOCUMENT.index("    <grant") : DOCUMENT.index("  </permissions>")]
 PAYLOADS_OPEN = (
     GOVERNANCE.replace(b"<metadata_protection_kind>ENCRYPT", b"<metadata_protection_kind>NONE")
     .replace(b"<data_protection_kind>ENCRYPT", b"<data_protection_kind>NONE")
@@ -39,10 +38,8 @@ def rule(publish: str = "", subscribe: str = "") -> str:
 
 def found(root: Path, governance: bytes, *grants: tuple[str, str]) -> dict[str, str]:
     """Of a robot that subscribes to the topic. `grants`: whom else its document names, and by which rules."""
-    document = DOCUMENT.format(path="/listener", rules=rule(subscribe="rt/x"), default="DENY")
-    more = "".join(GRANT.format(path=path, rules=rules, default="DENY") for path, rules in grants)
-    whole = document.replace("  </permissions>", f"{more}  </permissions>")
-    signed_keystore(root, {"/listener": whole.encode()}, governance=governance)
+    document = document_of(grant_of("/listener", rule(subscribe="rt/x")), *(grant_of(*each) for each in grants))
+    signed_keystore(root, {"/listener": document}, governance=governance)
     every = properties(root, SETTINGS, "--profile", PROFILE)
     return {name: every[name]["status"] for name in ("outside", "inside")}
 
@@ -83,13 +80,8 @@ VENDORS = ("spec", "fastdds-3.6", "cyclonedds-11")
 
 def inside(root: Path, governance: bytes, *enclaves: str) -> dict[str, str]:
     """Why the topic is not encrypted against insiders, by profile. `/listener` subscribes to it, the others do not."""
-    documents = {
-        path: DOCUMENT.format(
-            path=path, rules=rule(subscribe="rt/x" if path == "/listener" else "rt/y"), default="DENY"
-        )
-        for path in ("/listener", *enclaves)
-    }
-    signed_keystore(root, {path: text.encode() for path, text in documents.items()}, governance=governance)
+    others = {path: (rule(subscribe="rt/y"),) for path in enclaves}
+    keystore(root, {"/listener": (rule(subscribe="rt/x"),), **others}, governance=governance)
     told = properties(root, SETTINGS, *(word for name in VENDORS for word in ("--profile", name)))["inside"]["profiles"]
     assert {each["status"] for each in told.values()} <= {"holds", "violated"}
     return {name: each["counterexample"]["text"] for name, each in told.items() if each["status"] == "violated"}
@@ -130,7 +122,7 @@ def test_who_signs_itself_a_grant_is_not_entitled_by_it(tmp_path: Path) -> None:
     """One CA for both roles, and implementations that take what it vouches for as a signer."""
     ca = authority("robotCA")
     for path, topic in (("/listener", "rt/x"), ("/other", "rt/y")):
-        document = DOCUMENT.format(path=path, rules=rule(subscribe=topic), default="DENY").encode()
+        document = document_of(grant_of(path, rule(subscribe=topic)))
         write_enclave(tmp_path / "keys/enclaves" / path[1:], certificate(path, ca), document, ca, ca, GOVERNANCE)
     options = ("--profile", "cyclonedds-0.10", "--profile", "cyclonedds-11")
     told = properties(tmp_path / "keys", SETTINGS, *options)["inside"]["profiles"]
@@ -153,7 +145,7 @@ def test_whoever_has_an_identity_of_the_one_ca_signs_itself_a_grant_to_read(
     tmp_path: Path, profile: str, status: str
 ) -> None:
     one = authority("sros2CA")
-    document = DOCUMENT.format(path="/listener", rules=rule(subscribe="rt/x"), default="DENY").encode()
+    document = document_of(grant_of("/listener", rule(subscribe="rt/x")))
     write_enclave(tmp_path / "keys/enclaves/listener", certificate("/listener", one), document, one, one, GOVERNANCE)
     asked = properties(tmp_path / "keys", SETTINGS, "--profile", profile)["inside"]
     assert asked["status"] == status

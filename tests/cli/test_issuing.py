@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.keystores import AT, DOCUMENT, answer, properties, rule, write_enclave
+from tests.cli.keystores import AT, answer, document_of, grant_of, properties, rule, write_enclave
 from tests.keystore.builder import GOVERNANCE, authority, certificate
 
 ENCLAVES = {"/a": rule(("rt/x",)), "/b": rule((), ("rt/y",)), "/c": rule(("rt/y",))}
@@ -28,7 +28,7 @@ def written(root: Path, holder: str) -> Path:
     key = own[holder].key if holder else None
     both = ca.pem + certificate("otherCA", ca, key=key, ca=True).pem
     for path, rules in ENCLAVES.items():
-        document = DOCUMENT.format(path=path, rules=rules, default="DENY").encode()
+        document = document_of(grant_of(path, rules))
         directory = root / "enclaves" / path.strip("/")
         write_enclave(directory, own[path], document, ca, permissions, GOVERNANCE)
         (directory / "identity_ca.cert.pem").write_bytes(both)

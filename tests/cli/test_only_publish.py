@@ -8,7 +8,17 @@ from typing import Any
 import pytest
 from cryptography.hazmat.primitives.serialization import Encoding
 
-from tests.cli.keystores import AT, DOCUMENT, answer, properties, rule, signed_keystore, write_enclave
+from tests.cli.keystores import (
+    AT,
+    answer,
+    document_of,
+    grant_of,
+    keystore,
+    properties,
+    rule,
+    signed_keystore,
+    write_enclave,
+)
 from tests.keystore.builder import GOVERNANCE, authority, certificate, crl
 
 SETTINGS = """single_writer = ["/x"]
@@ -17,7 +27,6 @@ name = "only-talker"
 only_publish = { topic = "/x", enclaves = "/talker" }
 """
 PROFILE = ("--profile", "cyclonedds-11")
-GRANT = DOCUMENT[DOCUMENT.index("    <grant") : DOCUMENT.index("  </permissions>")]
 OPEN = (
     GOVERNANCE.replace(b">ENCRYPT<", b">NONE<")
     .replace(b">SIGN<", b">NONE<")
@@ -27,12 +36,9 @@ OPEN = (
 
 def built(root: Path, *, ghost: str = "", governance: bytes = GOVERNANCE, path: str = "/ghost") -> Path:
     """`ghost`: the rules that the talker's document has for somebody who is no enclave here, by the name of `path`."""
-    talker = DOCUMENT.format(path="/talker", rules=rule(("rt/x",)), default="DENY")
-    if ghost:
-        grant = GRANT.format(path=path, rules=ghost, default="DENY")
-        talker = talker.replace("  </permissions>", f"{grant}  </permissions>")
-    listener = DOCUMENT.format(path="/listener", rules=rule((), ("rt/x",)), default="DENY")
-    return signed_keystore(root, {"/talker": talker.encode(), "/listener": listener.encode()}, governance=governance)
+    talker = document_of(grant_of("/talker", rule(("rt/x",))), grant_of(path, ghost) if ghost else "")
+    listener = document_of(grant_of("/listener", rule((), ("rt/x",))))
+    return signed_keystore(root, {"/talker": talker, "/listener": listener}, governance=governance)
 
 
 def found(root: Path) -> dict[str, Any]:
@@ -64,11 +70,10 @@ def test_who_is_elsewhere_has_no_certificate_that_is_shown_or_counted(tmp_path: 
 
 def test_a_grant_after_one_for_the_same_subject_does_not_count(tmp_path: Path) -> None:
     """The first grant that names a subject decides, whoever has it."""
-    talker = DOCUMENT.format(path="/talker", rules=rule(("rt/x",)), default="DENY")
-    denied, allowed = (GRANT.format(path="/ghost", rules=rule((each,)), default="DENY") for each in ("rt/y", "rt/x"))
-    for grants, status in ((denied + allowed, "holds"), (allowed + denied, "violated")):
-        whole = talker.replace("  </permissions>", f"{grants}  </permissions>")
-        root = signed_keystore(tmp_path / status, {"/talker": whole.encode()})
+    talker = grant_of("/talker", rule(("rt/x",)))
+    denied, allowed = (grant_of("/ghost", rule((each,))) for each in ("rt/y", "rt/x"))
+    for grants, status in (((denied, allowed), "holds"), ((allowed, denied), "violated")):
+        root = signed_keystore(tmp_path / status, {"/talker": document_of(talker, *grants)})
         assert found(root)["only-talker"]["status"] == status
 
 
@@ -91,8 +96,7 @@ def test_where_no_grant_is_asked_for_whoever_has_an_identity_publishes(
     for each in off:
         flag = f"enable_{each}_access_control>".encode()
         governance = governance.replace(b"<" + flag + b"true", b"<" + flag + b"false")
-    talker = DOCUMENT.format(path="/talker", rules=rule(("rt/x",)), default="DENY")
-    answers = found(signed_keystore(tmp_path / "keys", {"/talker": talker.encode()}, governance=governance))
+    answers = found(keystore(tmp_path / "keys", {"/talker": (rule(("rt/x",)),)}, governance=governance))
     assert {each["status"] for each in answers.values()} == {status}
     told = answers["only-talker"]["profiles"]["cyclonedds-11"]["counterexample"]
     assert told is None if status == "holds" else "Whoever has an identity of the CA may publish" in told["text"]
@@ -108,7 +112,7 @@ def test_whoever_has_an_identity_of_the_one_ca_signs_itself_the_right(
     """No other enclave need be in this keystore, and no grant for anybody else."""
     identity = authority("sros2CA")
     permissions = identity if one else authority("permissionsCA")
-    document = DOCUMENT.format(path="/talker", rules=rule(("rt/x",)), default="DENY").encode()
+    document = document_of(grant_of("/talker", rule(("rt/x",))))
     directory = tmp_path / "keys/enclaves/talker"
     write_enclave(directory, certificate("/talker", identity), document, identity, permissions, GOVERNANCE)
     asked = properties(tmp_path / "keys", SETTINGS, "--profile", profile)["only-talker"]
@@ -129,9 +133,9 @@ def test_who_joins_by_a_grant_that_is_over_publishes_where_nobody_asks_for_one(
     """To OpenDDS dates are about endpoints alone, and without access control no grant is asked for an endpoint."""
     flag = f"enable_{off}_access_control>".encode()
     governance = GOVERNANCE.replace(b"<" + flag + b"true", b"<" + flag + b"false")
-    talker = DOCUMENT.format(path="/talker", rules=rule(("rt/x",)), default="DENY")
-    ghost = GRANT.format(path="/ghost", rules=rule(("rt/x",)), default="DENY").replace("2034-", "2025-")
-    document = talker.replace("  </permissions>", f"{ghost}  </permissions>").encode()
+    talker = grant_of("/talker", rule(("rt/x",)))
+    ghost = grant_of("/ghost", rule(("rt/x",))).replace("2034-", "2025-")
+    document = document_of(talker, ghost)
     root = signed_keystore(tmp_path / "keys", {"/talker": document}, governance=governance)
     assert properties(root, SETTINGS, "--profile", profile)["only-talker"]["status"] == status
 
@@ -154,12 +158,8 @@ def test_who_could_forge_is_said_where_the_property_holds(tmp_path: Path, form: 
 
 def unread(root: Path, who: str, file: str, *others: str) -> Path:
     """A keystore in which one file of an enclave is too large to be read. `others`: who publishes beside the talker."""
-    publishing = {
-        path: DOCUMENT.format(path=path, rules=rule(("rt/x",)), default="DENY").encode()
-        for path in ("/talker", *others)
-    }
-    listener = DOCUMENT.format(path="/listener", rules=rule((), ("rt/x",)), default="DENY")
-    signed_keystore(root, {**publishing, "/listener": listener.encode()})
+    enclaves = {path: (rule(("rt/x",)),) for path in ("/talker", *others)}
+    keystore(root, {**enclaves, "/listener": (rule((), ("rt/x",)),)})
     place = root / "enclaves" / who / file
     (root / "enclaves/talker.old.pem").write_bytes((root / "enclaves/talker/cert.pem").read_bytes())
     place.write_bytes(b"#" * 5_000_000)
@@ -220,8 +220,8 @@ def test_who_has_a_longer_name_than_an_enclave_is_not_that_enclave(
 
 @pytest.mark.parametrize("spelling", ["CN=/talker", 'CN="/talker"', "CN=/talker,"])
 def test_an_enclave_that_a_grant_names_in_other_words_is_nobody_else(tmp_path: Path, spelling: str) -> None:
-    talker = DOCUMENT.format(path="/talker", rules=rule(("rt/x",)), default="DENY").replace("CN=/talker", spelling)
-    root = signed_keystore(tmp_path / "keys", {"/talker": talker.encode()})
+    talker = grant_of("/talker", rule(("rt/x",))).replace("CN=/talker", spelling)
+    root = signed_keystore(tmp_path / "keys", {"/talker": document_of(talker)})
     every = properties(root, SETTINGS, "--profile", "fastdds-3.6")
     assert every["only-talker"]["status"] == "holds"
 
@@ -232,17 +232,17 @@ def with_ghost(root: Path, *, taken: bool = True, revoked: bool = False, publish
     `taken`: by its peers, since their authority issued its certificate. `publisher`: whom the first grant names.
     """
     identity, permissions = authority("identityCA"), authority("permissionsCA")
-    grant = GRANT.format(path="/ghost", rules=rule(("rt/x",)), default="DENY")
-    talker = DOCUMENT.format(path=publisher, rules=rule(("rt/x",)), default="DENY")
-    reader = DOCUMENT.format(path="/ghost", rules=rule((), ("rt/x",)), default="DENY")
+    grant = grant_of("/ghost", rule(("rt/x",)))
+    talker = grant_of(publisher, rule(("rt/x",)))
+    reader = document_of(grant_of("/ghost", rule((), ("rt/x",))))
     issuer = identity if taken else authority("another CA")
     ghost = certificate("/ghost", issuer)
     for path, own, document in (
-        ("/talker", certificate("/talker", identity), talker.replace("  </permissions>", f"{grant}  </permissions>")),
+        ("/talker", certificate("/talker", identity), document_of(talker, grant)),
         ("/ghost", ghost, reader),
     ):
         directory = root / "enclaves" / path.strip("/")
-        write_enclave(directory, own, document.encode(), identity, permissions, GOVERNANCE)
+        write_enclave(directory, own, document, identity, permissions, GOVERNANCE)
         if revoked:
             revocations = crl(identity, [ghost.certificate.serial_number])
             (directory / "crl.pem").write_bytes(revocations.public_bytes(Encoding.PEM))
@@ -293,10 +293,9 @@ def test_who_may_be_behind_a_link_is_no_stranger_for_certain(
     tmp_path: Path, enclaves: str, linked: bool, status: str
 ) -> None:
     """Where a pattern may mean it. An enclave that is named is there."""
-    listener = DOCUMENT.format(path="/listener", rules=rule((), ("rt/x",)), default="DENY")
-    hidden = GRANT.format(path="/hidden", rules=rule(("rt/x",)), default="DENY")
-    document = listener.replace("  </permissions>", f"{hidden}  </permissions>")
-    root = signed_keystore(tmp_path / "keys", {"/listener": document.encode()})
+    listener = grant_of("/listener", rule((), ("rt/x",)))
+    hidden = grant_of("/hidden", rule(("rt/x",)))
+    root = signed_keystore(tmp_path / "keys", {"/listener": document_of(listener, hidden)})
     if linked:
         (root / "enclaves/hidden").symlink_to(tmp_path)
     every = properties(root, SETTINGS.replace("/talker", enclaves), *PROFILE)
@@ -316,8 +315,7 @@ def test_whose_subject_is_made_of_parts_of_a_grants_is_said_beside(
     tmp_path: Path, profile: str, path: str, named: dict[str, str]
 ) -> None:
     """Whether the CA vouches for such a one elsewhere no keystore says: it holds."""
-    document = DOCUMENT.format(path=path, rules=rule(("rt/x",)), default="DENY").encode()
-    root = signed_keystore(tmp_path / "keys", {path: document})
+    root = keystore(tmp_path / "keys", {path: (rule(("rt/x",)),)})
     asked = properties(root, SETTINGS.replace('"/talker"', f'"{path}"'), "--profile", profile)["only-talker"]
     assert asked["status"] == "holds"
     assert asked["also_named"] == named
@@ -325,22 +323,18 @@ def test_whose_subject_is_made_of_parts_of_a_grants_is_said_beside(
 
 def test_who_is_named_by_parts_may_be_here_and_the_first_grant_decides(tmp_path: Path) -> None:
     """An enclave of such a subject violates it. The first grant that names a subject decides about it."""
-    arm = DOCUMENT.format(path="/talker/arm", rules=rule(("rt/x",)), default="DENY")
+    arm = grant_of("/talker/arm", rule(("rt/x",)))
     settings = SETTINGS.replace('"/talker"', '"/talker/arm"')
-    other = DOCUMENT.format(path="/talker", rules=rule((), ("rt/z",)), default="DENY")
-    root = signed_keystore(tmp_path / "here", {"/talker": other.encode(), "/talker/arm": arm.encode()})
+    both = {"/talker": (rule((), ("rt/z",)),), "/talker/arm": (rule(("rt/x",)),)}
+    root = keystore(tmp_path / "here", both)
     asked = properties(root, settings, *PROFILE)["only-talker"]
     assert (asked["status"], asked["also_named"]) == ("violated", {"CN=/talker/arm": "CN=/"})
-    before = GRANT.format(path="/", rules=rule((), ("rt/z",)), default="DENY")
-    denied = signed_keystore(
-        tmp_path / "keys", {"/talker/arm": arm.replace("    <grant", f"{before}    <grant").encode()}
-    )
+    before = grant_of("/", rule((), ("rt/z",)))
+    denied = signed_keystore(tmp_path / "keys", {"/talker/arm": document_of(before, arm)})
     asked = properties(denied, settings, *PROFILE)["only-talker"]
     assert asked["also_named"] == {"CN=/talker/arm": "CN=/talker"}
-    first = GRANT.format(path="/talker/leg", rules=rule((), ("rt/z",)), default="DENY")
-    shared = signed_keystore(
-        tmp_path / "more", {"/talker/arm": arm.replace("    <grant", f"{first}    <grant").encode()}
-    )
+    first = grant_of("/talker/leg", rule((), ("rt/z",)))
+    shared = signed_keystore(tmp_path / "more", {"/talker/arm": document_of(first, arm)})
     asked = properties(shared, settings, *PROFILE)["only-talker"]
     assert asked["also_named"] == {}
 

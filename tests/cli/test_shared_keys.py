@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tests.cli.keystores import DOCUMENT, properties, rule, write_enclave
+from tests.cli.keystores import document_of, grant_of, properties, rule, write_enclave
 from tests.keystore.builder import GOVERNANCE, authority, certificate
 
 SETTINGS = """[[property]]
@@ -37,7 +37,7 @@ def built(root: Path, *, one_key: bool) -> Path:
     for path, text in rules.items():
         shared = {"key": talker.key} if one_key and path == "/third" else {}
         own = talker if path == "/talker" else certificate(path, identity, **shared)
-        document = DOCUMENT.format(path=path, rules=text, default="DENY").encode()
+        document = document_of(grant_of(path, text))
         write_enclave(root / "enclaves" / path[1:], own, document, identity, permissions, AUTHENTIC)
     return root
 
@@ -87,7 +87,7 @@ def test_a_second_certificate_reads_for_the_enclave_that_has_its_key(
     again = certificate("/admin", identity, key=own.key)
     grants = {"/third": rule((), ("rt/x",)), "/admin": rule((), (subscribed,)), "/writer": rule(("rt/x", "rt/y"))}
     for path, text in grants.items():
-        document = DOCUMENT.format(path=path, rules=text, default="DENY").encode()
+        document = document_of(grant_of(path, text))
         mine = own if path == "/third" else certificate(path, identity)
         write_enclave(tmp_path / "keys/enclaves" / path[1:], mine, document, identity, permissions, AUTHENTIC)
     (tmp_path / "keys/enclaves/third/cert.pem").write_bytes(own.pem + again.pem)
@@ -116,7 +116,7 @@ def test_who_is_together_by_the_key_of_another_is_told(tmp_path: Path, apart: li
 def test_no_enclave_is_not_the_one_writer(tmp_path: Path, with_key: bool) -> None:
     """The one who may publish is an identity that lies about, or that lies elsewhere."""
     identity, permissions = authority("identityCA"), authority("permissionsCA")
-    document = DOCUMENT.format(path="/ghost", rules=rule(("rt/x",)), default="DENY").encode()
+    document = document_of(grant_of("/ghost", rule(("rt/x",))))
     keys = tmp_path / "keys"
     write_enclave(
         keys / "enclaves/talker", certificate("/talker", identity), document, identity, permissions, AUTHENTIC

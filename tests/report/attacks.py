@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from html import escape
 from pathlib import Path
 
-from tests.cli.keystores import DOCUMENT, rule, write_enclave
+from tests.cli.keystores import document_of, grant_of, rule, write_enclave
 from tests.keystore.builder import GOVERNANCE, authority, certificate
 
 PAYLOADS = (
@@ -51,7 +51,7 @@ def _keystore(root: Path, enclaves: Mapping[str, tuple[str, ...]]) -> Path:
     """Subjects stand in documents as text, and in certificates as they are."""
     identity, permissions = authority("<b onclick=x>identity</b>"), authority("</code>permissions")
     for path, rules in enclaves.items():
-        document = DOCUMENT.format(path=escape(path), rules="\n".join(rules), default="DENY").encode()
+        document = document_of(grant_of(escape(path), *rules))
         directory = root / "enclaves" / path.strip("/")
         write_enclave(directory, certificate(path, identity), document, identity, permissions, GOVERNANCE)
     return root
