@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -181,46 +182,14 @@ def test_the_variants_that_run(distribution: str, middleware: str, expected: tup
 
 SIGNS = "'\"\\$`();&|<> \u00a0=-#{}!a1"
 WORDS = ("ROS_DISTRO=x", "export ", "unset ", "${", ":=", "$(", "$'", "<<a", "eval ", ". ", "# ")
-SHELLS_OWN = [
-    "BASH",
-    "BASHOPTS",
-    "BASHPID",
-    "BASH_ARGV0",
-    "BASH_COMMAND",
-    "BASH_COMPAT",
-    "BASH_SUBSHELL",
-    "COLUMNS",
-    "DIRSTACK",
-    "EPOCHSECONDS",
-    "EUID",
-    "FUNCNAME",
-    "GROUPS",
-    "HISTCMD",
-    "HISTSIZE",
-    "HOME",
-    "IFS",
-    "LANG",
-    "LC_ALL",
-    "LINENO",
-    "LINES",
-    "MAILCHECK",
-    "OPTERR",
-    "OPTIND",
-    "PATH",
-    "POSIXLY_CORRECT",
-    "PPID",
-    "PS4",
-    "PWD",
-    "RANDOM",
-    "REPLY",
-    "SECONDS",
-    "SHELLOPTS",
-    "SHLVL",
-    "SRANDOM",
-    "TMOUT",
-    "UID",
-    "_",
-]
+SHELLS_OWN = re.findall(
+    r"\w+",
+    """
+    BASH BASHOPTS BASHPID BASH_ARGV0 BASH_COMMAND BASH_COMPAT BASH_SUBSHELL COLUMNS DIRSTACK EPOCHSECONDS EUID
+    FUNCNAME GROUPS HISTCMD HISTSIZE HOME IFS LANG LC_ALL LINENO LINES MAILCHECK OPTERR OPTIND PATH
+    POSIXLY_CORRECT PPID PS4 PWD RANDOM REPLY SECONDS SHELLOPTS SHLVL SRANDOM TMOUT UID _
+    """,
+)
 PIECES = st.sampled_from([*SIGNS, *WORDS])
 
 
