@@ -10,7 +10,6 @@ import base64
 import binascii
 import re
 from collections.abc import Iterator
-from contextlib import suppress
 from typing import Final
 
 from keystore_audit.dataclass import dataclass, field
@@ -148,15 +147,20 @@ def _loosely_decoded(body: bytes) -> bytes | None:
         return None
     header = body.rfind(b":")  # of other fields, too
     text = body[_end_of_line(body, header) :] if header >= 0 else body
-    der = b""
-    for each in (text, text.partition(b"-")[0]):  # OpenSSL's base64 ends at the first hyphen
-        with suppress(binascii.Error):
-            der = binascii.a2b_base64(base64_of(each))
-            break
-    else:
-        if _is_shortened(text):
-            return b""
+    der = _from_base64(base64_of(text))
+    if der is None:
+        der = _from_base64(base64_of(text.partition(b"-")[0]))  # OpenSSL's ends at the first hyphen
+    if der is None and _is_shortened(text):
+        return b""
+    der = der or b""
     return der if der[:1] == b"0" or _LINE.search(body) is None else None
+
+
+def _from_base64(characters: bytes) -> bytes | None:
+    try:
+        return binascii.a2b_base64(characters)
+    except binascii.Error:
+        return None
 
 
 def base64_of(text: bytes) -> bytes:
@@ -171,10 +175,7 @@ def _is_shortened(text: bytes) -> bool:
 
     Somebody left the rest out. What only has more about it, as the lines of a patch or numbered ones, is long enough.
     """
-    try:
-        begin = binascii.a2b_base64(base64_of(text[:_BEGINNING])[:8])
-    except binascii.Error:  # not even eight characters
-        return False
+    begin = _from_base64(base64_of(text[:_BEGINNING])[:8]) or b""  # or not even eight characters
     written = begin.ljust(len(text) * 3 // 4, b"\0")
     return begin[:1] == b"0" and begin[1:2] <= b"\x84" and first_element(written) is None
 
