@@ -31,10 +31,8 @@ _LABELS: Final = frozenset(
 )
 """PKCS #8 and the traditional forms: what PEM_read_bio_PrivateKey takes; it skips every other block."""
 
-
 MAX_OTHER_KEYS: Final = 64
 """Further keys of one file of which the public half is looked at; of the rest it is not known whose they are."""
-
 
 MAX_HELD_KEYS: Final = 1_000
 """Private keys of one file of no enclave that are looked at; whose the rest are is not known."""
