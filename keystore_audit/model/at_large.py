@@ -11,11 +11,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import Certificate
-from keystore_audit.model.local_moments import Endpoints
+from keystore_audit.model.local_moments import NO_ENDPOINTS, Endpoints
 from keystore_audit.model.system import CertificateAtom, EnclaveAtom, RealmAtom
 from keystore_audit.text import shorten
 
@@ -53,17 +53,17 @@ def at_large_atoms(
     (`holders.hosts_of`): an enclave that has its key need not use its own, nor need anybody else.
     `names`: the certificates that subjects of grants mean. `own`: by certificate and realm, the endpoints that their
     implementation creates with each document that names them. One that is like an enclave's own, or like another, in
-    all that peers look at adds nothing to its realm and is left out there: a certificate that was renewed, for
-    instance. Raises errors.BudgetExceeded.
+    all that peers look at, and that has no endpoints beyond those of that one, adds nothing to its realm and is left
+    out there: a certificate that was renewed, for instance. Raises errors.BudgetExceeded.
     """
-    adding = _adding(candidates, enclaves, realms, certificates, names)
-    for count, (each, realm) in enumerate(adding):
+    joined = {key: _joined(ends) for key, ends in own.items()}
+    adding = _adding(candidates, enclaves, realms, certificates, names, joined)
+    for count, (each, realm, ends) in enumerate(adding):
         if count >= MAX_AT_LARGE:
             raise BudgetExceeded(
                 f"More than {MAX_AT_LARGE} identities that are no enclave's own are more than can be told apart, "
                 f"{each.certificate.path}:{each.certificate.line} among them."
             )
-        ends = own.get((each.number, realm), ())
         yield EnclaveAtom(
             label=f"{shorten(each.certificate.subject, MAX_SUBJECT)} ({each.certificate.path}, no enclave)",
             location=Location(path=each.certificate.path, line=each.certificate.line),
@@ -73,8 +73,8 @@ def at_large_atoms(
             opaque=each.doubted,
             at_large=True,
             possible=each.possible,
-            reads_alone=frozenset[int]().union(*(end.reads for end in ends)),
-            writes_alone=frozenset[int]().union(*(end.writes for end in ends)),
+            reads_alone=ends.reads,
+            writes_alone=ends.writes,
         )
 
 
@@ -95,19 +95,36 @@ def _adding(
     realms: Sequence[RealmAtom],
     certificates: Sequence[CertificateAtom],
     names: Mapping[str, frozenset[int]],
-) -> Iterator[tuple[Candidate, int]]:
-    """Those that a realm lets in and that are like no enclave's own there and like none before, with the realm."""
+    own: Mapping[tuple[int, int], Endpoints],
+) -> Iterator[tuple[Candidate, int, Endpoints]]:
+    """Those that a realm lets in and that add something to the enclaves there and to those before.
+
+    With the realm, and what their own implementation creates in it.
+    """
     candidates = tuple(candidates)
     if not candidates:  # nearly always
         return
     told = _Told(realms, certificates, names)
-    known = {(each.realm, told.of(each.identity)) for each in enclaves if each.identity is not None}
+    known: dict[tuple[int, object], list[Endpoints]] = {}
+    for enclave in enclaves:
+        if enclave.identity is not None:
+            ends = Endpoints(enclave.reads_alone, enclave.writes_alone)
+            known.setdefault((enclave.realm, told.of(enclave.identity)), []).append(ends)
     for each in candidates:
         about = told.of(each.number)
         for realm, atom in enumerate(realms):
-            if admits(atom, each.number, certificates) and (each.doubted or (realm, about) not in known):
-                known.add((realm, about))
-                yield each, realm
+            if not admits(atom, each.number, certificates):
+                continue
+            ends, alike = own.get((each.number, realm), NO_ENDPOINTS), known.setdefault((realm, about), [])
+            if each.doubted or not any(ends.reads <= one.reads and ends.writes <= one.writes for one in alike):
+                alike.append(ends)
+                yield each, realm, ends
+
+
+def _joined(several: Iterable[Endpoints]) -> Endpoints:
+    """What one has that starts with one document or the other."""
+    reads, writes = zip(NO_ENDPOINTS, *several, strict=True)
+    return Endpoints(frozenset[int]().union(*reads), frozenset[int]().union(*writes))
 
 
 def unread_atoms(places: Sequence[str], realms: Sequence[RealmAtom]) -> Iterator[EnclaveAtom]:
@@ -122,6 +139,16 @@ def unread_atoms(places: Sequence[str], realms: Sequence[RealmAtom]) -> Iterator
             opaque=True,
             at_large=True,
         )
+
+
+def trusting_all(realms: Iterable[RealmAtom], unread: RealmAtom) -> RealmAtom:
+    """(MAY) The realm of a governance that could not be read, with the authorities of all these realms."""
+    several = tuple(realms)
+    return replace(
+        unread,
+        identity_ca=frozenset[int]().union(*(realm.identity_ca for realm in several)),
+        permissions_ca=frozenset[int]().union(*(realm.permissions_ca for realm in several)),
+    )
 
 
 def admits(realm: RealmAtom, number: int, certificates: Sequence[CertificateAtom]) -> bool:

@@ -21,7 +21,7 @@ from keystore_audit.model.comparison_identities import identities_certified_agai
 from keystore_audit.model.comparison_keys import foreign_keys
 from keystore_audit.model.comparison_revocation import revocation_facts
 from keystore_audit.model.comparison_sides import Sides
-from keystore_audit.model.inventory import beside_enclaves, may_be_taken, permissions_cas
+from keystore_audit.model.inventory import beside_enclaves, governance_at_large, may_be_taken, permissions_cas
 from keystore_audit.model.trust import Verdict, envelope, may_have_issued
 
 ADDED: Final = "enclave-added"
@@ -97,7 +97,10 @@ def _of_keystores(old: Keystore, new: Keystore) -> Iterator[Draft]:
     yield from _left("private-key", "a private key that is no enclave's", others[0], others[1])
     large = [{file.sha256 or file.place: file.place for file in _governance_at_large(k)} for k in (old, new)]
     for draft in _left("governance-at-large", "a signed governance that no enclave carries", large[0], large[1]):
-        draft.direction = Direction.CHANGED  # it has no effect, until somebody puts it in the place of another
+        if any(map(governance_at_large, (old, new))):
+            draft.what += ", with which whoever has an identity of no enclave may start"
+        else:
+            draft.direction = Direction.CHANGED  # it has no effect, until somebody puts it in the place of another
         yield draft
 
 

@@ -1,8 +1,9 @@
 """Whoever has an identity at large, as an enclave: what their own implementation lets them do is asked like one's own.
 
-They start it in a folder with files of their own. Authorities are those of some enclave, or peers would have nothing
-to do with them. Revocation lists and governance are their own affair, which no peer looks at: there may be no list, and
-any governance that the permissions CA signed. Of permissions any document that names them will do.
+They start it in a folder with files of their own. The permissions CA is that of some enclave, or peers would have
+nothing to do with their permissions. Whose identities they take, revocation lists and governance are their own affair,
+which no peer looks at: there may be no list, any authorities, and any governance that the permissions CA signed. Of
+permissions any document that names them will do.
 """
 
 from __future__ import annotations
@@ -29,11 +30,12 @@ from keystore_audit.model.inventory import (
     identities_at_large,
     may_be_taken,
     named_by_some,
+    permissions_at_large,
 )
 from keystore_audit.model.local_moments import Endpoints
 from keystore_audit.model.lone_endpoints import Alone
 from keystore_audit.model.profiles import Profile, Trust
-from keystore_audit.model.trust import Verdict, document_verdict
+from keystore_audit.model.trust import MAX_AUTHORITIES, Verdict, document_verdict
 from keystore_audit.model.views import TrustFiles, trust_files
 
 MAX_HOLDERS: Final = 4_000
@@ -88,6 +90,16 @@ class Large:
         return hosts_of(self._keystore) if self.candidates else {}
 
     @cached_property
+    def unread(self) -> str | None:
+        """Where a governance may be that could not be read, with which one may start; None where there is none.
+
+        That of an enclave opens everything already.
+        """
+        strays = permissions_at_large(self._keystore) if self.candidates else ()
+        unread = (s.place for s in strays if not isinstance(s.document, PermissionsFile) or not s.document.permissions)
+        return next(unread, None)
+
+    @cached_property
     def holders(self) -> tuple[Holder, ...]:
         """Whoever has one. Raises errors.BudgetExceeded."""
         identities = {each.number: each.certificate for each in self.candidates}
@@ -95,27 +107,41 @@ class Large:
 
 
 def hosts_of(keystore: Keystore) -> dict[TrustFiles, Enclave]:
-    """In whose place they may start: enclaves, by realm; and as these without revocation lists, with each governance.
+    """In whose place they may start: enclaves, by realm; and for each permissions CA file one of its enclaves with each
+    identity CA file and each governance there is, without revocation lists.
 
-    Who has no list refuses nobody whom others take. Where it is unknown whom an enclave trusts, all is open already.
+    Who has no list refuses nobody whom others take, and nobody knows which authorities it trusts: those of one enclave,
+    or of all. Where it is unknown whom an enclave trusts, all is open already.
     """
     found = {trust_files(enclave): enclave for enclave in keystore.enclaves}
     known = [enclave for enclave in found.values() if realm_doubt(enclave) is None]
-    strays = governance_at_large(keystore)
-    governances = [stray.document for stray in strays if isinstance(stray.document, GovernanceFile)]
-    without: dict[CertificateFile | None, CertificateFile | None] = {}
-    for enclave in known:
-        ca = enclave.identity_ca
-        if ca not in without:
-            without[ca] = replace(ca, revocation_lists=()) if ca is not None and ca.revocation_lists else ca
-        taken = (each for each in governances if may_be_taken(each.signed, (enclave.permissions_ca,)))
-        for governance in (enclave.governance, *taken):
-            host = _with(enclave, without[ca], governance)
-            found.setdefault(trust_files(host), host)
+    trusted = _without_lists(enclave.identity_ca for enclave in known)
+    strays = (stray.document for stray in governance_at_large(keystore))
+    several = (*(enclave.governance for enclave in known), *strays)
+    governances = {each.signed.file.sha256: each for each in several if isinstance(each, GovernanceFile)}
+    permissions_cas = {each.permissions_ca.file.sha256: each for each in reversed(known) if each.permissions_ca}
+    for enclave in permissions_cas.values():
+        for governance in governances.values():
+            for ca in trusted if may_be_taken(governance.signed, (enclave.permissions_ca,)) else ():
+                host = _with(enclave, ca, governance)
+                found.setdefault(trust_files(host), host)
     return found
 
 
-def _with(enclave: Enclave, identity_ca: CertificateFile | None, governance: GovernanceFile | None) -> Enclave:
+def _without_lists(files: Iterable[CertificateFile | None]) -> list[CertificateFile]:
+    """Identity CA files that differ in what they trust, without revocation lists; and one of all their authorities."""
+    found: dict[tuple[str, ...], CertificateFile] = {}
+    for file in dict.fromkeys(file for file in files if file is not None):
+        without = replace(file, revocation_lists=()) if file.revocation_lists else file
+        found.setdefault(tuple(each.sha256 for each in file.certificates), without)
+    every = {each.sha256: each for file in found.values() for each in file.certificates}
+    if len(found) > 1 and len(every) <= MAX_AUTHORITIES:
+        first = next(iter(found.values()))
+        found.setdefault(tuple(every), replace(first, certificates=tuple(every.values())))
+    return [*found.values()]
+
+
+def _with(enclave: Enclave, identity_ca: CertificateFile, governance: GovernanceFile) -> Enclave:
     """The enclave with these files, and without a list of its own."""
     none = replace(enclave.files.files[Role.CRL], status=Status.MISSING, content=None)
     files = replace(enclave.files, files={**enclave.files.files, Role.CRL: none})
@@ -146,10 +172,10 @@ def holders_of(
             "the documents that name them."
         )
     return tuple(
-        Holder(identity=number, realm=realm, enclave=_enclave(identities[number], file, host))
+        Holder(identity=number, realm=realm, enclave=_enclave(identities[number], file, host, count))
         for file, places in zip(files, named, strict=True)
         for number in (numbered[place] for place in sorted(places))
-        for realm, host in hosts.items()
+        for count, (realm, host) in enumerate(hosts.items())
     )
 
 
@@ -177,11 +203,11 @@ def _named(
     return [frozenset[int]().union(*(named[text] for text in each)) for each in texts]
 
 
-def _enclave(certificate: Certificate, permissions: PermissionsFile, host: Enclave) -> Enclave:
-    """The host's folder with this identity and document in place of its own."""
+def _enclave(certificate: Certificate, permissions: PermissionsFile, host: Enclave, number: int) -> Enclave:
+    """The host's folder with this identity and document in place of its own. `number`: of the host."""
     there = File(path=certificate.path, resolved=certificate.path, status=Status.PRESENT)
     files = dict.fromkeys(Role, there) | {Role.CRL: host.files.files[Role.CRL]}
-    directory = f"{host.files.directory} {certificate.sha256} {permissions.signed.file.place}"  # tells it from others
+    directory = f"{number} {certificate.sha256} {permissions.signed.file.place}"  # tells it from others
     return Enclave(
         files=EnclaveFiles(path=certificate.subject, directory=directory, files=files, pkcs11={}, unsigned={}),
         identity_ca=host.identity_ca,

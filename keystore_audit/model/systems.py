@@ -18,7 +18,7 @@ from keystore_audit.keystore.issuer import fit_to_sign
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.access_view import AccessViews, ReadDocument
-from keystore_audit.model.at_large import Candidate, admits, at_large_atoms, let_in, unread_atoms
+from keystore_audit.model.at_large import Candidate, admits, at_large_atoms, let_in, trusting_all, unread_atoms
 from keystore_audit.model.channels import Channels, Named, Point, document_channels
 from keystore_audit.model.claims import Claim, claim_regions
 from keystore_audit.model.doubt import identity_doubt, realm_doubt
@@ -108,10 +108,11 @@ class SystemBuilder:
         self._keys = {key: n for n, key in enumerate(dict.fromkeys(c.key for c in self._certificates))}
 
     def _may_be_open(self) -> bool:
-        """Whether an enclave's governance, or what is in place of it, may say anything."""
+        """Whether the governance of a realm, or what is in place of it, may say anything."""
         governances = [d for d in self._documents if isinstance(d.file, GovernanceFile)]
         kinds = {Kind(profile.trust, self._accesses.row(profile.access)) for profile in self._profiles}
-        return self._opens or any(self._views.is_opaque(each, kind) for kind in kinds for each in governances)
+        opens = self._opens or self._large.unread is not None
+        return opens or any(self._views.is_opaque(each, kind) for kind in kinds for each in governances)
 
     def _read_all(self, access: Access) -> list[ReadDocument]:
         """The documents as they are read, in order."""
@@ -239,6 +240,8 @@ class SystemBuilder:
         names = self._views.names(kind.trust)
         known = self._known_realms(trusts, realms, at_large, number, kind, may=may)
         own = own_endpoints(self._large.holders, alone[count:], known, may=may)
+        if may and at_large and self._large.unread is not None:
+            realms.setdefault(trusting_all(realms, self._open_realm(atoms, self._large.unread)), len(realms))
         enclaves += list(at_large_atoms(at_large, enclaves, tuple(realms), self._certificate_atoms, names, own))
         if may:
             enclaves += unread_atoms([file.place for file in self._keystore.identities.unread], tuple(realms))

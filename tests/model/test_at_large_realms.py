@@ -23,7 +23,7 @@ from keystore_audit.pipeline import audit
 from keystore_audit.properties import Status
 from tests.engine.alloy_batch import compare_batch
 from tests.engine.test_agreement import holding
-from tests.keystore.builder import certificate, signed_document
+from tests.keystore.builder import Signed, certificate, signed_document
 from tests.model.comparing import (
     AT,
     Member,
@@ -39,6 +39,7 @@ from tests.model.comparing import (
 )
 from tests.model.test_at_large import (
     ADMIN,
+    IDENTITY,
     LYING_ABOUT,
     MOTOR,
     NOBODYS,
@@ -152,6 +153,59 @@ def test_a_copy_of_a_key_adds_nobody_to_the_realm_of_its_enclave(tmp_path: Path)
     root = written(tmp_path, {})
     (root / "key.pem").write_bytes((root / "enclaves/motor/key.pem").read_bytes())
     assert [added(system) for system in understood(root)] == [[]] * len(understood(root))
+
+
+SECOND, THIRD = authority("second"), authority("third")
+
+
+def in_pem(*authorities: Signed) -> bytes:
+    return b"".join(each.pem for each in authorities)
+
+
+@pytest.mark.parametrize(
+    ("profile", "talkers", "motors", "expected"),
+    [
+        ("spec", (SECOND, IDENTITY), (IDENTITY,), VIOLATED),  # the authorities of one, the governance of the other
+        ("spec", (SECOND, IDENTITY), (THIRD, IDENTITY), VIOLATED),  # the authorities of both
+        ("spec", (SECOND, IDENTITY), (THIRD,), HOLDS),  # /motor does not take it
+        ("cyclonedds-11", (SECOND, IDENTITY), (THIRD, IDENTITY), HOLDS),  # it reads the first certificate
+    ],
+)
+def test_whom_it_trusts_is_its_own_affair(
+    profile: str, talkers: tuple[Signed, ...], motors: tuple[Signed, ...], expected: Status, tmp_path: Path
+) -> None:
+    """/talker is in domain 5, /motor takes part in both and reads in domain 0."""
+    members = {
+        "/talker": Member(
+            permissions=permissions(grant("/talker", rule(criterion("publish", "rt/chatter"), domains=FIVE))),
+            governance=governance(domain_rule(FIVE)),
+            issuer=SECOND,
+            serial=101,
+        ),
+        "/motor": replace(MOTOR, governance=governance(domain_rule(BOTH)), issuer=motors[0]),
+    }
+    there = rule(criterion("subscribe", "rt/chatter"), domains=FIVE), rule(criterion("publish", "rt/motor"))
+    store = Store(members=members, strays={"old.p7s": permissions(grant("/admin", *there))})
+    trusted = {
+        "enclaves/talker/identity_ca.cert.pem": in_pem(*talkers),
+        "enclaves/motor/identity_ca.cert.pem": in_pem(*motors),
+    }
+    assert ways(written(tmp_path / "a", {**trusted, **LYING_ABOUT}, store), profiles=(profile,)) == {expected}
+    assert ways(written(tmp_path / "b", {**trusted, **NOBODYS}, store), profiles=(profile,)) == {HOLDS}
+
+
+@pytest.mark.parametrize("unread", ["cut", "link"])
+def test_what_could_not_be_read_may_be_a_governance_to_start_with(unread: str, tmp_path: Path) -> None:
+    for name, files, expected in (("a", LYING_ABOUT, UNKNOWN), ("b", NOBODYS, HOLDS)):
+        root = written(tmp_path / name, files, apart(BOTH))
+        content = (root / "governance.p7s").read_bytes()
+        (root / "governance.p7s").unlink()
+        if unread == "cut":
+            (root / "governance.p7s").write_bytes(content[: content.index(b"<domain_rule>")])
+        else:
+            (root / "governance.p7s").symlink_to("/elsewhere/governance.p7s")
+        question = FlowQuestion(source="/talker", target="/motor", attackers=(Attacker.HONEST,))
+        assert find_flow(root, question, profiles=resolve(("spec",)), at=AT).status is expected
 
 
 WEAK = governance(

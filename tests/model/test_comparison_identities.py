@@ -28,6 +28,7 @@ from tests.model.comparing import (
     key,
     permissions,
     rule,
+    topic_rule,
 )
 from tests.model.single_changes import BASE
 
@@ -237,3 +238,13 @@ def test_certificates_that_are_too_many_to_ask_about_are_told_one_by_one(
     monkeypatch.setattr(comparison_identities, "MAX_PAIRS", 1)
     old, new = ({**KEY, "backup/cert.pem": each.pem} for each in (ADMIN, identity(serial=9)))
     assert [each.direction.value for each in changed(tmp_path, old, new).changes] == ["gained", "lost"]
+
+
+def test_governance_with_which_somebody_may_start_is_a_gain(tmp_path: Path) -> None:
+    """Topics of its own are among those that are told apart."""
+    new = {**GRANTED.strays, "governance.p7s": governance(domain_rule("<id>5</id>", topic_rule("rt/[ab]*")))}
+    for name, files, expected in (("a", {**KEY, **CERTIFICATE}, "gained"), ("b", CERTIFICATE, "changed")):
+        store = replace(GRANTED, files=files)
+        found = compared(store, replace(store, strays=new), tmp_path / name)
+        assert [(each.kind, each.direction.value) for each in found.changes] == [("governance-at-large", expected)]
+        assert ("may start" in found.changes[0].what) is (expected == "gained")

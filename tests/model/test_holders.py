@@ -10,15 +10,17 @@ import pytest
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.flow import FlowQuestion, find_flow
+from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model import holders
 from keystore_audit.model.claim import Attacker, ClaimKind
 from keystore_audit.model.claims import Globs
+from keystore_audit.model.inventory import documents_of, identities_at_large
 from keystore_audit.model.profiles import resolve
 from keystore_audit.properties import Status
 from tests.engine.alloy_batch import compare_batch
 from tests.engine.test_agreement import holding
-from tests.model.comparing import AT, Member, Store, criterion, grant, permissions, rule
-from tests.model.test_at_large import ADMIN, LYING_ABOUT, STORE, added, claim, understood, written
+from tests.model.comparing import AT, Member, Store, criterion, domain_rule, governance, grant, permissions, rule
+from tests.model.test_at_large import ADMIN, LYING_ABOUT, STORE, added, claim, identity, understood, written
 
 FAR = "<id>7</id>"
 
@@ -64,6 +66,31 @@ def test_without_a_document_that_names_it_it_reads_nothing_alone(tmp_path: Path)
     store = replace(STORE, strays={"old.p7s": permissions(grant("/other", rule(criterion("subscribe", "rt/chatter"))))})
     for system in understood(written(tmp_path, LYING_ABOUT, store)):
         assert not any(atom.reads_alone or atom.writes_alone for atom in added(system))
+
+
+@pytest.mark.parametrize("profile", ["fastdds-3.6", "cyclonedds-11"])
+def test_a_renewed_certificate_reads_by_a_document_that_its_enclave_has_not(profile: str, tmp_path: Path) -> None:
+    """To peers it is like the enclave's own; it adds what its own implementation creates with that document."""
+    writes = permissions(grant("/admin", rule(criterion("publish", "rt/motor"))))
+    store = at_large(FAR)
+    store = replace(store, members={**store.members, "/admin": Member(permissions=writes, serial=104)})
+    again = {"backup/cert.pem": identity("/admin", "/admin", serial=105).pem}
+    assert way(written(tmp_path / "a", {}, store), profile) is Status.HOLDS
+    expected = Status.VIOLATED if profile == "fastdds-3.6" else Status.HOLDS
+    assert way(written(tmp_path / "b", again, store), profile) is expected
+    alike = replace(store, strays={"old.p7s": writes})
+    assert not any(map(added, understood(written(tmp_path / "c", again, alike)))), "it adds nothing"
+
+
+def test_each_way_to_start_is_a_folder_of_its_own(tmp_path: Path) -> None:
+    """Who starts is asked by folder: with another governance, or without a list, it may be another answer."""
+    store = replace(at_large(FAR), revoked=(STORE.members["/talker"].serial,))
+    store = replace(store, strays={**store.strays, "governance.p7s": governance(domain_rule(FAR))})
+    keystore = read_keystore(written(tmp_path, LYING_ABOUT, store))
+    (large,) = identities_at_large(keystore, AT)
+    hosts = holders.hosts_of(keystore)
+    found = holders.holders_of(hosts, {0: large.certificate}, documents_of(keystore), resolve(("spec",)))
+    assert len({each.enclave.files.directory for each in found}) == len(found) == len(hosts) == len(store.members) + 2
 
 
 @pytest.mark.alloy
