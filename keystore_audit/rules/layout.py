@@ -58,7 +58,9 @@ def link_leaves_keystore(enclave: Enclave, _context: Context) -> Iterator[Violat
 def directory_link_not_followed(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     """A link leads to a directory in which enclaves may lie.
 
-    Links to directories are never followed: they may leave the keystore or go in a circle. A robot follows them.
+    Links to directories are never followed: they may leave the keystore or go in a circle. A robot follows them. One
+    that leaves the keystore is taken for one to a directory, since nobody looks there, unless a run time reads it as
+    a file of an enclave.
     """
     for file in keystore.layout.directory_links:
         yield Violation(

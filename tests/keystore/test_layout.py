@@ -216,6 +216,7 @@ def test_links_to_directories_are_listed_and_not_followed(tmp_path: Path) -> Non
     (tmp_path / "outside").mkdir()
     (path / "shelf").mkdir()
     (path / "shelf/cert.pem").touch()
+    (path / "enclaves/none").mkdir()
     for name, target in (
         ("inside", "../shelf"),
         ("circle", "."),
@@ -230,6 +231,7 @@ def test_links_to_directories_are_listed_and_not_followed(tmp_path: Path) -> Non
         ("identity_ca.cert.pem", "/etc"),  # of no enclave
         ("talker/permissions.xml", "/etc"),
         ("talker/crl.pem", "/etc"),  # of one: a run time reads it
+        ("none/permissions.xml", "/etc"),  # where there is no enclave, there is no document of one
     ):
         (path / "enclaves" / name).unlink(missing_ok=True)
         os.symlink(target, path / "enclaves" / name)
@@ -246,6 +248,7 @@ def test_links_to_directories_are_listed_and_not_followed(tmp_path: Path) -> Non
         "enclaves/governance.xml": Status.OUTSIDE,
         "enclaves/identity_ca.cert.pem": Status.OUTSIDE,
         "enclaves/inside": Status.DIRECTORY,
+        "enclaves/none/permissions.xml": Status.OUTSIDE,
         "enclaves/outside": Status.OUTSIDE,
         "enclaves/permissions.xml": Status.OUTSIDE,
         "enclaves/talker/permissions.xml": Status.OUTSIDE,
