@@ -23,7 +23,9 @@ SEQUENCE: Final = b"\x30"
 _LONG: Final = 0x1F
 """In the first byte of a tag: its number follows."""
 
-_NUMBER: Final = re.compile(rb"\x80*([\x00-\x7f]|[\x81-\xff][\x80-\xff]*[\x00-\x7f])", re.DOTALL)
+_ZEROS: Final = re.compile(rb"\x80*")
+_NUMBER: Final = re.compile(rb"[\x80-\xff]{0,4}[\x00-\x7f]")
+"""The number of a tag, behind any zeros: OpenSSL reads none of more bytes."""
 _MORE: Final = 0x80
 """Of a length: so many bytes have it, or none."""
 
@@ -98,11 +100,12 @@ def opening(data: bytes, position: int) -> tuple[bytes, int, int | None]:
     """
     first, at = data[position : position + 1], position + 1
     if first and first[0] & _LONG == _LONG:
-        number = _NUMBER.match(data, at)
+        zeros = _ZEROS.match(data, at)
+        number = _NUMBER.match(data, zeros.end() if zeros else at)
         if number is None:
             raise ValueError("cut off in a header")
-        if number[1] < bytes([_LONG]):
-            first = bytes([first[0] & ~_LONG | number[1][0]])
+        if number[0] < bytes([_LONG]):
+            first = bytes([first[0] & ~_LONG | number[0][0]])
         at = number.end()
     if at >= len(data):
         raise ValueError("cut off in a header")
@@ -122,6 +125,9 @@ def inside(data: bytes, *tags: bytes) -> bytes | None:
     """
     position = 0
     for tag in tags:
+        first = data[position : position + 1]
+        if first != tag and (not first or first[0] & _LONG != _LONG):  # nearly always: it is something else
+            return None
         try:
             found, position, _length = opening(data, position)
         except ValueError:
