@@ -150,10 +150,13 @@ def _loosely_decoded(body: bytes) -> bytes | None:
     der = _from_base64(base64_of(text))
     if der is None:
         der = _from_base64(base64_of(text.partition(b"-")[0]))  # OpenSSL's ends at the first hyphen
-    if der is None and _is_shortened(text):
-        return b""
     der = der or b""
-    return der if der[:1] == b"0" or _LINE.search(body) is None else None
+    line = _LINE.search(body)
+    if line is None or first_element(der) is not None:
+        return der
+    if _is_shortened(body[line.start() :]):
+        return b""
+    return der if der[:1] == b"0" else None
 
 
 def _from_base64(characters: bytes) -> bytes | None:

@@ -49,6 +49,7 @@ def key_as(encoding: Encoding, form: PrivateFormat, *, locked: bool = False) -> 
     return KEY.private_bytes(encoding, form, WITH_PASSWORD if locked else NoEncryption())
 
 
+KEY_LINE = ADMIN.key_pem.splitlines()[1]
 LOCKED = key_as(Encoding.PEM, PrivateFormat.PKCS8, locked=True)
 CONTAINER = pkcs12.serialize_key_and_certificates(None, KEY, ADMIN.certificate, None, WITH_PASSWORD)  # type: ignore[arg-type]
 
@@ -142,6 +143,10 @@ def test_so_may_its_key(key: bytes, tmp_path: Path) -> None:
         {"backup/cert.txt": b"".join(b"1: " + line for line in LINES), "backup/key.pem": ADMIN.key_pem},
         {"backup/cert.json": ADMIN.pem.replace(b"\n", b"\\u000a"), "backup/key.pem": ADMIN.key_pem},
         {"backup/cert.txt": LINES[0] + b" 7\n".join(LINES[1:]), "backup/key.pem": ADMIN.key_pem},
+        {
+            "backup/cert.txt": LINES[0] + b"".join(LINES[1:-1]) + b"# note: whole\n" + LINES[-1],
+            "backup/key.pem": ADMIN.key_pem,
+        },
         {"backup/cert.txt": UNDERLINED, "backup/key.pem": ADMIN.key_pem},
         {"backup/ca.pem": identity("permissionsCA", "permissionsCA", ca=True).pem, "backup/key.pem": LOCKED},
     ],
@@ -170,6 +175,10 @@ def test_what_could_not_be_read_may_be_one(files: Files, tmp_path: Path) -> None
                 *(LINES[1][:length] + b"...\n" for length in (61, 62, 63, 64)),
                 LINES[1] + b"[the rest of the certificate is left out here for clarity]\n",
                 b"".join(LINES[1:-2]) + b"  # ... and so on\n",
+                LINES[1] + b"(shortened: the rest is in cert.pem)\n",
+                LINES[1] + b"# note: shortened\n...\n",
+                LINES[1][:60] + b"... # note: shortened\n",
+                b"# note: shortened\n" + LINES[1] + b"...\n",
             )
         ),
         {
@@ -184,7 +193,7 @@ def test_what_could_not_be_read_may_be_one(files: Files, tmp_path: Path) -> None
                 "backup/README": b"-----BEGIN PRIVATE KEY-----\n%s...\n-----END PRIVATE KEY-----\n" % beginning,
                 "backup/cert.pem": ADMIN.pem,
             }
-            for beginning in (b"", b"MIIEv")
+            for beginning in (b"", b"MIIEv", b"# note: it is long\nMIIEv", KEY_LINE, KEY_LINE + b"\n# note: ")
         ),
     ],
 )
