@@ -249,12 +249,12 @@ def _holders(keystore: Keystore) -> dict[str | None, str]:
 def ca_key_readable_by_others(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Other users of the machine may read an authority's private key, and then issue identities or sign rights.
 
-    Medium where keystores are made, high in a tree that goes on a robot (--deployed). Of a key in a file that robots
-    get KA118 speaks. Directories above it, owners and access control lists are not looked at.
+    Medium where keystores are made, high in a tree that goes on a robot (--deployed). A key that has no business where
+    it lies (KA118) is among these: who accepts that it is there has not accepted who may read it. Directories above it,
+    owners and access control lists are not looked at.
     """
-    told = {file.place for file in _keys_on_robots(keystore, context)}
     for file in keystore.layout.authority_keys:
-        if _open_to_others(file) and file.place not in told:
+        if _open_to_others(file):
             yield Violation(
                 message=f"The private key of an authority has mode {_octal(file)} (expected 0600): other users may "
                 "read it.",

@@ -141,10 +141,14 @@ def test_keys_are_judged_by_whom_the_tree_is_for() -> None:
 
 
 @pytest.mark.parametrize(
-    ("path", "expected"), [("private/ca.key.pem", ["KA109", "KA116"]), ("enclaves/talker/ca.key.pem", ["KA118"])]
+    ("path", "expected"),
+    [("private/ca.key.pem", ["KA109", "KA116"]), ("enclaves/talker/ca.key.pem", ["KA116", "KA118"])],
 )
 def test_a_key_that_robots_get_is_told_once(path: str, expected: list[str]) -> None:
-    """That it lies in the tree, and who may read it, is no matter of its own where it has no business at all."""
+    """That it lies in the tree is no matter of its own where it has no business at all.
+
+    Who may read it is: the modes may change after somebody has accepted that it lies there.
+    """
     key = file(path, None, mode=0o644, holds_private_key=True)
 
     def left(store: Keystore) -> Keystore:
