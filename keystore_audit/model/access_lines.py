@@ -49,6 +49,6 @@ def _allowances(
     for step in local.steps(enclave, profile, operation):
         names = window.of(step.channels) & undecided
         undecided &= ~names
-        if names and step.decision.allow:
+        if names and step.allow:
             decision = step.decision
             yield Allowance(operation=operation, names=names, reason=decision.reason, location=decision.location)

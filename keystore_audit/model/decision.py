@@ -6,8 +6,9 @@ What its peers accept from it is another question (`model.effective`): a comprom
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from datetime import datetime
+from functools import partial
 from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
@@ -45,12 +46,18 @@ class Decision:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """Decides about `channels`, unless an earlier step did."""
+    """Decides about `channels`, unless an earlier step did. `explain`: why and where, which few ask."""
 
     channels: int
-    decision: Decision
+    allow: bool
+    explain: Callable[[], Decision]
     by_permissions: bool = True
     """Whether the grant is what decides; before it, names and the governance do."""
+
+    @property
+    def decision(self) -> Decision:
+        """The decision in full."""
+        return self.explain()
 
 
 class _Asked(NamedTuple):
@@ -72,6 +79,7 @@ class LocalRights:
         self._channels = channels
         self._at = at
         self._bits: dict[object, int] = {}
+        self._allowed: dict[object, int] = {}
         self.in_domain = [0] * len(channels.domains)
         """By domain class: its channels."""
         for number, channel in enumerate(channels.channels):
@@ -80,13 +88,13 @@ class LocalRights:
         self._wildcard_names = wildcard_names(channels)
 
     def allowed(self, enclave: Enclave, profile: Profile, operation: Operation) -> int:
-        """The channels on which the operation is allowed, as a bit set."""
-        allowed, open_ = 0, self._all
-        for step in self.steps(enclave, profile, operation):
-            if step.decision.allow:
-                allowed |= step.channels & open_
-            open_ &= ~step.channels
-        return allowed
+        """The channels on which the operation is allowed, as a bit set: the same for profiles that decide alike."""
+        access = self._accesses.row(profile.access)
+        key = enclave.files.directory, access, profile.local, profile.trust.subjects, operation
+        known = self._allowed.get(key)
+        if known is None:
+            known = self._allowed[key] = allowing(self.steps(enclave, profile, operation))
+        return known
 
     def conceded(self, enclave: Enclave, profile: Profile, operation: Operation) -> int:
         """The channels on which peers would allow the operation by the enclave's grant; governance is not asked."""
@@ -108,11 +116,12 @@ class LocalRights:
         """
         step = next(step for step in self.steps(enclave, profile, operation) if step.channels >> channel & 1)
         grant = self.grant(enclave, profile)
-        if step.decision.allow or grant is None:
+        if step.allow or grant is None:
             return step.decision
         near = self._near if step.by_permissions else self._elsewhere
         more = near(grant, profile, _Asked(operation, name, channel))
-        return Decision(allow=False, reason=step.decision.reason + more, location=step.decision.location)
+        denied = step.decision
+        return Decision(allow=False, reason=denied.reason + more, location=denied.location)
 
     def steps(self, enclave: Enclave, profile: Profile, operation: Operation) -> Iterator[Step]:
         """What decides, in order; the last step decides about everything."""
@@ -122,12 +131,12 @@ class LocalRights:
             yield from self._governance(enclave, access, operation, profile.local)
         grant = self.grant(enclave, profile)
         if grant is None:
-            yield Step(self._all, Decision(allow=False, reason="no grant in force names the enclave", location=None))
+            yield Step(self._all, False, partial(_nowhere, "no grant in force names the enclave"))
             return
         place = enclave.permissions.signed.file.place if enclave.permissions else ""
         if access.first_rule_decides_topic and operation is not Operation.RELAY:
             yield from self._topics(enclave, access, grant, place, profile.local)
-        passed: list[ReadRule] = []
+        before: ReadRule | None = None
         for rule in grant.rules:
             if rule.of_peers:
                 continue
@@ -135,9 +144,9 @@ class LocalRights:
             if profile.local.binds_domains:
                 channels &= self._domains(rule)
             if channels:
-                yield Step(channels, _by_rule(rule, operation, place, blocks=_blocks(rule, passed)))
-            passed.append(rule)
-        yield Step(self._all, _by_default(grant, operation, place))
+                yield Step(channels, rule.allow, partial(_by_rule, rule, before, operation, place))
+            before = rule
+        yield Step(self._all, grant.default_allow, partial(_by_default, grant, operation, place))
 
     def _names(self, profile: Profile) -> Iterator[Step]:
         """Names that no topic can have."""
@@ -149,7 +158,7 @@ class LocalRights:
             refused = self._bits[legal] = bits(illegal_names(self._channels, legal))
         if refused:
             reason = "the implementation creates no topic of this name"
-            yield Step(refused, Decision(allow=False, reason=reason, location=None), by_permissions=False)
+            yield Step(refused, False, partial(_nowhere, reason), by_permissions=False)
 
     def _governance(self, enclave: Enclave, access: Access, operation: Operation, local: Local) -> Iterator[Step]:
         """Topics that no rule of the governance covers, and those without access control for the operation."""
@@ -160,12 +169,13 @@ class LocalRights:
         for domain_rule, topic, channels in self._topic_rules(enclave, access, local):
             governed |= channels
             if not _controls(topic, operation):
-                yield Step(channels, _uncontrolled(domain_rule, topic, operation, place))
+                explain = partial(_uncontrolled, domain_rule, topic, operation, place)
+                yield Step(channels, True, explain, by_permissions=False)
         if governed != self._all:
             reason = "no topic rule of the governance covers the topic in this domain, so it cannot be created"
             whole = Location(path=place) if place else None
-            uncovered = Decision(allow=False, reason=reason, location=whole)
-            yield Step(self._all & ~governed, uncovered, by_permissions=False)
+            explain = partial(Decision, allow=False, reason=reason, location=whole)
+            yield Step(self._all & ~governed, False, explain, by_permissions=False)
 
     def _loose(self, enclave: Enclave, access: Access, operation: Operation, place: str) -> Iterator[Step]:
         """Topics for which any matching topic rule, of any domain rule, has access control off."""
@@ -174,7 +184,8 @@ class LocalRights:
             for topic in domain_rule.topic_rules:
                 if not _controls(topic.rule, operation):
                     channels = self._region(access, topic.region) & self._domains(domain_rule)
-                    yield Step(channels, _uncontrolled(domain_rule, topic.rule, operation, place))
+                    explain = partial(_uncontrolled, domain_rule, topic.rule, operation, place)
+                    yield Step(channels, True, explain, by_permissions=False)
 
     def _topics(self, enclave: Enclave, access: Access, grant: ReadGrant, place: str, local: Local) -> Iterator[Step]:
         """Topics that cannot be created, since the first rule that lists them denies (`profiles.Access`)."""
@@ -186,11 +197,7 @@ class LocalRights:
             listed = self._region(access, rule.listed) & self._domains(rule) & controlled
             controlled &= ~listed
             if listed and not rule.allow:
-                reason = (
-                    f"line {rule.line} is the first rule that lists the topic, and it denies: the topic itself cannot "
-                    "be created, whichever operation and partition the rule is about"
-                )
-                yield Step(listed, Decision(allow=False, reason=reason, location=Location(path=place, line=rule.line)))
+                yield Step(listed, False, partial(_no_topic, rule, place))
 
     def _topic_rules(
         self, enclave: Enclave, access: Access, local: Local
@@ -294,6 +301,16 @@ class LocalRights:
         )
 
 
+def allowing(steps: Iterable[Step]) -> int:
+    """The channels on which the first of the steps that is about them allows."""
+    allowed, decided = 0, 0
+    for step in steps:
+        if step.allow:
+            allowed |= step.channels & ~decided
+        decided |= step.channels
+    return allowed
+
+
 def wildcard_names(channels: Channels) -> list[int]:
     """The channels of one name that is an expression on Fast DDS."""
     return [n for n, each in enumerate(channels.channels) if not (each.infinite or WILDCARDS.isdisjoint(each.topic))]
@@ -342,13 +359,26 @@ def _uncontrolled(domain_rule: ReadDomainRule, topic: TopicRule, operation: Oper
     return Decision(allow=True, reason=reason, location=Location(path=place, line=topic.line))
 
 
-def _blocks(rule: ReadRule, passed: list[ReadRule]) -> bool:
+def _nowhere(reason: str) -> Decision:
+    """A refusal that no line says."""
+    return Decision(allow=False, reason=reason, location=None)
+
+
+def _no_topic(rule: ReadRule, place: str) -> Decision:
+    reason = (
+        f"line {rule.line} is the first rule that lists the topic, and it denies: the topic itself cannot "
+        "be created, whichever operation and partition the rule is about"
+    )
+    return Decision(allow=False, reason=reason, location=Location(path=place, line=rule.line))
+
+
+def _blocks(rule: ReadRule, before: ReadRule | None) -> bool:
     """Whether it stands for the partitions that the allow rule before it leaves out (`semantics`)."""
-    return bool(passed) and not rule.allow and passed[-1].allow and passed[-1].line == rule.line
+    return before is not None and not rule.allow and before.allow and before.line == rule.line
 
 
-def _by_rule(rule: ReadRule, operation: Operation, place: str, *, blocks: bool) -> Decision:
-    if blocks:
+def _by_rule(rule: ReadRule, before: ReadRule | None, operation: Operation, place: str) -> Decision:
+    if _blocks(rule, before):
         where = "and not in this partition: no later rule is asked"
         reason = f"line {rule.line} is the first rule that lists the topic, {where}"
     else:

@@ -130,8 +130,8 @@ class OwnRights:
         for step in local.steps(self._enclave, profile, operation):
             found = step.channels & here
             here &= ~step.channels
-            location = step.decision.location
-            if found and step.decision.allow and location is not None and location.path == place:
+            location = step.decision.location if found and step.allow else None
+            if location is not None and location.path == place:
                 ros = [n for n, channel in enumerate(channels.channels) if found >> n & 1 and channel.ros]
                 number = ros[0] if ros else found.bit_length() - 1
                 return channels.channels[number].topic, location

@@ -17,7 +17,7 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.decision import LocalRights, Step
+from keystore_audit.model.decision import LocalRights, allowing
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.names import ACTION_PART, ACTION_SERVICES, ACTION_TOPICS
@@ -222,30 +222,13 @@ class _Rights:
     """By operation: what the enclave's implementation allows, and what of it a rule of its grant allows."""
 
     def __init__(self, local: LocalRights, enclave: Enclave, profile: Profile) -> None:
-        place = enclave.permissions.signed.file.place if enclave.permissions else ""
         self.allowed: dict[Operation, int] = {}
         self.granted: dict[Operation, int] = {}
         for operation in (PUBLISH, SUBSCRIBE):
             steps = list(local.steps(enclave, profile, operation))
-            self.allowed[operation] = _allowed(steps)
+            self.allowed[operation] = allowing(steps)
             steps.pop()  # the default
-            self.granted[operation] = _granted(steps, place)
-
-
-def _allowed(steps: Iterable[Step]) -> int:
-    allowed, decided = 0, 0
-    for step in steps:
-        if step.decision.allow:
-            allowed |= step.channels & ~decided
-        decided |= step.channels
-    return allowed
-
-
-def _granted(steps: Iterable[Step], place: str) -> int:
-    """What of it rules of the document at `place` allow."""
-    return _allowed(
-        step for step in steps if step.decision.location is not None and step.decision.location.path == place
-    )
+            self.granted[operation] = allowing(step for step in steps if step.by_permissions)
 
 
 def _telling(role: str, channel: tuple[Operation, Affix], channels: RosChannels) -> int:
