@@ -9,18 +9,18 @@ decision to anybody, since equal matches decide alike.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.atoms import TopicClass
-from keystore_audit.model.domains import Interval, contains, describe, domain_bits, elementary
+from keystore_audit.model.domains import Interval, contains, domain_bits, domain_classes
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.names import is_ros_dds_name
 from keystore_audit.model.partition_patterns import between
-from keystore_audit.model.patterns import Patterns
+from keystore_audit.model.patterns import MAX_KEPT, Patterns
 from keystore_audit.model.profiles import Access
 from keystore_audit.model.semantics import DEFAULT_PARTITION, Region
 from keystore_audit.model.system import ChannelAtom, DomainAtom
@@ -106,22 +106,6 @@ class _Column:
         ] or [Cell(self.topic.witness, self.partition, infinite=False)]
 
 
-def domain_classes(covers: Iterable[Sequence[Interval]]) -> tuple[DomainAtom, ...]:
-    """Domain ids 0..232 in classes that no cover tells apart."""
-    distinct = list(dict.fromkeys(tuple(cover) for cover in covers))
-    classes: dict[tuple[int, ...], list[Interval]] = {}
-    covers_bits = [domain_bits(cover) for cover in distinct]
-    for low, high in elementary(distinct):
-        signature = tuple([bits >> low & 1 for bits in covers_bits])
-        classes.setdefault(signature, []).append((low, high))
-    atoms = []
-    for intervals in classes.values():
-        several = len(intervals) > 1 or intervals[0][0] != intervals[0][1]
-        label = f"{'domains' if several else 'domain'} {describe(intervals)}"
-        atoms.append(DomainAtom(label=label, intervals=tuple(intervals)))
-    return tuple(atoms)
-
-
 def build_channels(
     domains: tuple[DomainAtom, ...],
     governed: Sequence[bool],
@@ -136,7 +120,7 @@ def build_channels(
     `opening`: the regions in which somebody may be allowed to have endpoints (None: anywhere); in no other is it asked
     what patterns meet. Raises errors.BudgetExceeded where the classes are too many.
     """
-    shapes = _Shapes(regions)
+    shapes = _shapes_of(tuple(dict.fromkeys(regions)))
     met: Mapping[int, frozenset[int]] = {}
     if points is None:
         columns, met = shapes.columns(opening)
@@ -232,6 +216,9 @@ def _check_cells(classes: int, others: int, words: str) -> None:
         raise BudgetExceeded(message)
 
 
+_Table = tuple[list[_Column], dict[int, frozenset[int]]]
+"""Columns, and which of them meet which others."""
+
 _Shape = tuple[tuple[tuple[int, ...], "tuple[int, ...] | None"], ...]
 """A region by what its expressions mean: the numbers of topic and of partition patterns of each area."""
 
@@ -243,7 +230,8 @@ class _Shapes:
         self._topics = Patterns()
         self._partitions = Patterns(topics=False)
         self._numbers: dict[_Shape, int] = {}
-        self._of = {named: self._number(named) for named in dict.fromkeys(regions)}
+        self._of = {named: self._number(named) for named in regions}
+        self._columns: dict[frozenset[Named] | None, _Table] = {}
         self._by_topic: dict[str, tuple[TopicClass, list[tuple[int, frozenset[int] | None]]]] = {}
 
     def _number(self, named: Named) -> int:
@@ -259,11 +247,16 @@ class _Shapes:
         )
         return self._numbers.setdefault(shape, len(self._numbers))
 
-    def columns(self, opening: frozenset[Named] | None) -> tuple[list[_Column], dict[int, frozenset[int]]]:
+    def columns(self, opening: frozenset[Named] | None) -> _Table:
         """The cells (topic class × partition class) that no shape tells apart, merged, and which meet which others.
 
         What a cell is met by is part of what tells it apart: rights in one column mean one thing then.
         """
+        if opening not in self._columns:
+            self._columns[opening] = self._tabulated(opening)
+        return self._columns[opening]
+
+    def _tabulated(self, opening: frozenset[Named] | None) -> _Table:
         topics, partitions = self._topics.classes(), [self._partitions.empty(), *self._partitions.classes()]
         _check_cells(len(topics), len(partitions), "topic classes in {} partition classes")
         topics_of, partitions_of = self._topics.places(topics), self._partitions.places(partitions)
@@ -366,6 +359,13 @@ class _Shapes:
         frozen = [shared[tuple(each)] for each in matched]
         return {named: frozen[number] for named, number in self._of.items()}
 
+
+def _shapes_of(regions: tuple[Named, ...]) -> _Shapes:
+    """The shapes of regions: the same for those who ask about the same regions in turn, as in `patterns.classes_of`."""
+    return _kept_shapes(regions) if len(regions) <= MAX_KEPT else _Shapes(regions)
+
+
+_kept_shapes = lru_cache(maxsize=4)(_Shapes)
 
 _NOTHING_MET: Final = frozenset[tuple[int, ...]]()
 

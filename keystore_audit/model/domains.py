@@ -84,3 +84,19 @@ def elementary(covers: Iterable[Sequence[Interval]]) -> tuple[Interval, ...]:
 def describe(intervals: Iterable[Interval]) -> str:
     """`0`, `0-5, 7`: for people."""
     return ", ".join(str(low) if low == high else f"{low}-{high}" for low, high in intervals) or "none"
+
+
+def domain_classes(covers: Iterable[Sequence[Interval]]) -> tuple[DomainAtom, ...]:
+    """Domain ids 0..232 in classes that no cover tells apart."""
+    distinct = list(dict.fromkeys(tuple(cover) for cover in covers))
+    classes: dict[tuple[int, ...], list[Interval]] = {}
+    covers_bits = [domain_bits(cover) for cover in distinct]
+    for low, high in elementary(distinct):
+        signature = tuple([bits >> low & 1 for bits in covers_bits])
+        classes.setdefault(signature, []).append((low, high))
+    atoms = []
+    for intervals in classes.values():
+        several = len(intervals) > 1 or intervals[0][0] != intervals[0][1]
+        label = f"{'domains' if several else 'domain'} {describe(intervals)}"
+        atoms.append(DomainAtom(label=label, intervals=tuple(intervals)))
+    return tuple(atoms)

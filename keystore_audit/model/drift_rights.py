@@ -12,9 +12,9 @@ from keystore_audit.intent.intent import IntendedRight
 from keystore_audit.keystore.governance import GovernanceFile, Text
 from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.channels import Channels, Named, build_channels, domain_classes
+from keystore_audit.model.channels import Channels, Named, build_channels
 from keystore_audit.model.coverage import has_wildcard
-from keystore_audit.model.domains import HIGHEST_DOMAIN, Interval, contains
+from keystore_audit.model.domains import HIGHEST_DOMAIN, Interval, contains, domain_classes
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.names import AMBIENT_TOPICS, DISCOVERY_TOPIC
 from keystore_audit.model.permission import bits, members

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import cached_property
+from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.model.permission import members, union
@@ -31,7 +32,7 @@ class Influence:
         self._lanes = lanes
         self._all = (1 << participants) - 1
         self._number = participants
-        self._getting = [_holders(lane.gets, union(lane.puts)) for lane in lanes]
+        self._getting = [_Holders(lane.gets, union(lane.puts)) for lane in lanes]
         self._known: list[dict[int, int]] = [{} for _ in lanes]
         self.hops = [self.receivers(sender, -1) for sender in range(participants)]
 
@@ -41,7 +42,7 @@ class Influence:
         for lane, getting, known in zip(self._lanes, self._getting, self._known, strict=True):
             put = lane.puts[sender] & channels
             if put not in known:
-                known[put] = _of_channels(getting, put)
+                known[put] = getting.of(put)
             found |= known[put]
         return found
 
@@ -102,17 +103,28 @@ def _lowest(some: int) -> int:
     return (some & -some).bit_length() - 1
 
 
-def _holders(sets: Sequence[int], channels: int) -> dict[int, int]:
-    """By channel, of these: who has it."""
-    alike: dict[int, int] = {}
-    for holder, each in enumerate(sets):
-        alike[each] = alike.get(each, 0) | 1 << holder
-    found: dict[int, int] = {}
-    for each, holders in alike.items():
-        for channel in members(each & channels):
-            found[channel] = found.get(channel, 0) | holders
-    return found
+_FEW_SETS: Final = 64
+"""Different sets of channels up to which each is compared as a whole. Beyond it who has each channel is looked up."""
 
 
-def _of_channels(holders: dict[int, int], channels: int) -> int:
-    return union(holders.get(channel, 0) for channel in members(channels))
+class _Holders:
+    """Who has which channels; of those that nobody puts anything in, nothing is kept."""
+
+    def __init__(self, sets: Sequence[int], channels: int) -> None:
+        alike: dict[int, int] = {}
+        for holder, each in enumerate(sets):
+            alike[each & channels] = alike.get(each & channels, 0) | 1 << holder
+        self._sets = list(alike.items())
+        self._by_channel: dict[int, int] | None = None
+        if len(alike) > _FEW_SETS:
+            self._by_channel = {}
+            for each, holders in self._sets:
+                for channel in members(each):
+                    self._by_channel[channel] = self._by_channel.get(channel, 0) | holders
+
+    def of(self, channels: int) -> int:
+        """Who has some of the channels."""
+        if self._by_channel is None:
+            return union(holders for each, holders in self._sets if each & channels)
+        by_channel = self._by_channel
+        return union(by_channel.get(channel, 0) for channel in members(channels))

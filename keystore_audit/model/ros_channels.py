@@ -9,8 +9,8 @@ from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import ReadDocument
-from keystore_audit.model.channels import Channels, Named, domain_classes
-from keystore_audit.model.domains import Interval, contains
+from keystore_audit.model.channels import Channels, Named
+from keystore_audit.model.domains import Interval, contains, domain_classes
 from keystore_audit.model.expression import Matcher, Pattern, parse
 from keystore_audit.model.permission import bits
 from keystore_audit.model.profiles import Access

@@ -15,7 +15,8 @@ from keystore_audit.engine.alloy.merging import merge
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.keystore.governance import DomainRange, Text
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Rule
-from keystore_audit.model.channels import build_channels, domain_classes
+from keystore_audit.model.channels import build_channels
+from keystore_audit.model.domains import domain_classes
 from keystore_audit.model.permission import Decisions
 from keystore_audit.model.profiles import VARIANTS, Access
 from keystore_audit.model.semantics import ReadRule, read_grant

@@ -10,8 +10,8 @@ import pytest
 
 from keystore_audit.keystore.governance import DomainRange, Text
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Rule
-from keystore_audit.model.channels import ANY_TOPIC, build_channels, domain_classes
-from keystore_audit.model.domains import contains, covered
+from keystore_audit.model.channels import ANY_TOPIC, build_channels
+from keystore_audit.model.domains import contains, covered, domain_classes
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.profiles import VARIANTS, Access
 from keystore_audit.model.semantics import Area, Region, read_grant

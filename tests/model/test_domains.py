@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from keystore_audit.keystore.governance import DomainRange
-from keystore_audit.model.channels import domain_classes
-from keystore_audit.model.domains import HIGHEST_DOMAIN, contains, covered, describe, elementary
+from keystore_audit.model.domains import HIGHEST_DOMAIN, contains, covered, describe, domain_classes, elementary
 
 BOUND = st.none() | st.integers(0, 300)
 RANGES = st.lists(st.tuples(BOUND, BOUND), max_size=5)

@@ -10,7 +10,8 @@ import pytest
 
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model import partition_patterns
-from keystore_audit.model.channels import build_channels, domain_classes
+from keystore_audit.model.channels import build_channels
+from keystore_audit.model.domains import domain_classes
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.partition_patterns import meetings
 from keystore_audit.model.patterns import Patterns
