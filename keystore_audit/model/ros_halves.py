@@ -25,7 +25,7 @@ from keystore_audit.model.permission import members
 from keystore_audit.model.profiles import Access, Local, Profile
 from keystore_audit.model.ros_channels import RosChannels, ros_channels
 from keystore_audit.model.ros_classes import Affix
-from keystore_audit.model.ros_texts import is_surely_whole, line_of
+from keystore_audit.model.ros_texts import DocumentLines, is_surely_whole
 
 REQUEST: Final = Affix("rq", "Request")
 REPLY: Final = Affix("rr", "Reply")
@@ -181,6 +181,7 @@ class _Found(NamedTuple):
 
 
 def _named(enclave: Enclave, shared: Iterable[_Found], profiles: int) -> Iterator[Half]:
+    lines = DocumentLines(enclave)
     for found in shared:
         has, lacks = (
             tuple((operation, affix.topic(found.name)) for operation, affix in channels)
@@ -193,7 +194,7 @@ def _named(enclave: Enclave, shared: Iterable[_Found], profiles: int) -> Iterato
             several=found.several,
             has=has,
             lacks=lacks,
-            location=line_of(enclave, *has[0]),
+            location=lines.of(*has[0]),
             profiles=() if len(found.names) == profiles else found.names,
         )
 

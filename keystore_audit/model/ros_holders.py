@@ -14,7 +14,7 @@ from keystore_audit.model.domains import Interval, contains
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.permission import Permissions
 from keystore_audit.model.profiles import Access
-from keystore_audit.model.ros_texts import line_in
+from keystore_audit.model.ros_texts import Lines
 from keystore_audit.model.semantics import Area, ReadGrant
 from keystore_audit.model.system import EnclaveAtom, System
 
@@ -36,6 +36,7 @@ class Placed:
     def __init__(self, place: str, grant: ReadGrant) -> None:
         self.place = place
         self.grant = grant
+        self.lines = Lines(grant.grant)
         texts = [text for rule in grant.rules if rule.allow for area in rule.publish for text in area.topics]
         self.requests = {text[2:-7] for text in texts if text[:3] == "rq/" and text[-7:] == "Request"}
         self.replies = {text[2:-5] for text in texts if text[:3] == "rr/" and text[-5:] == "Reply"}
@@ -100,7 +101,7 @@ class Holder:
     def right(self, operation: Operation, topic: str) -> Right | None:
         """The line that lists the topic for the operation."""
         for placed in self.grants:
-            line = line_in(placed.grant.grant, operation, topic)
+            line = placed.lines.of(operation, topic)
             if line is not None:
                 return Right(path=placed.place, line=line)
         return None

@@ -2,41 +2,65 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Final
 
 from keystore_audit.findings import Location
+from keystore_audit.keystore.governance import Text
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.names import ACTION_PART, ACTION_SERVICES, ACTION_TOPICS
+from keystore_audit.model.pattern_index import PatternIndex
 
 _ENDS: Final = tuple(ACTION_PART + service for service in ACTION_SERVICES)
 
 
-def line_of(enclave: Enclave, operation: Operation, topic: str) -> Location:
-    """The line of the enclave's permissions that lists the topic in an allow rule; else the document."""
-    if enclave.permissions is None:
-        return Location(path=enclave.files.directory)
-    place = enclave.permissions.signed.file.place
-    document = enclave.permissions.permissions
-    for grant in document.grants if document else ():
-        line = line_in(grant, operation, topic)
-        if line is not None:
-            return Location(path=place, line=line)
-    return Location(path=place)
+class Lines:
+    """The lines of a grant that list topics in allow rules. Thousands may be asked for, of as many expressions."""
+
+    def __init__(self, grant: Grant) -> None:
+        self._grant = grant
+
+    @cached_property
+    def _listed(self) -> dict[Operation, tuple[dict[str, Text], PatternIndex, list[Text]]]:
+        """By operation: the first that has each text, all of these as patterns, by their numbers, and in order."""
+        listed: dict[Operation, tuple[dict[str, Text], PatternIndex, list[Text]]] = {}
+        for operation in Operation:
+            first: dict[str, Text] = {}
+            for rule in self._grant.rules:
+                for criterion in rule.criteria if rule.allow else ():
+                    for text in criterion.topics if criterion.operation is operation else ():
+                        first.setdefault(text.text, text)
+            patterns = ((number, parse(text, Matcher.POSIX)) for number, text in enumerate(first))
+            listed[operation] = first, PatternIndex(patterns), list(first.values())
+        return listed
+
+    def of(self, operation: Operation, topic: str) -> int | None:
+        """The line of the expression that matches the topic; one that is no pattern comes first."""
+        first, patterns, texts = self._listed[operation]
+        if topic in first:
+            return first[topic].line
+        matching = [number for number, pattern in patterns.candidates(topic) if pattern.matches(topic)]
+        return texts[min(matching)].line if matching else None
 
 
-def line_in(grant: Grant, operation: Operation, topic: str) -> int | None:
-    """The line of the expression that matches the topic in an allow rule; one that is no pattern comes first."""
-    matching = None
-    for rule in grant.rules:
-        for criterion in rule.criteria if rule.allow else ():
-            for text in criterion.topics if criterion.operation is operation else ():
-                if text.text == topic:
-                    return text.line
-                if matching is None and parse(text.text, Matcher.POSIX).matches(topic):
-                    matching = text.line
-    return matching
+class DocumentLines:
+    """The same of an enclave's permissions."""
+
+    def __init__(self, enclave: Enclave) -> None:
+        file = enclave.permissions
+        self._path = enclave.files.directory if file is None else file.signed.file.place
+        grants = file.permissions.grants if file is not None and file.permissions is not None else ()
+        self._grants = [Lines(grant) for grant in grants]
+
+    def of(self, operation: Operation, topic: str) -> Location:
+        """The first line that lists the topic; else the document."""
+        for lines in self._grants:
+            line = lines.of(operation, topic)
+            if line is not None:
+                return Location(path=self._path, line=line)
+        return Location(path=self._path)
 
 
 def is_surely_whole(grant: Grant, *, rewinds: bool) -> bool:
