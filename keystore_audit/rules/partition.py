@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
+from bisect import bisect_right
 from collections.abc import Iterator, Sequence
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.governance import Text
 from keystore_audit.keystore.permissions import Criterion, Grant
-from keystore_audit.keystore.permissions import Rule as PermissionsRule
 from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.partition_patterns import EVERY_PARTITION
@@ -44,12 +44,13 @@ def partition_evaded(use: PermissionsUse, _context: Context) -> Iterator[Violati
     """
     for grant in use.document.grants:
         listed = any(criterion.partitions for each in grant.rules for criterion in each.criteria)
+        ways = _ways(grant)
         for number, each in enumerate(grant.rules) if listed or grant.default_allow else ():
             for criterion in each.criteria:
                 if each.allow:
                     yield from _beyond(use, grant, criterion)
                 else:
-                    yield from _evaded(use, grant, number, criterion)
+                    yield from _evaded(use, grant, number, criterion, ways)
 
 
 def _beyond(use: PermissionsUse, grant: Grant, criterion: Criterion) -> Iterator[Violation]:
@@ -68,11 +69,13 @@ def _beyond(use: PermissionsUse, grant: Grant, criterion: Criterion) -> Iterator
         )
 
 
-def _evaded(use: PermissionsUse, grant: Grant, number: int, criterion: Criterion) -> Iterator[Violation]:
+def _evaded(
+    use: PermissionsUse, grant: Grant, number: int, criterion: Criterion, ways: Sequence[_Ways]
+) -> Iterator[Violation]:
     """A denial in some partitions, though a pattern that meets them is allowed later on."""
     listed = criterion.partitions is not None
     denied = tuple(text.text for text in criterion.partitions or ()) or DEFAULT_PARTITION
-    way = next(_ways(grant, grant.rules[number + 1 :], criterion, denied), None)
+    way = next(_around(grant, number, criterion, denied, ways), None)
     if way is not None:
         where = f"partition {', '.join(map(quoted, denied))}" if listed else "the default partition"
         yield about(
@@ -86,22 +89,41 @@ def _evaded(use: PermissionsUse, grant: Grant, number: int, criterion: Criterion
         )
 
 
-def _ways(grant: Grant, later: Sequence[PermissionsRule], criterion: Criterion, denied: Sequence[str]) -> Iterator[str]:
+class _Ways(NamedTuple):
+    """Partitions that are patterns, and that an allow rule allows: its number, its criterion."""
+
+    rule: int
+    criterion: Criterion
+    patterns: tuple[str, ...]
+
+
+def _ways(grant: Grant) -> list[_Ways]:
+    """All of a grant, in order; most rules have none."""
+    found = []
+    for number, each in enumerate(grant.rules):
+        for criterion in each.criteria if each.allow else ():
+            patterns = tuple(way for text in criterion.partitions or () for way in _patterns(text.text))
+            if patterns:
+                found.append(_Ways(number, criterion, patterns))
+    return found
+
+
+def _patterns(allowed: str) -> Iterator[str]:
+    """The partitions that are patterns and that the expression allows: the one for all, and itself."""
+    return (way for way in (EVERY_PARTITION, allowed) if has_wildcard(way) and _matches(allowed, way))
+
+
+def _around(
+    grant: Grant, number: int, criterion: Criterion, denied: Sequence[str], ways: Sequence[_Ways]
+) -> Iterator[str]:
     """Partitions that are patterns, allowed by a later rule or by default and not matched by the denial."""
-    allowed = [
-        text.text
-        for each in later
-        if each.allow
-        for other in each.criteria
-        if other.partitions and other.operation is criterion.operation and _overlap(other.topics, criterion.topics)
-        for text in other.partitions
-    ]
-    if grant.default_allow:
-        allowed.append(EVERY_PARTITION)
-    for text in allowed:
-        for way in (EVERY_PARTITION, text):
-            if has_wildcard(way) and _matches(text, way) and not any(_matches(one, way) for one in denied):
-                yield way
+    for each in ways[bisect_right(ways, number, key=lambda way: way.rule) :]:
+        if each.criterion.operation is criterion.operation:
+            open_ = [way for way in each.patterns if not any(_matches(one, way) for one in denied)]
+            if open_ and _overlap(each.criterion.topics, criterion.topics):
+                yield from open_
+    if grant.default_allow and not any(_matches(one, EVERY_PARTITION) for one in denied):
+        yield EVERY_PARTITION
 
 
 def _overlap(some: Sequence[Text], others: Sequence[Text]) -> bool:
