@@ -136,20 +136,31 @@ class Lines:
         self, ours: Iterable[_Decider], theirs: Iterable[_Decider], channels: int, before: Profile
     ) -> Iterator[Part]:
         """Of the channels, those that the two lists decide differently about, by the two that decide."""
-        others = list(theirs)
-        open_ = channels
+        others, left, undecided = list(theirs), [], channels
+        for two in others:
+            left.append(two.channels & undecided)
+            undecided &= ~two.channels
+        open_, start = channels, 0
         for one in ours:
             mine = one.channels & open_
             open_ &= ~mine
-            for two in others:
-                part = mine & two.channels
+            while start < len(left) and not left[start]:  # both mostly decide in one order, of thousands
+                start += 1
+            for number in range(start, len(left) if mine else 0):
+                part = mine & left[number]
+                if not part:
+                    continue
                 mine &= ~part
-                if part and one.ruling != two.ruling:
+                left[number] &= ~part
+                two = others[number]
+                if one.ruling != two.ruling:
                     first, second = _ordered(one, two)
                     location = first.location or second.location
                     if location is not None:
                         cause = self._partition_cause(one, before)
                         yield Part(part, location, second.location if first.location else None, cause)
+                if not mine:
+                    break
 
     def _partition_cause(self, decider: _Decider, before: Profile) -> Cause:
         """What of partitions is read differently, where that is the cause."""
