@@ -101,7 +101,8 @@ def authority_refusals(sight: Sight, trust: Trust) -> Iterator[str]:
         if file is None or file.first is None:
             continue
         read = authorities_read(file, trust)
-        if not read or (trust.strict_authorities and not any(each.sha256 == file.first.sha256 for each in read)):
+        unknown = trust.ca_algorithms is not None and read[0].signature_algorithm not in trust.ca_algorithms
+        if unknown or (trust.strict_authorities and not any(each.sha256 == file.first.sha256 for each in read)):
             # Strictly, the first certificate is verified by those that were loaded, even where it is none of them.
             yield f"it loads no CA signed with {file.first.signature_algorithm} ({file.file.place})"
         refusal = strict_refusal(file.first) if trust.strict_authorities else None
