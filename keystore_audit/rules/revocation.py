@@ -272,8 +272,7 @@ def crl_not_everywhere(keystore: Keystore, _context: Context) -> Iterator[Violat
     remedy="Let one complete list say all that is revoked. " + NEW_LIST,
 )
 def revocation_without_effect(use: RevocationUse, _context: Context) -> Iterator[Violation]:
-    """What somebody revoked is in force: a list behind the first of crl.pem says so alone, the list is a delta, or its
-    entry is passed over.
+    """What was revoked is in force: a list behind the first, a delta, or an entry that is passed over says so alone.
 
     OpenSSL, as the implementations ask it, takes a delta for a complete list (measured): whatever its base revokes is
     accepted again.
