@@ -218,10 +218,11 @@ def _decoded(body: bytes) -> bytes | None:
     """Decode base64 lines that nothing but an end of line separates; blank lines would be a header's end."""
     *lines, rest = body.split(b"\n")
     lines = [line.rstrip(_BLANK) for line in lines]
-    if rest or not all(lines):
+    text = b"".join(lines)
+    if rest or not all(lines) or len(text) % 4:  # the library takes padding behind groups that want none
         return None
     try:
-        return base64.b64decode(b"".join(lines), validate=True)
+        return base64.b64decode(text, validate=True)
     except binascii.Error:
         return None
 
