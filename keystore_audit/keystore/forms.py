@@ -1,4 +1,4 @@
-"""Keys and certificates in other forms than PEM and DER: text in UTF-16, base64 of PEM (as Kubernetes keeps files), and
+"""Keys, certificates and messages in other forms: text in UTF-16, base64 of text (as Kubernetes keeps files), and
 base64 of DER without the lines of PEM around it.
 """
 
@@ -13,24 +13,31 @@ from typing import Final
 from keystore_audit.keystore.der import elements
 from keystore_audit.keystore.pem import base64_of
 
-_BEGIN: Final = b"-----BEGIN "
-_WIDE: Final = _BEGIN.decode().encode("utf-16-be")[1:]
-"""The same in the other order of bytes, but for what is around it."""
-
-
-def _in_base64(before: int) -> bytes:
-    """The characters that are the same whatever stands around it, behind so many bytes of a group of three."""
-    bits = 8 * (before + len(_BEGIN))
-    return base64.b64encode(bytes(before) + _BEGIN)[_SKIPPED[before] : bits // 6]
-
-
 _SKIPPED: Final = (0, 2, 3)
 """Characters of a group of four that bytes before it have a part in."""
 
-_IN_BASE64: Final = tuple(_in_base64(before) for before in range(3))
-_ANY_IN_BASE64: Final = re.compile(b"|".join(b"(%s)" % re.escape(each) for each in _IN_BASE64))
 
-_BEGINNINGS: Final = (b"MII", b"MIG", b"MIH", b"MHcCAQEE", b"MHQCAQEE", b"MC4CAQAw", b"MEECAQAw")
+class Mark:
+    """A word by which text is found in other forms. `wide`: in UTF-16, whichever its order of bytes; `encoded`: in
+    base64, behind 0, 1 or 2 bytes of a group of three.
+    """
+
+    def __init__(self, word: bytes) -> None:
+        self.wide = word.decode().encode("utf-16-be")[1:]
+        self.encoded = tuple(_in_base64(word, before) for before in range(3))
+        self.any_encoded = re.compile(b"|".join(b"(%s)" % re.escape(each) for each in self.encoded))
+
+
+def _in_base64(word: bytes, before: int) -> bytes:
+    """The characters that are the same whatever stands around it, behind so many bytes of a group of three."""
+    bits = 8 * (before + len(word))
+    return base64.b64encode(bytes(before) + word)[_SKIPPED[before] : bits // 6]
+
+
+BLOCK: Final = Mark(b"-----BEGIN ")
+"""Of text with blocks of PEM."""
+
+_BEGINNINGS: Final = (b"MI", b"MHcCAQEE", b"MHQCAQEE", b"MC4CAQAw", b"MEECAQAw")
 """How SEQUENCEs begin in base64: those of 128 bytes or more; private keys of less (EC, Ed25519)."""
 
 _RUN: Final = re.compile(rb"(?:[A-Za-z0-9+/\s]|\\[nrt])+")
@@ -46,19 +53,18 @@ _BLANK: Final = 64
 """Characters at the end of a line of PEM and at the beginning of the next that are looked at."""
 
 
-def may_hold_text(data: bytes) -> bool:
-    """Whether text in UTF-16 or in base64 stands in it that has a block of PEM."""
-    return any(mark in data for mark in (_WIDE, *_IN_BASE64))
+def may_hold_text(data: bytes, mark: Mark) -> bool:
+    """Whether text with the word stands in it in UTF-16 or in base64."""
+    return any(each in data for each in (mark.wide, *mark.encoded))
 
 
-def texts(content: bytes) -> Iterator[bytes]:
-    """The content, and text with blocks of PEM that stands in it in UTF-16 or in base64."""
-    yield content
-    if _WIDE in content:
+def texts(content: bytes, mark: Mark) -> Iterator[bytes]:
+    """Text with the word that stands in it in UTF-16, or in base64: from the word on."""
+    if mark.wide in content:
         yield content.replace(b"\0", b"")  # what is left of ASCII
-    if any(mark in content for mark in _IN_BASE64):
+    if any(each in content for each in mark.encoded):
         position = 0
-        while hit := _ANY_IN_BASE64.search(content, position):
+        while hit := mark.any_encoded.search(content, position):
             run = _RUN.match(content, hit.start())
             position = run.end() if run is not None else len(content)
             if position - hit.start() >= _LEAST:
@@ -70,6 +76,17 @@ def structures_in_base64(content: bytes, wanted: Callable[[bytes], bool]) -> Ite
 
     What stands between lines of PEM is read there.
     """
+    for run in _runs(content, wanted):
+        yield from elements(_decoded(run))
+
+
+def may_hold_structures(data: bytes, wanted: Callable[[bytes], bool]) -> bool:
+    """Whether one begins in it, whole or not."""
+    return any(True for _run in _runs(data, wanted))
+
+
+def _runs(content: bytes, wanted: Callable[[bytes], bool]) -> Iterator[bytes]:
+    """The base64 from the beginning of each on."""
     for beginning in _BEGINNINGS:
         position = content.find(beginning)
         while position >= 0:
@@ -78,7 +95,7 @@ def structures_in_base64(content: bytes, wanted: Callable[[bytes], bool]) -> Ite
             if head is not None and wanted(_decoded(head[0])) and not _is_in_pem(content, position):
                 run = _RUN.match(content, position)
                 end = run.end() if run is not None else len(content)
-                yield from elements(_decoded(content[position:end]))
+                yield content[position:end]
             position = content.find(beginning, end)
 
 

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-from itertools import islice
+from itertools import chain, islice
 from typing import Final
 
 from keystore_audit.keystore.cms import CmsError, read_signed_data
 from keystore_audit.keystore.der import SEQUENCE, any_structure, inside
+from keystore_audit.keystore.forms import (
+    BLOCK,
+    Mark,
+    may_hold_structures,
+    may_hold_text,
+    structures_in_base64,
+    texts,
+)
 from keystore_audit.keystore.pem import loose_blocks
 
 _BLANK_LINES: Final = (b"\n\n", b"\n\r", b"\n\0")
@@ -16,6 +24,9 @@ TYPES: Final = (b"multipart/signed", b"pkcs7-mime")
 """What the header of a signed message has to say somewhere, in any case of letters."""
 
 _TYPE_FIELD: Final = b"content-type"
+
+_FIELD: Final = Mark(b"Content-Type:")
+"""The same as everybody writes it, in other forms."""
 
 _MAX_FIELD: Final = 1024
 """How far before the type its field begins: OpenSSL reads no longer line at once (`mime.MAX_LINE`)."""
@@ -67,10 +78,25 @@ def concealed(data: bytes) -> str:
         return "it is a signature in DER, without the S/MIME around it"
     if any_structure(_is_signed, data):
         return "a signature in DER may stand in it, without the S/MIME around it"
-    blocks = islice(loose_blocks(data, *ARMOUR), MAX_ARMOURED)
-    if any(_is_signed(block.der or b"") for block in blocks):
+    if _signed_in_pem(data):
         return "a signature in PEM stands in it, without the S/MIME around it"
+    others = chain(texts(data, _FIELD), texts(data, BLOCK))
+    if any(may_be_message(text) or _further(text) or _signed_in_pem(text) for text in others):
+        return "a signed message stands in it in base64 or in UTF-16"
+    # The signature within a message is base64, too.
+    if not may_be_message(data) and any(map(_is_signed, structures_in_base64(data, is_signed_data))):
+        return "a signature in base64 stands in it, without the S/MIME around it"
     return ""
+
+
+def may_be_concealed(data: bytes) -> bool:
+    """Whether a piece of a file may hold one in base64 or in UTF-16."""
+    return may_hold_text(data, _FIELD) or may_hold_structures(data, is_signed_data)
+
+
+def _signed_in_pem(data: bytes) -> bool:
+    blocks = islice(loose_blocks(data, *ARMOUR), MAX_ARMOURED)
+    return any(_is_signed(block.der or b"") for block in blocks)
 
 
 def _further(data: bytes) -> bool:

@@ -15,7 +15,7 @@ from keystore_audit.keystore.certificate import Certificate, read_certificate
 from keystore_audit.keystore.cms import CmsError, read_signed_data
 from keystore_audit.keystore.der import MAX_ELEMENTS, elements, first_element
 from keystore_audit.keystore.files import File, Status
-from keystore_audit.keystore.forms import texts
+from keystore_audit.keystore.forms import BLOCK, texts
 from keystore_audit.keystore.message import ARMOUR, MAX_ARMOURED, is_signed_data
 from keystore_audit.keystore.pem import Block, loose_blocks
 from keystore_audit.keystore.private_key import HeldKeys, PrivateKey, read_held_keys
@@ -216,7 +216,7 @@ def certificates_in(file: File) -> Iterator[Certificate | int]:
 
 def _blocks(content: bytes) -> Iterator[Block]:
     """Those of the file itself, and of texts in it in another form, whose lines are not the file's."""
-    for number, text in enumerate(texts(content)):
+    for number, text in enumerate((content, *texts(content, BLOCK))):
         for block in loose_blocks(text, *ARMOUR):
             yield replace(block, line=1) if number else block
 

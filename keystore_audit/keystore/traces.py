@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 from keystore_audit.keystore.der import SEQUENCE, any_structure, inside, opening
-from keystore_audit.keystore.forms import may_hold_text, structures_in_base64, texts
-from keystore_audit.keystore.message import ARMOUR, TYPES, ends_header, is_signed_data
+from keystore_audit.keystore.forms import BLOCK, may_hold_structures, may_hold_text, structures_in_base64, texts
+from keystore_audit.keystore.message import ARMOUR, TYPES, ends_header, is_signed_data, may_be_concealed
 
 MAX_SEARCHED: Final = 64 * 1024 * 1024
 """Bytes of files too large to be read that are searched and hashed, all files of a keystore together: a fifth of a
@@ -70,7 +70,7 @@ def holds(content: bytes) -> tuple[bool, bool]:
 
     PKCS #12 files and Microsoft's two kinds are made for a key; messages and PKCS #12 files may carry certificates.
     """
-    written, encoded = [*texts(content)], [*in_base64(content)]
+    written, encoded = [content, *texts(content, BLOCK)], [*in_base64(content)]
     secret = any(_KEY in text for text in written) or _MICROSOFT.match(content) is not None
     certified = any(word in text for text in written for word in _ARMOUR)
     return (
@@ -81,7 +81,11 @@ def holds(content: bytes) -> tuple[bool, bool]:
 
 def in_base64(data: bytes) -> Iterator[bytes]:
     """Keys and certificates in DER that stand in it in base64 alone."""
-    return structures_in_base64(data, lambda head: has_certificate_version(head) or is_key_in_der(head))
+    return structures_in_base64(data, _is_key_or_certificate)
+
+
+def _is_key_or_certificate(head: bytes) -> bool:
+    return has_certificate_version(head) or is_key_in_der(head)
 
 
 def _may_hold_certificates(der: bytes) -> bool:
@@ -118,6 +122,11 @@ def is_key_in_der(data: bytes) -> bool:
     return length <= _MAX_VERSION and any(inside(rest, tag) is not None for tag in (_INTEGER, *_STRINGS))
 
 
+def _may_hold_other_forms(piece: bytes) -> bool:
+    """Whether a piece of a file may hold a key or a certificate in UTF-16 or in base64."""
+    return may_hold_text(piece, BLOCK) or may_hold_structures(piece, _is_key_or_certificate)
+
+
 def _numbered(data: bytes) -> tuple[int, bytes]:
     """Of a SEQUENCE that begins with a number: how long that is, and what follows it; b"" where it does not."""
     body = inside(data, SEQUENCE) or b""
@@ -145,8 +154,8 @@ def search(descriptor: int, most: int) -> tuple[Traces, int]:
             message = any_structure(is_signed_data, piece)
             key, certificate = holds(piece)
         key = key or _KEY in text
-        certificate = certificate or any(word in text for word in _ARMOUR) or may_hold_text(text)
-        message = message or any(word in text for word in _ARMOUR if word != _CERTIFICATE)
+        certificate = certificate or any(word in text for word in _ARMOUR) or _may_hold_other_forms(text)
+        message = message or any(word in text for word in _ARMOUR if word != _CERTIFICATE) or may_be_concealed(text)
         lowered = text.lower()
         message = message or any(word in lowered for word in TYPES)
         ended = ended or ends_header(text)

@@ -195,11 +195,11 @@ def signed_document_without_effect(keystore: Keystore, context: Context) -> Iter
 def document_at_large_unread(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A file outside the enclaves may be a permissions document that peers take, and what it says is unknown.
 
-    It was not read (too large, not readable, a link out of the keystore, one of too many), or its XML has no single
-    meaning; it then counts as giving everything to everybody. So does a governance document without a single meaning
-    where somebody has an identity outside the enclaves (KA668) and may start with it. Critical where it is of a form
-    that ends the process of the implementation that reads it, since permissions come from peers too. What is wrong with
-    a signature is in KA3.
+    It was not read (too large, not readable, a link out of the keystore, one of too many, a message in another form:
+    below other text, in PEM, DER, base64 or UTF-16), or its XML has no single meaning; it then counts as giving
+    everything to everybody. So does a governance document without a single meaning where somebody has an identity
+    outside the enclaves (KA668) and may start with it. Critical where it is of a form that ends the process of the
+    implementation that reads it, since permissions come from peers too. What is wrong with a signature is in KA3.
     """
     strays = {stray.place: stray for stray in (*permissions_at_large(keystore), *governance_at_large(keystore))}
     for doubt in context.meaning.doubts:

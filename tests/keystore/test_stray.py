@@ -6,6 +6,7 @@ import ctypes
 import ctypes.util
 import os
 import subprocess
+from base64 import b64encode, encodebytes
 from collections.abc import Callable
 from pathlib import Path
 
@@ -277,6 +278,12 @@ CONCEALED: dict[str, Callable[[bytes], bytes]] = {
     "BER": lambda message: loosened(by_openssl(message, "-outform", "DER")),
     "a long tag": lambda message: b"\x3f\x10" + by_openssl(message, "-outform", "DER")[1:],
     "a certificate's label": lambda message: by_openssl(message, "-outform", "PEM").replace(b" CMS-", b" CERTIFICATE-"),
+    "base64 of text": lambda message: b"data:\n  permissions.p7s: " + b64encode(message),
+    "base64 of text behind other bytes": lambda message: encodebytes(b"x\n" + message),
+    "base64 of PEM": lambda message: encodebytes(by_openssl(message, "-outform", "PEM")),
+    "base64 of DER": lambda message: b"p7s: " + b64encode(by_openssl(message, "-outform", "DER")),
+    "base64 of BER": lambda message: b64encode(loosened(by_openssl(message, "-outform", "DER"))),
+    "UTF-16": lambda message: message.decode().encode("utf-16"),
     "a hyphen": lambda message: by_openssl(message, "-outform", "PEM").replace(b"\n-----END", b"\n-A\n-----END"),
 }
 

@@ -208,6 +208,31 @@ def test_a_large_file_is_searched_across_its_pieces(before: int, tmp_path: Path)
     assert searched(tmp_path / "large", text + b"\n\n" + bytes(2 * MIB))[0] == (False, False)
 
 
+@pytest.mark.parametrize("before", [1, MIB - 50, 3 * MIB])
+def test_other_forms_in_a_large_file_may_hold_anything(before: int, certificate: Path, tmp_path: Path) -> None:
+    """Keys and certificates in one are those of an identity that could not be read."""
+    path = tmp_path / "large"
+    key = openssl("pkey", "-in", certificate.with_name("key.pem"), "-outform", "DER")
+    der = openssl("x509", "-in", certificate, "-outform", "DER")
+    bag = openssl("crl2pkcs7", "-nocrl", "-certfile", certificate, "-outform", "DER")
+    for what, expected in (
+        (base64.b64encode(key), (True, False)),
+        (base64.b64encode(der), (True, False)),
+        (base64.b64encode(bag), (False, True)),
+        (base64.b64encode(KEY * 4), (True, False)),
+        (base64.b64encode(TYPE * 4), (False, True)),
+        (TYPE.decode().encode("utf-16-be"), (False, True)),
+        (base64.b64encode(bytes(100)), (False, False)),
+    ):
+        path.write_bytes(b"x" * (before - 1) + b" " + what + b"\n\n" + bytes(MIB))
+        descriptor = os.open(path, os.O_RDONLY)
+        try:
+            traces = search(descriptor, MAX_SEARCHED)[0]
+        finally:
+            os.close(descriptor)
+        assert (traces.certificate, traces.message) == expected
+
+
 @pytest.mark.parametrize("before", [0, MIB - 20, 3 * MIB])
 def test_certificates_in_a_large_file(before: int, tmp_path: Path) -> None:
     """What was not searched to its end may hold some."""
