@@ -132,7 +132,7 @@ def verifies(
                 return None
             key.verify(signature, data, scheme, digest)
         elif isinstance(key, ec.EllipticCurvePublicKey) and name.startswith("ecdsa"):
-            if digest is None or "SHA3" in name:  # OpenSSL 3.0 finds no issuer for ECDSA with SHA-3 (measured)
+            if digest is None or "SHA3-" in name:  # OpenSSL 3.0 finds no issuer for ECDSA with SHA-3 (measured)
                 return None
             key.verify(signature, data, ec.ECDSA(digest))
         elif isinstance(key, ed25519.Ed25519PublicKey | ed448.Ed448PublicKey) and name == kind(key).upper():

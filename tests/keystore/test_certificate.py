@@ -177,7 +177,11 @@ def test_who_issued_a_certificate_is_what_openssl_verifies(
 
 
 @pytest.mark.parametrize(
-    ("digest", "issuer"), [("sha1", CA), ("sha224", CA), ("sha1", RSA_CA), ("sha3-256", RSA_CA), ("md5", RSA_CA)]
+    ("digest", "issuer"),
+    [
+        *((digest, CA) for digest in ("sha1", "sha224", "sha384", "sha512")),
+        *((digest, RSA_CA) for digest in ("sha1", "sha3-256", "md5")),
+    ],
 )
 def test_weak_and_rare_digests_are_verified_too(digest: str, issuer: Signed, tmp_path: Path) -> None:
     """Fast DDS takes sha1WithRSAEncryption: that it is weak is for a rule to say."""
