@@ -21,6 +21,7 @@ from keystore_audit.model.profiles import JoinCheck, Profile, Trust
 from keystore_audit.model.revocation import list_missing, list_used, lists_read, revoked
 from keystore_audit.model.semantics import ReadDomainRule, ReadGrant
 from keystore_audit.model.sight import Sight, authority_refusals, certificate_refusals, key_refusals, sight_of
+from keystore_audit.model.signer_path import path_refusal
 from keystore_audit.model.subject import names
 from keystore_audit.model.trust import (
     Verdict,
@@ -166,9 +167,11 @@ class Usabilities:
         if read is None or permissions_ca is None:
             return []
         found = []
-        if document_verdict(read.signed, permissions_ca, profile.trust) is Verdict.REFUSED:
+        verdict = document_verdict(read.signed, permissions_ca, profile.trust)
+        lost = path_refusal(read.signed, permissions_ca, profile.trust) if verdict is Verdict.ACCEPTED else None
+        if verdict is Verdict.REFUSED or lost is not None:
             whom = "the permissions CA" if profile.trust.pins_signer else "anybody whom the permissions CA vouches for"
-            found.append(f"{role.value}.p7s is not validly signed by {whom}")
+            found.append(f"{role.value}.p7s is not validly signed by {whom}{f': {lost}' if lost else ''}")
         refusal = self._accesses.read(read, profile.access).refusal
         if refusal is not None:
             found.append(f"it refuses {role.value}.p7s: {refusal}")

@@ -16,6 +16,7 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.smime import Signature
 from keystore_audit.model.profiles import VARIANTS, Profile
+from keystore_audit.model.signer_path import path_refusal
 from keystore_audit.model.trust import Verdict, document_verdict, may_sign, signer_refusal, vouches
 from keystore_audit.rules.acceptance import SPEC, accepting
 from keystore_audit.rules.commands import CREATE_PERMISSION, SIGN_DOCUMENT
@@ -300,17 +301,16 @@ def signer_refused_by_implementations(use: DocumentUse, context: Context) -> Ite
     """The permissions CA signed, and some implementations refuse the document all the same.
 
     Cyclone DDS and OpenDDS read the first certificate of the CA file alone. Implementations that do not pin the signer
-    look for its certificate in the message, want it fit for S/MIME signing and a chain to a self-signed one. High where
-    a chosen profile refuses, else low.
+    look for its certificate in the message, want it fit for S/MIME signing and a chain to a self-signed one, and try
+    the first certificate of each name alone. High where a chosen profile refuses, else low.
     """
     refusals: dict[str, list[Profile]] = {}
     for file in dict.fromkeys(file for _enclave, file in use.judging):
         if document_verdict(use.signed, file, SPEC) is not Verdict.ACCEPTED:
             continue
         for profile in VARIANTS.values():
-            if document_verdict(use.signed, file, profile.trust) is not Verdict.REFUSED:
-                continue
-            why = signer_refusal(use.signed, file, profile.trust)
+            refused = document_verdict(use.signed, file, profile.trust) is Verdict.REFUSED
+            why = (signer_refusal if refused else path_refusal)(use.signed, file, profile.trust)
             if why is not None and profile not in refusals.setdefault(why, []):
                 refusals[why].append(profile)
     refusing = [profile for profiles in refusals.values() for profile in profiles]

@@ -156,6 +156,8 @@ def authorities() -> tuple[Recipe, ...]:
     }
     other = authority("other")
     old, renewed, long = authority("p", **PAST), authority("p"), authority("q", digest=hashes.SHA512())
+    namesake = authority("p")
+    below = certificate("/mallory", namesake)
     again = certificate("p", key=old.key, ca=True)
     numbered = certificate("p", key=old.key, ca=True, serial=old.certificate.serial_number)
     files = {
@@ -179,6 +181,9 @@ def authorities() -> tuple[Recipe, ...]:
         _ca("is the renewal of an expired one of the same number, which signs", numbered.pem, old),
         _ca("is an expired one, which signs, then another of its name", old.pem + renewed.pem, old),
         _ca("is one that signs, then an expired one", renewed.pem + old.pem, renewed),
+        _ca("is one, then another of its name, which signs", renewed.pem + namesake.pem, namesake),
+        _ca("is one, then another of its name, a leaf of which signs", renewed.pem + namesake.pem, below),
+        _ca("is one, which signs, then another of its name", renewed.pem + namesake.pem, renewed),
         _ca("is one of SHA-512, then another, which signs", long.pem + other.pem, other),
         _ca("is one of SHA-512, which signs, then another", long.pem + other.pem, long),
         Recipe(title="permissions CA missing", files={"permissions_ca.cert.pem": None}),

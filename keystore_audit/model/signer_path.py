@@ -1,0 +1,64 @@
+"""Whether OpenSSL finds its way from the signer of a document to a root, where the signer is not pinned."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+from keystore_audit.keystore.certificate import Certificate, CertificateFile
+from keystore_audit.keystore.distinguished_name import same_name
+from keystore_audit.keystore.issuer import key_identifier_fits, lets_sign, names_itself, suits_key
+from keystore_audit.keystore.smime import SignedDocument
+from keystore_audit.model.profiles import Trust
+from keystore_audit.model.trust import (
+    authorities_read,
+    is_authority,
+    issuers_taken,
+    may_have_issued,
+    signers_taken,
+)
+
+
+@lru_cache(maxsize=16_384)
+def path_refusal(signed: SignedDocument, permissions_ca: CertificateFile, trust: Trust) -> str | None:
+    """Why no path is found for a signer that `may_sign`, whatever the instant; None where one is.
+
+    PKCS7_verify takes at each step the first certificate of the issuer's name that fits, of the CA file before those of
+    the message, and tries no other one (build_chain in x509_vfy.c; measured on Fast DDS 2.9.1): of two permissions CAs
+    of one name, as sros2 names all, what the second signs is refused. Only who starts rests on this: what a peer may
+    present is asked of `may_sign`, which looks at every path.
+    """
+    if trust.pins_signer:
+        return None
+    read = authorities_read(permissions_ca, trust)
+    if all(_arrives(signer, read, signed.embedded) for signer in signers_taken(signed, trust)):
+        return None
+    return f"of {permissions_ca.file.place} the first certificate of the signer's or issuer's name is another"
+
+
+def _arrives(signer: Certificate, read: Sequence[Certificate], embedded: Sequence[Certificate]) -> bool:
+    pending, seen = [signer], {signer}
+    while pending:
+        below = pending.pop()
+        if names_itself(below):
+            if _is_found(below, read):
+                return True
+            continue
+        for above in issuers_taken(below, read) or issuers_taken(below, embedded):
+            if above not in seen and may_have_issued(above, below) and is_authority(above) and lets_sign(above):
+                seen.add(above)
+                pending.append(above)
+    return False
+
+
+def _is_found(root: Certificate, read: Sequence[Certificate]) -> bool:
+    """Whether a self-signed certificate is the one of the CA file that OpenSSL finds in its place at some instant."""
+    for each in read:
+        if each.sha256 == root.sha256:
+            return True
+        fits = same_name(each.subject_name, root.issuer_name) and suits_key(root, each)
+        allowed = each.key_usage is None or "keyCertSign" in each.key_usage
+        covers = each.not_before <= root.not_before and root.not_after <= each.not_after
+        if fits and allowed and covers and key_identifier_fits(root, each):
+            return False
+    return False

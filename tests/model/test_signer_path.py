@@ -1,0 +1,42 @@
+"""Of two permissions CAs of one name, what the second signs: as `openssl smime -verify` finds its way."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from keystore_audit.keystore.keystore import read_keystore
+from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.model.signer_path import path_refusal
+from keystore_audit.model.trust import Verdict, document_verdict
+from tests.keystore.builder import Signed, authority, certificate
+from tests.oracles.vendors.recipes_signers import PAST, _ca
+
+FIRST, SECOND, EXPIRED, OTHER = authority("p"), authority("p"), authority("p", **PAST), authority("q")
+LEAF = certificate("/mallory", SECOND)
+CASES = {
+    "the second": (FIRST.pem + SECOND.pem, SECOND, True),
+    "the first": (FIRST.pem + SECOND.pem, FIRST, False),
+    "a leaf of the second": (FIRST.pem + SECOND.pem, LEAF, True),
+    "a leaf of the first": (SECOND.pem + FIRST.pem, LEAF, False),
+    "the second, the first has expired": (EXPIRED.pem + SECOND.pem, SECOND, False),
+    "the second, of another name": (OTHER.pem + SECOND.pem, SECOND, False),
+}
+
+
+@pytest.mark.parametrize(("authorities", "signer", "lost"), CASES.values(), ids=CASES.keys())
+def test_the_first_of_the_name_is_tried_alone(authorities: bytes, signer: Signed, lost: bool, tmp_path: Path) -> None:
+    enclave = tmp_path / "enclaves/talker"
+    _ca("of the test", authorities, signer).build(enclave)
+    read = read_keystore(tmp_path).enclaves[0]
+    assert read.permissions is not None
+    assert read.permissions_ca is not None
+    row = VARIANTS["fastdds-2.9"].trust
+    assert document_verdict(read.permissions.signed, read.permissions_ca, row) is Verdict.ACCEPTED
+    assert (path_refusal(read.permissions.signed, read.permissions_ca, row) is not None) is lost
+    assert path_refusal(read.permissions.signed, read.permissions_ca, VARIANTS["fastdds-2.14"].trust) is None
+    command = ["openssl", "smime", "-verify", "-text", "-CAfile", "permissions_ca.cert.pem", "-in", "permissions.p7s"]
+    verified = subprocess.run(command, cwd=enclave, capture_output=True, check=False)
+    assert (verified.returncode != 0) is lost
