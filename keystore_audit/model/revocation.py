@@ -85,6 +85,24 @@ def list_used(enclave: Enclave, certificate: Certificate, trust: Trust, at: date
     return max(usable, key=lambda each: (_in_force(each, at), each.this_update), default=None)
 
 
+def list_broken(enclave: Enclave, certificate: Certificate, trust: Trust, at: datetime) -> bool:
+    """Whether the list that OpenSSL looks the identity up in is one that it then refuses, beside others that would do.
+
+    It chooses before it asks for signature and keyUsage (get_crl_score and check_crl in x509_vfy.c; measured).
+    """
+    authorities = authorities_read(enclave.identity_ca, trust) if enclave.identity_ca else ()
+    fitting = [
+        each
+        for each in lists_read(enclave, trust)
+        if not each.unknown_critical
+        and _in_scope(each, certificate)
+        and same_name(each.issuer_name, certificate.issuer_name)
+        and any(_signers(each, certificate, authorities, trust))
+    ]
+    chosen = max(fitting, key=lambda each: (_in_force(each, at), each.this_update), default=None)
+    return chosen is not None and not _usable(chosen, certificate, authorities, trust)
+
+
 def list_looked_up(authority: Certificate, lists: Iterable[RevocationList], at: datetime) -> RevocationList | None:
     """Of `lists`, the one in which OpenSSL looks up an identity that the authority itself issued, whichever it is."""
     usable = (

@@ -18,7 +18,7 @@ from keystore_audit.model.domains import Interval, contains, elementary
 from keystore_audit.model.doubt import enclave_doubts
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import JoinCheck, Profile, Trust
-from keystore_audit.model.revocation import list_missing, list_used, lists_read, revoked
+from keystore_audit.model.revocation import list_broken, list_missing, list_used, lists_read, revoked
 from keystore_audit.model.semantics import ReadDomainRule, ReadGrant
 from keystore_audit.model.sight import Sight, authority_refusals, certificate_refusals, key_refusals, sight_of
 from keystore_audit.model.signer_path import path_refusal
@@ -307,6 +307,8 @@ def _revocations_at(enclave: Enclave, certificate: Certificate, trust: Trust, at
     """What the revocation list says in which the identity is looked up."""
     if revoked(enclave, (certificate,), trust, at):
         yield "the identity certificate is revoked"
+    if len(lists_read(enclave, trust)) > 1 and list_broken(enclave, certificate, trust, at):
+        yield "the newest revocation list is not validly signed, so every identity is refused"
     used = list_used(enclave, certificate, trust, at)
     if used is not None and used.next_update is not None and used.next_update < at:
         yield "the revocation list is stale, so every identity is refused"

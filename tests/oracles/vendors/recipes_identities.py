@@ -287,6 +287,8 @@ def revocation() -> tuple[Recipe, ...]:
         "comes twice, the older second revokes": newer + _list(ca, (mine,)),
         "comes twice, the older first is stale": _list(ca, end=-1) + newer,
         "comes behind a stranger's": _list(stranger) + _list(ca),
+        "comes behind a newer one, signed by another": _list(ca, start=-2, signer=stranger) + _list(ca),
+        "comes behind an older one, signed by another": _list(ca, signer=stranger) + newer,
     }
     return (
         *(Recipe(title=f"crl.pem {title}", files={"crl.pem": content}) for title, content in lists.items()),
