@@ -69,11 +69,7 @@ class _Cells:
         self._plane = len(topics) * len(self._domains) * len(self._partitions)
         if self._plane * len(_OPERATIONS) * max(len(rules), 1) > _MAX_BITS:
             raise BudgetExceeded("there are too many rules in too many domains and partitions")
-        holding: dict[int, list[int]] = {}
-        for number, each in enumerate(topics):
-            for member in each.members:
-                holding.setdefault(member, []).append(number)
-        self._topic_bits = {text: bits(holding.get(number, ())) for number, text in enumerate(self._names)}
+        self._topic_bits = _holding(self._names, topics)
         self._spreads: dict[tuple[tuple[Interval, ...], tuple[str, ...] | None], int] = {}
 
     def rule(self, rule: ReadRule) -> int:
@@ -194,8 +190,16 @@ def _partition_classes(
         allowed = {text for allow, partitions in listed if allow for text in partitions or ()}
         live = {number for number, text in enumerate(texts) if text in allowed}
         classes = [each for each in classes if not live.isdisjoint(each.members)]
-    by_text = {text: bits(n for n, each in enumerate(classes) if at in each.members) for at, text in enumerate(texts)}
-    return classes, by_text
+    return classes, _holding(texts, classes)
+
+
+def _holding(texts: Sequence[str], classes: Sequence[NameClass]) -> dict[str, int]:
+    """By expression, its classes: a class's members are places among `texts`, or behind them."""
+    holding: dict[int, list[int]] = {}
+    for number, each in enumerate(classes):
+        for member in each.members:
+            holding.setdefault(member, []).append(number)
+    return {text: bits(holding.get(number, ())) for number, text in enumerate(texts)}
 
 
 def _readable(point: Point) -> tuple[object, ...]:

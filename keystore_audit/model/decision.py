@@ -80,10 +80,11 @@ class LocalRights:
         self._at = at
         self._bits: dict[object, int] = {}
         self._allowed: dict[object, int] = {}
-        self.in_domain = [0] * len(channels.domains)
-        """By domain class: its channels."""
+        numbers: list[list[int]] = [[] for _ in channels.domains]
         for number, channel in enumerate(channels.channels):
-            self.in_domain[channel.domain] |= 1 << number
+            numbers[channel.domain].append(number)
+        self.in_domain = [bits(each) for each in numbers]
+        """By domain class: its channels."""
         self._all = (1 << len(channels.channels)) - 1
         self._wildcard_names = wildcard_names(channels)
 

@@ -13,11 +13,14 @@ from typing import Final
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.system import RuleAtom, System
 
+_FEW: Final = 16
+"""Numbers that make a set one by one; the set of more is made in an array."""
+
 
 def bits(numbers: Iterable[int]) -> int:
     """The set of these numbers."""
     found = list(numbers)
-    if len(found) < 16:
+    if len(found) < _FEW:
         value = 0
         for number in found:
             value |= 1 << number
@@ -83,6 +86,7 @@ class Decisions:
         self.channels_in = [bits(channels) for channels in channels_of]
         """By domain class: its channels."""
         self._within: dict[frozenset[int], int] = {}
+        self._bits: dict[frozenset[int], int] = {}
 
     @cached_property
     def _rules(self) -> list[list[RuleAtom]]:
@@ -117,7 +121,12 @@ class Decisions:
         within = self._within.get(rule.domains)
         if within is None:
             within = self._within[rule.domains] = self.within(rule.domains)
-        return bits(named) & within
+        if len(named) < _FEW:
+            return bits(named) & within
+        known = self._bits.get(named)  # thousands of rules may be about the same channels
+        if known is None:
+            known = self._bits[named] = bits(named)
+        return known & within
 
     def within(self, domains: Iterable[int]) -> int:
         """The channels of these domain classes."""
