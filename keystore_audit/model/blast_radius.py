@@ -17,7 +17,7 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.attacker import realm_views
-from keystore_audit.model.channels import ANY_TOPIC, Channels
+from keystore_audit.model.channels import ANY_TOPIC, MAX_CELLS, Channels
 from keystore_audit.model.claim import Attacker, Place
 from keystore_audit.model.claims import AMBIENT
 from keystore_audit.model.flow import Flows, Search
@@ -37,6 +37,11 @@ MAX_TEXTS_PER_ENCLAVE: Final = 200
 """Distinct expressions of a keystore, and more for each enclave, beyond which none is ranked.
 
 `ros2 security` writes 60 for a node, a hostile document has 20,000."""
+
+MAX_NAMES: Final = 20_000
+"""Names in partitions, those in the default partition apart, beyond which no enclave is ranked: a fifth of a second.
+
+200 topics each in 20 partitions have 4,000."""
 
 MAX_VIEWS: Final = 20_000
 """Pairs of an enclave and a realm that judges it: hundreds of enclaves, each with CAs or a governance of its own."""
@@ -240,14 +245,15 @@ def ground(
     accesses: AccessViews,
     *,
     include_ambient: bool = False,
+    most: int = MAX_CELLS,
 ) -> Ground:
     """The systems of a keystore at `at` (aware UTC), name by name.
 
-    Raises errors.BudgetExceeded where the names are of too many classes.
+    `most`: names as in `named.names_of`. Raises errors.BudgetExceeded where they are of too many classes.
     """
     rows = dict.fromkeys(accesses.row(profile.access) for profile in profiles)
     files = [document.file for document in system_documents(keystore) if document.file is not None]
-    names = names_of((row.matcher, accesses.read(file, row)) for row in rows for file in files).names
+    names = names_of(((row.matcher, accesses.read(file, row)) for row in rows for file in files), most).names
     points = [(name.topic, name.partition) for name in names]
     builder = SystemBuilder(keystore, profiles, at, accesses, points, literal=False)
     systems = builder.systems()
@@ -304,7 +310,7 @@ def ranked_enclaves(
     if enclaves > MAX_RANKED or _has_more_texts(keystore, MAX_TEXTS + MAX_TEXTS_PER_ENCLAVE * enclaves):
         return ()
     try:
-        known = ground(keystore, profiles, at, accesses)
+        known = ground(keystore, profiles, at, accesses, most=MAX_NAMES)
     except BudgetExceeded:
         return ()
     if any(len(system.realms) * len(system.enclaves) > MAX_VIEWS for system in known.systems):

@@ -10,16 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property, lru_cache
-from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.atoms import TopicClass
+from keystore_audit.model.columns import Cell, Column, Columns, Shape, Table
 from keystore_audit.model.domains import Interval, contains, domain_bits, domain_classes
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.names import is_ros_dds_name
-from keystore_audit.model.partition_patterns import between
 from keystore_audit.model.patterns import MAX_KEPT, Patterns
 from keystore_audit.model.profiles import Access
 from keystore_audit.model.semantics import DEFAULT_PARTITION, Region
@@ -32,19 +31,21 @@ MAX_CELLS = 1_000_000
 """Pairs of a topic class and a partition or domain class: about a second and 200 MB. Beyond it the answer is unknown;
 10,000 enclaves as `ros2 security` makes them have some 300,000."""
 
+MAX_FURTHER = 300_000
+"""Channels of further domain classes than the first, each of which has all classes of names: about 200 MB.
+
+1,000 enclaves have 30,000 classes of names, and so may be in ten domain classes."""
+
+MAX_RULED = 50_000_000
+"""Pairs of such a channel and what topic rules of governance documents are about: a second and 50 MB.
+
+Those of 30,000 classes of names in ten domain classes may have 180 topic rules."""
+
 Named = tuple[Matcher, Region]
 """A region with the matcher that reads its expressions."""
 
 Point = tuple[str, str]
 """A topic name and a partition name."""
-
-
-class Cell(NamedTuple):
-    """A class of topics in a class of partitions, by one name each. `infinite`: it holds infinitely many."""
-
-    topic: str
-    partition: str
-    infinite: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,7 +61,7 @@ class Channels:
     channels: tuple[ChannelAtom, ...]
     regions: Mapping[Named, frozenset[int]]
     starts: tuple[int, ...]
-    columns: Sequence[_Column] = ()
+    columns: Sequence[Column] = ()
     meets: tuple[frozenset[int], ...] = ()
 
     def cells(self, channel: int) -> list[Cell]:
@@ -82,43 +83,21 @@ class Channels:
         return self.starts[domain], self.starts[domain + 1] if domain + 1 < len(self.starts) else len(self.channels)
 
 
-@dataclass(frozen=True, slots=True)
-class _Column:
-    """One merged set of (topic class, partition class) pairs: the shapes that hold it, and its witness."""
-
-    hits: tuple[int, ...]
-    topic: TopicClass
-    partition: str
-    infinite: bool
-    cells: Sequence[tuple[int, int]] = ()  # of the classes below: partition and topic
-    topics: Sequence[TopicClass] = ()
-    partitions: Sequence[TopicClass] = ()
-
-    def named(self) -> list[Cell]:
-        """What was merged."""
-        return [
-            Cell(
-                self.topics[topic].witness,
-                self.partitions[partition].witness,
-                self.topics[topic].infinite or self.partitions[partition].infinite,
-            )
-            for partition, topic in self.cells
-        ] or [Cell(self.topic.witness, self.partition, infinite=False)]
-
-
 def build_channels(
     domains: tuple[DomainAtom, ...],
     governed: Sequence[bool],
     regions: Iterable[Named],
     points: Sequence[Point] | None = None,
     opening: frozenset[Named] | None = frozenset(),
+    ruling: int = 0,
 ) -> Channels:
     """The channels of all governed domain classes (`governed`, parallel to `domains`), one more for each ungoverned
     one.
 
     `points`: only these names, each a channel of its own that stands for its class; None: all names, in classes.
     `opening`: the regions in which somebody may be allowed to have endpoints (None: anywhere); in no other is it asked
-    what patterns meet. Raises errors.BudgetExceeded where the classes are too many.
+    what patterns meet. `ruling`: how many of the regions are of topic rules. Raises errors.BudgetExceeded where the
+    classes are too many.
     """
     shapes = _shapes_of(tuple(dict.fromkeys(regions)))
     met: Mapping[int, frozenset[int]] = {}
@@ -127,7 +106,10 @@ def build_channels(
     else:
         columns = [shapes.column(point) for point in points]
         met = shapes.met_by_points(points, opening)
-    _check_cells(len(columns), sum(governed), "classes of topics in {} classes of domains")
+    further = max(sum(governed) - 1, 0)
+    _check_cells(len(columns), further, "classes of topics in {} further classes of domains", MAX_FURTHER)
+    words = f"channels of {further} further classes of domains under {{}} topic rules"
+    _check_cells(len(columns) * further, ruling, words, MAX_RULED)
     channels: list[ChannelAtom] = []
     starts: list[int] = []
     for number, is_governed in enumerate(governed):
@@ -184,6 +166,7 @@ def document_channels(
     ruled: dict[tuple[Interval, ...], None] = {}
     regions: dict[Named, None] = dict.fromkeys(claimed)
     opening: set[Named] = set()
+    topics: set[Named] = set()
     by_default = False
     for access, documents in read.items():
         for document in documents:
@@ -191,6 +174,7 @@ def document_channels(
                 governed[domain_rule.domains] = None
                 for topic_rule in domain_rule.topic_rules:
                     regions[access.matcher, topic_rule.region] = None
+                    topics.add((access.matcher, topic_rule.region))
             for grant in document.grants or ():
                 by_default = by_default or grant.default_allow
                 for rule in grant.rules:
@@ -206,21 +190,16 @@ def document_channels(
     for cover in [*governed, *ruled] if ungoverned else governed:
         wanted |= domain_bits(cover)
     covers = [opened or bool(wanted >> domain.intervals[0][0] & 1) for domain in domains]
-    return build_channels(domains, covers, regions, points, None if by_default else frozenset(opening))
+    return build_channels(
+        domains, covers, regions, points, None if by_default else frozenset(opening), ruling=len(topics)
+    )
 
 
-def _check_cells(classes: int, others: int, words: str) -> None:
+def _check_cells(classes: int, others: int, words: str, most: int = MAX_CELLS) -> None:
     """Raises errors.BudgetExceeded for more pairs than can be worked out."""
-    if classes * others > MAX_CELLS:
-        message = f"{classes} {words.format(others)} are more than can be worked out (limit {MAX_CELLS} pairs)."
+    if classes * others > most:
+        message = f"{classes} {words.format(others)} are more than can be worked out (limit {most} pairs)."
         raise BudgetExceeded(message)
-
-
-_Table = tuple[list[_Column], dict[int, frozenset[int]]]
-"""Columns, and which of them meet which others."""
-
-_Shape = tuple[tuple[tuple[int, ...], "tuple[int, ...] | None"], ...]
-"""A region by what its expressions mean: the numbers of topic and of partition patterns of each area."""
 
 
 class _Shapes:
@@ -229,9 +208,9 @@ class _Shapes:
     def __init__(self, regions: Iterable[Named]) -> None:
         self._topics = Patterns()
         self._partitions = Patterns(topics=False)
-        self._numbers: dict[_Shape, int] = {}
+        self._numbers: dict[Shape, int] = {}
         self._of = {named: self._number(named) for named in regions}
-        self._columns: dict[frozenset[Named] | None, _Table] = {}
+        self._columns: dict[frozenset[Named] | None, Table] = {}
         self._by_topic: dict[str, tuple[TopicClass, list[tuple[int, frozenset[int] | None]]]] = {}
 
     def _number(self, named: Named) -> int:
@@ -247,7 +226,7 @@ class _Shapes:
         )
         return self._numbers.setdefault(shape, len(self._numbers))
 
-    def columns(self, opening: frozenset[Named] | None) -> _Table:
+    def columns(self, opening: frozenset[Named] | None) -> Table:
         """The cells (topic class × partition class) that no shape tells apart, merged, and which meet which others.
 
         What a cell is met by is part of what tells it apart: rights in one column mean one thing then.
@@ -256,33 +235,14 @@ class _Shapes:
             self._columns[opening] = self._tabulated(opening)
         return self._columns[opening]
 
-    def _tabulated(self, opening: frozenset[Named] | None) -> _Table:
+    def _tabulated(self, opening: frozenset[Named] | None) -> Table:
         topics, partitions = self._topics.classes(), [self._partitions.empty(), *self._partitions.classes()]
         _check_cells(len(topics), len(partitions), "topic classes in {} partition classes")
-        topics_of, partitions_of = self._topics.places(topics), self._partitions.places(partitions)
-        hits: list[list[list[int]]] = [[[] for _ in topics] for _ in partitions]
-        for shape, number in self._numbers.items():
-            for topic_patterns, partition_patterns in shape:
-                for row in hits if partition_patterns is None else _chosen(hits, partition_patterns, partitions_of):
-                    for pattern in topic_patterns:
-                        for topic in topics_of[pattern]:
-                            cell = row[topic]
-                            if not cell or cell[-1] != number:
-                                cell.append(number)
+        partitions_of = self._partitions.places(partitions)
         allowing = None if opening is None else {self._of[named] for named in opening}
         met_by = self._met_by(allowing, partitions, partitions_of)
-        merged: dict[tuple[tuple[int, ...], frozenset[tuple[int, ...]]], list[tuple[int, int]]] = {}
-        edges: list[tuple[tuple[int, int], tuple[int, int]]] = []
-        for partition, row in enumerate(hits):
-            for topic, cell in enumerate(row):
-                others = _NOTHING_MET
-                if partition in met_by:
-                    meeting = [p for p in met_by[partition] if allowing is None or allowing & {*hits[p][topic]}]
-                    edges += (((p, topic), (partition, topic)) for p in meeting)
-                    others = frozenset(tuple(hits[p][topic]) for p in meeting) - {tuple(cell)}
-                merged.setdefault((tuple(cell), others), []).append((partition, topic))
-        columns = [_column(signature, cells, topics, partitions) for (signature, _), cells in merged.items()]
-        return columns, between(merged.values(), edges)
+        making = Columns(self._numbers.items(), self._topics.places(topics), partitions_of, met_by, allowing)
+        return making.table(topics, partitions)
 
     def _met_by(
         self, allowing: set[int] | None, partitions: Sequence[TopicClass], places: Sequence[Sequence[int]]
@@ -320,13 +280,13 @@ class _Shapes:
                         found.setdefault(one, set()).update(others)
         return {number: frozenset(others) for number, others in found.items()}
 
-    def column(self, point: Point) -> _Column:
+    def column(self, point: Point) -> Column:
         """One topic name in one partition."""
         topic, partition = point
         only, shapes = self._topic(topic)
         listed = self._partitions.matching(partition)
         hits = {number for number, partitions in shapes if partitions is None or not listed.isdisjoint(partitions)}
-        return _Column(hits=tuple(sorted(hits)), topic=only, partition=partition, infinite=False)
+        return Column(hits=tuple(sorted(hits)), topic=only, partition=partition, infinite=False)
 
     def _topic(self, name: str) -> tuple[TopicClass, list[tuple[int, frozenset[int] | None]]]:
         """One topic name, and the shapes that list it, each with the partition patterns beside it."""
@@ -348,7 +308,7 @@ class _Shapes:
                     listing.setdefault(pattern, []).append((number, partitions))
         return listing
 
-    def found(self, columns: Sequence[_Column], starts: Sequence[int]) -> dict[Named, frozenset[int]]:
+    def found(self, columns: Sequence[Column], starts: Sequence[int]) -> dict[Named, frozenset[int]]:
         """The channels of each region."""
         matched: list[list[int]] = [[] for _ in self._numbers]
         for at, column in enumerate(columns):
@@ -366,35 +326,3 @@ def _shapes_of(regions: tuple[Named, ...]) -> _Shapes:
 
 
 _kept_shapes = lru_cache(maxsize=4)(_Shapes)
-
-_NOTHING_MET: Final = frozenset[tuple[int, ...]]()
-
-
-def _chosen(
-    rows: list[list[list[int]]], patterns: Sequence[int], places: Sequence[Sequence[int]]
-) -> list[list[list[int]]]:
-    """The rows of the partition classes that one of the patterns matches."""
-    return [rows[place] for place in sorted({place for pattern in patterns for place in places[pattern]})]
-
-
-def _column(
-    signature: tuple[int, ...],
-    cells: list[tuple[int, int]],
-    topics: Sequence[TopicClass],
-    partitions: Sequence[TopicClass],
-) -> _Column:
-    """The column of these cells, with the witness that a person reads most easily."""
-    partition, topic = cells[0]
-    if len(cells) > 1:
-        partition, topic = min(
-            cells, key=lambda cell: (cell[0] != 0, not topics[cell[1]].ros, topics[cell[1]].infinite, cell)
-        )
-    return _Column(
-        hits=signature,
-        topic=topics[topic],
-        partition=partitions[partition].witness,
-        infinite=len(cells) > 1 or topics[topic].infinite or partitions[partition].infinite,
-        cells=cells,
-        topics=topics,
-        partitions=partitions,
-    )

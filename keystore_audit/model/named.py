@@ -43,10 +43,10 @@ class Names:
     rest: int
 
 
-def names_of(read: Iterable[tuple[Matcher, ReadDocument]]) -> Names:
+def names_of(read: Iterable[tuple[Matcher, ReadDocument]], most: int = MAX_CELLS) -> Names:
     """The classes of all topic names in all partitions, for documents as implementations read them.
 
-    Raises errors.BudgetExceeded where they are too many.
+    `most`: pairs of both, those of the default partition apart. Raises errors.BudgetExceeded where they are more.
     """
     topics, partitions = _Expressions(), _Expressions()
     for matcher, document in read:
@@ -62,7 +62,7 @@ def names_of(read: Iterable[tuple[Matcher, ReadDocument]]) -> Names:
     others: list[str] = []
     if any(pattern.literal != DEFAULT_PARTITION for pattern in partitions.patterns):
         others = [each.witness for each in classes_of(partitions.patterns, topics=False)]
-    if len(classes) * (1 + len(others)) > MAX_CELLS:
+    if len(classes) * (1 + len(others)) > MAX_CELLS or len(classes) * len(others) > most:
         message = f"{len(classes)} topic classes in {1 + len(others)} partition classes are more than can be shown."
         raise BudgetExceeded(message)
     names = tuple(

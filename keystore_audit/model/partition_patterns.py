@@ -10,7 +10,7 @@ than do, never fewer.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence, Set
+from collections.abc import Collection, Mapping, Sequence, Set
 from typing import Final
 
 from keystore_audit.model.alphabet import Alphabet, Budget
@@ -50,20 +50,6 @@ def meetings(
             names = met.get(classes[place].members, frozenset())
             found[place] = frozenset(0 if each is None else place_of[each] for each in names) - {place}
     return {place: met for place, met in found.items() if met}
-
-
-def between(
-    columns: Iterable[Sequence[tuple[int, int]]], edges: Sequence[tuple[tuple[int, int], tuple[int, int]]]
-) -> dict[int, frozenset[int]]:
-    """What columns meet what other columns, since cells of theirs do."""
-    if not edges:
-        return {}
-    place = {cell: number for number, cells in enumerate(columns) for cell in cells}
-    found: dict[int, set[int]] = {}
-    for one, other in edges:
-        if place[one] != place[other]:
-            found.setdefault(place[one], set()).add(place[other])
-    return {number: frozenset(others) for number, others in found.items()}
 
 
 def _is_plain(patterns: Sequence[Pattern], one: TopicClass) -> bool:

@@ -268,6 +268,16 @@ def _partitions(text: bytes, count: int) -> Callable[[Store], None]:
     return edited(b"</topics>", b"</topics><partitions>" + listed + b"</partitions>")
 
 
+def _criteria(count: int) -> bytes:
+    """A topic and a partition each."""
+    return b"".join(
+        b"<publish><topics><topic>rt/t%d</topic></topics><partitions><partition>p%d</partition></partitions></publish>\n"
+        % (number, number)
+        for number in range(count)
+    )
+
+
+PUBLISH: Final = P[P.index(b"<publish>") : P.index(b"</publish>")] + b"</publish>"
 EXPRESSIONS: Final = (
     Case(
         "20 topics that multiply the states of the automaton",
@@ -296,6 +306,23 @@ EXPRESSIONS: Final = (
     ),
     harmless("20,000 partitions", _partitions(b"p%d", 20_000)),
     harmless("3,000 partitions that begin differently", _partitions(b"p%d*", 3_000)),
+    harmless(
+        "900 topics in 900 partitions",
+        edited(
+            PUBLISH,
+            b"<publish><topics>"
+            + b"".join(b"<topic>rt/t%d</topic>\n" % number for number in range(900))
+            + b"</topics><partitions>"
+            + b"".join(b"<partition>p%d</partition>\n" % number for number in range(900))
+            + b"</partitions></publish>",
+        ),
+    ),
+    Case(
+        "900 topics, each in a partition of its own",  # more pairs than are told apart: undecided
+        edited(PUBLISH, _criteria(900)),
+        (),
+        bystander_changes=True,
+    ),
     Case("3,000 grants for one subject", edited(GRANT, (GRANT + b"\n") * 3_000), (Finds("KA504", line=ANY),), exit=1),
 )
 
@@ -360,6 +387,27 @@ TOPIC_RULES: Final = Case(
     (Finds("KA627", "enclaves/victim/governance.p7s"),),
     bystander_changes=True,
 )
+TOPIC_RULES_EVERYWHERE: Final = Case(
+    "a governance of 15 topic rules for each of 230 domains",  # undecided
+    lambda store: store.govern(
+        GOVERNANCE_OF_ALL.replace(
+            DOMAIN_RULE,
+            b"</domain_rule>".join(
+                _domain_rule(domain).replace(
+                    TOPIC_RULE,
+                    b"".join(
+                        re.sub(rb"(<topic_expression>)[^<]*", rb"\g<1>rt/t%d_%d*" % (domain, number), TOPIC_RULE)
+                        for number in range(15)
+                    ),
+                )
+                for domain in range(230)
+            ),
+            1,
+        )
+    ),
+    (),
+    bystander_changes=True,
+)
 LATE_DOMAINS: Final = Case(
     "a governance of 3,700 rules for one domain, then one for each other",
     lambda store: store.govern(
@@ -382,5 +430,5 @@ CASES: Final = (
     + EXPRESSIONS
     + GOVERNANCES
     + DOMAIN_RULES
-    + (TOPIC_RULES, LATE_DOMAINS)
+    + (TOPIC_RULES, TOPIC_RULES_EVERYWHERE, LATE_DOMAINS)
 )

@@ -306,6 +306,14 @@ def test_too_many_enclaves_are_not_ranked(limit: str, monkeypatch: pytest.Monkey
     assert ranked_enclaves(keystore, resolve(()), AT, accesses) == ()
 
 
+def test_too_many_names_in_partitions_are_not_ranked(monkeypatch: pytest.MonkeyPatch) -> None:
+    keystore = read_keystore(FLOWS / "chatter_partition_named")
+    accesses = AccessViews(documents_of(keystore), AT, None)
+    assert ranked_enclaves(keystore, resolve(()), AT, accesses) != ()
+    monkeypatch.setattr(blast_radius, "MAX_NAMES", 1)
+    assert ranked_enclaves(keystore, resolve(()), AT, accesses) == ()
+
+
 def test_too_many_expressions_are_not_ranked(monkeypatch: pytest.MonkeyPatch) -> None:
     keystore = read_keystore(FLOWS / "vehicle_healthy")
     accesses = AccessViews(documents_of(keystore), AT, None)

@@ -8,8 +8,11 @@ from datetime import datetime, timezone
 
 import pytest
 
+from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.governance import DomainRange, Text
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Rule
+from keystore_audit.model import channels as made
+from keystore_audit.model import columns
 from keystore_audit.model.channels import ANY_TOPIC, build_channels
 from keystore_audit.model.domains import contains, covered, domain_classes
 from keystore_audit.model.expression import Matcher, parse
@@ -155,3 +158,39 @@ def test_a_partition_that_no_document_names_is_not_shown_as_a_topic(listed: str,
     found = build_channels(domain_classes([((0, 0),)]), [True, False], regions).channels
     assert {channel.partition for channel in found if channel.domain == 0} == shown
     assert {channel.topic for channel in found if channel.partition} == {"rt/chatter"}
+
+
+def in_partitions(count: int, partition: str) -> list[tuple[Matcher, Region]]:
+    """A topic each, in a partition that may be its own."""
+    return [(Matcher.POSIX, (Area((f"rt/t{n}",), (partition.format(n),)),)) for n in range(count)]
+
+
+def test_what_the_same_rules_list_is_one_block(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(columns, "MAX_PAIRS", 2)
+    domains = domain_classes([((0, 0),)])
+    names = tuple(f"rt/t{number}" for number in range(30))
+    everywhere = (Matcher.POSIX, (Area(names, names),))
+    channels = build_channels(domains, [True], [everywhere])
+    assert [len(channels.cells(number)) for number in channels.regions[everywhere]] == [900]
+    with pytest.raises(BudgetExceeded, match="pairs of topics and partitions"):
+        build_channels(domains, [True], in_partitions(2, "p{}"))
+
+
+@pytest.mark.parametrize(("limit", "words"), [("MAX_PAIRS", "pairs of topics"), ("MAX_MEETINGS", "that meet")])
+def test_more_than_can_be_told_apart_is_not_told_apart(limit: str, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    domains = domain_classes([((0, 0),)])
+    regions = [*in_partitions(3, "p{}*"), (Matcher.POSIX, (Area(("rt/t0",), ("*",)),))]
+    assert build_channels(domains, [True], regions, opening=frozenset(regions)).meets
+    monkeypatch.setattr(columns, limit, 1)
+    with pytest.raises(BudgetExceeded, match=words):
+        build_channels(domains, [True], regions, opening=None)
+
+
+@pytest.mark.parametrize(("limit", "words"), [("MAX_FURTHER", "further classes"), ("MAX_RULED", "topic rules")])
+def test_channels_of_further_domains_have_a_limit(limit: str, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    one, two = domain_classes([((0, 0),)]), domain_classes([((0, 0),), ((3, 3),)])
+    monkeypatch.setattr(made, limit, 7)
+    regions = in_partitions(3, "")  # with what nothing matches four classes
+    assert build_channels(one, [True, False], regions, ruling=2).channels
+    with pytest.raises(BudgetExceeded, match=words):
+        build_channels(two, [True, True, True], regions, ruling=2)
