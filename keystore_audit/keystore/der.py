@@ -19,6 +19,8 @@ MAX_ELEMENTS: Final = 10_000
 """Structures, one behind the other in one file, that are looked at; what stands behind them may be anything."""
 
 SEQUENCE: Final = b"\x30"
+_SEQUENCES: Final = (SEQUENCE, b"\x3f")
+"""How one begins: with the tag itself, or with its number behind it (`opening`)."""
 
 _LONG: Final = 0x1F
 """In the first byte of a tag: its number follows."""
@@ -87,7 +89,9 @@ def structures(data: bytes) -> Iterator[bytes]:
 
 
 def any_structure(test: Callable[[bytes], bool], data: bytes) -> bool:
-    """Whether some of the structures is what `test` asks for, or there are too many to look at."""
+    """Whether some of the structures is the kind of SEQUENCE that `test` asks for, or there are too many to look at."""
+    if data[:1] not in _SEQUENCES:  # nearly every file
+        return False
     found = list(structures(data))
     return len(found) == MAX_ELEMENTS or any(map(test, found))
 
