@@ -141,7 +141,7 @@ def _parsed(parsed: x509.CertificateRevocationList, line: int, path: str) -> Rev
     issuer = parsed.issuer  # the library reads it anew each time, and warns each time
     critical = set(_critical(parsed.extensions, _PROCESSED))
     entries: dict[int, bool] = {}  # by serial number; of several entries the first decides (x_crl.c, def_crl_lookup)
-    passed_over: set[int] = set()
+    listed: set[int] = set()
     about_own = True  # an entry's certificateIssuer holds for those behind it too (RFC 5280, 5.3.3), in any list
     for entry in parsed:
         extensions, removed = entry.extensions, False
@@ -151,8 +151,10 @@ def _parsed(parsed: x509.CertificateRevocationList, line: int, path: str) -> Rev
             about_own = about_own if named is None else any(same_name(each, issuer) for each in named)
             removed = _removed(extensions)
         serial = entry.serial_number
-        if not (about_own and entries.setdefault(serial, not removed)) and not removed:
-            passed_over.add(serial)
+        if not removed:
+            listed.add(serial)
+        if about_own:
+            entries.setdefault(serial, not removed)
     revoked = frozenset(serial for serial, is_revoked in entries.items() if is_revoked)
     signed = parsed.tbs_certlist_bytes
     algorithm, issuer_der = _algorithm_and_issuer(signed)
@@ -165,7 +167,7 @@ def _parsed(parsed: x509.CertificateRevocationList, line: int, path: str) -> Rev
         this_update=parsed.last_update_utc,
         next_update=parsed.next_update_utc,
         revoked=revoked,
-        passed_over=frozenset(passed_over) - revoked,
+        passed_over=frozenset(listed) - revoked,
         signature_algorithm=signature_algorithm(parsed.signature_algorithm_oid.dotted_string),
         unknown_critical=tuple(sorted(critical)),
         scope=_scope(parsed.extensions),

@@ -81,8 +81,7 @@ def list_used(enclave: Enclave, certificate: Certificate, trust: Trust, at: date
     measured on Fast DDS 2.9.1).
     """
     authorities = authorities_read(enclave.identity_ca, trust) if enclave.identity_ca else ()
-    usable = (each for each in lists_read(enclave, trust) if _usable(each, certificate, authorities, trust))
-    return max(usable, key=lambda each: (_in_force(each, at), each.this_update), default=None)
+    return _chosen((each for each in lists_read(enclave, trust) if _usable(each, certificate, authorities, trust)), at)
 
 
 def list_broken(enclave: Enclave, certificate: Certificate, trust: Trust, at: datetime) -> bool:
@@ -91,15 +90,12 @@ def list_broken(enclave: Enclave, certificate: Certificate, trust: Trust, at: da
     It chooses before it asks for signature and keyUsage (get_crl_score and check_crl in x509_vfy.c; measured).
     """
     authorities = authorities_read(enclave.identity_ca, trust) if enclave.identity_ca else ()
-    fitting = [
+    fitting = (
         each
         for each in lists_read(enclave, trust)
-        if not each.unknown_critical
-        and _in_scope(each, certificate)
-        and same_name(each.issuer_name, certificate.issuer_name)
-        and any(_signers(each, certificate, authorities, trust))
-    ]
-    chosen = max(fitting, key=lambda each: (_in_force(each, at), each.this_update), default=None)
+        if _is_about(each, certificate) and any(_signers(each, certificate, authorities, trust))
+    )
+    chosen = _chosen(fitting, at)
     return chosen is not None and not _usable(chosen, certificate, authorities, trust)
 
 
@@ -115,7 +111,12 @@ def list_looked_up(authority: Certificate, lists: Iterable[RevocationList], at: 
         and _lets_sign_lists(each, authority)
         and crl_signed_by(each, authority) is not False
     )
-    return max(usable, key=lambda each: (_in_force(each, at), each.this_update), default=None)
+    return _chosen(usable, at)
+
+
+def _chosen(lists: Iterable[RevocationList], at: datetime) -> RevocationList | None:
+    """One in force goes before others, then the newest, then the first."""
+    return max(lists, key=lambda each: (_in_force(each, at), each.this_update), default=None)
 
 
 def _in_force(revocations: RevocationList, at: datetime) -> bool:
@@ -142,14 +143,17 @@ def _usable(
     revocations: RevocationList, certificate: Certificate, authorities: Sequence[Certificate], trust: Trust
 ) -> bool:
     """Whether a list can be used for a certificate; a signature that cannot be checked counts."""
-    if revocations.unknown_critical or not _in_scope(revocations, certificate):
-        return False
-    if not same_name(revocations.issuer_name, certificate.issuer_name):
-        return False
-    return any(
+    return _is_about(revocations, certificate) and any(
         crl_signed_by(revocations, signer) is not False and _lets_sign_lists(revocations, signer)
         for signer in _signers(revocations, certificate, authorities, trust)
     )
+
+
+def _is_about(revocations: RevocationList, certificate: Certificate) -> bool:
+    """Whether the list is one of the certificate's issuer, for certificates like it, that OpenSSL can process."""
+    if revocations.unknown_critical or not _in_scope(revocations, certificate):
+        return False
+    return same_name(revocations.issuer_name, certificate.issuer_name)
 
 
 def _in_scope(revocations: RevocationList, certificate: Certificate) -> bool:
