@@ -21,7 +21,7 @@ from keystore_audit.model.comparison_identities import identities_certified_agai
 from keystore_audit.model.comparison_keys import foreign_keys
 from keystore_audit.model.comparison_revocation import revocation_facts
 from keystore_audit.model.comparison_sides import Sides
-from keystore_audit.model.inventory import beside_enclaves, governance_at_large, may_be_taken, permissions_cas
+from keystore_audit.model.inventory import beside_enclaves, governance_apart, governance_at_large
 from keystore_audit.model.trust import Verdict, envelope, may_have_issued
 
 ADDED: Final = "enclave-added"
@@ -95,7 +95,7 @@ def _of_keystores(old: Keystore, new: Keystore) -> Iterator[Draft]:
         yield from _left("authority-key", what, *(each[on_robots] for each in keys))
     others = [{file.sha256 or file.place: file.place for file in _other_private_keys(k)} for k in (old, new)]
     yield from _left("private-key", "a private key that is no enclave's", others[0], others[1])
-    large = [{file.sha256 or file.place: file.place for file in _governance_at_large(k)} for k in (old, new)]
+    large = [{stray.file.sha256 or stray.place: stray.place for stray in governance_apart(k)} for k in (old, new)]
     for draft in _left("governance-at-large", "a signed governance that no enclave carries", large[0], large[1]):
         if any(map(governance_at_large, (old, new))):
             draft.what += ", with which whoever has an identity of no enclave may start"
@@ -111,14 +111,6 @@ def _authority_keys(keystore: Keystore) -> Mapping[bool, Mapping[str, str]]:
     for each in keystore.authority_keys:
         found[beside(each.file.place)][each.key or each.file.place] = each.file.place
     return found
-
-
-def _governance_at_large(keystore: Keystore) -> Iterator[File]:
-    """Governance that no enclave carries and that peers would take in the place of theirs."""
-    files = permissions_cas(keystore)
-    for stray in keystore.strays:
-        if isinstance(stray.document, GovernanceFile) and may_be_taken(stray.document.signed, files):
-            yield stray.document.signed.file
 
 
 def _left(kind: str, what: str, old: Mapping[str, str], new: Mapping[str, str]) -> Iterator[Draft]:

@@ -70,19 +70,24 @@ def permissions_at_large(keystore: Keystore) -> tuple[Stray, ...]:
     )
 
 
+def governance_apart(keystore: Keystore) -> tuple[Stray, ...]:
+    """Governance documents of no enclave that some peer's permissions CA signed."""
+    found = [stray for stray in keystore.strays if isinstance(stray.document, GovernanceFile)]
+    files = permissions_cas(keystore) if found else ()
+    return tuple(s for s in found if s.document is not None and may_be_taken(s.document.signed, files))
+
+
 def governance_at_large(keystore: Keystore) -> tuple[Stray, ...]:
-    """Governance documents of no enclave that some peer's permissions CA signed, where somebody may start with them.
+    """The same, where somebody may start with them.
 
     Enclaves do not. Whoever has an identity outside of them has files that nobody here knows, and these lie beside it.
     """
-    governances = [stray for stray in keystore.strays if isinstance(stray.document, GovernanceFile)]
-    identities = keystore.identities
+    identities, governances = keystore.identities, governance_apart(keystore)
     if not governances or not (
         identities.found or identities.copies or identities.possible or any(certified_again(keystore))
     ):
         return ()
-    files = permissions_cas(keystore)
-    return tuple(s for s in governances if s.document is not None and may_be_taken(s.document.signed, files))
+    return governances
 
 
 @lru_cache(maxsize=2)

@@ -9,10 +9,15 @@ from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.stray import Stray
-from keystore_audit.model.inventory import governance_at_large, may_be_taken, permissions_at_large, permissions_cas
+from keystore_audit.model.inventory import (
+    governance_apart,
+    governance_at_large,
+    may_be_taken,
+    permissions_at_large,
+    permissions_cas,
+)
 from keystore_audit.model.stray_identity import Admitted, admitted
 from keystore_audit.model.surplus import StrayGrant, stray_grants
 from keystore_audit.model.trust import Verdict, envelope
@@ -132,9 +137,7 @@ def signed_governance_at_large(keystore: Keystore, _context: Context) -> Iterato
     Whoever can write to a robot needs no key to put it in the place of the one in use, and old governances are often
     weaker. Governance documents have no dates.
     """
-    files = permissions_cas(keystore)
-    found = [s for s in keystore.strays if isinstance(s.document, GovernanceFile)]
-    found = [s for s in found if s.document is not None and may_be_taken(s.document.signed, files)]
+    found = governance_apart(keystore)
     if found:
         yield Violation(
             message=f"{listed(stray.place for stray in found)}: validly signed governance that no enclave applies; it "
