@@ -20,7 +20,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, Point
 from keystore_audit.model.domains import classes_of, describe
 from keystore_audit.model.expression import Matcher, parse
-from keystore_audit.model.permission import bits, union
+from keystore_audit.model.permission import allowing, bits, union
 from keystore_audit.model.profiles import Access, Local, Profile
 from keystore_audit.model.semantics import ReadDomainRule, ReadGrant, ReadRule, Region
 from keystore_audit.model.subject import names
@@ -300,16 +300,6 @@ class LocalRights:
             and _matched(area.topics, topic, matcher)
             for area in rule.region(operation)
         )
-
-
-def allowing(steps: Iterable[Step]) -> int:
-    """The channels on which the first of the steps that is about them allows."""
-    allowed, decided = 0, 0
-    for step in steps:
-        if step.allow:
-            allowed |= step.channels & ~decided
-        decided |= step.channels
-    return allowed
 
 
 def wildcard_names(channels: Channels) -> list[int]:

@@ -17,7 +17,7 @@ from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.domains import HIGHEST_DOMAIN, Interval, contains, domain_classes
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.names import AMBIENT_TOPICS, DISCOVERY_TOPIC
-from keystore_audit.model.permission import bits, members
+from keystore_audit.model.permission import allowing, bits, members
 from keystore_audit.model.policy_grant import PolicyGrant
 from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.semantics import DEFAULT_PARTITION, Area, ReadGrant, ReadRule, Region, read_grant
@@ -117,7 +117,7 @@ class Comparison:
         for kind, names in differing.items():
             for operation in Operation:
                 meant, granted = sides.meant(kind, operation), sides.granted(kind, operation)
-                ours, theirs = _allowed(meant), _allowed(granted)
+                ours, theirs = allowing(meant), allowing(granted)
                 asked = sides.asked(domains[kind])
                 if both:
                     lacking.add(sides, kind, operation, ours & ~theirs & asked, names)
@@ -357,15 +357,6 @@ def _familiarity(channels: Channels, number: int) -> tuple[object, ...]:
     """What people know comes first."""
     channel = channels.channels[number]
     return channel.partition != "", not channel.ros, channel.topic in AMBIENT_TOPICS, channel.topic, number
-
-
-def _allowed(steps: Iterable[_Step]) -> int:
-    allowed, decided = 0, 0
-    for step in steps:
-        if step.allow:
-            allowed |= step.channels & ~decided
-        decided |= step.channels
-    return allowed
 
 
 def _deciding(steps: Iterable[_Step], channel: int) -> _Step:

@@ -17,11 +17,11 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.decision import LocalRights, allowing
+from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.names import ACTION_PART, ACTION_SERVICES, ACTION_TOPICS
-from keystore_audit.model.permission import members
+from keystore_audit.model.permission import allowing, members
 from keystore_audit.model.profiles import Access, Local, Profile
 from keystore_audit.model.ros_channels import RosChannels, ros_channels
 from keystore_audit.model.ros_classes import Affix
