@@ -52,8 +52,7 @@ class Verdict(str, Enum):
 class Envelope:
     """What the envelope of a document is worth before anybody asks who signed it.
 
-    `verdict`: ACCEPTED where every signature verifies under `signers`, certificates that the signer
-    identifiers name.
+    `verdict`: ACCEPTED where every signature verifies under `signers`, whom the signer identifiers name.
     """
 
     verdict: Verdict
@@ -96,6 +95,13 @@ def authorities_read(file: CertificateFile, trust: Trust) -> tuple[Certificate, 
     begins = (number for number, each in enumerate(file.certificates) if each.signature_algorithm in known)
     first = next(begins, 0)  # where none is known, the file is not loaded: `sight.authority_refusals`
     return file.certificates[first : first + MAX_AUTHORITIES]
+
+
+def _not_read(place: str, trust: Trust) -> str:
+    """Why a certificate of a CA file does not count (`authorities_read`)."""
+    if trust.first_authority_only:
+        return f"of {place} the first certificate alone is read"
+    return f"of {place} nothing before the first certificate with a signature algorithm that it knows is read"
 
 
 def signing_authorities(file: CertificateFile, trust: Trust) -> tuple[Certificate, ...]:
@@ -152,7 +158,7 @@ def is_root(certificate: Certificate, *, signed: bool = False) -> bool:
 
 def _chaining(trust: Trust, file: CertificateFile) -> Trust:
     """One row for all that look for chains in the file alike: each is then looked for once."""
-    return _row(trust.needs_root, trust.checks_root_signature, *_reading(trust, file))
+    return _row(False, trust.needs_root, trust.checks_root_signature, *_reading(trust, file))
 
 
 def _reading(trust: Trust, file: CertificateFile | None) -> tuple[bool, frozenset[str] | None]:
@@ -164,22 +170,14 @@ def _reading(trust: Trust, file: CertificateFile | None) -> tuple[bool, frozense
 
 
 @lru_cache(maxsize=64)
-def _signing_row(pins_signer: bool, first_authority_only: bool, ca_algorithms: frozenset[str] | None) -> Trust:
-    return replace(
-        SPEC.trust, pins_signer=pins_signer, first_authority_only=first_authority_only, ca_algorithms=ca_algorithms
-    )
-
-
-@lru_cache(maxsize=64)
-def _row(
-    needs_root: bool, checks_root_signature: bool, first_authority_only: bool, ca_algorithms: frozenset[str] | None
-) -> Trust:
+def _row(pins: bool, needs_root: bool, checks_root: bool, first_only: bool, algorithms: frozenset[str] | None) -> Trust:
     return replace(
         SPEC.trust,
+        pins_signer=pins,
         needs_root=needs_root,
-        checks_root_signature=checks_root_signature,
-        first_authority_only=first_authority_only,
-        ca_algorithms=ca_algorithms,
+        checks_root_signature=checks_root,
+        first_authority_only=first_only,
+        ca_algorithms=algorithms,
     )
 
 
@@ -211,8 +209,8 @@ def _chain_refusal(certificate: Certificate, file: CertificateFile, trust: Trust
             return f"no certificate in {place} has the key that signed it"
         if not any(is_authority(authority) for authority in issuers):
             return f"the certificate in {place} that signed it is no authority"
-        if trust.first_authority_only and file.first not in issuers:
-            return f"of {place} the first certificate alone is read"
+        if not any(authority in authorities_read(file, trust) for authority in issuers):
+            return _not_read(place, trust)
         return f"no chain in {place} ends at a self-signed certificate within its path lengths"
     return _path_refusal(certificate, file, trust) if trust.needs_root else None
 
@@ -316,7 +314,7 @@ def signer_refusal(signed: SignedDocument, permissions_ca: CertificateFile, trus
         if not any(signer.sha256 == authority.sha256 for authority in permissions_ca.certificates):
             return f"the signer is not in {place}"
         if trust.pins_signer:
-            return f"of {place} the first certificate alone is read"
+            return _not_read(place, trust)
         if not is_first_embedded(signer, signed):
             return "the message does not hold the signer's certificate"
         if not fit_to_sign(signer) or signer.unknown_critical:
@@ -351,7 +349,7 @@ def _first_embedded(signer: Certificate, signed: SignedDocument) -> Certificate 
 
 def document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | None, trust: Trust) -> Verdict:
     """What an enclave with this permissions CA file does with the document's signatures."""
-    row = _signing_row(trust.pins_signer, *_reading(trust, permissions_ca))
+    row = _row(trust.pins_signer, False, False, *_reading(trust, permissions_ca))
     return _document_verdict(signed, permissions_ca, row)
 
 

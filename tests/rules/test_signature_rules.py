@@ -132,6 +132,13 @@ def test_who_refuses_what_the_permissions_ca_signed() -> None:
     (second, *_) = findings("KA317", judged(talker(permissions_ca=ca)(healthy())))
     assert second.profiles == ("cyclonedds-0.10", "cyclonedds-11", "opendds")
     assert "the first certificate alone is read" in second.message
+    ca = certificates("public/permissions_ca.cert.pem", PERMISSIONS_CA, pem("newCA", issuer="newCA"))
+    unknown = replace(ca.certificates[0], signature_algorithm="ecdsa-with-SHA384")
+    passing_over = replace(ca, certificates=(unknown, *ca.certificates[1:]))
+    (behind, *_) = findings("KA317", judged(talker(permissions_ca=passing_over)(healthy())))
+    assert all(profile.startswith("fastdds-") for profile in behind.profiles)
+    assert "nothing before the first certificate with a signature algorithm that it knows is read" in behind.message
+    assert "alone" not in behind.message
 
 
 def test_who_takes_what_an_identity_signed_for_itself() -> None:
