@@ -88,7 +88,7 @@ class SystemBuilder:
         self._certificates = certificates_of(keystore, at)
         self._number = {certificate.sha256: n for n, certificate in enumerate(self._certificates)}
         self._large = Large(keystore, self._number, self._documents, profiles, at)
-        self._views = Views(keystore, self._documents, self._certificates, accesses, at)
+        self._views = Views(keystore, self._documents, self._certificates, accesses, at, self._large.hosts.values())
         self._realm_doubts = [realm_doubt(enclave) for enclave in keystore.enclaves]
         self._unread_places = unread_places(keystore)
         with Aside(self._identified, wanted=aside and len(keystore.enclaves) >= FEW) as identified:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from datetime import datetime
 from typing import NamedTuple
 
@@ -58,7 +58,10 @@ def trust_files(enclave: Enclave) -> TrustFiles:
 
 
 class Views:
-    """The views of one keystore at an instant (aware UTC). A certificate is its index in `certificates`."""
+    """The views of one keystore at an instant (aware UTC). A certificate is its index in `certificates`.
+
+    `hosts`: in whose place an identity at large may start.
+    """
 
     def __init__(
         self,
@@ -67,13 +70,14 @@ class Views:
         certificates: Sequence[Certificate],
         accesses: AccessViews,
         at: datetime,
+        hosts: Iterable[Enclave],
     ) -> None:
         self._accesses = accesses
         self._at = at
         self._documents = documents
         self._certificates = certificates
         self._number = {certificate.sha256: number for number, certificate in enumerate(certificates)}
-        self._realms = list({trust_files(enclave): enclave for enclave in keystore.enclaves}.values())
+        self._realms = list({trust_files(enclave): enclave for enclave in (*keystore.enclaves, *hosts)}.values())
         self._permissions_cas = list(dict.fromkeys(enclave.permissions_ca for enclave in keystore.enclaves))
         self._told: dict[tuple[str, bool], int] = {}
         self._named: dict[SubjectComparison, dict[str, frozenset[int]]] = {}

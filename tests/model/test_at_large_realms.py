@@ -194,6 +194,19 @@ def test_whom_it_trusts_is_its_own_affair(
     assert ways(written(tmp_path / "b", {**trusted, **NOBODYS}, store), profiles=(profile,)) == {HOLDS}
 
 
+def test_implementations_that_read_all_authorities_together_differently_are_told_apart(tmp_path: Path) -> None:
+    """Each enclave trusts one authority, which all read alike; whoever trusts both has a file of two."""
+    store = replace(STORE, members={**STORE.members, "/motor": replace(MOTOR, issuer=SECOND)})
+    trusted = {"enclaves/motor/identity_ca.cert.pem": SECOND.pem}
+    trusting: dict[str, set[int]] = {}
+    for name, files in (("a", LYING_ABOUT), ("b", NOBODYS)):
+        for system in understood(written(tmp_path / name, {**trusted, **files}, store)):
+            for profile in system.profiles:
+                trusting.setdefault(f"{name} {profile}", set()).update(len(each.identity_ca) for each in system.realms)
+    assert trusting["a spec"] == trusting["a fastdds-3.6"] == {1, 2}
+    assert trusting["a cyclonedds-11"] == trusting["b spec"] == trusting["b cyclonedds-11"] == {1}
+
+
 @pytest.mark.parametrize("unread", ["cut", "link"])
 def test_what_could_not_be_read_may_be_a_governance_to_start_with(unread: str, tmp_path: Path) -> None:
     for name, files, expected in (("a", LYING_ABOUT, UNKNOWN), ("b", NOBODYS, HOLDS)):
