@@ -14,9 +14,10 @@ It works on octets: in brackets a character beyond ASCII stands for each of its 
 from __future__ import annotations
 
 import re
+from functools import partial
 from typing import Final
 
-from keystore_audit.model.tokens import ANY_CHARACTER, NO_CHARACTER, STAR, CharSet, Reading, Single, Token
+from keystore_audit.model.tokens import ANY_CHARACTER, NO_CHARACTER, CharSet, Reading, Single, Token, scanned
 
 _NEVER: Final = "so Cyclone DDS never matches it"
 _NOTHING_CLOSES: Final = f"has a [ that nothing closes, {_NEVER}"
@@ -25,7 +26,6 @@ _ALL_BUT_NOTHING: Final = "has [!] with nothing in it, which Cyclone DDS takes f
 _NO_RANGE_END: Final = f"has a range in brackets that ends in ] or not at all, {_NEVER}"
 _EMPTY_RANGE: Final = "has a range in brackets that ends before it begins, which is empty"
 _RANGE_FROM_CLOSE: Final = "has a - behind the ] of its brackets, which Cyclone DDS takes for a range from ] on"
-_NUL: Final = "holds a NUL character, which no name has, so it never matches"
 _SPECIAL: Final = re.compile(r"[*?\[\0]")
 
 
@@ -35,20 +35,7 @@ def parse_cyclonedds(text: str) -> Reading:
         return Reading(tokens=text)
     tokens: list[Token] = []
     malformed: str | None = None
-    place = 0
-    while place < len(text):
-        character = text[place]
-        place += 1
-        token: Token = character
-        fault: str | None = None
-        if character == "*":
-            token = STAR
-        elif character == "?":
-            token = ANY_CHARACTER
-        elif character == "\0":
-            token, fault = NO_CHARACTER, _NUL
-        elif character == "[":
-            token, place, fault = _brackets(text, place)
+    for token, fault in scanned(text, partial(_brackets, text), escapes=False):
         tokens.append(token)
         malformed = malformed or fault
         if token == NO_CHARACTER:  # nothing behind it counts, and to read on could take quadratic time

@@ -13,26 +13,24 @@ where it began. At the end of the text it does the same. So `*ab` does not match
 from __future__ import annotations
 
 import re
+from functools import partial
 from typing import Final
 
 from keystore_audit.model.tokens import (
-    ANY_CHARACTER,
     LAST_CHARACTER,
     NO_CHARACTER,
-    STAR,
     CharSet,
     Reading,
     Single,
     Token,
+    scanned,
 )
 
 _READS_BEYOND: Final = (
     "has a [ that nothing closes: OpenDDS reads on in the memory behind it, so nobody can say what it matches"
 )
-_TRAILING_BACKSLASH: Final = "ends in a backslash with nothing to escape, so it never matches"
 _NOT_BEHIND: Final = "has a range in brackets that does not end behind its beginning, of which OpenDDS takes both ends"
 _ENDS_IN_DELETE: Final = "has a range in brackets that ends in the character DEL, which OpenDDS takes for any character"
-_NUL: Final = "holds a NUL character, which no name has, so it never matches"
 _DELETE: Final = "\x7f"
 _SPECIAL: Final = re.compile(r"[*?\[\\\0]")
 
@@ -43,23 +41,7 @@ def parse_opendds(text: str) -> Reading:
         return Reading(tokens=text)
     tokens: list[Token] = []
     malformed: str | None = None
-    place = 0
-    while place < len(text):
-        character = text[place]
-        place += 1
-        token: Token = character
-        fault: str | None = None
-        if character == "*":
-            token = STAR
-        elif character == "?":
-            token = ANY_CHARACTER
-        elif character == "\0":
-            token, fault = NO_CHARACTER, _NUL
-        elif character == "[":
-            token, place, fault = _brackets(text, place)
-        elif character == "\\":
-            token, fault = (text[place], None) if place < len(text) else (NO_CHARACTER, _TRAILING_BACKSLASH)
-            place += 1
+    for token, fault in scanned(text, partial(_brackets, text), escapes=True):
         tokens.append(token)
         if fault == _READS_BEYOND:
             return Reading(tokens=tokens, malformed=fault, undefined=True)

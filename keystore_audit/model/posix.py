@@ -15,12 +15,10 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Final
 
-from keystore_audit.model.tokens import ANY_CHARACTER, NO_CHARACTER, STAR, CharSet, Reading, Single, Token
+from keystore_audit.model.tokens import NO_CHARACTER, CharSet, Reading, Single, Token, scanned
 
 _DIFFERENTLY: Final = "which implementations read differently"
 _NOTHING_CLOSES: Final = f"has a [ that nothing closes, {_DIFFERENTLY}"
-_TRAILING_BACKSLASH: Final = "ends in a backslash with nothing to escape, so it never matches"
-_NUL: Final = "holds a NUL character, which no name has, so it never matches"
 _EMPTY_RANGE: Final = "has a range in brackets that ends before it begins, which is empty or an error"
 _ODD_RANGE_END: Final = f"has a range in brackets that ends in [: or [=, {_DIFFERENTLY}"
 _ODD_CLASS: Final = f"has [: in brackets without a class name and :] after it, {_DIFFERENTLY}"
@@ -55,26 +53,10 @@ def parse_posix(text: str, *, escapes: bool) -> Reading:
     """Read `text`. `escapes`: whether a backslash takes the next character's meaning away, as without FNM_NOESCAPE."""
     if not _SPECIAL.search(text):
         return Reading(tokens=text)
-    tokens: list[Token] = []
     brackets = _Brackets(text, escapes=escapes)
+    tokens: list[Token] = []
     malformed: str | None = None
-    place = 0
-    while place < len(text):
-        character = text[place]
-        token: Token = character
-        fault: str | None = None
-        place += 1
-        if character == "*":
-            token = STAR
-        elif character == "?":
-            token = ANY_CHARACTER
-        elif character == "\0":
-            token, fault = NO_CHARACTER, _NUL
-        elif character == "[":
-            token, place, fault = brackets.read(place)
-        elif character == "\\" and escapes:
-            token, fault = (text[place], None) if place < len(text) else (NO_CHARACTER, _TRAILING_BACKSLASH)
-            place += 1
+    for token, fault in scanned(text, brackets.read, escapes=escapes):
         tokens.append(token)
         malformed = malformed or fault
     return Reading(tokens=tokens, malformed=malformed, undefined=brackets.undefined)

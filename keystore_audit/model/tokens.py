@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from enum import Enum
 from typing import Final, NamedTuple, TypeAlias
 
@@ -74,6 +74,38 @@ class Reading:
     tokens: Iterable[Token]
     malformed: str | None = None
     undefined: bool = False
+
+
+_NUL: Final = "holds a NUL character, which no name has, so it never matches"
+_TRAILING_BACKSLASH: Final = "ends in a backslash with nothing to escape, so it never matches"
+
+
+def scanned(
+    text: str, brackets: Callable[[int], tuple[Single, int, str | None]], *, escapes: bool
+) -> Iterator[tuple[Token, str | None]]:
+    """The tokens of an expression, each with what is malformed in it.
+
+    `brackets`: from the place behind a `[` what they take, where the text goes on, and what is malformed in them.
+    `escapes`: whether a backslash takes the next character's meaning away.
+    """
+    place = 0
+    while place < len(text):
+        character = text[place]
+        place += 1
+        if character == "*":
+            yield STAR, None
+        elif character == "?":
+            yield ANY_CHARACTER, None
+        elif character == "\0":
+            yield NO_CHARACTER, _NUL
+        elif character == "[":
+            token, place, fault = brackets(place)
+            yield token, fault
+        elif character == "\\" and escapes:
+            yield (text[place], None) if place < len(text) else (NO_CHARACTER, _TRAILING_BACKSLASH)
+            place += 1
+        else:
+            yield character, None
 
 
 def pieces(tokens: Iterable[Token]) -> tuple[Piece, ...]:
