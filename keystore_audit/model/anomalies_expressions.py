@@ -11,16 +11,7 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.anomalies_classes import Effort
 from keystore_audit.model.atoms import classify
 from keystore_audit.model.expression import Matcher, Pattern, parse
-from keystore_audit.model.names import (
-    DISCOVERY_TOPIC,
-    REPLY_PREFIX,
-    REPLY_SUFFIX,
-    REQUEST_PREFIX,
-    REQUEST_SUFFIX,
-    SERVICE_PREFIX,
-    TOPIC_PREFIX,
-    is_ros_dds_name,
-)
+from keystore_audit.model.names import DISCOVERY_TOPIC, REPLY_SUFFIX, REQUEST_SUFFIX, SUFFIX_OF, is_ros_dds_name
 
 _STATES: Final = 256
 """States for one expression: one with ten stars has some hundred."""
@@ -28,12 +19,6 @@ _STATES: Final = 256
 _COST: Final = 4
 """States of the keystore's effort that asking about one character of an expression takes."""
 
-_SUFFIX_OF: Final = {
-    f"{TOPIC_PREFIX}/": "",
-    f"{SERVICE_PREFIX}/": "",
-    f"{REQUEST_PREFIX}/": REQUEST_SUFFIX,
-    f"{REPLY_PREFIX}/": REPLY_SUFFIX,
-}
 _NOT_OF_NAMES: Final = re.compile(r"[^A-Za-z0-9_/\n]")
 _NOT_OF_TOKENS: Final = re.compile(r"/[0-9]")
 _BROKEN: Final = ("//", "/\n", f"/{REQUEST_SUFFIX}\n", f"/{REPLY_SUFFIX}\n")
@@ -83,9 +68,8 @@ def are_ros_names(texts: Collection[str]) -> bool:
     whole = "\n".join(texts) + "\n"
     if _NOT_OF_NAMES.search(whole) or _NOT_OF_TOKENS.search(whole) or any(broken in whole for broken in _BROKEN):
         return False
-    suffix_of = _SUFFIX_OF
     for text in texts:
-        suffix = suffix_of.get(text[:3])
+        suffix = SUFFIX_OF.get(text[:3])
         if suffix is None:
             if text != DISCOVERY_TOPIC:
                 return False
@@ -99,7 +83,7 @@ def _has_ros_name(pattern: Pattern, effort: Effort) -> bool:
     if pattern.literal is not None:
         return is_ros_dds_name(pattern.literal)
     prefix = pattern.prefix
-    starts = (*_SUFFIX_OF, DISCOVERY_TOPIC)
+    starts = (*SUFFIX_OF, DISCOVERY_TOPIC)
     if not any(start.startswith(prefix) or prefix.startswith(start) for start in starts):
         return False
     if any(isinstance(piece, str) and _NOT_OF_NAMES.search(piece) for piece in pattern.pieces):

@@ -66,6 +66,8 @@ _MANGLING: Final = {
     REPLY_PREFIX: (REPLY_SUFFIX, "service", "reply"),
     SERVICE_PREFIX: ("", "service", ""),
 }
+SUFFIX_OF: Final = {f"{prefix}/": suffix for prefix, (suffix, _kind, _half) in _MANGLING.items()}
+"""How DDS names of ROS 2 begin, and how each of these has to end."""
 
 
 class RosKind(str, Enum):

@@ -16,15 +16,7 @@ import re
 from functools import partial
 from typing import Final
 
-from keystore_audit.model.tokens import (
-    LAST_CHARACTER,
-    NO_CHARACTER,
-    CharSet,
-    Reading,
-    Single,
-    Token,
-    scanned,
-)
+from keystore_audit.model.tokens import LAST_CHARACTER, NO_CHARACTER, CharSet, Reading, Single, Token, scanned
 
 _READS_BEYOND: Final = (
     "has a [ that nothing closes: OpenDDS reads on in the memory behind it, so nobody can say what it matches"

@@ -18,6 +18,7 @@ from keystore_audit.intent.ros_names import is_ros_name
 from keystore_audit.model.alphabet import Alphabet, Budget
 from keystore_audit.model.automaton import STATE_UNITS, Automaton
 from keystore_audit.model.expression import Pattern
+from keystore_audit.model.names import REPLY_PREFIX, REPLY_SUFFIX, REQUEST_PREFIX, REQUEST_SUFFIX
 from keystore_audit.model.search import shortest_names
 from keystore_audit.model.tokens import ANY_CHARACTER, CharSet, Token
 from keystore_audit.model.universe import DEAD, ROS_SETS, ROS_SINGLES, Universe
@@ -45,6 +46,10 @@ class Affix(NamedTuple):
             return None
         name = topic[len(self.prefix) : end] if end >= len(self.prefix) else ""
         return name if is_ros_name(name) else None
+
+
+REQUEST: Final = Affix(REQUEST_PREFIX, REQUEST_SUFFIX)
+REPLY: Final = Affix(REPLY_PREFIX, REPLY_SUFFIX)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -24,11 +24,9 @@ from keystore_audit.model.names import ACTION_PART, ACTION_SERVICES, ACTION_TOPI
 from keystore_audit.model.permission import allowing, members
 from keystore_audit.model.profiles import Access, Local, Profile
 from keystore_audit.model.ros_channels import RosChannels, ros_channels
-from keystore_audit.model.ros_classes import Affix
+from keystore_audit.model.ros_classes import REPLY, REQUEST, Affix
 from keystore_audit.model.ros_texts import DocumentLines, is_surely_whole
 
-REQUEST: Final = Affix("rq", "Request")
-REPLY: Final = Affix("rr", "Reply")
 _GOALS: Final = tuple(Affix("rq", f"{ACTION_PART}{service}Request") for service in ACTION_SERVICES)
 _ANSWERS: Final = tuple(Affix("rr", f"{ACTION_PART}{service}Reply") for service in ACTION_SERVICES)
 _TOPICS: Final = tuple(Affix("rt", ACTION_PART + topic) for topic in ACTION_TOPICS)

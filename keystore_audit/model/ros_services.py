@@ -22,7 +22,7 @@ from keystore_audit.model.alphabet import Budget
 from keystore_audit.model.domains import Interval, contains
 from keystore_audit.model.expression import Matcher, Pattern, parse
 from keystore_audit.model.names import LIFECYCLE_SERVICES, PARAMETER_SERVICES, SETTING_SERVICES
-from keystore_audit.model.ros_classes import Affix, classify_ros_names
+from keystore_audit.model.ros_classes import REPLY, REQUEST, Affix, classify_ros_names
 from keystore_audit.model.ros_holders import Holder, Placed, Right, allows
 
 MAX_MATCHES: Final = 1_000_000
@@ -40,8 +40,6 @@ FAMILIES: Final[Mapping[str, tuple[str, ...]]] = {
 CHANGING: Final = frozenset((*SETTING_SERVICES, "change_state"))
 
 _FAMILY: Final = {service: family for family, services in FAMILIES.items() for service in services}
-_REQUEST: Final = Affix("rq", "Request")
-_REPLY: Final = Affix("rr", "Reply")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,7 +107,7 @@ class Services:
         groups: dict[tuple[Holder, ...], list[str]] = {}
         for service, holders in self._answering.items():
             if len(holders) > 1:
-                able = tuple(each for each in holders if self._may(each, _REPLY.topic(service)))
+                able = tuple(each for each in holders if self._may(each, REPLY.topic(service)))
                 if len(able) > 1:
                     groups.setdefault(able, []).append(service)
         for able, services in groups.items():
@@ -117,11 +115,11 @@ class Services:
         for holder in self._holders:
             found: dict[str, list[Holder]] = {}
             for text in holder.wild_replies:
-                for service in self._matching(text, _REPLY):
+                for service in self._matching(text, REPLY):
                     others = [each for each in self._answering[service] if each is not holder]
                     if others and service not in holder.replies:
                         found.setdefault(service, others)
-            names = [each for each in sorted(found) if self._may(holder, _REPLY.topic(each))]
+            names = [each for each in sorted(found) if self._may(holder, REPLY.topic(each))]
             if names:
                 owners = dict.fromkeys(each for name in names for each in found[name])
                 first = found[names[0]]
@@ -129,7 +127,7 @@ class Services:
 
     def _rivals(self, holders: Sequence[Holder], intruder: Holder | None, services: Sequence[str]) -> Rivals:
         named = sorted(services)
-        rights = (each.right(Operation.PUBLISH, _REPLY.topic(named[0])) for each in holders)
+        rights = (each.right(Operation.PUBLISH, REPLY.topic(named[0])) for each in holders)
         return Rivals(
             enclaves=tuple(each.path for each in holders),
             intruder=intruder.path if intruder else None,
@@ -154,8 +152,8 @@ class Services:
         told = [call for call in calls if (call[1] in CHANGING) == (service in CHANGING)]
         name = f"{node}/{service}"
         rights = (
-            caller.right(Operation.PUBLISH, _REQUEST.topic(name)),
-            owner.right(Operation.PUBLISH, _REPLY.topic(name)),
+            caller.right(Operation.PUBLISH, REQUEST.topic(name)),
+            owner.right(Operation.PUBLISH, REPLY.topic(name)),
         )
         nowhere = Right(path="", line=None)
         return Reach(
@@ -176,7 +174,7 @@ class Services:
             if service in self._answering:
                 yield from self._of_others(service, caller)
         for text in caller.wild_requests:
-            for service in self._matching(text, _REQUEST):
+            for service in self._matching(text, REQUEST):
                 yield from self._of_others(service, caller)
         yield from self._meetings(caller)
 
@@ -192,7 +190,7 @@ class Services:
             return
         listed = (name for name in caller.requests if name.rpartition("/")[2] in _FAMILY)
         compared: set[Holder] = set()
-        for call in (*map(_REQUEST.topic, listed), *caller.wild_requests):
+        for call in (*map(REQUEST.topic, listed), *caller.wild_requests):
             for answer in self._answers.compatible(parse(call, self._matcher).prefix[2:]):
                 self._budget.spend(1)
                 owners = [each for each in self._answers.owners[answer] if each is not caller]
@@ -209,7 +207,7 @@ class Services:
     def _beside(self, call: str, answer: str, service: str, caller: Holder) -> str | None:
         """The same service of a node for which the caller does not answer itself."""
         name = service.rpartition("/")[2]
-        own = [_REPLY.topic(each) for each in caller.replies if each.endswith(f"/{name}")]
+        own = [REPLY.topic(each) for each in caller.replies if each.endswith(f"/{name}")]
         self._budget.spend(_UNITS_OF_A_SEARCH * (1 + len(own) // 8))
         patterns = [parse(text, self._matcher) for text in (call, answer, *own)]
         for each in classify_ros_names(patterns, (Affix("rq", f"/{name}Request"), Affix("rr", f"/{name}Reply"))):
@@ -245,8 +243,8 @@ class Services:
             return self._share(next(iter(caller.certain)), owner.own[0].certain)
         name = f"{node}/{service}"
         return any(
-            self._may_in(caller.grants, _REQUEST.topic(name), domain)
-            and self._may_in(owner.own, _REPLY.topic(name), domain)
+            self._may_in(caller.grants, REQUEST.topic(name), domain)
+            and self._may_in(owner.own, REPLY.topic(name), domain)
             for domain in self._domains
         )
 
@@ -324,14 +322,14 @@ def _guessed(call: str, answer: str, service: str, matcher: Matcher) -> _Pair:
     """The name that is likely, if it is one."""
     asked, answered = parse(call, matcher), parse(answer, matcher)
     if asked.literal is not None:
-        name = _REQUEST.name(asked.literal)
-        ends = name is not None and name.endswith(f"/{service}") and answered.matches(_REPLY.topic(name))
+        name = REQUEST.name(asked.literal)
+        ends = name is not None and name.endswith(f"/{service}") and answered.matches(REPLY.topic(name))
         node = name[: -len(service) - 1] if ends and name is not None else ""
         return _Pair(node if is_ros_name(node) else None, exact=True)
     begin = max(asked.prefix[2:], answered.prefix[2:], key=len).partition(f"/{service}")[0]
     for node in (begin, begin + "a", "/a"):
         name = f"{node}/{service}"
-        if is_ros_name(node) and asked.matches(_REQUEST.topic(name)) and answered.matches(_REPLY.topic(name)):
+        if is_ros_name(node) and asked.matches(REQUEST.topic(name)) and answered.matches(REPLY.topic(name)):
             return _Pair(node, exact=True)
     return _Pair(None, exact=False)
 

@@ -12,33 +12,19 @@ from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.model.alphabet import Alphabet
-from keystore_audit.model.names import (
-    DISCOVERY_TOPIC,
-    REPLY_PREFIX,
-    REPLY_SUFFIX,
-    REQUEST_PREFIX,
-    REQUEST_SUFFIX,
-    SERVICE_PREFIX,
-    TOPIC_PREFIX,
-)
+from keystore_audit.model.names import DISCOVERY_TOPIC, REPLY_SUFFIX, REQUEST_SUFFIX, SUFFIX_OF
 from keystore_audit.model.tokens import CharSet
 
 DEAD: Final = -1
 """No state: no name of the universe goes on like this."""
 
-_SUFFIXES: Final = {
-    f"{TOPIC_PREFIX}/": "",
-    f"{REQUEST_PREFIX}/": REQUEST_SUFFIX,
-    f"{REPLY_PREFIX}/": REPLY_SUFFIX,
-    f"{SERVICE_PREFIX}/": "",
-}
 _FIXED_STARTS: Final = frozenset(
-    text[:length] for text in (*_SUFFIXES, DISCOVERY_TOPIC) for length in range(len(text) + 1)
+    text[:length] for text in (*SUFFIX_OF, DISCOVERY_TOPIC) for length in range(len(text) + 1)
 )
 _TOKEN_START: Final = string.ascii_letters + "_"
 _WORD: Final = _TOKEN_START + string.digits
 
-ROS_SINGLES: Final = frozenset("".join((*_SUFFIXES, DISCOVERY_TOPIC, REQUEST_SUFFIX, REPLY_SUFFIX)))
+ROS_SINGLES: Final = frozenset("".join((*SUFFIX_OF, DISCOVERY_TOPIC, REQUEST_SUFFIX, REPLY_SUFFIX)))
 """Characters that the universe of ROS 2 names tells from all others, one by one."""
 ROS_SETS: Final = tuple(
     CharSet.of((ord(character), ord(character)) for character in characters)
@@ -94,8 +80,8 @@ Progress is -1 behind a slash, else how many characters of the suffix the token 
 def _step(place: _Place, character: str) -> _Place | None:
     if isinstance(place, str):
         text = place + character
-        if text in _SUFFIXES:
-            return _SUFFIXES[text], -1
+        if text in SUFFIX_OF:
+            return SUFFIX_OF[text], -1
         return text if text in _FIXED_STARTS else None
     suffix, progress = place
     if progress < 0:

@@ -22,14 +22,7 @@ from keystore_audit.model.channels import document_channels
 from keystore_audit.model.coverage import WILDCARDS, has_wildcard
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.expression import Matcher, parse
-from keystore_audit.model.names import (
-    DISCOVERY_TOPIC,
-    REPLY_PREFIX,
-    REQUEST_PREFIX,
-    SERVICE_PREFIX,
-    TOPIC_PREFIX,
-    is_ros_dds_name,
-)
+from keystore_audit.model.names import DISCOVERY_TOPIC, SUFFIX_OF, is_ros_dds_name
 from keystore_audit.model.profiles import Profile
 
 PUBLISH, SUBSCRIBE = Operation.PUBLISH, Operation.SUBSCRIBE
@@ -130,8 +123,7 @@ def _is_of_ros(grant: Grant) -> bool:
 
 def _may_begin_a_ros_name(pattern: str) -> bool:
     head = "".join(takewhile(lambda character: character not in WILDCARDS, pattern))
-    prefixes = (f"{prefix}/" for prefix in (TOPIC_PREFIX, REQUEST_PREFIX, REPLY_PREFIX, SERVICE_PREFIX))
-    return any(prefix.startswith(head) or head.startswith(prefix) for prefix in prefixes)
+    return any(start.startswith(head) or head.startswith(start) for start in SUFFIX_OF)
 
 
 def _allows(grant: Grant, operation: Operation, topic: str) -> bool:
