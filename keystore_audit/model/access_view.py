@@ -23,7 +23,7 @@ from keystore_audit.model.semantics import (
     read_domain_rules,
     read_grant,
 )
-from keystore_audit.model.validity import SECOND, Dated, is_in_force, read_date
+from keystore_audit.model.validity import SECOND, Dated, counts_at, read_date
 
 if TYPE_CHECKING:  # most audits are told no zone
     from zoneinfo import ZoneInfo
@@ -231,7 +231,7 @@ class AccessViews:
     def _may_be_out_of_date(self, grant: Grant, reading: DateReading) -> bool:
         dates = [read_date(date.text, reading, self._zone) for date in (grant.not_before, grant.not_after)]
         start, end = dates
-        return start is None or end is None or is_in_force(start, end, self.at, reading) is not True
+        return start is None or end is None or counts_at(start, end, self.at, reading) is not True
 
     @staticmethod
     def _beyond(ranges: Iterable[DomainRange], highest: int) -> bool:
@@ -291,7 +291,7 @@ class AccessViews:
                 if access.dates is DateReading.XSD:  # the specification says nothing of such a date
                     return ReadDocument(doubt=(f"{date.text!r} is no date of the years 1 to 9999", date.line))
                 return ReadDocument(refusal=f"{date.text!r} is no date")
-            in_force = is_in_force(not_before, not_after, self.at, access.dates)
+            in_force = counts_at(not_before, not_after, self.at, access.dates)
             if in_force is None:
                 date = grant.not_before if not_before.local and not_before.latest > self.at else grant.not_after
                 return ReadDocument(doubt=(f"{date.text!r} {ZONE_DECIDES}", date.line))

@@ -22,7 +22,7 @@ from keystore_audit.model.domains import classes_of, describe
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.permission import allowing, bits, union
 from keystore_audit.model.profiles import Access, Local, Profile
-from keystore_audit.model.semantics import ReadDomainRule, ReadGrant, ReadRule, Region
+from keystore_audit.model.semantics import ReadDomainRule, ReadGrant, ReadRule, Region, deciding
 from keystore_audit.model.subject import names
 
 WILDCARDS: Final = frozenset("*?[")
@@ -94,7 +94,9 @@ class LocalRights:
         key = enclave.files.directory, access, profile.local, profile.trust.subjects, operation
         known = self._allowed.get(key)
         if known is None:
-            known = self._allowed[key] = allowing(self.steps(enclave, profile, operation))
+            known = self._allowed[key] = allowing(
+                (step.channels, step.allow) for step in self.steps(enclave, profile, operation)
+            )
         return known
 
     def conceded(self, enclave: Enclave, profile: Profile, operation: Operation) -> int:
@@ -103,12 +105,10 @@ class LocalRights:
         if grant is None:
             return 0
         access = self._accesses.row(profile.access)
-        allowed, open_ = 0, self._all
-        for rule in grant.rules:
-            decided = self._region(access, rule.region(operation)) & self._domains(rule) & open_
-            allowed |= decided if rule.allow else 0
-            open_ &= ~decided
-        return allowed | open_ if grant.default_allow else allowed
+        rulings = [
+            (self._region(access, rule.region(operation)) & self._domains(rule), rule.allow) for rule in grant.rules
+        ]
+        return allowing((*rulings, (self._all, grant.default_allow)))
 
     def decide(self, enclave: Enclave, profile: Profile, operation: Operation, channel: int, name: Point) -> Decision:
         """The decision about one channel.
@@ -234,12 +234,9 @@ class LocalRights:
         if enclave.permissions is None or certificate is None:
             return None
         access = self._accesses.row(profile.access)
-        for grant in self._accesses.read(enclave.permissions, access).grants or ():
-            if names(grant.grant.subject_name.text, certificate, profile.trust.subjects):
-                in_force = grant.not_before <= self._at <= grant.not_after
-                if in_force or not access.skips_grants_out_of_date:
-                    return grant if in_force else None
-        return None
+        grants = self._accesses.read(enclave.permissions, access).grants or ()
+        named = (g for g in grants if names(g.grant.subject_name.text, certificate, profile.trust.subjects))
+        return deciding(named, self._at, access)
 
     def _region(self, access: Access, region: Region) -> int:
         if not region:

@@ -22,7 +22,7 @@ from keystore_audit.model.profiles import PartitionReading, Profile
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.substitution import Cause
 from keystore_audit.model.system import System
-from keystore_audit.model.validity import read_date
+from keystore_audit.model.validity import in_force, read_date
 
 
 class Part(NamedTuple):
@@ -207,15 +207,12 @@ class Lines:
             if ours.grant.subject_name.text != subject:
                 continue
             named = named or Location(path=place, line=ours.grant.line)
-            counts = [self._in_force(grant) for grant in (ours, theirs)]
+            counts = [in_force(grant, self._at) for grant in (ours, theirs)]
             if counts[0] != counts[1]:
                 out = theirs if counts[0] else ours
                 date = out.grant.not_before if self._at < out.not_before else out.grant.not_after
                 return Location(path=place, line=date.line)
         return named or self._refused(file, before, after)
-
-    def _in_force(self, grant: ReadGrant) -> bool:
-        return grant.not_before <= self._at <= grant.not_after
 
     def _peers(self, system: System) -> _Peers:
         known = self._views.get(id(system))

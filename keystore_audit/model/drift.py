@@ -27,7 +27,7 @@ from keystore_audit.model.inventory import documents_of, may_be_taken, permissio
 from keystore_audit.model.meaning import Doubt
 from keystore_audit.model.policy_grant import PolicyGrant, policy_grant
 from keystore_audit.model.profiles import Profile, SubjectComparison
-from keystore_audit.model.semantics import ReadGrant
+from keystore_audit.model.semantics import deciding
 from keystore_audit.model.subject import matching
 
 
@@ -196,17 +196,11 @@ class _Search:
                 continue
             subjects = self._naming.subjects(certificate, profile.trust.subjects)
             named = [grant for grant in read.grants if grant.grant.subject_name.text in subjects]
-            chosen = self._chosen(named, skips=row.skips_grants_out_of_date, own=own)
+            chosen = deciding(named, self._at, row)
+            if own:  # of these the first where none is in force: that it is not in force is another rule's finding
+                chosen = chosen or next(iter(named), None)
             if chosen is not None or own:
                 yield Taken(profile=profile, read=chosen)
-
-    def _chosen(self, named: Sequence[ReadGrant], *, skips: bool, own: bool) -> ReadGrant | None:
-        """Of the enclave's own, the first where none is in force: that it is not in force is another rule's finding."""
-        in_force = [grant for grant in named if grant.not_before <= self._at <= grant.not_after]
-        deciding = next(iter(in_force if skips else named), None)
-        if own:
-            return deciding or next(iter(named), None)
-        return deciding if deciding in in_force else None
 
 
 def _unreadable(path: str, file: PermissionsFile, read: ReadDocument) -> Doubt:

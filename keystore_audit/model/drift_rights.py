@@ -117,7 +117,7 @@ class Comparison:
         for kind, names in differing.items():
             for operation in Operation:
                 meant, granted = sides.meant(kind, operation), sides.granted(kind, operation)
-                ours, theirs = allowing(meant), allowing(granted)
+                ours, theirs = (allowing((step.channels, step.allow) for step in steps) for steps in (meant, granted))
                 asked = sides.asked(domains[kind])
                 if both:
                     lacking.add(sides, kind, operation, ours & ~theirs & asked, names)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from functools import cached_property
-from typing import Final, Protocol
+from typing import Final
 
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.system import RuleAtom, System
@@ -17,25 +17,13 @@ _FEW: Final = 16
 """Numbers that make a set one by one; the set of more is made in an array."""
 
 
-class Deciding(Protocol):
-    """What decides about `channels`, unless something before it did."""
-
-    @property
-    def channels(self) -> int:
-        """As bits."""
-
-    @property
-    def allow(self) -> bool:
-        """Whether it allows there."""
-
-
-def allowing(steps: Iterable[Deciding]) -> int:
-    """The channels on which the first of the steps that is about them allows."""
+def allowing(rulings: Iterable[tuple[int, bool]]) -> int:
+    """The channels that the first ruling about them allows: channels, and whether they are allowed."""
     allowed, decided = 0, 0
-    for step in steps:
-        if step.allow:
-            allowed |= step.channels & ~decided
-        decided |= step.channels
+    for channels, allow in rulings:
+        if allow:
+            allowed |= channels & ~decided
+        decided |= channels
     return allowed
 
 

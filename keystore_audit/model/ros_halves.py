@@ -225,9 +225,9 @@ class _Rights:
         self.granted: dict[Operation, int] = {}
         for operation in (PUBLISH, SUBSCRIBE):
             steps = list(local.steps(enclave, profile, operation))
-            self.allowed[operation] = allowing(steps)
+            self.allowed[operation] = allowing((step.channels, step.allow) for step in steps)
             steps.pop()  # the default
-            self.granted[operation] = allowing(step for step in steps if step.by_permissions)
+            self.granted[operation] = allowing((step.channels, step.allow) for step in steps if step.by_permissions)
 
 
 def _telling(role: str, channel: tuple[Operation, Affix], channels: RosChannels) -> int:

@@ -15,6 +15,7 @@ from keystore_audit.keystore.governance import DomainRule, Governance, Text, Top
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Permissions, Rule
 from keystore_audit.model.domains import Interval, covered
 from keystore_audit.model.profiles.access import Access, PartitionReading, RelayReading
+from keystore_audit.model.validity import in_force
 
 
 class Area(NamedTuple):
@@ -87,6 +88,16 @@ class ReadGrant:
     default_allow: bool
     rules: tuple[ReadRule, ...]
     grant: Grant
+
+
+def deciding(named: Iterable[ReadGrant], at: datetime, access: Access) -> ReadGrant | None:
+    """Of the grants that name somebody the one that counts: the first in force, or the first alone, if it is."""
+    for grant in named:
+        if in_force(grant, at):
+            return grant
+        if not access.skips_grants_out_of_date:
+            break
+    return None
 
 
 def read_domain_rules(governance: Governance, access: Access) -> tuple[ReadDomainRule, ...]:

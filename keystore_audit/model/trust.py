@@ -27,6 +27,7 @@ from keystore_audit.keystore.issuer import (
 )
 from keystore_audit.keystore.smime import Signature, SignedDocument
 from keystore_audit.model.profiles import SPEC, Trust
+from keystore_audit.model.validity import in_force
 
 MAX_AUTHORITIES: Final = 64
 """Certificates of one CA file that chains are looked for among; a file with more leaves its enclave unknown."""
@@ -363,11 +364,6 @@ def _document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | 
     if all(may_sign(signer, signed, permissions_ca, trust) for signer in signers_taken(signed, trust)):
         return Verdict.ACCEPTED
     return Verdict.REFUSED
-
-
-def in_force(certificate: Certificate, at: datetime) -> bool:
-    """Whether the instant is within its validity."""
-    return certificate.not_before <= at <= certificate.not_after
 
 
 def is_authority(certificate: Certificate) -> bool:

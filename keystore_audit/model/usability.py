@@ -27,11 +27,11 @@ from keystore_audit.model.trust import (
     Verdict,
     chain_refusal,
     document_verdict,
-    in_force,
     is_issued,
     may_sign,
     signers_taken,
 )
+from keystore_audit.model.validity import in_force
 
 _Governed = tuple[tuple[Interval, ReadDomainRule], ...]
 
@@ -125,7 +125,7 @@ class Usabilities:
         return frozenset(
             directory
             for each, directories in self._resting
-            if each is None or _in_force(each, one) != _in_force(each, other)
+            if each is None or in_force(each, one) != in_force(each, other)
             for directory in directories
         )
 
@@ -253,10 +253,6 @@ def _signed_validly(enclave: Enclave, trust: Trust) -> Iterator[tuple[SignedDocu
             yield read.signed, file
 
 
-def _in_force(each: Certificate | ReadGrant, at: datetime) -> bool:
-    return each.not_before <= at <= each.not_after
-
-
 def _rests_on(dated: _Dated) -> Iterator[Certificate | ReadGrant | None]:
     """Whatever is in force or is not; None for revocation lists."""
     yield from (each for each in (dated.certificate, dated.permissions_ca) if each is not None)
@@ -271,13 +267,13 @@ def _rests_on(dated: _Dated) -> Iterator[Certificate | ReadGrant | None]:
 def _refusals_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:
     """Reasons that hold at `at`."""
     certificate = dated.certificate
-    if certificate is not None and not certificate.not_before <= at <= certificate.not_after:
+    if certificate is not None and not in_force(certificate, at):
         yield "the identity certificate is outside its validity"
     file = dated.identity_ca
     if certificate is not None and file is not None and not is_issued(file, certificate, trust, at):
         yield "the identity CA certificate is outside its validity"
     authority = dated.permissions_ca
-    if authority is not None and not authority.not_before <= at <= authority.not_after:
+    if authority is not None and not in_force(authority, at):
         yield "the permissions CA certificate is outside its validity"
     signers = [(signer, signed, file) for signed, file in dated.signed for signer in signers_taken(signed, trust)]
     if any(signer != authority and not in_force(signer, at) for signer, _signed, _file in signers):
@@ -287,9 +283,9 @@ def _refusals_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:
     if certificate is not None and dated.listed is not None:
         yield from _revocations_at(dated.listed, certificate, trust, at)
     if certificate is not None and dated.grants is not None:
-        eligible = (grant for grant in dated.grants if _in_force(grant, at) or not dated.skips_grants_out_of_date)
+        eligible = (grant for grant in dated.grants if in_force(grant, at) or not dated.skips_grants_out_of_date)
         grant = next(eligible, None)
-        if grant is None or not (_in_force(grant, at) or dated.joins_out_of_date):
+        if grant is None or not (in_force(grant, at) or dated.joins_out_of_date):
             yield f"no grant in force names {certificate.subject}"
         elif dated.governed is not None and not _joins(dated.governed, grant, dated.joins):
             yield _NOT_JOINING[dated.joins]

@@ -11,7 +11,7 @@ import re
 from datetime import datetime, timedelta, timezone
 from enum import Enum
 from functools import lru_cache
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.model.local_time import mktime, standard_offset
@@ -99,7 +99,24 @@ class Dated:
         return self.earliest != self.latest
 
 
-def is_in_force(not_before: Dated, not_after: Dated, at: datetime, reading: DateReading) -> bool | None:
+class Limited(Protocol):
+    """What has a validity, both ends included."""
+
+    @property
+    def not_before(self) -> datetime:
+        """Its beginning."""
+
+    @property
+    def not_after(self) -> datetime:
+        """Its end."""
+
+
+def in_force(limited: Limited, at: datetime) -> bool:
+    """Whether the instant is within its validity."""
+    return limited.not_before <= at <= limited.not_after
+
+
+def counts_at(not_before: Dated, not_after: Dated, at: datetime, reading: DateReading) -> bool | None:
     """Whether a grant with these dates counts `at` an instant (aware UTC); None: it hangs on the robot's zone."""
     if reading in (DateReading.FASTDDS, DateReading.OPENDDS):
         at = at.replace(microsecond=0)  # their clock is `time`, which counts whole seconds

@@ -14,7 +14,7 @@ from lxml import etree
 
 from keystore_audit.errors import UsageError
 from keystore_audit.model.local_time import time_zone
-from keystore_audit.model.validity import BEGINNING, END, DateReading, is_in_force, read_date
+from keystore_audit.model.validity import BEGINNING, END, DateReading, counts_at, read_date
 
 SCHEMA = etree.XMLSchema(
     etree.fromstring(
@@ -185,19 +185,19 @@ def test_the_bounds(reading: DateReading, at_first: bool, at_last: bool, within_
     utc = time_zone("UTC")
     dates = [read_date(text, reading, utc) for text in ("2026-11-21T10:00:00", "2026-11-21T11:00:00")]
     start, end = (dated for dated in dates if dated is not None)
-    assert is_in_force(start, end, start.instant, reading) is at_first
-    assert is_in_force(start, end, end.instant, reading) is at_last
-    assert is_in_force(start, end, end.instant + FRACTION, reading) is within_last_second
-    assert is_in_force(start, end, start.instant - FRACTION, reading) is False
-    assert is_in_force(start, end, start.instant + FRACTION, reading) is True
-    assert is_in_force(start, end, end.instant - FRACTION, reading) is True
+    assert counts_at(start, end, start.instant, reading) is at_first
+    assert counts_at(start, end, end.instant, reading) is at_last
+    assert counts_at(start, end, end.instant + FRACTION, reading) is within_last_second
+    assert counts_at(start, end, start.instant - FRACTION, reading) is False
+    assert counts_at(start, end, start.instant + FRACTION, reading) is True
+    assert counts_at(start, end, end.instant - FRACTION, reading) is True
 
 
 def asked(texts: list[str], at: datetime, reading: DateReading, zone: ZoneInfo | None) -> bool | None:
     start, end = (read_date(text, reading, zone) for text in texts)
     assert start is not None
     assert end is not None
-    return is_in_force(start, end, at, reading)
+    return counts_at(start, end, at, reading)
 
 
 @given(
@@ -224,7 +224,7 @@ def test_without_the_zone_nothing_is_said_of_the_hours_around_a_date() -> None:
     assert begun is not None
     assert date is not None
     answers = {
-        hours: is_in_force(begun, date, date.instant + timedelta(hours=hours), DateReading.FASTDDS)
+        hours: counts_at(begun, date, date.instant + timedelta(hours=hours), DateReading.FASTDDS)
         for hours in (-15, -14, -13, 0, 14, 15)
     }
     assert answers == {-15: True, -14: True, -13: None, 0: None, 14: None, 15: False}

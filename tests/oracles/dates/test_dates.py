@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from keystore_audit.model.validity import BEGINNING, Dated, DateReading, is_in_force, read_date
+from keystore_audit.model.validity import BEGINNING, Dated, DateReading, counts_at, read_date
 from tests.oracles.dates.clock import EPOCH, MALFORMED, ClockedPlugin, clocked, seconds
 from tests.oracles.dates.texts import TEXTS, almost, near
 from tests.oracles.xml.parsers import require_measured_versions
@@ -67,7 +67,7 @@ def agree(plugin: ClockedPlugin, vendor: str, zone: str, text: str) -> bool:
             malformed = refused is not None and any(word in refused for word in MALFORMED)
             assert malformed == (dated is None), (text, refused)
             if validity[0] is not None and validity[1] is not None:
-                expected = is_in_force(validity[0], validity[1], at, reading)
+                expected = counts_at(validity[0], validity[1], at, reading)
                 assert expected == (refused is None), (not_before, not_after, at, refused)
     return dated is not None and dated.readable
 
