@@ -206,13 +206,8 @@ class Ground:
         return tuple(Topic(name, tuple(domains)) for name, domains in found.items())
 
     def _name(self, channel: int, domain: int) -> Named:
-        start, end = self._slices[domain]
-        return self.names[channel - start] if end - start == len(self.names) else ANY_NAME
-
-    @cached_property
-    def _slices(self) -> list[tuple[int, int]]:
-        """By domain class, its channels: one for each name, or one for all."""
-        return slices(self.channels)
+        here = self.channels.in_domain[domain]  # one for each name, or one for all
+        return self.names[channel - here.start] if len(here) == len(self.names) else ANY_NAME
 
     @cached_property
     def endless(self) -> int:
@@ -223,19 +218,13 @@ class Ground:
     def count(self, channels: int) -> int:
         """How many names are among the channels, each class of names as one; as many as `topics`."""
         folded, any_name = 0, False
-        for start, end in self._slices:
-            held = channels >> start & (1 << end - start) - 1
-            if end - start == len(self.names):
+        for here in self.channels.in_domain:
+            held = channels >> here.start & (1 << len(here)) - 1
+            if len(here) == len(self.names):
                 folded |= held
             else:
                 any_name = any_name or held != 0
         return folded.bit_count() + any_name
-
-
-def slices(channels: Channels) -> list[tuple[int, int]]:
-    """By domain class, where its channels begin and where those of the next do."""
-    starts = channels.starts
-    return list(zip(starts, (*starts[1:], len(channels.channels)), strict=True))
 
 
 def ground(
@@ -258,7 +247,7 @@ def ground(
     builder = SystemBuilder(keystore, profiles, at, accesses, points, literal=False)
     systems = builder.systems()
     ambient = [n for n, name in enumerate(names) if name.topic in AMBIENT and not name.several]
-    whole = [start for start, end in slices(builder.channels) if end - start == len(names)]
+    whole = [here.start for here in builder.channels.in_domain if len(here) == len(names)]
     return Ground(
         names=names,
         channels=builder.channels,

@@ -16,10 +16,11 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.atoms import TopicClass
 from keystore_audit.model.columns import Cell, Column, Columns, Shape, Table
-from keystore_audit.model.domains import Interval, contains, domain_bits, domain_classes
+from keystore_audit.model.domains import Interval, classes_of, contains, domain_bits, domain_classes
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.names import is_ros_dds_name
 from keystore_audit.model.patterns import MAX_KEPT, Patterns
+from keystore_audit.model.permission import union
 from keystore_audit.model.profiles import Access
 from keystore_audit.model.semantics import DEFAULT_PARTITION, Region
 from keystore_audit.model.system import ChannelAtom, DomainAtom
@@ -52,7 +53,7 @@ Point = tuple[str, str]
 class Channels:
     """The classes, and what each region matches.
 
-    `regions`: the channels of each, in every governed domain class. `starts`: by domain class, its first channel.
+    `regions`: the channels of each, in every governed domain class. `in_domain`: by domain class, its channels.
     `columns`: what the channels of a governed domain class stand for, in order. `meets`: by channel, the others in
     which an endpoint is met too, since its partition may be a pattern; empty where no channel meets another.
     """
@@ -60,27 +61,35 @@ class Channels:
     domains: tuple[DomainAtom, ...]
     channels: tuple[ChannelAtom, ...]
     regions: Mapping[Named, frozenset[int]]
-    starts: tuple[int, ...]
+    in_domain: tuple[range, ...]
     columns: Sequence[Column] = ()
     meets: tuple[frozenset[int], ...] = ()
 
     def cells(self, channel: int) -> list[Cell]:
         """What a channel stands for: those that are told apart in no region are one channel."""
         atom = self.channels[channel]
-        start, end = self._bounds(atom.domain)
-        if end - start != len(self.columns):  # an ungoverned class has one channel for all names
+        here = self.in_domain[atom.domain]
+        if len(here) != len(self.columns):  # an ungoverned class has one channel for all names
             return [Cell(atom.topic, atom.partition, atom.infinite)]
-        return self.columns[channel - start].named()
+        return self.columns[channel - here.start].named()
 
     def of_point(self, domain: int, point: int) -> int:
         """The channel of a point, by its place among the points asked for, in a domain id of 0..232."""
-        number = next(n for n, atom in enumerate(self.domains) if contains(atom.intervals, domain))
-        start, end = self._bounds(number)
-        return min(start + point, end - 1)  # an ungoverned class has one channel for all points
+        here = self.in_domain[self.domain_class(domain)]
+        return here[min(point, len(here) - 1)]  # an ungoverned class has one channel for all points
 
-    def _bounds(self, domain: int) -> tuple[int, int]:
-        """The first channel of a domain class, and the one after its last."""
-        return self.starts[domain], self.starts[domain + 1] if domain + 1 < len(self.starts) else len(self.channels)
+    def domain_class(self, domain: int) -> int:
+        """The class of a domain id of 0..232."""
+        return next(number for number, atom in enumerate(self.domains) if contains(atom.intervals, domain))
+
+    def bits_in(self, domain: int) -> int:
+        """The channels of a domain class as a bit set."""
+        here = self.in_domain[domain]
+        return (1 << here.stop) - (1 << here.start)
+
+    def within(self, cover: Iterable[Interval]) -> int:
+        """The channels, as a bit set, of the domains that the cover is about, where it is one that made the classes."""
+        return union(self.bits_in(domain) for domain in classes_of(cover, self.domains))
 
 
 def build_channels(
@@ -111,28 +120,29 @@ def build_channels(
     words = f"channels of {further} further classes of domains under {{}} topic rules"
     _check_cells(len(columns) * further, ruling, words, MAX_RULED)
     channels: list[ChannelAtom] = []
-    starts: list[int] = []
+    in_domain: list[range] = []
     for number, is_governed in enumerate(governed):
-        starts.append(len(channels))
-        if not is_governed:
-            channels.append(ChannelAtom(domain=number, topic=ANY_TOPIC, partition="", ros=True, infinite=True))
-            continue
-        channels.extend(
-            ChannelAtom(
-                domain=number,
-                topic=column.topic.witness,
-                partition=column.partition,
-                ros=column.topic.ros,
-                infinite=column.infinite,
+        start = len(channels)
+        if is_governed:
+            channels.extend(
+                ChannelAtom(
+                    domain=number,
+                    topic=column.topic.witness,
+                    partition=column.partition,
+                    ros=column.topic.ros,
+                    infinite=column.infinite,
+                )
+                for column in columns
             )
-            for column in columns
-        )
-    ruled = [start for start, is_governed in zip(starts, governed, strict=True) if is_governed]
+        else:
+            channels.append(ChannelAtom(domain=number, topic=ANY_TOPIC, partition="", ros=True, infinite=True))
+        in_domain.append(range(start, len(channels)))
+    ruled = [here.start for here, is_governed in zip(in_domain, governed, strict=True) if is_governed]
     return Channels(
         domains=domains,
         channels=tuple(channels),
         regions=shapes.found(columns, ruled),
-        starts=tuple(starts),
+        in_domain=tuple(in_domain),
         columns=columns,
         meets=_meets(met, ruled, len(channels)),
     )

@@ -18,9 +18,9 @@ from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, Point
-from keystore_audit.model.domains import classes_of, describe
+from keystore_audit.model.domains import describe
 from keystore_audit.model.expression import Matcher, parse
-from keystore_audit.model.permission import allowing, bits, union
+from keystore_audit.model.permission import allowing, bits
 from keystore_audit.model.profiles import Access, Local, Profile
 from keystore_audit.model.semantics import ReadDomainRule, ReadGrant, ReadRule, Region, deciding
 from keystore_audit.model.subject import names
@@ -80,11 +80,6 @@ class LocalRights:
         self._at = at
         self._bits: dict[object, int] = {}
         self._allowed: dict[object, int] = {}
-        numbers: list[list[int]] = [[] for _ in channels.domains]
-        for number, channel in enumerate(channels.channels):
-            numbers[channel.domain].append(number)
-        self.in_domain = [bits(each) for each in numbers]
-        """By domain class: its channels."""
         self._all = (1 << len(channels.channels)) - 1
         self._wildcard_names = wildcard_names(channels)
 
@@ -251,8 +246,7 @@ class LocalRights:
         """The channels of the domains that the rule is about."""
         known = self._bits.get(rule.domains)
         if known is None:
-            classes = classes_of(rule.domains, self._channels.domains)
-            known = self._bits[rule.domains] = union(self.in_domain[number] for number in classes)
+            known = self._bits[rule.domains] = self._channels.within(rule.domains)
         return known
 
     def _elsewhere(self, grant: ReadGrant, profile: Profile, asked: _Asked) -> str:

@@ -217,9 +217,6 @@ class _Sides:
         classes = domain_classes(covers)
         asked = [any(contains(cover, each.intervals[0][0]) for cover in domains) for each in classes]
         self.channels: Channels = build_channels(classes, asked, regions)
-        self._in_domain = [0] * len(classes)
-        for number, channel in enumerate(self.channels.channels):
-            self._in_domain[channel.domain] |= 1 << number
         self._known: dict[Named, int] = {}
         self._listed: dict[tuple[int, Operation, int | None], tuple[dict[str, Text], list[Text]]] = {}
         self._lists: dict[tuple[_Kind, Operation, bool], list[_Step]] = {}
@@ -230,7 +227,7 @@ class _Sides:
 
     def asked(self, domains: tuple[Interval, ...]) -> int:
         """The channels of these domains, those of `ros_discovery_info` left out."""
-        return self._within(domains) & self._compared
+        return self.channels.within(domains) & self._compared
 
     def meant(self, kind: _Kind, operation: Operation) -> list[_Step]:
         """What the policy decides, in order."""
@@ -286,7 +283,7 @@ class _Sides:
         for rule in grant.rules:
             region = rule.region(operation)
             if region and not rule.of_peers:
-                yield _Step(self._bits((kind.matcher, region)) & self._within(rule.domains), rule.allow, rule)
+                yield _Step(self._bits((kind.matcher, region)) & self.channels.within(rule.domains), rule.allow, rule)
         yield _Step(-1, grant.default_allow, None)
 
     def _single(self, matcher: Matcher, text: str) -> Named:
@@ -301,13 +298,6 @@ class _Sides:
         if named not in self._known:
             self._known[named] = bits(self.channels.regions[named])
         return self._known[named]
-
-    def _within(self, domains: Iterable[Interval]) -> int:
-        found, covered = 0, tuple(domains)
-        for number, atom in enumerate(self.channels.domains):
-            if contains(covered, atom.intervals[0][0]):
-                found |= self._in_domain[number]
-        return found
 
 
 class _Found:

@@ -90,11 +90,12 @@ class LoneEndpoints:
         possible, certain = 0, 0
         for at, local in self._moments.of(enclave, profile.access):
             allowed = self._meetings.met(local.allowed(enclave, profile, operation))
-            for domain, within in enumerate(local.in_domain):
-                if allowed & within:
+            for domain in range(len(self._channels.domains)):
+                here = allowed & self._channels.bits_in(domain)
+                if here:
                     usable = self._in(domain).of(enclave, at, profile).usable
-                    possible |= allowed & within if usable is not False else 0
-                    certain |= allowed & within if usable else 0
+                    possible |= here if usable is not False else 0
+                    certain |= here if usable else 0
         return frozenset(members(possible)), frozenset(members(certain))
 
     def _may_differ(self, governance: GovernanceFile, grants: Iterable[ReadGrant], access: Access) -> bool:

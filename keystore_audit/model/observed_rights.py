@@ -25,6 +25,7 @@ from keystore_audit.model.profiles import Profile
 from keystore_audit.model.question import Ruling
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.usability import Usabilities
+from keystore_audit.model.window import Window
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -218,20 +219,14 @@ class OwnRights:
         key = (profile.name, operation)
         if key not in self._allowed:
             channels = self._local.allowed(self._enclave, profile, operation)
-            self._allowed[key] = {domain: self._window(channels, domain) for domain, _u in self._started(profile)}
+            self._allowed[key] = {
+                domain: Window(self._channels, domain, len(self._points)).of(channels)
+                for domain, _usable in self._started(profile)
+            }
         return self._allowed[key]
 
-    def _window(self, channels: int, domain: int) -> int:
-        """The points among the channels of a domain; an ungoverned one has one channel for all of them."""
-        count = len(self._points)
-        every = (1 << count) - 1
-        start = self._channels.of_point(domain, 0)
-        if self._channels.of_point(domain, count - 1) - start == count - 1:
-            return channels >> start & every
-        return every if channels >> start & 1 else 0
-
     def _label(self, domain: int) -> str:
-        return next(atom.label for atom in self._channels.domains if contains(atom.intervals, domain))
+        return self._channels.domains[self._channels.domain_class(domain)].label
 
 
 def listed_usages(enclave: Enclave, name: str, deciders: Deciders) -> tuple[Action, ...]:

@@ -94,7 +94,11 @@ def ros_channels(
     if len(classes) * len(affixes) * len(covered) > MAX_CHANNELS:
         raise BudgetExceeded(f"{len(classes)} classes of ROS names are too many in {len(covered)} classes of domains.")
     topics = [(affix.topic(each.name), affix) for affix in affixes for each in classes]
-    starts = tuple(number * len(topics) for number in range(len(covered)))
+    in_domain: list[range] = []
+    for number in range(len(domains)):
+        start = in_domain[-1].stop if in_domain else 0
+        in_domain.append(range(start, start + (len(topics) if number in covered else 0)))
+    starts = tuple(here.start for here in in_domain if here)
     marked = bits(n for n, each in enumerate(classes) if each.members and each.members[0] & expressions.marks)
     return RosChannels(
         channels=Channels(
@@ -105,7 +109,7 @@ def ros_channels(
                 for topic, _affix in topics
             ),
             regions=expressions.found(regions, classes, affixes, starts),
-            starts=starts,
+            in_domain=tuple(in_domain),
         ),
         classes=classes,
         affixes=tuple(affixes),
