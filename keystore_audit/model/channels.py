@@ -8,7 +8,7 @@ decision to anybody, since equal matches decide alike.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
 
 from keystore_audit.dataclass import dataclass
@@ -123,19 +123,7 @@ def build_channels(
     in_domain: list[range] = []
     for number, is_governed in enumerate(governed):
         start = len(channels)
-        if is_governed:
-            channels.extend(
-                ChannelAtom(
-                    domain=number,
-                    topic=column.topic.witness,
-                    partition=column.partition,
-                    ros=column.topic.ros,
-                    infinite=column.infinite,
-                )
-                for column in columns
-            )
-        else:
-            channels.append(ChannelAtom(domain=number, topic=ANY_TOPIC, partition="", ros=True, infinite=True))
+        channels += _atoms(number, columns if is_governed else None)
         in_domain.append(range(start, len(channels)))
     ruled = [here.start for here, is_governed in zip(in_domain, governed, strict=True) if is_governed]
     return Channels(
@@ -146,6 +134,21 @@ def build_channels(
         columns=columns,
         meets=_meets(met, ruled, len(channels)),
     )
+
+
+def _atoms(domain: int, columns: Iterable[Column] | None) -> Iterator[ChannelAtom]:
+    """The channels of a domain class. `columns` None: it is not governed."""
+    if columns is None:
+        yield ChannelAtom(domain=domain, topic=ANY_TOPIC, partition="", ros=True, infinite=True)
+        return
+    for column in columns:
+        yield ChannelAtom(
+            domain=domain,
+            topic=column.topic.witness,
+            partition=column.partition,
+            ros=column.topic.ros,
+            infinite=column.infinite,
+        )
 
 
 def _meets(met: Mapping[int, frozenset[int]], starts: Sequence[int], count: int) -> tuple[frozenset[int], ...]:
@@ -159,8 +162,18 @@ def _meets(met: Mapping[int, frozenset[int]], starts: Sequence[int], count: int)
     return tuple(found)
 
 
+def domain_covers(
+    read: Mapping[Access, Sequence[ReadDocument]],
+) -> tuple[list[tuple[Interval, ...]], list[tuple[Interval, ...]]]:
+    """What governances say the domains are that they are about, and what rules of grants say, each once."""
+    documents = [document for several in read.values() for document in several]
+    governed = dict.fromkeys(rule.domains for each in documents for rule in each.domain_rules or ())
+    ruled = dict.fromkeys(rule.domains for each in documents for grant in each.grants or () for rule in grant.rules)
+    return [*governed], [*ruled]
+
+
 def document_channels(
-    read: Mapping[Access, Iterable[ReadDocument]],
+    read: Mapping[Access, Sequence[ReadDocument]],
     points: Sequence[Point] | None = None,
     claimed: Iterable[Named] = (),
     *,
@@ -172,33 +185,27 @@ def document_channels(
     `points`: as in `build_channels`, which says what is raised. `claimed`: names that have to be told apart as well.
     `ungoverned`: names of domains that only permissions speak of are told apart too. `opened`: those of any domain.
     """
-    governed: dict[tuple[Interval, ...], None] = {}
-    ruled: dict[tuple[Interval, ...], None] = {}
     regions: dict[Named, None] = dict.fromkeys(claimed)
     opening: set[Named] = set()
     topics: set[Named] = set()
     by_default = False
     for access, documents in read.items():
         for document in documents:
-            for domain_rule in document.domain_rules or ():
-                governed[domain_rule.domains] = None
-                for topic_rule in domain_rule.topic_rules:
-                    regions[access.matcher, topic_rule.region] = None
-                    topics.add((access.matcher, topic_rule.region))
+            for topic_rule in (each for rule in document.domain_rules or () for each in rule.topic_rules):
+                regions[access.matcher, topic_rule.region] = None
+                topics.add((access.matcher, topic_rule.region))
             for grant in document.grants or ():
                 by_default = by_default or grant.default_allow
                 for rule in grant.rules:
-                    ruled[rule.domains] = None
                     for region in (rule.publish, rule.subscribe, rule.relay):
                         regions[access.matcher, region] = None
                         if rule.allow and any(area.partitions != DEFAULT_PARTITION for area in region):
                             opening.add((access.matcher, region))
                     if access.first_rule_decides_topic:
                         regions[access.matcher, rule.listed] = None
+    governed, ruled = domain_covers(read)
     domains = domain_classes([*governed, *ruled])
-    wanted = 0
-    for cover in [*governed, *ruled] if ungoverned else governed:
-        wanted |= domain_bits(cover)
+    wanted = union(map(domain_bits, [*governed, *ruled] if ungoverned else governed))
     covers = [opened or bool(wanted >> domain.intervals[0][0] & 1) for domain in domains]
     return build_channels(
         domains, covers, regions, points, None if by_default else frozenset(opening), ruling=len(topics)

@@ -9,8 +9,8 @@ from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import ReadDocument
-from keystore_audit.model.channels import Channels, Named
-from keystore_audit.model.domains import Interval, contains, domain_classes
+from keystore_audit.model.channels import Channels, Named, domain_covers
+from keystore_audit.model.domains import contains, domain_classes
 from keystore_audit.model.expression import Matcher, Pattern, parse
 from keystore_audit.model.permission import bits
 from keystore_audit.model.profiles import Access
@@ -75,20 +75,16 @@ def ros_channels(
     """
     expressions = _Expressions(marks)
     regions: dict[Named, None] = {}
-    governed: dict[tuple[Interval, ...], None] = {}
-    ruled: dict[tuple[Interval, ...], None] = {}
     for access, documents in read.items():
         for document in documents:
-            for domain_rule in document.domain_rules or ():
-                governed[domain_rule.domains] = None
-                for topic_rule in domain_rule.topic_rules:
-                    regions[access.matcher, topic_rule.region] = None
+            for topic_rule in (each for rule in document.domain_rules or () for each in rule.topic_rules):
+                regions[access.matcher, topic_rule.region] = None
             for rule in (rule for grant in document.grants or () for rule in grant.rules):
-                ruled[rule.domains] = None
                 for region in (rule.publish, rule.subscribe, rule.listed):
                     regions[access.matcher, region] = None
     expressions.add(regions)
     classes = classify_ros_names(expressions.patterns, affixes)
+    governed, ruled = domain_covers(read)
     domains = domain_classes([*governed, *ruled])
     covered = [n for n, atom in enumerate(domains) if any(contains(each, atom.intervals[0][0]) for each in governed)]
     if len(classes) * len(affixes) * len(covered) > MAX_CHANNELS:
