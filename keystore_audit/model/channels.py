@@ -253,24 +253,33 @@ class _Shapes:
         return self._columns[opening]
 
     def _tabulated(self, opening: frozenset[Named] | None) -> Table:
-        topics, partitions = self._topics.classes(), [self._partitions.empty(), *self._partitions.classes()]
+        topics, partitions = self._topics.classes(), self._partition_classes
         _check_cells(len(topics), len(partitions), "topic classes in {} partition classes")
-        partitions_of = self._partitions.places(partitions)
-        allowing = None if opening is None else {self._of[named] for named in opening}
-        met_by = self._met_by(allowing, partitions, partitions_of)
-        making = Columns(self._numbers.items(), self._topics.places(topics), partitions_of, met_by, allowing)
-        return making.table(topics, partitions)
+        allowing = self._allowing(opening)
+        topics_of, met_by = self._topics.places(topics), self._met_by(allowing)
+        return Columns(self._numbers.items(), topics_of, self._places, met_by, allowing).table(topics, partitions)
 
-    def _met_by(
-        self, allowing: set[int] | None, partitions: Sequence[TopicClass], places: Sequence[Sequence[int]]
-    ) -> dict[int, list[int]]:
+    def _allowing(self, opening: frozenset[Named] | None) -> set[int] | None:
+        """The shapes of these regions."""
+        return None if opening is None else {self._of[named] for named in opening}
+
+    @cached_property
+    def _partition_classes(self) -> list[TopicClass]:
+        """Of partitions, the default one first."""
+        return [self._partitions.empty(), *self._partitions.classes()]
+
+    @cached_property
+    def _places(self) -> Sequence[Sequence[int]]:
+        """By expression of partitions the classes that it matches."""
+        return self._partitions.places(self._partition_classes)
+
+    def _met_by(self, allowing: set[int] | None) -> dict[int, list[int]]:
         """By partition class: the others in which somebody may have endpoints that patterns make meet it."""
-        asked: set[int] = set()
+        every = range(len(self._partition_classes))
+        asked = set(every if allowing is None else ())
         for shape, number in self._numbers.items():
-            for _, listed in shape if allowing is None or number in allowing else ():
-                asked.update(range(len(partitions)) if listed is None else (q for p in listed for q in places[p]))
-        if allowing is None:
-            asked.update(range(len(partitions)))
+            for _, listed in shape if allowing is not None and number in allowing else ():
+                asked.update(every if listed is None else (q for p in listed for q in self._places[p]))
         met_by: dict[int, list[int]] = {}
         for place, others in self._partitions.meetings(sorted(asked - {0})).items():
             for other in others:
@@ -281,10 +290,8 @@ class _Shapes:
         """By point: those of the same topic that are met by who may be in its class of partitions."""
         if opening is not None and not opening:
             return {}
-        partitions = [self._partitions.empty(), *self._partitions.classes()]
-        allowing = None if opening is None else {self._of[named] for named in opening}
-        met_by = self._met_by(allowing, partitions, self._partitions.places(partitions))
-        place_of = {each.members: place for place, each in enumerate(partitions) if place}
+        met_by = self._met_by(self._allowing(opening))
+        place_of = {each.members: place for place, each in enumerate(self._partition_classes) if place}
         by_topic: dict[str, dict[int, list[int]]] = {}
         for number, (topic, partition) in enumerate(points) if met_by else ():
             place = place_of[self._partitions.matching(partition)] if partition else 0

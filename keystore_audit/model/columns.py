@@ -110,8 +110,8 @@ class Columns:
         _check(len(topic_blocks) * sum(map(len, meeting)), MAX_MEETINGS, "pairs of partitions that meet")
         rows = self._rows(topic_blocks, partition_blocks)
         opens = [self._allowing is None or not self._allowing.isdisjoint(shapes) for shapes in self._signatures]
-        found: dict[tuple[int, frozenset[int]], int] = {}
-        merged: list[list[Block]] = []
+        found: dict[tuple[int, frozenset[int]], list[Block]] = {}
+        numbers: dict[tuple[int, frozenset[int]], int] = {}
         places: list[list[int]] = []
         for row, partition_block, met in zip(rows, partition_blocks, meeting, strict=True):
             at = []
@@ -119,27 +119,17 @@ class Columns:
                 others = _NOTHING_MET
                 if met:
                     others = frozenset(rows[other][number] for other in met if opens[rows[other][number]]) - {signature}
-                column = found.setdefault((signature, others), len(merged))
-                if column == len(merged):
-                    merged.append([])
-                merged[column].append((partition_block, topic_block))
-                at.append(column)
+                found.setdefault((signature, others), []).append((partition_block, topic_block))
+                at.append(numbers.setdefault((signature, others), len(numbers)))
             places.append(at)
-        meets: dict[int, set[int]] = {}
-        for at, met in zip(places, meeting, strict=True):
-            for other in met:
-                for column, one, signature in zip(at, places[other], rows[other], strict=True):
-                    if column != one and opens[signature]:
-                        meets.setdefault(one, set()).add(column)
         hits = list(self._signatures)
         best = {
             block[0]: min(block, key=lambda n: (not topics[n].ros, topics[n].infinite, n)) for block in topic_blocks
         }
         columns = [
-            _column(hits[signature], blocks, best, topics, partitions)
-            for (signature, _), blocks in zip(found, merged, strict=True)
+            _column(hits[signature], blocks, best, topics, partitions) for (signature, _), blocks in found.items()
         ]
-        return columns, {column: frozenset(others) for column, others in meets.items()}
+        return columns, _met_columns(rows, places, meeting, opens)
 
     def _rows(
         self, topic_blocks: Sequence[Sequence[int]], partition_blocks: Sequence[Sequence[int]]
@@ -170,6 +160,26 @@ class Columns:
 
 
 _NOTHING_MET: Final = frozenset[int]()
+
+
+def _met_columns(
+    rows: Sequence[Sequence[int]],
+    places: Sequence[Sequence[int]],
+    meeting: Iterable[Iterable[int]],
+    opens: Sequence[bool],
+) -> dict[int, frozenset[int]]:
+    """By column, those in which its endpoints are met.
+
+    `rows`, `places`: by block of partitions, then of topics, the signature and the column. `meeting`: by block of
+    partitions, those whose endpoints are met in it. `opens`: by signature, whether there may be endpoints.
+    """
+    meets: dict[int, set[int]] = {}
+    for at, met in zip(places, meeting, strict=True):
+        for other in met:
+            for column, one, signature in zip(at, places[other], rows[other], strict=True):
+                if column != one and opens[signature]:
+                    meets.setdefault(one, set()).add(column)
+    return {column: frozenset(others) for column, others in meets.items()}
 
 
 def _blocks(listed: Iterable[object]) -> list[list[int]]:
