@@ -121,15 +121,14 @@ class Sides:
         self.keystores = (old, new)
         documents = (*system_documents(old), *system_documents(new))
         self.accesses = AccessViews(documents, at, zone)
-        rows = {self.accesses.row(profile.access) for profile in profiles}
         files = [document.file for document in documents if document.file is not None]
+        rows = dict.fromkeys(self.accesses.row(profile.access) for profile in profiles)
         read = {row: [self.accesses.read(file, row) for file in files] for row in rows}
         self.channels = document_channels(read, claimed=[named((glob,)) for glob in topics], ungoverned=True)
         self.enclaves = (_by_path(old), _by_path(new))
-        usabilities = [Usabilities(domain, self.accesses) for _ in self.keystores]
         self.usability = tuple(
-            usability_by_profile(keystore.enclaves, profiles, at, each)
-            for keystore, each in zip(self.keystores, usabilities, strict=True)
+            usability_by_profile(keystore.enclaves, profiles, at, Usabilities(domain, self.accesses))
+            for keystore in self.keystores
         )
         self.mask = bits(
             number
@@ -137,22 +136,19 @@ class Sides:
             if domain is None or contains(self.channels.domains[channel.domain].intervals, domain)
         )
         self._domain = domain
-        views = [self._views(keystore) for keystore in self.keystores]
-        pairs: dict[tuple[int, int], list[Profile]] = {}
-        for profile in profiles:
-            key = id(views[0][profile.name]), id(views[1][profile.name])
-            pairs.setdefault(key, []).append(profile)
-        self.pairs = [
-            Pair(
-                profiles=tuple(profile.name for profile in alike),
-                lead=alike[0],
-                old=views[0][alike[0].name],
-                new=views[1][alike[0].name],
-            )
-            for alike in pairs.values()
-        ]
+        self.pairs = list(self._paired())
         self.unknown = tuple(dict.fromkeys(self._unread()))
         self._doubtful = frozenset(self._doubted())
+
+    def _paired(self) -> Iterator[Pair]:
+        """One pair for the profiles that have both keystores' views in common."""
+        olds, news = (self._views(keystore) for keystore in self.keystores)
+        pairs: dict[tuple[int, int], list[Profile]] = {}
+        for profile in self.profiles:
+            pairs.setdefault((id(olds[profile.name]), id(news[profile.name])), []).append(profile)
+        for alike in pairs.values():
+            names = tuple(profile.name for profile in alike)
+            yield Pair(profiles=names, lead=alike[0], old=olds[names[0]], new=news[names[0]])
 
     def _views(self, keystore: Keystore) -> dict[str, View]:
         """By profile. What could not be read is told apart: it is not compared."""
