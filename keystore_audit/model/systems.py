@@ -92,7 +92,8 @@ class SystemBuilder:
         self._realm_doubts = [realm_doubt(enclave) for enclave in keystore.enclaves]
         self._unread_places = unread_places(keystore)
         with Aside(self._identified, wanted=aside and len(keystore.enclaves) >= FEW) as identified:
-            self._read = {row: self._read_all(row) for row in {accesses.row(profile.access) for profile in profiles}}
+            rows = dict.fromkeys(accesses.row(profile.access) for profile in profiles)
+            self._read = {row: self._read_all(row) for row in rows}
             grants = (g for read in self._read.values() for document in read for g in document.grants or ())
             ends = {claim.until for claim in claims if claim.until is not None and claim.until > at}
             self._instants = tuple(sorted({*instants_of(self._certificates, grants, at), *ends}))
