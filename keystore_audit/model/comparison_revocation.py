@@ -7,15 +7,13 @@ from datetime import datetime
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
-from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.crl import RevocationList
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.model.comparison import Aspect, Direction, direction_of
 from keystore_audit.model.comparison_facts import Fact, Placed, dated
 from keystore_audit.model.comparison_sides import Sides
 from keystore_audit.model.profiles import Trust
-from keystore_audit.model.revocation import list_looked_up, list_unread, lists_read
-from keystore_audit.model.trust import authorities_read
+from keystore_audit.model.revocation import identity_authorities, list_looked_up, list_unread, lists_read
 
 _Label = tuple[str, str]
 """An authority by its subject and key; without the key where one keystore alone has it."""
@@ -71,7 +69,7 @@ def _same_files(old: Enclave, new: Enclave) -> bool:
 
 
 def _read(old: Enclave, new: Enclave, trust: Trust, at: datetime) -> tuple[_Side, _Side]:
-    pools = [_authorities(enclave, trust) for enclave in (old, new)]
+    pools = [identity_authorities(enclave, trust) for enclave in (old, new)]
     common = {each.key for each in pools[0]} & {each.key for each in pools[1]}
     sides = []
     for enclave, pool in zip((old, new), pools, strict=True):
@@ -81,10 +79,6 @@ def _read(old: Enclave, new: Enclave, trust: Trust, at: datetime) -> tuple[_Side
         }
         sides.append(_Side(lists=lists, used=used))
     return sides[0], sides[1]
-
-
-def _authorities(enclave: Enclave, trust: Trust) -> tuple[Certificate, ...]:
-    return authorities_read(enclave.identity_ca, trust) if enclave.identity_ca else ()
 
 
 def _facts(old: _Side, new: _Side, at: datetime) -> Iterator[Placed]:

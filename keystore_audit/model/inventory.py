@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from functools import lru_cache
 from typing import Final
@@ -82,12 +82,8 @@ def governance_at_large(keystore: Keystore) -> tuple[Stray, ...]:
 
     Enclaves do not. Whoever has an identity outside of them has files that nobody here knows, and these lie beside it.
     """
-    identities, governances = keystore.identities, governance_apart(keystore)
-    if not governances or not (
-        identities.found or identities.copies or identities.possible or any(certified_again(keystore))
-    ):
-        return ()
-    return governances
+    governances = governance_apart(keystore)
+    return governances if governances and _outside(keystore) else ()
 
 
 @lru_cache(maxsize=2)
@@ -202,15 +198,8 @@ def authorities_of(keystore: Keystore) -> Iterator[Certificate]:
         yield from filter(is_authority, file.certificates[1:])
 
 
-@lru_cache(maxsize=2)  # asked by the systems, for doubts under each kind of implementation, and by a rule
-def identities_at_large(keystore: Keystore, at: datetime) -> tuple[AtLarge, ...]:
-    """By whose certificates somebody may join `at` an instant (aware UTC) or later, beside the enclaves, by place.
-
-    Whoever has the key is a participant with what grants give the subject (measured on Cyclone DDS and Fast DDS).
-    Authorities of CA files are none of these: what their keys open is asked by itself. A further certificate of such a
-    key is one: it makes a participant, whatever else the key signs, and whether or not anybody trusts that authority.
-    So is an enclave's own where its key lies elsewhere, too: who has that one has other files around it.
-    """
+def _outside(keystore: Keystore) -> Mapping[str, tuple[Certificate, str | None]]:
+    """By SHA-256 the certificates that are no enclave's alone, authorities apart; with a file as in `AtLarge`."""
     authorities = {certificate.sha256 for certificate in authorities_of(keystore)}
     again = (c for _enclave, others in certified_again(keystore) for c in others if c.sha256 not in authorities)
     found: dict[str, tuple[Certificate, str | None]] = {
@@ -220,6 +209,19 @@ def identities_at_large(keystore: Keystore, at: datetime) -> tuple[AtLarge, ...]
         for stray in strays:
             if stray.certificate.sha256 not in authorities:
                 found.setdefault(stray.certificate.sha256, (stray.certificate, None if certain else stray.key))
+    return found
+
+
+@lru_cache(maxsize=2)  # asked by the systems, for doubts under each kind of implementation, and by a rule
+def identities_at_large(keystore: Keystore, at: datetime) -> tuple[AtLarge, ...]:
+    """By whose certificates somebody may join `at` an instant (aware UTC) or later, beside the enclaves, by place.
+
+    Whoever has the key is a participant with what grants give the subject (measured on Cyclone DDS and Fast DDS).
+    Authorities of CA files are none of these: what their keys open is asked by itself. A further certificate of such a
+    key is one: it makes a participant, whatever else the key signs, and whether or not anybody trusts that authority.
+    So is an enclave's own where its key lies elsewhere, too: who has that one has other files around it.
+    """
+    found = _outside(keystore)
     if not found:  # nearly always
         return ()
     trusted = dict.fromkeys(e.identity_ca for e in keystore.enclaves if e.identity_ca)

@@ -41,7 +41,7 @@ def list_unread(enclave: Enclave, trust: Trust) -> tuple[str, str] | None:
 def lists_read(enclave: Enclave, trust: Trust) -> tuple[RevocationList, ...]:
     """The revocation lists that an implementation reads: perhaps those in the CA file, then the first of `crl.pem`.
 
-    None where one of them is unknown (`list_unread`).
+    Not any where one of them is unknown (`list_unread`).
     """
     if trust.revocation is RevocationLists.NONE or list_unread(enclave, trust) is not None:
         return ()
@@ -49,6 +49,11 @@ def lists_read(enclave: Enclave, trust: Trust) -> tuple[RevocationList, ...]:
     if trust.revocation is RevocationLists.CRL_AND_CA_FILE and enclave.identity_ca is not None:
         lists = enclave.identity_ca.revocation_lists + lists
     return lists
+
+
+def identity_authorities(enclave: Enclave, trust: Trust) -> tuple[Certificate, ...]:
+    """The certificates of its identity CA file that count."""
+    return authorities_read(enclave.identity_ca, trust) if enclave.identity_ca else ()
 
 
 def revoked(
@@ -60,9 +65,9 @@ def revoked(
     leaving an identity in is the careful reading.
     """
     lists = [each for each in lists_read(enclave, trust) if each.revoked]
-    if not lists or enclave.identity_ca is None:
+    authorities = identity_authorities(enclave, trust)
+    if not lists or not authorities:
         return ()
-    authorities = authorities_read(enclave.identity_ca, trust)
     named = [certificate for certificate in certificates if any(names_revoked(each, certificate) for each in lists)]
     used = [(certificate, list_used(enclave, certificate, trust, at)) for certificate in named]
     return tuple(
@@ -80,7 +85,7 @@ def list_used(enclave: Enclave, certificate: Certificate, trust: Trust, at: date
     One in force `at` the instant goes before others, then the newest, then the first (`get_crl_score` in x509_vfy.c;
     measured on Fast DDS 2.9.1).
     """
-    authorities = authorities_read(enclave.identity_ca, trust) if enclave.identity_ca else ()
+    authorities = identity_authorities(enclave, trust)
     return _chosen((each for each in lists_read(enclave, trust) if _usable(each, certificate, authorities, trust)), at)
 
 
@@ -89,7 +94,7 @@ def list_broken(enclave: Enclave, certificate: Certificate, trust: Trust, at: da
 
     It chooses before it asks for signature and keyUsage (get_crl_score and check_crl in x509_vfy.c; measured).
     """
-    authorities = authorities_read(enclave.identity_ca, trust) if enclave.identity_ca else ()
+    authorities = identity_authorities(enclave, trust)
     fitting = (
         each
         for each in lists_read(enclave, trust)
@@ -135,7 +140,7 @@ def list_missing(enclave: Enclave, certificate: Certificate, trust: Trust) -> bo
     the list's issuer, whose keyUsage allows it, and holds identities of every kind.
     """
     lists = lists_read(enclave, trust)
-    authorities = authorities_read(enclave.identity_ca, trust) if enclave.identity_ca else ()
+    authorities = identity_authorities(enclave, trust)
     return bool(lists) and not any(_usable(each, certificate, authorities, trust) for each in lists)
 
 

@@ -53,12 +53,17 @@ def _arrives(signer: Certificate, read: Sequence[Certificate], embedded: Sequenc
 
 def _is_found(root: Certificate, read: Sequence[Certificate]) -> bool:
     """Whether a self-signed certificate is the one of the CA file that OpenSSL finds in its place at some instant."""
-    for each in read:
-        if each.sha256 == root.sha256:
-            return True
-        fits = same_name(each.subject_name, root.issuer_name) and suits_key(root, each)
-        allowed = each.key_usage is None or "keyCertSign" in each.key_usage
-        covers = each.not_before <= root.not_before and root.not_after <= each.not_after
-        if fits and allowed and covers and key_identifier_fits(root, each):
-            return False
-    return False
+    taken = next((each for each in read if each.sha256 == root.sha256 or _hides(each, root)), None)
+    return taken is not None and taken.sha256 == root.sha256
+
+
+def _hides(other: Certificate, root: Certificate) -> bool:
+    """Whether OpenSSL takes the other for the issuer of the root whenever that is in force."""
+    return (
+        same_name(other.subject_name, root.issuer_name)
+        and suits_key(root, other)
+        and (other.key_usage is None or "keyCertSign" in other.key_usage)
+        and other.not_before <= root.not_before
+        and root.not_after <= other.not_after
+        and key_identifier_fits(root, other)
+    )

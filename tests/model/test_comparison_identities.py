@@ -243,8 +243,12 @@ def test_certificates_that_are_too_many_to_ask_about_are_told_one_by_one(
 def test_governance_with_which_somebody_may_start_is_a_gain(tmp_path: Path) -> None:
     """Topics of its own are among those that are told apart."""
     new = {**GRANTED.strays, "governance.p7s": governance(domain_rule("<id>5</id>", topic_rule("rt/[ab]*")))}
-    for name, files, expected in (("a", {**KEY, **CERTIFICATE}, "gained"), ("b", CERTIFICATE, "changed")):
-        store = replace(GRANTED, files=files)
+    of_an_authority = GRANTED.member(next(iter(GRANTED.members)), key="identityCA")
+    for name, store, expected in (
+        ("a", replace(GRANTED, files={**KEY, **CERTIFICATE}), "gained"),
+        ("b", replace(GRANTED, files=CERTIFICATE), "changed"),
+        ("c", replace(of_an_authority, files={}), "changed"),  # what else its key has is no identity
+    ):
         found = compared(store, replace(store, strays=new), tmp_path / name)
         assert [(each.kind, each.direction.value) for each in found.changes] == [("governance-at-large", expected)]
         assert ("may start" in found.changes[0].what) is (expected == "gained")
