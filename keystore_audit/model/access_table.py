@@ -184,12 +184,13 @@ class _Table:
         for alike in kinds.values():
             enclaves = {enclave.path: self._rights(enclave, alike[0]) for enclave in self._enclaves}
             protected = self._window.safeguards(self._systems[alike[0].name])
-            same = next((g for g in groups if (g.enclaves, g.safeguards) == (enclaves, protected)), None)
-            known = same.profiles if same is not None else ()
-            if same is not None:
-                groups.remove(same)
-            names = (*known, *(profile.name for profile in alike))
-            groups.append(Group(profiles=names, enclaves=enclaves, safeguards=protected))
+            names = tuple(profile.name for profile in alike)
+            for number, group in enumerate(groups):
+                if (group.enclaves, group.safeguards) == (enclaves, protected):
+                    groups[number] = replace(group, profiles=(*group.profiles, *names))
+                    break
+            else:
+                groups.append(Group(profiles=names, enclaves=enclaves, safeguards=protected))
         return groups
 
     def _rights(self, enclave: Enclave, profile: Profile) -> EnclaveRights:
