@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime, timedelta
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from keystore_audit.errors import UsageError
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.channels import Channels, Named
 from keystore_audit.model.claim import Place
+from keystore_audit.model.claims import Claim, Globs, named
 from keystore_audit.model.decision import illegal_names
 from keystore_audit.model.domains import contains
 from keystore_audit.model.expression import Matcher
@@ -24,9 +25,6 @@ from keystore_audit.model.semantics import DEFAULT_PARTITION, Area
 from keystore_audit.model.system import Reading, System
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.model.validity import SECOND
-
-if TYPE_CHECKING:
-    from keystore_audit.model.claims import Claim, Globs
 
 MAX_PAIRS: Final = 10_000
 """Pairs of places of one claim: some ten seconds."""
@@ -47,11 +45,11 @@ def pairs(
     paths = sorted(known)
 
     def places(globs: Globs) -> list[Place]:
-        named = [path for path in paths if any(matching(glob, (path,)) for glob in globs.enclaves)]
-        found = [Place(enclaves=frozenset({number[path]})) for path in named if path in number]
+        listed = [path for path in paths if any(matching(glob, (path,)) for glob in globs.enclaves)]
+        found = [Place(enclaves=frozenset({number[path]})) for path in listed if path in number]
         if left_out(system, globs.enclaves, paths):
             found.append(Place())
-        topics = (channels.regions[Matcher.POSIX, (Area(topics=(t,), partitions=None),)] for t in globs.topics)
+        topics = (channels.regions[named((topic,))] for topic in globs.topics)
         found += [Place(channels=each - unusable) for each in topics]
         return [*found, Place(outsider=True)] if globs.outsider else found
 

@@ -17,7 +17,7 @@ from keystore_audit.model.alike import apart, together
 from keystore_audit.model.channels import Channels, Named
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.expression import Matcher
-from keystore_audit.model.globs import all_matching, matching, nearest
+from keystore_audit.model.globs import all_matching, at, named_paths
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.named_enclaves import at_large, named_enclaves, with_all_certificates
 from keystore_audit.model.semantics import Area
@@ -161,9 +161,10 @@ def topic_regions(topics: tuple[str, ...]) -> tuple[Named, ...]:
     return (named(topics), *(named((glob,)) for glob in topics))
 
 
-def ungranted(topics: Iterable[str], channels: Channels, used: frozenset[int]) -> Iterator[str]:
-    """The globs that match none of the channels `used`: misspelt ones, of which everything would hold."""
-    return (glob for glob in topics if not channels.regions[named((glob,))] & used)
+def check_granted(topic: str, channels: Channels, used: frozenset[int], place: str) -> None:
+    """Raises errors.UsageError for a glob that matches no channel `used`: misspelt, so that everything would hold."""
+    if not channels.regions[named((topic,))] & used:
+        raise UsageError(f"{at(place)}no permissions document grants anything on the DDS topic {topic!r}.")
 
 
 def with_claims(
@@ -220,23 +221,20 @@ def _check(claims: Sequence[Claim], systems: Sequence[System], channels: Channel
         check_labels(labelling, paths, channels, used)
     for claim in claims:
         for glob in (*claim.source.enclaves, *claim.target.enclaves, *claim.through):
-            if not matching(glob, paths):
-                raise UsageError(f"{_at(claim, glob)}{glob!r} names no enclave of this keystore{nearest(glob, paths)}.")
+            named_paths(glob, paths, marked(claim, glob))
         for globs in (claim.source, claim.target):
-            for glob in ungranted(globs.topics, channels, used):
-                raise UsageError(
-                    f"{_at(claim, glob)}no permissions document grants anything on the DDS topic {glob!r}."
-                )
+            for glob in globs.topics:
+                check_granted(glob, channels, used, marked(claim, glob))
         if claim.kind is ClaimKind.SEPARATE_DOMAINS:
             both = all_matching(claim.source.enclaves, paths) & all_matching(claim.target.enclaves, paths)
             if both:
-                raise UsageError(f"{_at(claim)}{min(both)!r} is on both sides.")
+                raise UsageError(f"{at(claim.place)}{min(both)!r} is on both sides.")
         if claim.kind in (ClaimKind.NO_FLOW, ClaimKind.ABLE) and (one := _only_itself(claim, paths)):
-            raise UsageError(f"{_at(claim)}{one} is on both sides, and nothing else.")
+            raise UsageError(f"{at(claim.place)}{one} is on both sides, and nothing else.")
         if claim.kind is ClaimKind.NO_FLOW and claim.source.outsider and claim.attacker is Attacker.HONEST:
             raise UsageError(
-                f"{_at(claim, 'outsider')}nothing can get from the outsider as long as nobody attacks (attacker "
-                "honest): without a key, to send is to attack. Expected attacker source or relays."
+                f"{at(marked(claim, 'outsider'))}nothing can get from the outsider as long as nobody attacks "
+                "(attacker honest): without a key, to send is to attack. Expected attacker source or relays."
             )
 
 
@@ -251,11 +249,6 @@ def _only_itself(claim: Claim, paths: Sequence[str]) -> str:
     found = all_matching(claim.source.enclaves, paths)
     same = len(found) == 1 and found == all_matching(claim.target.enclaves, paths)
     return repr(min(found)) if same else ""
-
-
-def _at(claim: Claim, glob: str = "") -> str:
-    place = marked(claim, glob)
-    return f"{place}: " if place else ""
 
 
 def marked(what: Marked, glob: str) -> str:

@@ -70,9 +70,7 @@ class LocalValues:
         self._at = at
         self._anywhere = Usabilities(domain, accesses)
         self._in: dict[int, Usabilities] = {}
-        self._members = [0] * len(channels.domains)
-        for number, channel in enumerate(channels.channels):
-            self._members[channel.domain] |= 1 << number
+        self._members = [channels.bits_in(domain) for domain in range(len(channels.domains))]
         self._decided: dict[tuple[str, str, Operation], Value] = {}
         self.rights = LocalRights(accesses, channels, at)
 

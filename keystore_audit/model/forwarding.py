@@ -19,9 +19,10 @@ from keystore_audit.model.behaviour import (
     Spread,
 )
 from keystore_audit.model.channels import Channels
+from keystore_audit.model.claims import AMBIENT, named
 from keystore_audit.model.domains import contains
 from keystore_audit.model.flow import Flows, Lane
-from keystore_audit.model.forwards import Declared, Determinism, Forward, ambient, anywhere, by_default
+from keystore_audit.model.forwards import Declared, Determinism, Forward, by_default
 from keystore_audit.model.globs import matching
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.named_enclaves import means_everybody
@@ -69,9 +70,9 @@ class Forwarding:
         regions = channels.regions
         topics = {t for f in declared.forwards for t in (*f.sources, *f.targets)}
         topics |= {t for claim in declared.claims for t in (*claim.low, *claim.high.topics)}
-        self._anywhere = {topic: bits(regions[anywhere(topic)]) for topic in topics}
+        self._anywhere = {topic: bits(regions[named((topic,))]) for topic in topics}
         self._by_default = {topic: bits(regions[by_default(topic)]) for topic in topics}
-        self._ambient = bits(regions[ambient()])
+        self._ambient = bits(regions[named(AMBIENT)])
 
     def atom(self, claim: Determinism) -> DeterminismAtom:
         """The claim as facts."""

@@ -12,9 +12,17 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.behaviour import DeterminismAtom, Scheduler
 from keystore_audit.model.channels import Channels, Named
-from keystore_audit.model.claims import AMBIENT, Globs, Marked, Marks, granted_channels, marked
+from keystore_audit.model.claims import (
+    AMBIENT,
+    Globs,
+    Marks,
+    check_granted,
+    granted_channels,
+    marked,
+    named,
+)
 from keystore_audit.model.expression import Matcher
-from keystore_audit.model.globs import matching, nearest
+from keystore_audit.model.globs import named_paths, nearest
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.semantics import DEFAULT_PARTITION, Area
 from keystore_audit.model.system import System
@@ -82,22 +90,12 @@ class Declared:
             topics.update(dict.fromkeys((*claim.low, *claim.high.topics)))
         if not self.claims:
             return ()
-        return (ambient(), *(region for topic in topics for region in (anywhere(topic), by_default(topic))))
-
-
-def anywhere(topic: str) -> Named:
-    """The topic in every partition."""
-    return Matcher.POSIX, (Area(topics=(topic,), partitions=None),)
+        return (named(AMBIENT), *(region for topic in topics for region in (named((topic,)), by_default(topic))))
 
 
 def by_default(topic: str) -> Named:
     """The topic in the default partition, where the nodes of ROS 2 are."""
     return Matcher.POSIX, (Area(topics=(topic,), partitions=DEFAULT_PARTITION),)
-
-
-def ambient() -> Named:
-    """The topics that nearly every node has a right to."""
-    return Matcher.POSIX, (Area(topics=AMBIENT, partitions=None),)
 
 
 def leading_to(low: Iterable[str], forwards: Sequence[Forward]) -> tuple[Forward, ...]:
@@ -159,23 +157,15 @@ def _check(declared: Declared, systems: Sequence[System], channels: Channels, ke
                 f"{marked(forward, forward.enclave)}: {forward.enclave!r} is no enclave of this keystore{near}."
             )
         for topic in (*forward.sources, *forward.targets):
-            _check_topic(forward, topic, channels, used)
+            check_granted(topic, channels, used, marked(forward, topic))
     for claim in declared.claims:
         for topic in (*claim.low, *claim.high.topics):
-            _check_topic(claim, topic, channels, used)
+            check_granted(topic, channels, used, marked(claim, topic))
         for glob in claim.high.enclaves:
-            found = matching(glob, paths)
-            if not found:
-                near = nearest(glob, paths)
-                raise UsageError(f"{marked(claim, glob)}: {glob!r} names no enclave of this keystore{near}.")
+            found = named_paths(glob, paths, marked(claim, glob))
             for forward in declared.forwards:
                 if forward.enclave in found:
                     raise UsageError(
                         f"{claim.place}: {forward.enclave!r} is high, and what it does is declared at {forward.place}: "
                         "name the topics that it gets instead."
                     )
-
-
-def _check_topic(named: Marked, topic: str, channels: Channels, used: frozenset[int]) -> None:
-    if not channels.regions[anywhere(topic)] & used:
-        raise UsageError(f"{marked(named, topic)}: no permissions document grants anything on the DDS topic {topic!r}.")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from keystore_audit.errors import UsageError
 from keystore_audit.model.expression import Matcher, parse
 
 
@@ -24,3 +25,16 @@ def nearest(glob: str, paths: Sequence[str]) -> str:
 
     found = get_close_matches(glob, paths, n=1)
     return f"; the nearest is {found[0]!r}" if found else ""
+
+
+def at(place: str) -> str:
+    """How a message begins about what stands at the place; nothing where that is not known."""
+    return f"{place}: " if place else ""
+
+
+def named_paths(glob: str, paths: Sequence[str], place: str) -> list[str]:
+    """The enclaves that the glob names, which stands at the place. Raises errors.UsageError where there are none."""
+    found = matching(glob, paths)
+    if not found:
+        raise UsageError(f"{at(place)}{glob!r} names no enclave of this keystore{nearest(glob, paths)}.")
+    return found

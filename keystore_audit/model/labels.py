@@ -16,8 +16,8 @@ from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
 from keystore_audit.model.channels import Channels, Named
 from keystore_audit.model.claim import Attacker, ClaimKind
-from keystore_audit.model.claims import Claim, Globs, LabelPair, Marks, marked, named
-from keystore_audit.model.globs import matching, nearest
+from keystore_audit.model.claims import Claim, Globs, LabelPair, Marks, check_granted, marked, named
+from keystore_audit.model.globs import named_paths
 
 MAX_CLAIMS: Final = 400
 """Claims that labels make: a hundred pairs of labels between which nothing may flow."""
@@ -231,10 +231,7 @@ def check_labels(labelling: Labelling, paths: Sequence[str], channels: Channels,
     ]
     found: dict[str, tuple[str, str]] = {}
     for label, glob, place in named_enclaves:
-        enclaves = matching(glob, paths)
-        if not enclaves:
-            raise UsageError(f"{place}: {glob!r} names no enclave of this keystore{nearest(glob, paths)}.")
-        for enclave in enclaves:
+        for enclave in named_paths(glob, paths, place):
             other, before = found.setdefault(enclave, (label, place))
             if other != label:
                 raise _overlap("the enclave", enclave, (other, before), (label, place))
@@ -243,9 +240,8 @@ def check_labels(labelling: Labelling, paths: Sequence[str], channels: Channels,
         for one in labelling.labelled
         for glob in one.topics
     ]
-    for _label, glob, place, region in regions:
-        if not region & used:
-            raise UsageError(f"{place}: no permissions document grants anything on the DDS topic {glob!r}.")
+    for _label, glob, place, _region in regions:
+        check_granted(glob, channels, used, place)
     for (label, _glob, place, region), (other, _other_glob, after, more) in combinations(regions, 2):
         both = region & more
         if label != other and both:

@@ -31,7 +31,8 @@ DISCOVERY: Final[tuple[Channel, ...]] = (
     (Operation.PUBLISH, DISCOVERY_TOPIC),
     (Operation.SUBSCRIBE, DISCOVERY_TOPIC),
 )
-"""What every participant of a DDS middleware needs (rmw_dds_common); sros2 grants it without being told."""
+"""What every participant of a DDS middleware needs (rmw_dds_common), or no process of ROS 2 makes one (measured, Foxy
+and later); sros2 grants it without being told."""
 
 _NO_ENCLAVES: Final = frozenset({LayoutKind.FLAT, LayoutKind.ARDENT})
 """Layouts of distributions in which a node's folder has the node's own name."""

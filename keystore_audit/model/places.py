@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from keystore_audit.dataclass import dataclass, replace
-from keystore_audit.errors import UsageError
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.channels import Channels, Named
 from keystore_audit.model.claim import PlaceAtom
-from keystore_audit.model.claims import Globs, granted_channels, named, topic_regions, ungranted
-from keystore_audit.model.globs import matching, nearest
+from keystore_audit.model.claims import Globs, check_granted, granted_channels, named, topic_regions
+from keystore_audit.model.globs import named_paths
 from keystore_audit.model.named_enclaves import at_large, means_everybody, named_enclaves, nameless
 from keystore_audit.model.system import System
 
@@ -47,14 +46,14 @@ def with_places(
 
 
 def _check(places: Sequence[NamedPlace], systems: Sequence[System], channels: Channels, keystore: Keystore) -> None:
+    """Raises errors.UsageError for globs that find nothing."""
     paths = [enclave.path for enclave in keystore.enclaves]
     used = granted_channels(systems)
     for place in places:
         for glob in place.globs.enclaves:
-            if not matching(glob, paths):
-                raise UsageError(f"{place.place}: {glob!r} names no enclave of this keystore{nearest(glob, paths)}.")
-        for glob in ungranted(place.globs.topics, channels, used):
-            raise UsageError(f"{place.place}: no permissions document grants anything on the DDS topic {glob!r}.")
+            named_paths(glob, paths, place.place)
+        for glob in place.globs.topics:
+            check_granted(glob, channels, used, place.place)
 
 
 def _atom(place: NamedPlace, system: System, channels: Channels, known: set[str]) -> PlaceAtom:

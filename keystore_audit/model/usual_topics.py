@@ -23,13 +23,11 @@ from keystore_audit.model.coverage import WILDCARDS, has_wildcard
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.names import DISCOVERY_TOPIC, SUFFIX_OF, is_ros_dds_name
+from keystore_audit.model.observed_needs import DISCOVERY
 from keystore_audit.model.profiles import Profile
 
 PUBLISH, SUBSCRIBE = Operation.PUBLISH, Operation.SUBSCRIBE
 Use = tuple[Operation, str]
-
-DISCOVERY: Final[tuple[Use, ...]] = ((PUBLISH, DISCOVERY_TOPIC), (SUBSCRIBE, DISCOVERY_TOPIC))
-"""Without these no participant of a ROS 2 process is made (measured, Foxy and later)."""
 
 USUAL: Final[tuple[Use, ...]] = (
     (PUBLISH, "rt/rosout"),
