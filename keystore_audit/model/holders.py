@@ -86,7 +86,7 @@ class Large:
 
     @cached_property
     def hosts(self) -> dict[TrustFiles, Enclave]:
-        """In whose place somebody may start with one; nobody's where there is none."""
+        """In whose place somebody may start with one; nobody's where there is none. Raises errors.BudgetExceeded."""
         return hosts_of(self._keystore) if self.candidates else {}
 
     @cached_property
@@ -111,7 +111,7 @@ def hosts_of(keystore: Keystore) -> dict[TrustFiles, Enclave]:
     identity CA file and each governance there is, without revocation lists.
 
     Who has no list refuses nobody whom others take, and nobody knows which authorities it trusts: those of one enclave,
-    or of all. Where it is unknown whom an enclave trusts, all is open already.
+    or of all. Where it is unknown whom an enclave trusts, all is open already. Raises errors.BudgetExceeded.
     """
     found = {trust_files(enclave): enclave for enclave in keystore.enclaves}
     known = [enclave for enclave in found.values() if realm_doubt(enclave) is None]
@@ -135,7 +135,12 @@ def _without_lists(files: Iterable[CertificateFile | None]) -> list[CertificateF
         without = replace(file, revocation_lists=()) if file.revocation_lists else file
         found.setdefault(tuple(each.sha256 for each in file.certificates), without)
     every = {each.sha256: each for file in found.values() for each in file.certificates}
-    if len(found) > 1 and len(every) <= MAX_AUTHORITIES:
+    if len(found) > 1:
+        if len(every) > MAX_AUTHORITIES:
+            raise BudgetExceeded(
+                f"Whoever has an identity of no enclave may trust all {len(every)} authorities of the enclaves, which "
+                f"are more than chains are looked for among (limit {MAX_AUTHORITIES})."
+            )
         first = next(iter(found.values()))
         found.setdefault(tuple(every), replace(first, certificates=tuple(every.values())))
     return [*found.values()]

@@ -9,9 +9,11 @@ import pytest
 
 from keystore_audit.compromise import find_blast_radius
 from keystore_audit.engine.native import NativeEngine
+from keystore_audit.errors import BudgetExceeded
 from keystore_audit.flow import FlowQuestion, find_flow
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model import holders
 from keystore_audit.model.claim import Attacker, ClaimKind
 from keystore_audit.model.claims import Globs
 from keystore_audit.model.comparison_run import compare
@@ -192,6 +194,17 @@ def test_whom_it_trusts_is_its_own_affair(
     }
     assert ways(written(tmp_path / "a", {**trusted, **LYING_ABOUT}, store), profiles=(profile,)) == {expected}
     assert ways(written(tmp_path / "b", {**trusted, **NOBODYS}, store), profiles=(profile,)) == {HOLDS}
+
+
+def test_more_authorities_than_can_be_trusted_together_are_no_answer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = replace(STORE, members={**STORE.members, "/motor": replace(MOTOR, issuer=SECOND)})
+    trusted = {"enclaves/motor/identity_ca.cert.pem": SECOND.pem}
+    monkeypatch.setattr(holders, "MAX_AUTHORITIES", 1)
+    assert understood(written(tmp_path / "b", {**trusted, **NOBODYS}, store))
+    with pytest.raises(BudgetExceeded, match="may trust all 2 authorities"):
+        understood(written(tmp_path / "a", {**trusted, **LYING_ABOUT}, store))
 
 
 def test_implementations_that_read_all_authorities_together_differently_are_told_apart(tmp_path: Path) -> None:
