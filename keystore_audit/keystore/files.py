@@ -54,11 +54,13 @@ class File:
     """Whether its group may hold others than its owner: a group of one user alone has that user's number."""
     link: str | None = None
     holds_private_key: bool = False
-    """Whether a private key may stand in it (`traces.holds`, `traces.search`)."""
+    """Whether a private key may stand in it (`traces.Traces`, as the next three)."""
     holds_certificates: bool = False
-    """Whether certificates may stand in it (`traces.holds`, `traces.search`)."""
+    """Whether certificates may stand in it."""
     may_be_message: bool = False
-    """Whether a signed message may stand in it (`message.may_be_message`, `message.concealed`, `traces.search`)."""
+    """Whether a signed message may stand in it."""
+    concealed: str = ""
+    """How one stands in it that OpenSSL does not read in this form, in words; "" if none does."""
 
     @property
     def place(self) -> str:

@@ -46,8 +46,8 @@ _RUN: Final = re.compile(rb"(?:[A-Za-z0-9+/\s]|\\[nrt])+")
 _LEAST: Final = 64
 """Characters of base64 that the lines around a block have, and nothing between them."""
 
-_HEAD: Final = re.compile(rb"(?<![A-Za-z0-9+/])[A-Za-z0-9+/]{48}")
-"""What tells what a structure is."""
+_LINE: Final = re.compile(rb"((?<![A-Za-z0-9+/])[A-Za-z0-9+/]{48})?[A-Za-z0-9+/]*")
+"""One line of it. What tells what a structure is stands where the line begins, and nowhere behind."""
 
 _BLANK: Final = 64
 """Characters at the end of a line of PEM and at the beginning of the next that are looked at."""
@@ -90,9 +90,9 @@ def _runs(content: bytes, wanted: Callable[[bytes], bool]) -> Iterator[bytes]:
     for beginning in _BEGINNINGS:
         position = content.find(beginning)
         while position >= 0:
-            end = position + 1
-            head = _HEAD.match(content, position)
-            if head is not None and wanted(_decoded(head[0])) and not _is_in_pem(content, position):
+            line = _LINE.match(content, position)
+            head, end = (line[1], line.end()) if line else (None, len(content))
+            if head is not None and wanted(binascii.a2b_base64(head)) and not _is_in_pem(content, position):
                 run = _RUN.match(content, position)
                 end = run.end() if run is not None else len(content)
                 yield content[position:end]

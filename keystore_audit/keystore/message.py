@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import chain, islice
 from typing import Final
 
 from keystore_audit.keystore.cms import CmsError, read_signed_data
 from keystore_audit.keystore.der import SEQUENCE, any_structure, inside
-from keystore_audit.keystore.forms import (
-    BLOCK,
-    Mark,
-    may_hold_structures,
-    may_hold_text,
-    structures_in_base64,
-    texts,
-)
+from keystore_audit.keystore.forms import Mark, may_hold_structures, may_hold_text, texts
 from keystore_audit.keystore.pem import loose_blocks
 
 _BLANK_LINES: Final = (b"\n\n", b"\n\r", b"\n\0")
@@ -66,11 +60,13 @@ def may_be_message(data: bytes) -> bool:
     return False
 
 
-def concealed(data: bytes) -> str:
+def concealed(data: bytes, written: Iterable[bytes], encoded: Iterable[bytes]) -> str:
     """How `data` holds a signed message that OpenSSL does not read in this form, words; "" if it holds none.
 
-    Anybody can give it another form, since the signature is not over the form: below other text a message only has to
-    be cut out, and what is in PEM or DER needs a header. Certificates in such a form, which nobody signed, are none.
+    `written`: the texts with PEM that stand in it in other forms. `encoded`: the structures that do in base64, but for
+    the signature within a message. Anybody can give a message another form, since the signature is not over the form:
+    below other text it only has to be cut out, and what is in PEM or DER needs a header. Certificates in such a form,
+    which nobody signed, are none.
     """
     if _further(data):
         return "a signed message stands in it below other text"
@@ -80,11 +76,10 @@ def concealed(data: bytes) -> str:
         return "a signature in DER may stand in it, without the S/MIME around it"
     if _signed_in_pem(data):
         return "a signature in PEM stands in it, without the S/MIME around it"
-    others = chain(texts(data, _FIELD), texts(data, BLOCK))
+    others = chain(texts(data, _FIELD), written)
     if any(may_be_message(text) or _further(text) or _signed_in_pem(text) for text in others):
         return "a signed message stands in it in base64 or in UTF-16"
-    # The signature within a message is base64, too.
-    if not may_be_message(data) and any(map(_is_signed, structures_in_base64(data, is_signed_data))):
+    if any(map(_is_signed, encoded)):
         return "a signature in base64 stands in it, without the S/MIME around it"
     return ""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import stat
 from collections.abc import Iterable, Mapping
@@ -25,8 +24,7 @@ from keystore_audit.keystore.descent import (
     refuse_unless_file,
 )
 from keystore_audit.keystore.files import Entry, EntryKind, File, Listing, Status
-from keystore_audit.keystore.message import concealed, may_be_message
-from keystore_audit.keystore.traces import MAX_SEARCHED, holds, search
+from keystore_audit.keystore.traces import MAX_SEARCHED, look, search
 
 MAX_FILE_BYTES: Final = 4 * 1024 * 1024
 """Largest file that is read: a permissions document of 20,000 topics has about 2 MB; no parser gets more."""
@@ -263,31 +261,25 @@ class Root:
         if too_large:
             traces, searched = search(descriptor, self._searched_left)
             self._searched_left = max(0, self._searched_left - searched)
-            return replace(
-                reading,
-                status=Status.TOO_LARGE,
-                detail=too_large,
-                sha256=traces.sha256,
-                holds_private_key=traces.private_key,
-                holds_certificates=traces.certificate,
-                may_be_message=traces.message,
-            )
-        digest = hashlib.sha256(content).hexdigest()
-        message = may_be_message(content) or concealed(content) != ""
-        if message:
-            self._messages.setdefault(digest, content)
-        secret, certificates = holds(content)
-        if certificates:
-            self._certificates.setdefault(digest, content)
-        if secret:
-            self._secrets.setdefault(digest, content)
+        else:
+            traces = look(content)
+            for held, kept in (
+                (traces.message, self._messages),
+                (traces.certificate, self._certificates),
+                (traces.private_key, self._secrets),
+            ):
+                if held and traces.sha256 is not None:
+                    kept.setdefault(traces.sha256, content)
         return replace(
             reading,
-            content=content,
-            sha256=digest,
-            holds_private_key=secret,
-            holds_certificates=certificates,
-            may_be_message=message,
+            status=Status.TOO_LARGE if too_large else Status.PRESENT,
+            detail=too_large,
+            content=None if too_large else content,
+            sha256=traces.sha256,
+            holds_private_key=traces.private_key,
+            holds_certificates=traces.certificate,
+            may_be_message=traces.message,
+            concealed=traces.concealed,
         )
 
     def _list(self, relative: bytes) -> Listing:

@@ -12,7 +12,6 @@ from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.governance import GovernanceFile, read_governance
-from keystore_audit.keystore.message import concealed
 from keystore_audit.keystore.permissions import PermissionsFile, read_permissions
 from keystore_audit.keystore.smime import Candidates
 
@@ -55,9 +54,8 @@ def read_strays(messages: Iterable[File], carried: Collection[str], candidates: 
     """
     others = []
     for file in messages:
-        how = concealed(file.content) if file.content is not None else ""
-        if how:  # in what enclaves carry, too
-            detail = f"{how}; anybody can make a document of it, and it was not read"
+        if file.concealed:  # in what enclaves carry, too
+            detail = f"{file.concealed}; anybody can make a document of it, and it was not read"
             yield Stray(file=replace(file, content=None, detail=detail), document=None)
         elif file.sha256 not in carried:
             others.append(file)

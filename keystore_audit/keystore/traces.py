@@ -12,7 +12,15 @@ from typing import Final, NamedTuple
 
 from keystore_audit.keystore.der import SEQUENCE, any_structure, inside, opening
 from keystore_audit.keystore.forms import BLOCK, may_hold_structures, may_hold_text, structures_in_base64, texts
-from keystore_audit.keystore.message import ARMOUR, TYPES, ends_header, is_signed_data, may_be_concealed
+from keystore_audit.keystore.message import (
+    ARMOUR,
+    TYPES,
+    concealed,
+    ends_header,
+    is_signed_data,
+    may_be_concealed,
+    may_be_message,
+)
 
 MAX_SEARCHED: Final = 64 * 1024 * 1024
 """Bytes of files too large to be read that are searched and hashed, all files of a keystore together: a fifth of a
@@ -56,36 +64,51 @@ _CONTENT: Final = bytes.fromhex("2a864886f70d0107")
 class Traces(NamedTuple):
     """What a file may hold. `sha256`: of all of it, in hexadecimal; None where the search ended before the file did.
 
-    `certificate`: also where it did.
+    `certificate`: also where it did. `concealed`: how a message stands in it (`message.concealed`), if it was read.
     """
 
     private_key: bool
     certificate: bool
     message: bool
     sha256: str | None
+    concealed: str = ""
 
 
-def holds(content: bytes) -> tuple[bool, bool]:
-    """Whether private keys may stand in it, and whether certificates: in PEM, in DER or in other forms (`forms`).
+def look(content: bytes) -> Traces:
+    """What a file that was read may hold: in PEM, in DER or in other forms (`forms`).
 
     PKCS #12 files and Microsoft's two kinds are made for a key; messages and PKCS #12 files may carry certificates.
     """
-    written, encoded = [content, *texts(content, BLOCK)], [*in_base64(content)]
+    is_message = may_be_message(content)
+    others = [*texts(content, BLOCK)]
+    # The signature within a message is base64, too.
+    encoded = [*(structures_in_base64(content, _is_key_or_certificate) if is_message else in_base64(content))]
+    how = concealed(content, others, encoded)
+    written = (content, *others)
     secret = any(_KEY in text for text in written) or _MICROSOFT.match(content) is not None
     certified = any(word in text for text in written for word in _ARMOUR)
-    return (
-        secret or any(map(is_key_in_der, encoded)) or any_structure(is_key_in_der, content),
-        certified or any(map(_may_hold_certificates, encoded)) or any_structure(_may_hold_certificates, content),
+    return Traces(
+        private_key=secret or any(map(is_key_in_der, encoded)) or any_structure(is_key_in_der, content),
+        certificate=certified
+        or any(map(_may_hold_certificates, encoded))
+        or any_structure(_may_hold_certificates, content),
+        message=is_message or how != "",
+        sha256=hashlib.sha256(content).hexdigest(),
+        concealed=how,
     )
 
 
 def in_base64(data: bytes) -> Iterator[bytes]:
-    """Keys and certificates in DER that stand in it in base64 alone."""
-    return structures_in_base64(data, _is_key_or_certificate)
+    """Keys, certificates and signed data in DER that stand in it in base64 alone."""
+    return structures_in_base64(data, _is_looked_for)
 
 
 def _is_key_or_certificate(head: bytes) -> bool:
     return has_certificate_version(head) or is_key_in_der(head)
+
+
+def _is_looked_for(head: bytes) -> bool:
+    return _is_key_or_certificate(head) or is_signed_data(head)
 
 
 def _may_hold_certificates(der: bytes) -> bool:
@@ -123,8 +146,8 @@ def is_key_in_der(data: bytes) -> bool:
 
 
 def _may_hold_other_forms(piece: bytes) -> bool:
-    """Whether a piece of a file may hold a key or a certificate in UTF-16 or in base64."""
-    return may_hold_text(piece, BLOCK) or may_hold_structures(piece, _is_key_or_certificate)
+    """Whether a piece of a file may hold a key or certificates in UTF-16 or in base64."""
+    return may_hold_text(piece, BLOCK) or may_hold_structures(piece, _is_looked_for)
 
 
 def _numbered(data: bytes) -> tuple[int, bytes]:
@@ -151,8 +174,7 @@ def search(descriptor: int, most: int) -> tuple[Traces, int]:
         digest.update(piece)
         text = before + piece
         if at == 0:
-            message = any_structure(is_signed_data, piece)
-            key, certificate = holds(piece)
+            key, certificate, message = look(piece)[:3]
         key = key or _KEY in text
         certificate = certificate or any(word in text for word in _ARMOUR) or _may_hold_other_forms(text)
         message = message or any(word in text for word in _ARMOUR if word != _CERTIFICATE) or may_be_concealed(text)

@@ -21,12 +21,13 @@ from keystore_audit.keystore.der import MAX_ELEMENTS
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Keystore, read_keystore
-from keystore_audit.keystore.message import concealed, may_be_message
+from keystore_audit.keystore.message import may_be_message
 from keystore_audit.keystore.mime import MimeError, read_message
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.root import MAX_FILE_BYTES
 from keystore_audit.keystore.smime import Candidates
 from keystore_audit.keystore.stray import MAX_STRAYS, read_strays
+from keystore_audit.keystore.traces import look
 from tests.keystore.builder import GOVERNANCE, PERMISSIONS, Signed, authority, flat, present, signed_document, sros2
 from tests.keystore.test_traces import loosened
 
@@ -291,7 +292,7 @@ CONCEALED: dict[str, Callable[[bytes], bytes]] = {
 @pytest.mark.parametrize("form", CONCEALED)
 def test_a_message_in_another_form_may_say_anything(form: str, message: bytes, tmp_path: Path) -> None:
     content = CONCEALED[form](message)
-    assert concealed(content) != ""
+    assert look(content).concealed != ""
     if form in ("DER", "PEM", "BER", "a long tag", "a certificate's label", "a hyphen"):
         assert by_openssl(content, "-inform", "DER" if content[:1] in b"0?" else "PEM").startswith(b"MIME-Version")
     root = sros2(tmp_path / "keys", ["/talker"])
@@ -328,19 +329,19 @@ def test_what_only_speaks_of_messages_is_none(content: bytes, tmp_path: Path) ->
 def test_certificates_in_an_envelope_are_no_message(form: str, signer: Signed, tmp_path: Path) -> None:
     (tmp_path / "ca.pem").write_bytes(signer.pem)
     command = ("openssl", "crl2pkcs7", "-nocrl", "-certfile", str(tmp_path / "ca.pem"), "-outform", form)
-    assert concealed(subprocess.run(command, check=True, capture_output=True).stdout) == ""
+    assert look(subprocess.run(command, check=True, capture_output=True).stdout).concealed == ""
 
 
 def test_stock_documents_conceal_nothing(message: bytes) -> None:
-    assert [concealed(each) for each in (message, message.replace(b"\n", b"\r\n"))] == ["", ""]
+    assert [look(each).concealed for each in (message, message.replace(b"\n", b"\r\n"))] == ["", ""]
 
 
 @pytest.mark.parametrize("piece", [b"multipart/signed", b"multipart/signed\n", b"-----BEGIN CMS-----", b"\n\n "])
 def test_large_files_of_mentions_end(piece: bytes) -> None:
     content = b"\n" + piece * (MAX_FILE_BYTES // len(piece))
-    assert (concealed(content) != "") is (b"multipart" in piece)
+    assert (look(content).concealed != "") is (b"multipart" in piece)
 
 
 def test_a_large_block_of_hyphens_conceals_nothing() -> None:
     """OpenSSL's base64 ends at the first."""
-    assert concealed(b"-----BEGIN CERTIFICATE-----\n" + b"A-" * (MAX_FILE_BYTES // 2 - 30)) == ""
+    assert look(b"-----BEGIN CERTIFICATE-----\n" + b"A-" * (MAX_FILE_BYTES // 2 - 30)).concealed == ""

@@ -71,6 +71,7 @@ def way(root: Path) -> Status:
         {"backup/cert.der": DER + b"\n"},
         {"backup/chain.p7b": BAG},
         {"backup/chain.p7b": armour("PKCS7", BAG)},
+        {"backup/chain.yaml": b"chain: " + base64.b64encode(BAG)},
         {"backup/trusted.pem": TRUSTED},
         {"backup/secret.yaml": b"tls.crt: |\n" + b"".join(b"  " + line for line in LINES)},
         {"backup/secret.yaml": b"data:\n  tls.crt: " + base64.b64encode(ADMIN.pem) + b"\n  tls.key: \n"},
