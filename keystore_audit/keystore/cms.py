@@ -16,7 +16,7 @@ from cryptography.hazmat.asn1 import TLV, Explicit, GeneralizedTime, Implicit, S
 
 from keystore_audit.dataclass import dataclass, field
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.keystore.der import content_of
+from keystore_audit.keystore.der import children, content_of
 from keystore_audit.keystore.signature_algorithm import (
     DIGESTS,
     Digest,
@@ -148,7 +148,7 @@ def read_signed_data(der: bytes) -> SignedData:
     the structure: run times accept them), CMS_MALFORMED.
     """
     data = _parse(der)
-    fields = _children(der, _start_of_signed_data(der))
+    fields = children(der, _start_of_signed_data(der))
     problems = list(_envelope_problems(data))
     infos = data.signer_infos.as_list()
     if not infos:
@@ -157,10 +157,10 @@ def read_signed_data(der: bytes) -> SignedData:
         problems.append((Kind.CMS_MALFORMED, f"{len(infos)} signatures, at most {MAX_SIGNERS} are checked"))
         infos = []
     try:
-        listed = [read_digest(digest) for digest in _children(fields[1])]
+        listed = [read_digest(digest) for digest in children(fields[1])]
         signers = [
-            _signer(info, _children(der), listed, problems)
-            for info, der in zip(infos, _children(fields[-1]), strict=False)
+            _signer(info, children(der), listed, problems)
+            for info, der in zip(infos, children(fields[-1]), strict=False)
         ]
     except ValueError as error:
         raise CmsError(Kind.CMS_MALFORMED, f"an algorithm identifier cannot be read: {error}") from None
@@ -176,7 +176,7 @@ def read_signed_data(der: bytes) -> SignedData:
         found = f"{len(data.certificates)} certificates, at most {MAX_EMBEDDED} are read"
         problems.append((Kind.CMS_MALFORMED, found))
     elif data.certificates is not None:
-        certificates = _children(fields[3])
+        certificates = children(fields[3])
     return SignedData(
         content=data.content.content,
         certificates=tuple(certificates),
@@ -190,8 +190,8 @@ def has_string_values(name_der: bytes) -> bool:
 
     The name is that of a certificate which has been parsed.
     """
-    attributes = [attribute for relative in _children(name_der) for attribute in _children(relative)]
-    return all(_children(attribute)[1][:1] in _STRINGS for attribute in attributes)
+    attributes = [attribute for relative in children(name_der) for attribute in children(relative)]
+    return all(children(attribute)[1][:1] in _STRINGS for attribute in attributes)
 
 
 def _start_of_signed_data(der: bytes) -> int:
@@ -200,17 +200,6 @@ def _start_of_signed_data(der: bytes) -> int:
     _, behind = content_of(der, inside)
     begin, _ = content_of(der, behind)
     return begin
-
-
-def _children(element: bytes, begin: int = 0) -> list[bytes]:
-    """The elements inside the constructed element at `begin`, of a structure that has been parsed as strict DER."""
-    found = []
-    position, end = content_of(element, begin)
-    while position < end:
-        _, behind = content_of(element, position)
-        found.append(element[position:behind])
-        position = behind
-    return found
 
 
 def _parse(der: bytes) -> _SignedData:
@@ -266,7 +255,7 @@ def _signer(
     else:
         message_digest, signing_time = _attributes(info.signed_attributes.as_list(), malformed)
     return SignerInfo(
-        issuer_der=_children(fields[1])[0],
+        issuer_der=children(fields[1])[0],
         serial=info.identifier.serial,
         digest=digest.name,
         message_digest=message_digest,

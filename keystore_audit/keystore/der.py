@@ -1,7 +1,7 @@
 """DER structures: their parts byte for byte, where `cryptography` hands out only what they mean.
 
 Names are compared as bytes before they are compared by meaning, and the two statements of a signature
-algorithm have to be the same bytes. Nothing is validated here: `parts` is for structures that
+algorithm have to be the same bytes. Nothing is validated here: `children` and `parts` are for structures that
 `cryptography` has parsed, the others only tell where each of them ends.
 """
 
@@ -18,15 +18,20 @@ from cryptography.exceptions import UnsupportedAlgorithm
 MAX_ELEMENTS: Final = 10_000
 """Structures, one behind the other in one file, that are looked at; what stands behind them may be anything."""
 
-SEQUENCE: Final = b"\x30"
-_SEQUENCES: Final = (SEQUENCE, b"\x3f")
-"""How one begins: with the tag itself, or with its number behind it (`opening`)."""
+INTEGER: Final = 0x02
+OCTET_STRING: Final = 0x04
+IDENTIFIER: Final = 0x06
+SEQUENCE: Final = 0x30
 
+CONSTRUCTED: Final = 0x20
+"""In the first byte of a tag: the element consists of others."""
 _LONG: Final = 0x1F
 """In the first byte of a tag: its number follows."""
 
-_ZEROS: Final = re.compile(rb"\x80*")
-_NUMBER: Final = re.compile(rb"[\x80-\xff]{0,4}[\x00-\x7f]")
+_SEQUENCES: Final = (bytes([SEQUENCE]), bytes([SEQUENCE | _LONG]))
+"""How one begins: with the tag itself, or with its number behind it (`opening`)."""
+
+_NUMBER: Final = re.compile(rb"\x80*([\x80-\xff]{0,4}[\x00-\x7f])")
 """The number of a tag, behind any zeros: OpenSSL reads none of more bytes."""
 _MORE: Final = 0x80
 """Of a length: so many bytes have it, or none."""
@@ -46,16 +51,22 @@ MALFORMED: Final = (
 def parts(structure: bytes, count: int) -> list[bytes]:
     """Return the first `count` elements inside a constructed element, each with tag and length.
 
-    Raises ValueError if there are fewer, or if the structure is cut off.
+    Raises ValueError if there are fewer, or if one is cut off.
     """
-    position, end = content_of(structure, 0)
-    found: list[bytes] = []
-    while len(found) < count:
-        if position >= end:
-            raise ValueError("too few elements")
-        _, next_position = content_of(structure, position)
-        found.append(structure[position:next_position])
-        position = next_position
+    found = children(structure)[:count]
+    if len(found) < count:
+        raise ValueError("too few elements")
+    return found
+
+
+def children(element: bytes, begin: int = 0) -> list[bytes]:
+    """The elements inside the constructed element at `begin`, each with tag and length."""
+    found = []
+    position, end = content_of(element, begin)
+    while position < end:
+        _, behind = content_of(element, position)
+        found.append(element[position:behind])
+        position = behind
     return found
 
 
@@ -96,41 +107,41 @@ def any_structure(test: Callable[[bytes], bool], data: bytes) -> bool:
     return len(found) == MAX_ELEMENTS or any(map(test, found))
 
 
-def opening(data: bytes, position: int) -> tuple[bytes, int, int | None]:
+def opening(data: bytes, position: int) -> tuple[int, int, int | None]:
     """The tag of the element at `position`, where its content begins, and how long it is (None: it does not say so).
 
     BER may write the number of a tag behind it, with as many zeros before it as one likes, which OpenSSL reads: what
     is returned is the short form, where there is one. Raises ValueError for a header that is cut off.
     """
-    first, at = data[position : position + 1], position + 1
-    if first and first[0] & _LONG == _LONG:
-        zeros = _ZEROS.match(data, at)
-        number = _NUMBER.match(data, zeros.end() if zeros else at)
-        if number is None:
-            raise ValueError("cut off in a header")
-        if number[0] < bytes([_LONG]):
-            first = bytes([first[0] & ~_LONG | number[0][0]])
-        at = number.end()
-    if at >= len(data):
-        raise ValueError("cut off in a header")
-    length, at = data[at], at + 1
+    try:
+        tag, at = data[position], position + 1
+        if tag & _LONG == _LONG:
+            number = _NUMBER.match(data, at)
+            if number is None:
+                raise ValueError("cut off in a header")
+            if number[1] < bytes([_LONG]):
+                tag = tag & ~_LONG | number[1][0]
+            at = number.end()
+        length, at = data[at], at + 1
+    except IndexError:
+        raise ValueError("cut off in a header") from None
     if length == _MORE:
-        return first, at, None
+        return tag, at, None
     if length & _MORE:
         size = length & ~_MORE
         length = int.from_bytes(data[at : at + size], "big")
         at += size
-    return first, at, length
+    return tag, at, length
 
 
-def inside(data: bytes, *tags: bytes) -> bytes | None:
+def inside(data: bytes, *tags: int) -> bytes | None:
     """What follows the header of the last of these, each of which begins with the next, in BER; None where one does
     not. Whether they are whole is not asked.
     """
     position = 0
     for tag in tags:
-        first = data[position : position + 1]
-        if first != tag and (not first or first[0] & _LONG != _LONG):  # nearly always: it is something else
+        first = data[position] if position < len(data) else 0
+        if first != tag and first & _LONG != _LONG:  # nearly always: it is something else
             return None
         try:
             found, position, _length = opening(data, position)
@@ -143,14 +154,7 @@ def inside(data: bytes, *tags: bytes) -> bytes | None:
 
 def content_of(structure: bytes, position: int) -> tuple[int, int]:
     """Return where the content of the element at `position` begins and ends; raise ValueError if it is cut off."""
-    if position + 2 > len(structure):
-        raise ValueError("cut off in a header")
-    length = structure[position + 1]
-    start = position + 2
-    if length & 0x80:
-        size = length & 0x7F
-        length = int.from_bytes(structure[start : start + size], "big")
-        start += size
-    if start + length > len(structure):
+    _tag, start, length = opening(structure, position)
+    if length is None or start + length > len(structure):
         raise ValueError("cut off in an element")
     return start, start + length

@@ -7,7 +7,7 @@ from itertools import chain, islice
 from typing import Final
 
 from keystore_audit.keystore.cms import CmsError, read_signed_data
-from keystore_audit.keystore.der import SEQUENCE, any_structure, inside
+from keystore_audit.keystore.der import IDENTIFIER, SEQUENCE, any_structure, inside
 from keystore_audit.keystore.forms import Mark, may_hold_structures, may_hold_text, texts
 from keystore_audit.keystore.pem import loose_blocks
 
@@ -28,7 +28,6 @@ _MAX_FIELD: Final = 1024
 MAX_MENTIONS: Final = 1000
 """Mentions of a type below the first header that are looked at."""
 
-_IDENTIFIER: Final = b"\x06"
 _SIGNED_DATA: Final = bytes.fromhex("2a864886f70d010702")
 """The identifier of signed data (RFC 5652, 5.1)."""
 
@@ -119,7 +118,7 @@ def _further(data: bytes) -> bool:
 
 def is_signed_data(data: bytes) -> bool:
     """Whether it begins as a signed message in DER or BER does."""
-    kind = inside(data, SEQUENCE, _IDENTIFIER)
+    kind = inside(data, SEQUENCE, IDENTIFIER)
     return kind is not None and kind.startswith(_SIGNED_DATA)
 
 

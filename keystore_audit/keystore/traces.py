@@ -10,7 +10,16 @@ import re
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
-from keystore_audit.keystore.der import SEQUENCE, any_structure, inside, opening
+from keystore_audit.keystore.der import (
+    CONSTRUCTED,
+    IDENTIFIER,
+    INTEGER,
+    OCTET_STRING,
+    SEQUENCE,
+    any_structure,
+    inside,
+    opening,
+)
 from keystore_audit.keystore.forms import BLOCK, may_hold_structures, may_hold_text, structures_in_base64, texts
 from keystore_audit.keystore.message import (
     ARMOUR,
@@ -43,10 +52,11 @@ _CERTIFICATE: Final = b"CERTIFICATE-----"
 _ARMOUR: Final = tuple(f"{label}-----".encode() for label in ARMOUR)
 """The same of all that certificates may stand in: messages may carry some and no signature."""
 
-_INTEGER: Final = b"\x02"
-_IDENTIFIER: Final = b"\x06"
-_STRINGS: Final = (b"\x04", b"\x24")
-"""Strings of bytes, whole and in pieces (BER)."""
+_VERSION: Final = 0xA0
+"""The tag of a certificate's version, which only version 1 leaves out."""
+
+_BEHIND_VERSION: Final = (INTEGER, OCTET_STRING, OCTET_STRING | CONSTRUCTED)
+"""What follows the version of a key that does not say its algorithm; the last: a string in pieces (BER)."""
 
 _MICROSOFT: Final = re.compile(rb"\x07\x02.{6}(?:RSA2|DSS2)|\x1e\xf1\xb5\xb0", re.DOTALL)
 """How private keys begin in a blob and in a PVK file of Microsoft's, both of which OpenSSL reads."""
@@ -117,18 +127,18 @@ def _may_hold_certificates(der: bytes) -> bool:
 
 def is_certificate_in_der(data: bytes) -> bool:
     """By the first elements (RFC 5280, 4.1): the version, or the serial number of one of version 1."""
-    return has_certificate_version(data) or inside(data, SEQUENCE, SEQUENCE, _INTEGER) is not None
+    return has_certificate_version(data) or inside(data, SEQUENCE, SEQUENCE, INTEGER) is not None
 
 
 def has_certificate_version(data: bytes) -> bool:
     """By the first elements: what else begins with a number, as revocation lists and requests do, has no such field."""
-    return inside(data, SEQUENCE, SEQUENCE, b"\xa0") is not None
+    return inside(data, SEQUENCE, SEQUENCE, _VERSION) is not None
 
 
 def is_pkcs12(data: bytes) -> bool:
     """By the first elements (RFC 7292, 4); OpenSSL looks at no version."""
     _length, rest = _numbered(data)
-    kind = inside(rest, SEQUENCE, _IDENTIFIER)
+    kind = inside(rest, SEQUENCE, IDENTIFIER)
     return kind is not None and kind.startswith(_CONTENT)
 
 
@@ -136,13 +146,13 @@ def is_key_in_der(data: bytes) -> bool:
     """By the first elements: PKCS #8 (RFC 5958), encrypted or not; RSA, DSA and EC keys (RFC 8017, RFC 5915);
     PKCS #12 (RFC 7292). OpenSSL takes other versions than there are.
     """
-    algorithm = inside(data, SEQUENCE, SEQUENCE, _IDENTIFIER)
+    algorithm = inside(data, SEQUENCE, SEQUENCE, IDENTIFIER)
     if algorithm is not None:
         return algorithm.startswith(_PASSWORDS)
     length, rest = _numbered(data)
-    if inside(rest, SEQUENCE, _IDENTIFIER) is not None:
+    if inside(rest, SEQUENCE, IDENTIFIER) is not None:
         return True
-    return length <= _MAX_VERSION and any(inside(rest, tag) is not None for tag in (_INTEGER, *_STRINGS))
+    return length <= _MAX_VERSION and any(inside(rest, tag) is not None for tag in _BEHIND_VERSION)
 
 
 def _may_hold_other_forms(piece: bytes) -> bool:
@@ -153,7 +163,7 @@ def _may_hold_other_forms(piece: bytes) -> bool:
 def _numbered(data: bytes) -> tuple[int, bytes]:
     """Of a SEQUENCE that begins with a number: how long that is, and what follows it; b"" where it does not."""
     body = inside(data, SEQUENCE) or b""
-    if inside(body, _INTEGER) is None:
+    if inside(body, INTEGER) is None:
         return 0, b""
     _tag, start, length = opening(body, 0)
     return length or 0, body[start + (length or 0) :]
