@@ -17,6 +17,7 @@ from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.der import MALFORMED, parts
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.pem import BEGIN_CERTIFICATES, DUMP_OF_CERTIFICATE, Block, Problem, read_pem
+from keystore_audit.keystore.universal import well_formed_throughout
 
 MAX_CERTIFICATE_BYTES: Final = 64 * 1024
 """Longest certificate that is parsed: one of sros2 has 400 bytes, one with a 16,384-bit RSA key has 5,000."""
@@ -265,11 +266,16 @@ def _signed_parts(parsed: x509.Certificate) -> list[bytes]:
 
 
 def _key(parsed: x509.Certificate, encoded: bytes) -> tuple[str, str]:
-    """Return identity and kind of the public key; hash and algorithm if the library does not know it."""
+    """Return identity and kind of the public key; hash and algorithm if the library does not know it.
+
+    Raises ValueError where OpenSSL refuses the certificate for the parameters of an algorithm that nobody knows.
+    """
     try:
         key = parsed.public_key()
         return public_key.identity(key), public_key.kind(key)
     except (ValueError, UnsupportedAlgorithm):
+        if not well_formed_throughout(encoded):
+            raise ValueError("a public key that is malformed") from None
         algorithm = parsed.public_key_algorithm_oid.dotted_string
         return hashlib.sha256(encoded).hexdigest(), f"unsupported ({algorithm})"
 

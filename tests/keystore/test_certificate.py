@@ -502,6 +502,16 @@ def test_what_we_read_first_is_what_openssl_reads_first(content: bytes, changes:
         assert any(defect.kind.opaque for defect in file.defects)
 
 
+def test_a_key_whose_parameters_openssl_refuses_leaves_the_certificate_unread() -> None:
+    known, unknown = bytes.fromhex("06072a8648ce3d0201"), bytes.fromhex("06072a8648ce3d0217")
+    der = LEAF.certificate.public_bytes(Encoding.DER)
+    for parameters, taken in ((b"\x06\x08", True), (b"\x20\x08", False)):
+        changed = base64.encodebytes(der.replace(known + b"\x06\x08", unknown + parameters))
+        content = b"-----BEGIN CERTIFICATE-----\n" + changed + b"-----END CERTIFICATE-----\n"
+        assert (libcrypto.load().certificate(content) is not None) is taken
+        assert (read(content).first is not None) is taken
+
+
 RICH = [
     LEAF,
     certificate("/rich", CA, extensions=[(extension, False) for extension in CRITICAL.values()]),
