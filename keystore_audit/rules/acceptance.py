@@ -18,6 +18,9 @@ ROWS: Final = tuple(dict.fromkeys(profile.trust for profile in VARIANTS.values()
 SPEC: Final = VARIANTS["spec"].trust
 """The row by which a document is genuine: a certificate of the permissions CA file made every signature."""
 
+FAST_DDS: Final = tuple(name for name in VARIANTS if name.startswith("fastdds"))
+"""The names of the variants of Fast DDS."""
+
 
 def unpinned() -> tuple[Profile, ...]:
     """Every known variant that takes documents from any signer that chains to the permissions CA."""

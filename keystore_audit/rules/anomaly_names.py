@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
-from keystore_audit.findings import Location, Severity
+from keystore_audit.findings import Severity
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.anomaly import Anomaly, AnomalyKind
 from keystore_audit.model.names import ros_name
@@ -175,7 +175,7 @@ def rules_not_compared(use: DocumentUse, context: Context) -> Iterator[Violation
         undecided = anomaly.serious and _denies(use)
         yield Violation(
             message=f"Not all rules could be compared with each other: {anomaly.other_text}.",
-            locations=(Location(path=use.signed.file.place),),
+            locations=(use.at(None),),
             enclave=sole(use.enclaves),
             profiles=anomaly.profiles,
             severity=Severity.MEDIUM if undecided else None,

@@ -16,7 +16,7 @@ from keystore_audit.rules.commands import MAKE_PERMISSIONS_CA, SIGN_GOVERNANCE, 
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import CertificateUse
-from keystore_audit.rules.wording import implementations, listed, paths, places, quoted, sole
+from keystore_audit.rules.wording import implementations, listed, located, paths, places, quoted, sole
 
 
 @rule(
@@ -91,7 +91,7 @@ def one_ca_for_both_roles(keystore: Keystore, context: Context) -> Iterator[Viol
             f"{paths(enclaves)}: "
             f"an enclave can sign itself any right, which {implementations(unpinned())} accept; "
             f"{implementations(pinned())} refuse.",
-            locations=places(Location(path=c.path, line=c.line) for c in of_both),
+            locations=places(located(c) for c in of_both),
             enclave=sole(enclaves),
             severity=Severity.HIGH if bites else None,
             profiles=tuple(profile.name for profile in unpinned()),

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from keystore_audit.findings import Location, Severity
+from keystore_audit.findings import Severity
 from keystore_audit.keystore.governance import Text
 from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.coverage import TOPICS, WILDCARDS, allows_everything, covering, has_wildcard
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.rules.acceptance import FAST_DDS
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import SIGN_AGAIN, WRITE_AGAIN, about
 from keystore_audit.rules.registry import Rule, Violation, rule
@@ -52,7 +53,7 @@ def default_allow(use: PermissionsUse, _context: Context) -> Iterator[Violation]
                 "(Fast DDS denies it all the same)."
             )
             line = grant.default_line if grant.default_line is not None else grant.line
-            others = tuple(name for name in VARIANTS if not name.startswith("fastdds"))
+            others = tuple(name for name in VARIANTS if name not in FAST_DDS)
             yield about(use, grant, line, message, profiles=others)
 
 
@@ -83,7 +84,7 @@ def wildcard_grant(use: PermissionsUse, _context: Context) -> Iterator[Violation
             yield Violation(
                 message=f"{quoted(grant.subject_name.text)} may {operation.value} on "
                 f"{listed(quoted(name) for name in names)}: {reach}.",
-                locations=places(Location(path=use.signed.file.place, line=text.line) for text in found),
+                locations=places(use.at(text.line) for text in found),
                 enclave=sole(use.enclaves),
                 severity=Severity.HIGH if every else None,
                 # The expressions are part of it: a new wildcard is not hidden by what was accepted before.

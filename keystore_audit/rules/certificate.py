@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, Final
 
-from keystore_audit.findings import Location, Severity
+from keystore_audit.findings import Severity
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Enclave, Keystore
@@ -17,7 +17,7 @@ from keystore_audit.rules.commands import CREATE_ENCLAVE, ISSUE_IDENTITY, RENEW_
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import CertificateUse
-from keystore_audit.rules.wording import defective, either, instant, listed, of_kinds, paths, quoted, sole
+from keystore_audit.rules.wording import defective, either, instant, listed, located, of_kinds, paths, quoted, sole
 
 ISSUE_AGAIN: Final = (
     f"Move the enclave's cert.pem and key.pem away and run {CREATE_ENCLAVE}. Without ros2, in the keystore's root: "
@@ -57,7 +57,7 @@ def at(use: CertificateUse, certificate: Certificate, message: str, **more: Any)
     """A violation about one certificate of the file."""
     return Violation(
         message=message,
-        locations=(Location(path=certificate.path, line=certificate.line),),
+        locations=(located(certificate),),
         enclave=sole(use.enclaves),
         key=certificate.sha256,
         **more,
@@ -127,8 +127,8 @@ def certificate_file_holds_more(use: CertificateUse, _context: Context) -> Itera
         if use.authority
         else "run times read the first certificate and no further"
     )
-    more = [Location(path=c.path, line=c.line, message=f"certificate {quoted(c.subject)}") for c in certificates[1:]]
-    more += [Location(path=r.path, line=r.line, message="a revocation list") for r in lists]
+    more = [located(c, f"certificate {quoted(c.subject)}") for c in certificates[1:]]
+    more += [located(r, "a revocation list") for r in lists]
     if more:
         what = f"{len(certificates)} certificates" if len(certificates) > 1 else "a certificate"
         crls = f" and {len(lists)} revocation lists" if lists else ""

@@ -24,7 +24,7 @@ from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import CORRECT
 from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Rule, Violation, rule
-from keystore_audit.rules.wording import either, listed, places, quoted
+from keystore_audit.rules.wording import either, listed, located, places, quoted
 
 MEASURED: Final = "measured on Fast DDS 2.9.1 and Cyclone DDS 0.10.2, others as docs/profiles.md tells"
 
@@ -80,7 +80,7 @@ def _locations(found: Sequence[Divergence]) -> Iterator[Location]:
         yield divergence.location
     for divergence in found:
         if divergence.other is not None:
-            decides = Location(path=divergence.other.path, line=divergence.other.line, message="what decides instead")
+            decides = located(divergence.other, "what decides instead")
             if decides.path != divergence.location.path or decides.line != divergence.location.line:
                 yield decides
 

@@ -46,7 +46,7 @@ def domain_range_open(use: GovernanceUse, _context: Context) -> Iterator[Violati
             if why is not None:
                 yield Violation(
                     message=f"{why}.",
-                    locations=(Location(path=use.signed.file.place, line=domains.line),),
+                    locations=(use.at(domains.line),),
                     enclave=sole(use.enclaves),
                     key=f"{domains.low} {domains.high}",
                 )
@@ -80,7 +80,7 @@ def domain_above_230(use: DocumentUse, context: Context) -> Iterator[Violation]:
             yield Violation(
                 message=f"Domain {highest}, expected at most {CYCLONE_HIGHEST_DOMAIN} (ports end at {HIGHEST_DOMAIN}): "
                 "Cyclone DDS refuses the whole document.",
-                locations=(Location(path=use.signed.file.place, line=domains.line),),
+                locations=(use.at(domains.line),),
                 enclave=sole(use.enclaves),
                 severity=Severity.HIGH if chosen else None,
                 profiles=refusing if highest <= HIGHEST_DOMAIN else (),
@@ -137,7 +137,7 @@ def grant_outside_governance_domains(use: PermissionsUse, _context: Context) -> 
                 message=f"The grant of {enclave.path} allows domain {describe(covered(allowed))}, its governance "
                 f"covers {describe(covered(governed))}: it can take part in none.",
                 locations=(
-                    Location(path=use.signed.file.place, line=own.line),
+                    use.at(own.line),
                     Location(
                         path=enclave.governance.signed.file.place if enclave.governance else "",
                         line=governance.line,

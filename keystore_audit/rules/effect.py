@@ -20,12 +20,10 @@ from keystore_audit.model.revocation import revoked
 from keystore_audit.model.subject import matching
 from keystore_audit.model.trust import is_issued
 from keystore_audit.model.validity import DateReading, read_date
+from keystore_audit.rules.acceptance import ROWS
 from keystore_audit.rules.subjects import governance_uses
 
-_BY_TRUST: Final = {
-    trust: [profile.name for profile in VARIANTS.values() if profile.trust == trust]
-    for trust in dict.fromkeys(profile.trust for profile in VARIANTS.values())
-}
+_BY_TRUST: Final = {trust: [profile.name for profile in VARIANTS.values() if profile.trust == trust] for trust in ROWS}
 """The names of the implementations that trust alike: each row is asked once."""
 
 

@@ -101,7 +101,7 @@ def violates(
     said = told((replace(domain_rule, topic_rules=()), topic_rule))
     return Violation(
         message=f"{where}: {message}",
-        locations=(Location(path=use.signed.file.place, line=lines.get(element, line)),),
+        locations=(use.at(lines.get(element, line)),),
         enclave=sole(use.enclaves),
         # Without the rules before it, the same rule decides about more: that is another violation. Those behind it
         # change nothing.

@@ -16,13 +16,14 @@ from keystore_audit.model.inventory import certified_again, identities_at_large
 from keystore_audit.model.profiles import VARIANTS, Profile
 from keystore_audit.model.stray_identity import admitted
 from keystore_audit.model.trust import chain_refusal, is_authority, issue, may_have_issued, vouches
+from keystore_audit.rules.acceptance import FAST_DDS
 from keystore_audit.rules.certificate import ISSUE_AGAIN, RENEW_AUTHORITY, has_usual_subject, usual_subject, what
 from keystore_audit.rules.commands import CREATE_PERMISSION, SIGN_PERMISSIONS
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import CertificateUse
 from keystore_audit.rules.who_takes import Taken
-from keystore_audit.rules.wording import implementations, instant, paths, places, quoted, sole
+from keystore_audit.rules.wording import implementations, instant, located, paths, places, quoted, sole
 
 _SHARED: Final = ("no-identity-serves-two-enclaves", "no-subject-serves-two-enclaves")
 """What is violated where an enclave has the key of another identity."""
@@ -67,10 +68,7 @@ def certificate_outlives_its_ca(use: CertificateUse, _context: Context) -> Itera
             yield Violation(
                 message=f"{what(use, certificate)} is good until {instant(certificate.not_after)}, its authority only "
                 f"until {instant(last.not_after)}.",
-                locations=(
-                    Location(path=certificate.path, line=certificate.line),
-                    Location(path=last.path, line=last.line, message="the authority"),
-                ),
+                locations=(located(certificate), located(last, "the authority")),
                 enclave=sole(use.enclaves),
                 key=certificate.sha256,
             )
@@ -109,10 +107,7 @@ def not_issued_by_identity_ca(use: CertificateUse, _context: Context) -> Iterato
             said, (why, authority) = "was issued by somebody else", _why_not(certificate, answers)
         yield Violation(
             message=f"{what(use, certificate)} {said}, expected the identity CA of {enclave.path}: {why}.",
-            locations=(
-                Location(path=certificate.path, line=certificate.line),
-                Location(path=authority.path, line=authority.line, message="the identity CA"),
-            ),
+            locations=(located(certificate), located(authority, "the identity CA")),
             enclave=enclave.path,
             undecided=unread or Issue.UNSUPPORTED in answers,
             key=certificate.sha256,
@@ -158,7 +153,7 @@ def identity_refused_by_implementations(use: CertificateUse, context: Context) -
         yield Violation(
             message=f"{what(use, certificate)} is refused ({reasons}){accepted}.",
             locations=(
-                Location(path=certificate.path, line=certificate.line),
+                located(certificate),
                 Location(path=file.file.place, line=1, message="the identity CA"),
             ),
             enclave=enclave.path,
@@ -188,9 +183,9 @@ def identity_without_subject(use: CertificateUse, _context: Context) -> Iterator
         if not list(certificate.subject_name):
             yield Violation(
                 message=f"The identity of {enclave.path} has an empty subject: Fast DDS crashes on it.",
-                locations=(Location(path=certificate.path, line=certificate.line),),
+                locations=(located(certificate),),
                 enclave=enclave.path,
-                profiles=tuple(name for name in VARIANTS if name.startswith("fastdds")),
+                profiles=FAST_DDS,
                 key=certificate.sha256,
             )
 
@@ -229,7 +224,7 @@ def subject_differs_from_enclave(use: CertificateUse, context: Context) -> Itera
             yield Violation(
                 message=f"The identity of {enclave.path} has the subject {quoted(certificate.subject)}, expected "
                 f"{quoted(usual_subject(enclave, context.keystore))}.",
-                locations=(Location(path=certificate.path, line=certificate.line),),
+                locations=(located(certificate),),
                 enclave=enclave.path,
                 key=certificate.sha256,
             )
@@ -266,7 +261,7 @@ def identity_shared_by_enclaves(keystore: Keystore, _context: Context) -> Iterat
     holders: dict[str, dict[str, tuple[Enclave, list[Location]]]] = {}
     for enclave in keystore.enclaves:
         first = enclave.identity
-        found = [] if first is None else [(first.key, Location(path=first.path, line=first.line))]
+        found = [] if first is None else [(first.key, located(first))]
         if enclave.key is not None and enclave.key.key is not None:
             found.append((enclave.key.key, Location(path=enclave.key.file.place)))
         for key, location in found:
@@ -311,7 +306,7 @@ def subject_shared_by_certificates(keystore: Keystore, _context: Context) -> Ite
             yield Violation(
                 message=f"{len(sharing)} identities with different keys have the subject {quoted(subject)}, which a "
                 f"grant names: {paths(enclave for enclave, _ in sharing.values())}.",
-                locations=places(Location(path=c.path, line=c.line) for _enclave, c in sharing.values()),
+                locations=places(located(c) for _enclave, c in sharing.values()),
                 key=subject,
                 against=_permissions(enclave for enclave, _ in sharing.values()),
             )
@@ -348,7 +343,7 @@ def identity_key_certified_again(keystore: Keystore, context: Context) -> Iterat
                 message=f"The identity key of {enclave.path} is certified {times} more: {also}.",
                 locations=places(
                     (
-                        *(Location(path=c.path, line=c.line) for c in (first, *others)),
+                        *(located(c) for c in (first, *others)),
                         *(right for other in others for right in rights.get(other.sha256, ())),
                     )
                 ),

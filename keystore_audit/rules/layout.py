@@ -10,7 +10,7 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
-from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.rules.acceptance import FAST_DDS
 from keystore_audit.rules.commands import CREATE_ENCLAVE, MAKE_LAYOUT, SHOW_DOCUMENT, SIGN_DOCUMENT
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.missing_files import (
@@ -157,7 +157,7 @@ def unsigned_document_differs(use: DocumentUse, context: Context) -> Iterator[Vi
                 "the document on, and only the signed one counts.",
                 locations=(
                     Location(path=file.place, line=first),
-                    Location(path=use.signed.file.place, line=use.signed.line(first), message="what counts"),
+                    use.at(use.signed.line(first), "what counts"),
                 ),
                 enclave=path,
             )
@@ -194,14 +194,13 @@ def pkcs11_reference(enclave: Enclave, _context: Context) -> Iterator[Violation]
 
     Fast DDS takes it before the .pem file; what is on the token cannot be read here. Cyclone DDS reads the .pem file.
     """
-    fast_dds = tuple(name for name in VARIANTS if name.startswith("fastdds"))
     for role, file in enclave.files.pkcs11.items():
         yield Violation(
             message=f"Fast DDS takes {role.value} from the token that {file_name(file)} names: it could not be read "
             "here.",
             locations=(Location(path=file.path),),
             enclave=enclave.path,
-            profiles=fast_dds,
+            profiles=FAST_DDS,
             undecided=True,
         )
 

@@ -24,7 +24,7 @@ from keystore_audit.rules.governance import AMBIGUOUS, DIFFER, in_document
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import PermissionsUse, speaks
 from keystore_audit.rules.unnamed import unnamed
-from keystore_audit.rules.wording import defective, listed, places, quoted, sole
+from keystore_audit.rules.wording import defective, listed, located, places, quoted, sole
 
 WRITE_AGAIN: Final = (
     f"correct the policy and run {CREATE_PERMISSION}, or correct permissions.xml and sign it with the permissions CA, "
@@ -49,7 +49,7 @@ def about(use: PermissionsUse, grant: Grant, line: int | None, message: str, **m
     more.setdefault("key", grant.subject_name.text)
     return Violation(
         message=message,
-        locations=(Location(path=use.signed.file.place, line=line),),
+        locations=(use.at(line),),
         enclave=sole(use.enclaves),
         **more,
     )
@@ -133,10 +133,7 @@ def no_grant_for_certificate(use: PermissionsUse, context: Context) -> Iterator[
         missing = [profile for profile in VARIANTS.values() if profile not in naming]
         yield Violation(
             message=f"No grant names the identity of {enclave.path}: {wanted}.",
-            locations=(
-                Location(path=use.signed.file.place, line=line),
-                Location(path=first.path, line=first.line, message="the identity"),
-            ),
+            locations=(use.at(line), located(first, "the identity")),
             enclave=enclave.path,
             severity=None if {*missing} & {*context.profiles} else Severity.LOW,
             profiles=tuple(profile.name for profile in missing) if naming else (),
@@ -168,8 +165,7 @@ def second_grant_for_subject(use: PermissionsUse, _context: Context) -> Iterator
                 message=f"A second grant names {quoted(subject)}: the one at line {first[subject].line} decides, and "
                 "this one takes its place on Fast DDS alone, when that one has expired.",
                 locations=places(
-                    Location(path=use.signed.file.place, line=g.line, message=m)
-                    for g, m in ((grant, ""), (first[subject], "the grant that decides"))
+                    use.at(g.line, m) for g, m in ((grant, ""), (first[subject], "the grant that decides"))
                 ),
                 enclave=sole(use.enclaves),
                 # The dates tell when it takes the place of the other.
@@ -213,7 +209,7 @@ def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator
         names = list(dict.fromkeys(grant.subject_name.text for grant in others))
         robots = {name: elsewhere[name] for name in names if name in elsewhere}
         named = [f"{quoted(name)}{_whose(robots[name]) if name in robots else ''}" for name in names]
-        here = [Location(path=use.signed.file.place, line=grant.line) for grant in others]
+        here = [use.at(grant.line) for grant in others]
         there = [Location(path=r.beside, line=r.line, message="the identity", beside=True) for r in robots.values()]
         gaining = _gaining(use, [everybody[name] for name in names if name in everybody], context)
         more = f", and {listed(gaining)} {'gains' if len(gaining) == 1 else 'gain'} by it" if gaining else ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, Final
 
-from keystore_audit.findings import Location, Severity
+from keystore_audit.findings import Severity
 from keystore_audit.keystore.governance import Text
 from keystore_audit.model.expression import parse
 from keystore_audit.model.profiles import DateReading, Profile
@@ -82,7 +82,7 @@ def expression_malformed(use: DocumentUse, context: Context) -> Iterator[Violati
         texts = list(malformed)
         yield Violation(
             message=f"The expression {quoted(texts[0])}{more_like(texts)} {_faults(texts[0], context.profiles)}.",
-            locations=places(Location(path=use.signed.file.place, line=each.line) for each in malformed.values()),
+            locations=places(use.at(each.line) for each in malformed.values()),
             enclave=sole(use.enclaves),
             key="\n".join(sorted(malformed)),
         )
@@ -127,7 +127,7 @@ def date_not_portable(use: PermissionsUse, context: Context) -> Iterator[Violati
         says = "; ".join(f"{_words(date, reading)} to {implementations(who)}" for reading, who in readings.items())
         yield Violation(
             message=f"The date {quoted(date.text)} is {says}.",
-            locations=(Location(path=use.signed.file.place, line=date.line),),
+            locations=(use.at(date.line),),
             enclave=sole(use.enclaves),
             key=date.text,
         )

@@ -24,7 +24,7 @@ from keystore_audit.rules.commands import (
 )
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
-from keystore_audit.rules.wording import defective, listed, of_kinds, quoted
+from keystore_audit.rules.wording import defective, listed, located, of_kinds, quoted
 
 _OTHERS: Final = 0o077
 """Permission bits of group and others."""
@@ -215,7 +215,7 @@ def _second_keys(enclave: str, key: PrivateKey, holders: Mapping[str | None, str
         whose = f", that of {holders[second]}" if second in holders else ""
         yield Violation(
             message=f"{enclave} has a second private key{whose}: {defect.detail}.",
-            locations=(Location(path=defect.path, line=defect.line),),
+            locations=(located(defect),),
             enclave=enclave,
             key=f"second {defect.path} {second}{whose}",
         )
@@ -288,7 +288,7 @@ def key_does_not_match_certificate(enclave: Enclave, _context: Context) -> Itera
             f"({first.key_kind}, {quoted(first.subject)}): no handshake succeeds.",
             locations=(
                 Location(path=key.file.place),
-                Location(path=first.path, line=first.line, message="the certificate"),
+                located(first, "the certificate"),
             ),
             enclave=enclave.path,
         )

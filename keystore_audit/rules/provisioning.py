@@ -18,7 +18,7 @@ from keystore_audit.rules.effect import instant_of
 from keystore_audit.rules.permissions import own_grants
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import permissions_uses
-from keystore_audit.rules.wording import instant, listed, number, places, quoted
+from keystore_audit.rules.wording import instant, listed, located, number, places, quoted
 
 LONGEST: Final = timedelta(days=2 * 366)
 """How long an identity or a grant may last: NIST SP 800-57 part 1 has one to two years for authentication keys."""
@@ -78,7 +78,7 @@ def long_validity(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     carry them.
     """
     certificates = [each for each in _identities(keystore) if each[1].not_after - each[1].not_before > LONGEST]
-    lasting = [(c.not_after, e.path, Location(path=c.path, line=c.line)) for e, c in certificates]
+    lasting = [(c.not_after, e.path, located(c)) for e, c in certificates]
     grants = list(_long_grants(keystore))
     if lasting or grants:
         end, whose, _place = max([*lasting, *grants], key=lambda found: found[0])
@@ -103,7 +103,7 @@ def _long_grants(keystore: Keystore) -> Iterator[tuple[datetime, str, Location]]
         for grant in own_grants(use) if use.speaks else ():
             start, end = instant_of(grant.not_before), instant_of(grant.not_after)
             if start is not None and end is not None and end - start > LONGEST:
-                place = Location(path=use.signed.file.place, line=grant.not_after.line)
+                place = use.at(grant.not_after.line)
                 yield end, use.enclaves[0].path, place
 
 
@@ -167,7 +167,7 @@ def _shared(
     more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
     locations = []
     for _enclave, certificate, twin in found:
-        locations.append(Location(path=certificate.path, line=certificate.line))
+        locations.append(located(certificate))
         locations.append(Location(path=twin.beside, line=twin.line, message=why, beside=True))
     yield Violation(
         message=f"{enclave.path} and {other.enclave} in {quoted(other.root)} {says}{more}.",
@@ -208,7 +208,7 @@ def certificate_older_than_permissions(keystore: Keystore, _context: Context) ->
         for enclave in use.enclaves if times and use.genuine_everywhere else ():
             first = enclave.identity
             if first is not None and min(times) - first.not_before > _LATER:
-                later[enclave.path] = (first.not_before, min(times), Location(path=use.signed.file.place))
+                later[enclave.path] = (first.not_before, min(times), use.at(None))
     if later:
         path, (issued, signed, _place) = next(iter(later.items()))
         more = f" (and {len(later) - 1} more)" if len(later) > 1 else ""

@@ -14,6 +14,7 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.revocation import NO_IDENTITIES, list_missing, names_revoked
 from keystore_audit.model.trust import chain_refusal
+from keystore_audit.rules.acceptance import FAST_DDS
 from keystore_audit.rules.certificate import ISSUE_AGAIN
 from keystore_audit.rules.commands import REVOKE, SIGN_LIST, START_LIST
 from keystore_audit.rules.context import Context
@@ -24,6 +25,8 @@ from keystore_audit.rules.wording import (
     implementations,
     instant,
     listed,
+    located,
+    number,
     of_kinds,
     paths,
     places,
@@ -37,12 +40,22 @@ NEW_LIST: Final = (
     "copy crl.pem into every enclave."
 )
 
-_FAST_DDS: Final = tuple(name for name in VARIANTS if name.startswith("fastdds"))
-
 
 def _reads(use: RevocationUse) -> tuple[str, ...]:
     """The variants that read the lists: all, but of lists in a CA file Fast DDS alone (measured)."""
-    return _FAST_DDS if use.in_ca_file else ()
+    return FAST_DDS if use.in_ca_file else ()
+
+
+def _about(use: RevocationUse, revocations: RevocationList, message: str, key: str, **more: Any) -> Violation:
+    """A violation about one of the lists; `key` tells it from others about the same issuer's."""
+    return Violation(
+        message=message,
+        locations=(located(revocations),),
+        enclave=sole(use.enclaves),
+        profiles=_reads(use),
+        key=key,
+        **more,
+    )
 
 
 def _signed(use: RevocationUse, revocations: RevocationList) -> bool | None:
@@ -79,16 +92,10 @@ def identity_revoked(keystore: Keystore, _context: Context) -> Iterator[Violatio
             holders = {holder.path: holder for use, _ in found for holder in use.enclaves}
             yield Violation(
                 message=f"The identity {quoted(first.subject)} of {enclave.path} is revoked by {found[0][1].path}: "
-                "refused "
-                f"by {paths(holders.values())}.",
-                locations=places(
-                    (
-                        Location(path=first.path, line=first.line),
-                        *(Location(path=r.path, line=r.line, message="the revocation list") for _use, r in found),
-                    )
-                ),
+                f"refused by {paths(holders.values())}.",
+                locations=places((located(first), *(located(r, "the revocation list") for _use, r in found))),
                 enclave=enclave.path,
-                profiles=_FAST_DDS if all(use.in_ca_file for use, _ in found) else (),
+                profiles=FAST_DDS if all(use.in_ca_file for use, _ in found) else (),
                 key=first.sha256,
             )
 
@@ -122,14 +129,9 @@ def crl_invalid(use: RevocationUse, _context: Context) -> Iterator[Violation]:
         why, undecided = _why_invalid(use, revocations)
         if why:
             found = True
-            yield Violation(
-                message=f"The revocation list of {paths(use.enclaves)} is not one that its identity CA made: {why}.",
-                locations=(Location(path=revocations.path, line=revocations.line),),
-                enclave=sole(use.enclaves),
-                profiles=_reads(use),
-                undecided=undecided,
-                key=f"{revocations.issuer} {revocations.this_update}",
-            )
+            message = f"The revocation list of {paths(use.enclaves)} is not one that its identity CA made: {why}."
+            key = f"{revocations.issuer} {revocations.this_update}"
+            yield _about(use, revocations, message, key, undecided=undecided)
     if use.in_use and not found:
         yield from _of_another_issuer(use)
 
@@ -156,7 +158,7 @@ def _of_another_issuer(use: RevocationUse) -> Iterator[Violation]:
             f"{implementations(VARIANTS[name] for name in names)}: the first certificate on the identity's chain with "
             f"the name {quoted(revocations.issuer)} did not sign it, or its keyUsage does not let it sign lists, or "
             "there is none.",
-            locations=(Location(path=revocations.path, line=revocations.line),),
+            locations=(located(revocations),),
             enclave=sole(enclaves),
             profiles=names,
             key=" ".join(["issuer", *names, *(enclave.path for enclave in enclaves)]),
@@ -216,14 +218,12 @@ def crl_stale(use: RevocationUse, context: Context) -> Iterator[Violation]:
             if ended and revocations.next_update is not None
             else f"begins at {instant(revocations.this_update)}"
         )
-        yield Violation(
-            message=f"The revocation list of {paths(use.enclaves)} {when} (audited for {instant(context.at)}): with "
-            "it, "
-            "every identity is refused.",
-            locations=(Location(path=revocations.path, line=revocations.line),),
-            enclave=sole(use.enclaves),
-            profiles=_reads(use),
-            key=f"{revocations.issuer} {revocations.this_update} {revocations.next_update}",
+        yield _about(
+            use,
+            revocations,
+            f"The revocation list of {paths(use.enclaves)} {when} (audited for {instant(context.at)}): with it, every "
+            "identity is refused.",
+            f"{revocations.issuer} {revocations.this_update} {revocations.next_update}",
         )
 
 
@@ -279,24 +279,22 @@ def revocation_without_effect(use: RevocationUse, _context: Context) -> Iterator
     """
     for revocations in use.in_use:
         if revocations.delta:
-            yield Violation(
-                message=f"The revocation list of {paths(use.enclaves)} is a delta, which tells changes alone: what the "
-                "list before it revokes is accepted.",
-                locations=(Location(path=revocations.path, line=revocations.line),),
-                enclave=sole(use.enclaves),
-                profiles=_reads(use),
-                key=f"delta {revocations.issuer}",
+            yield _about(
+                use,
+                revocations,
+                f"The revocation list of {paths(use.enclaves)} is a delta, which tells changes alone: what the list "
+                "before it revokes is accepted.",
+                f"delta {revocations.issuer}",
             )
         if revocations.passed_over:
             serials = [f"{serial:X}" for serial in sorted(revocations.passed_over)]
-            yield Violation(
-                message=f"Run times pass over {len(serials)} entries in the revocation list of {paths(use.enclaves)}, "
-                "which name another issuer (certificateIssuer) or stand behind one that takes the number back: "
-                f"{listed(serials)}.",
-                locations=(Location(path=revocations.path, line=revocations.line),),
-                enclave=sole(use.enclaves),
-                profiles=_reads(use),
-                key=f"entries {revocations.issuer} {' '.join(serials)}",
+            yield _about(
+                use,
+                revocations,
+                f"Run times pass over {number(len(serials), 'entry', 'entries')} in the revocation list of "
+                f"{paths(use.enclaves)}, of another issuer (certificateIssuer) or behind one that takes the number "
+                f"back: {listed(serials)}.",
+                f"entries {revocations.issuer} {' '.join(serials)}",
             )
     for revocations in use.lists[len(use.in_use) :]:
         first = use.lists[0]
@@ -306,10 +304,7 @@ def revocation_without_effect(use: RevocationUse, _context: Context) -> Iterator
             yield Violation(
                 message=f"Run times read the first revocation list of {paths(use.enclaves)} alone, and one behind it "
                 f"revokes {len(unheard)} more: {listed([f'{serial:X}' for serial in unheard])}.",
-                locations=(
-                    Location(path=revocations.path, line=revocations.line),
-                    Location(path=first.path, line=first.line, message="the list that is read"),
-                ),
+                locations=(located(revocations), located(first, "the list that is read")),
                 enclave=sole(use.enclaves),
                 key=" ".join([revocations.issuer, *(f"{serial:X}" for serial in unheard)]),
             )

@@ -14,7 +14,7 @@ from keystore_audit.model.ros_services import Reach, Rivals
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Rule, Violation, rule
-from keystore_audit.rules.wording import listed, places
+from keystore_audit.rules.wording import listed, located, places
 
 _PERMISSIONS_XSL: Final = "ros2/sros2, policy/templates/dds/permissions.xsl (the DDS topics of a service and an action)"
 _DOES: Final = {"request": "request", "reply": "answer", "call": "call", "execute": "execute"}
@@ -132,10 +132,7 @@ def _reach(reach: Reach, profiles: tuple[str, ...]) -> Violation:
     return Violation(
         message=f"{reach.caller} may {verb} the node {reach.node} in the enclave {reach.owner}{more} "
         f"({reach.service}).",
-        locations=(
-            Location(path=call.path, line=call.line),
-            Location(path=answer.path, line=answer.line, message="where the node's own enclave answers"),
-        ),
+        locations=(located(call), located(answer, "where the node's own enclave answers")),
         enclave=reach.caller,
         severity=None if reach.changes else Severity.LOW,
         profiles=profiles,
@@ -208,7 +205,7 @@ def _rivals(rivals: Rivals, profiles: tuple[str, ...]) -> Violation:
         message = f"{rivals.intruder} may answer {first}{more} by a pattern, in the place of {listed(owners)}."
     return Violation(
         message=message,
-        locations=places(Location(path=right.path, line=right.line) for right in rivals.rights),
+        locations=places(located(right) for right in rivals.rights),
         enclave=rivals.intruder,
         profiles=profiles,
         key="\n".join((*rivals.enclaves, *rivals.services)),

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from enum import Enum
 from typing import Any, Final
 
-from keystore_audit.findings import Location, Severity
+from keystore_audit.findings import Severity
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Enclave
@@ -24,7 +24,7 @@ from keystore_audit.rules.contents import signed_bytes
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, SignedUse
-from keystore_audit.rules.wording import implementations, of_kinds, paths, places, quoted, sole
+from keystore_audit.rules.wording import implementations, located, of_kinds, paths, places, quoted, sole
 
 SIGN_AGAIN: Final = f"Sign the document again: {SIGN_DOCUMENT}; for permissions {CREATE_PERMISSION} does it."
 _READ_AND_SIGN: Final = f"Read the .xml before you sign it: it may be theirs, too. {SIGN_AGAIN}"
@@ -138,8 +138,8 @@ def _consequence(use: SignedUse) -> str:
 
 def _violation(use: SignedUse, message: str, signer: Certificate | None, key: str, **more: Any) -> Violation:
     """A violation about the document; the signer's certificate is a second place, unless that is in the message."""
-    place = Location(path=use.signed.file.place, line=1)
-    found = [] if signer is None else [Location(path=signer.path, line=signer.line, message="the signer's certificate")]
+    place = use.at(1)
+    found = [] if signer is None else [located(signer, "the signer's certificate")]
     return Violation(
         message=message,
         locations=places((place, *(location for location in found if location.path != place.path))),
@@ -318,7 +318,7 @@ def signer_refused_by_implementations(use: DocumentUse, context: Context) -> Ite
         reasons = "; ".join(f"{implementations(profiles)}: {why}" for why, profiles in refusals.items())
         yield Violation(
             message=f"{use.signed.file.place} is refused ({reasons}).",
-            locations=(Location(path=use.signed.file.place, line=1),),
+            locations=(use.at(1),),
             enclave=sole(use.enclaves),
             severity=None if {*refusing} & {*context.profiles} else Severity.LOW,
             profiles=tuple(profile.name for profile in VARIANTS.values() if profile in refusing),

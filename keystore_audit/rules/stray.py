@@ -25,7 +25,7 @@ from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import stray_uses
 from keystore_audit.rules.who_takes import Taken
-from keystore_audit.rules.wording import listed, more_like, of_kinds, places, quoted, sentence
+from keystore_audit.rules.wording import listed, located, more_like, of_kinds, places, quoted, sentence
 
 _CLAUSE: Final = "DDS-Security 1.1, 9.4.1.3 and 8.4.2.9 (a peer checks the document that it is shown); measured"
 
@@ -302,10 +302,10 @@ def _perhaps_started(possible: Sequence[Admitted]) -> Iterator[Violation]:
 
 
 def _identity_at(each: Admitted, key: str = "the private key") -> Iterator[Location]:
-    yield Location(path=each.certificate.path, line=each.certificate.line)
+    yield located(each.certificate)
     yield Location(path=each.key, message=key)
     for right in each.rights:
-        yield Location(path=right.path, line=right.line, message="what lets it in")
+        yield located(right, "what lets it in")
 
 
 @rule(

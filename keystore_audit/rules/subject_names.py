@@ -18,7 +18,7 @@ from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import PermissionsUse, permissions_uses
-from keystore_audit.rules.wording import implementations, places, quoted
+from keystore_audit.rules.wording import implementations, located, places, quoted
 
 SAFE_FORM: Final = (
     "Use subjects that every implementation reads alike: one CN, the enclave's path, whose parts are not all parts of "
@@ -131,12 +131,7 @@ def subject_read_differently(keystore: Keystore, context: Context) -> Iterator[V
 
 
 def _places(use: PermissionsUse, grant: Grant, certificate: Certificate) -> tuple[Location, ...]:
-    return places(
-        (
-            Location(path=use.signed.file.place, line=grant.subject_name.line),
-            Location(path=certificate.path, line=certificate.line, message="the identity"),
-        )
-    )
+    return places((use.at(grant.subject_name.line), located(certificate, "the identity")))
 
 
 SUBJECT_NAMES: tuple[Rule[Any], ...] = (grant_names_another_subject, subject_read_differently)

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, TypeVar
 
 from keystore_audit.dataclass import dataclass
+from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.crl import RevocationList
 from keystore_audit.keystore.defect import Defect
@@ -79,6 +80,10 @@ class SignedUse:
     envelope: Envelope
     may_be_taken: bool
     genuine_for: int
+
+    def at(self, line: int | None, message: str = "") -> Location:
+        """The place of a line of the document."""
+        return Location(path=self.signed.file.place, line=line, message=message)
 
     @property
     def genuine(self) -> bool:

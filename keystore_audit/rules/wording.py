@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from datetime import datetime
-from typing import Final
+from typing import Final, Protocol
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Defect, Kind
@@ -94,14 +94,26 @@ def defective(
     joint = "; " if ": " in first.detail else ": "  # one colon in a sentence
     yield Violation(
         message=f"{sentence(first.detail)}{more}{joint if says else '.'}{says}",
-        locations=places(
-            Location(path=d.path, line=d.line, message=shorten(d.detail, MAX_QUOTED) if more else "") for d in found
-        ),
+        locations=places(located(defect, shorten(defect.detail, MAX_QUOTED) if more else "") for defect in found),
         enclave=sole(enclaves),
         undecided=undecided,
         severity=severity,
         key=first.kind.value,
     )
+
+
+class _Placed(Protocol):
+    """What stands at a line of a file of the keystore."""
+
+    @property
+    def path(self) -> str: ...
+    @property
+    def line(self) -> int | None: ...
+
+
+def located(found: _Placed, message: str = "") -> Location:
+    """Where it stands."""
+    return Location(path=found.path, line=found.line, message=message)
 
 
 def places(locations: Iterable[Location]) -> tuple[Location, ...]:
