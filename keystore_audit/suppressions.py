@@ -15,6 +15,7 @@ from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import MAX_PLACES, Finding, Location, Severity, Suppression
 from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.text import counted
 
 MAX_DAYS: Final = 180
 """How long an acceptance may last, from the audit instant, unless settings say otherwise (`max_suppression_days`)."""
@@ -242,7 +243,7 @@ def accepted_by(findings: Iterable[Finding]) -> tuple[str, ...]:
     """How many findings each file accepts, in words: what makes this gate laxer."""
     marks = [finding.suppressed for finding in findings if finding.suppressed is not None]
     counts = Counter(mark.source.rpartition(":")[0] for mark in marks)
-    return tuple(f"{count} finding{'' if count == 1 else 's'} accepted by {file}" for file, count in counts.items())
+    return tuple(f"{counted(count, 'finding')} accepted by {file}" for file, count in counts.items())
 
 
 def first_end(findings: Iterable[Finding]) -> datetime | None:

@@ -153,3 +153,8 @@ def shorten(text: str, limit: int, *, ellipsis: str = "…") -> str:
     kept = limit - len(ellipsis)
     tail = kept // 2
     return text[: kept - tail] + ellipsis + text[len(text) - tail :]
+
+
+def counted(number: int, noun: str, plural: str = "") -> str:
+    """`1 file`, `1,200 files`."""
+    return f"{number:,} {noun if number == 1 else plural or noun + 's'}"

@@ -14,7 +14,7 @@ from keystore_audit.cli import audit, once, output
 from keystore_audit.cli import options as opt
 from keystore_audit.cli.progress import Watch
 from keystore_audit.errors import EXIT_INCOMPLETE
-from keystore_audit.text import terminal
+from keystore_audit.text import counted, terminal
 
 if TYPE_CHECKING:
     from keystore_audit.options import Options
@@ -122,9 +122,9 @@ def create_command(keystore: str, file: Path, reason: str, owner: str, until: da
             progress=watch,
         )
     output.write(target, made.text)
-    _say(f"{file}: {_counted(made.accepted, 'finding')} accepted until {until}.")
+    _say(f"{file}: {counted(made.accepted, 'finding')} accepted until {until}.")
     if made.refused:
-        _say(f"{_counted(made.refused, 'finding')} left, which nothing accepts: about the audit itself, or undecided.")
+        _say(f"{counted(made.refused, 'finding')} left, which nothing accepts: about the audit itself, or undecided.")
     return 0 if made.complete else EXIT_INCOMPLETE
 
 
@@ -157,7 +157,7 @@ def prune_command(file: Path, keystore: str, **given: Any) -> int:
         output.write(target, left.text)
     lines = (f"{use.acceptance.what} ({use.why}): {use.acceptance.finding}" for use in left.dropped)
     output.write_stdout("".join(f"{terminal(line.removesuffix(': '))}\n" for line in lines))
-    _say(f"{file}: {_counted(len(left.dropped), 'entry', 'entries')} dropped, {left.kept} kept.")
+    _say(f"{file}: {counted(len(left.dropped), 'entry', 'entries')} dropped, {left.kept} kept.")
     if left.doubtful:
         _say(f"{left.doubtful} of those kept accept nothing, but the audit could not decide everything.")
     return 0 if left.complete else EXIT_INCOMPLETE
@@ -165,10 +165,6 @@ def prune_command(file: Path, keystore: str, **given: Any) -> int:
 
 def _options(given: Mapping[str, Any], keystores: Sequence[str]) -> Options:
     return audit.chosen({**given, **_UNSET}, keystores)
-
-
-def _counted(number: int, one: str, many: str | None = None) -> str:
-    return f"{number} {one if number == 1 else many or one + 's'}"
 
 
 def _say(sentence: str) -> None:

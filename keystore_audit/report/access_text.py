@@ -16,7 +16,7 @@ from keystore_audit.model.access_table import AccessTable, Group
 from keystore_audit.report.access_differences import differences, peers
 from keystore_audit.report.access_matrix import Matrix, matrices, shown_name
 from keystore_audit.report.access_words import protection_words
-from keystore_audit.text import shorten, terminal
+from keystore_audit.text import counted, shorten, terminal
 
 ASSUMED: Final = "ROS_SECURITY_ENABLE=true and ROS_SECURITY_STRATEGY=Enforce on every robot."
 LEGEND: Final = (
@@ -59,9 +59,8 @@ def text(table: AccessTable, width: int) -> str:
     """The table at that many columns; ends in a newline."""
     sheet = _Sheet(width=width, lines=[])
     enclaves = len(table.groups[-1].enclaves)
-    many = "" if enclaves == 1 else "s"
     where = shorten(table.root, MAX_ROOT)
-    sheet.put(f"Who may do what in {where} ({enclaves} enclave{many}), domain {table.domain}")
+    sheet.put(f"Who may do what in {where} ({counted(enclaves, 'enclave')}), domain {table.domain}")
     sheet.put(f"Assumed: {ASSUMED}")
     *others, main = table.groups
     rows = decision_rows(table, main)

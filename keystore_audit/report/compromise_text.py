@@ -10,7 +10,7 @@ from keystore_audit.model.blast_radius import BlastRadius, Ground
 from keystore_audit.properties.compromise_result import CompromiseAnswer, KeyAnswer, ProfileRadius, Stolen
 from keystore_audit.properties.property import Status
 from keystore_audit.report.compromise_words import some, topic_words
-from keystore_audit.text import terminal
+from keystore_audit.text import counted, terminal
 
 WIDTH: Final = 80
 MAX_DOUBTS: Final = 5
@@ -72,8 +72,8 @@ def _said(ground: Ground, enclaves: int, radius: BlastRadius) -> Iterator[str]:
         ("reads {}", radius.read),
     ):
         number = ground.count(channels)
-        counted = verb.format(f"{number} DDS topic{'' if number == 1 else 's'}" if number else "no topic")
-        yield f"{counted}: {topic_words(ground.topics(channels))}" if number else counted
+        told = verb.format(counted(number, "DDS topic") if number else "no topic")
+        yield f"{told}: {topic_words(ground.topics(channels))}" if number else told
     at_large = {enclave.label for system in ground.systems for enclave in system.enclaves if enclave.at_large}
     posed, others = sorted(radius.passes_for - at_large), sorted(radius.passes_for & at_large)
     if posed or not others:

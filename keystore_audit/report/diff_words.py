@@ -22,6 +22,7 @@ from keystore_audit.model.comparison import (
 from keystore_audit.model.comparison_others import SUBJECT
 from keystore_audit.model.domains import HIGHEST_DOMAIN, Interval, describe
 from keystore_audit.model.names import ros_name
+from keystore_audit.text import counted
 
 MAX_ENCLAVES: Final = 3
 MAX_CONSEQUENCES: Final = 6
@@ -115,7 +116,7 @@ def others(paths: Sequence[str]) -> str:
 
 def left_out(consequences: Sequence[Consequence]) -> str:
     """How many are not shown."""
-    return f"and {_count(len(consequences) - MAX_CONSEQUENCES, 'more consequence')}"
+    return f"and {counted(len(consequences) - MAX_CONSEQUENCES, 'more consequence')}"
 
 
 def influence(influenced: Influenced) -> str:
@@ -124,7 +125,7 @@ def influence(influenced: Influenced) -> str:
     hops = f" → {way[0].sender}" + "".join(f" → {ros_name(hop.name.topic)} → {hop.receiver}" for hop in way)
     more = ""
     if influenced.pairs > 1:
-        more = f", and between {_count(influenced.pairs - 1, 'more pair')} of enclaves"
+        more = f", and between {counted(influenced.pairs - 1, 'more pair')} of enclaves"
     return f"from {way[0].sender} to {way[-1].receiver} ({hops[3:]}){more}"
 
 
@@ -192,16 +193,12 @@ def unread(each: Unread) -> str:
 def verdict(comparison: Comparison, fail_on: FailOn) -> str:
     """The first line."""
     if comparison.unknown:
-        return f"UNKNOWN: {_count(len(comparison.unknown), 'place')} could not be read"
+        return f"UNKNOWN: {counted(len(comparison.unknown), 'place')} could not be read"
     failing = len(comparison.failing(fail_on))
-    counted = [change for change in comparison.changes if change.direction is not Direction.INFO]
-    if not counted:
+    changes = [change for change in comparison.changes if change.direction is not Direction.INFO]
+    if not changes:
         return "NO CHANGE in meaning"
     if fail_on is FailOn.NONE or not failing:
         about = f" (those about {', '.join(comparison.labels)} could)" if comparison.labels else ""
-        return f"PASS: {_count(len(counted), 'change')}, none that fails{about}"
-    return f"FAIL: {failing} of {_count(len(counted), 'change')} {'fails' if failing == 1 else 'fail'}"
-
-
-def _count(number: int, word: str) -> str:
-    return f"{number} {word}{'' if number == 1 else 's'}"
+        return f"PASS: {counted(len(changes), 'change')}, none that fails{about}"
+    return f"FAIL: {failing} of {counted(len(changes), 'change')} {'fails' if failing == 1 else 'fail'}"

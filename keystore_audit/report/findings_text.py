@@ -16,6 +16,7 @@ from keystore_audit.report.consequences import Consequences
 from keystore_audit.report.content import Report
 from keystore_audit.report.next_step import OF_THE_AUDIT
 from keystore_audit.report.page import Page, Piece
+from keystore_audit.text import counted
 
 _COMMON_WORD: Final = re.compile("[A-Z][a-z]* (?!DDS)")
 """What a sentence begins with, unless it is a name such as Fast DDS or CN=/talker."""
@@ -111,8 +112,8 @@ def _finding(page: Page, finding: Finding, profiles: frozenset[str]) -> None:
         where: tuple[Piece, ...] = ((f"{place.path}{line}", "bold"), (note, ""))
         page.labelled("where" if number == 0 else "", *where, indent=4, column=12)
     if len(finding.locations) > MAX_PLACES:
-        more = len(finding.locations) - MAX_PLACES
-        page.put(f"and {more} more place{'' if more == 1 else 's'} (all are in the JSON report)", indent=12)
+        more = counted(len(finding.locations) - MAX_PLACES, "more place")
+        page.put(f"and {more} (all are in the JSON report)", indent=12)
     if finding.profiles and not profiles <= frozenset(finding.profiles):
         page.labelled("under", ", ".join(finding.profiles), indent=4, column=12)
 

@@ -7,6 +7,7 @@ from typing import Final
 
 from keystore_audit.findings import Finding
 from keystore_audit.report.content import Report, Verdict
+from keystore_audit.text import counted
 
 OF_THE_AUDIT: Final = "KA9"
 """The family of what the audit says of itself: it follows from something else, or nobody can mend it in a keystore."""
@@ -29,7 +30,7 @@ def next_step(report: Report) -> str:
     place = next(iter((*inside, *first.locations)), None)
     where = "" if place is None else f" ({place.path}{'' if place.line is None else f':{place.line}'})"
     more = sum(first.fingerprint in finding.explained_by for finding in report.findings)
-    follow = f", from which {more} other{'' if more == 1 else 's'} follow{'s' if more == 1 else ''}" if more else ""
+    follow = f", from which {counted(more, 'other')} follow{'s' if more == 1 else ''}" if more else ""
     told = f"{first.code} {first.name}{where}{follow}"
     left = _besides(first, failing)
     then = _then(len(_besides(first, undecided)), len(left), _causes(left))

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 from keystore_audit.report.page import Page
+from keystore_audit.text import counted
 
 if TYPE_CHECKING:
     from keystore_audit.model.blast_radius import Ranked, Ranking
@@ -35,7 +36,7 @@ def _words(one: Ranked) -> str:
     endless = ", names without end among them" if one.endless else ""
     alone = f" ({one.enclaves_reached_alone} while the others stay honest)"
     more = one.enclaves_reached > one.enclaves_reached_alone
-    reached = f"reaches {one.enclaves_reached} enclave{'' if one.enclaves_reached == 1 else 's'}{alone if more else ''}"
+    reached = f"reaches {counted(one.enclaves_reached, 'enclave')}{alone if more else ''}"
     posed = f", passes for {one.passes_for}" if one.passes_for else ""
     topics = f"writes {one.topics_written}, forges {one.topics_forged}, reads {one.topics_read} DDS topics{endless}"
     return f"{one.path}: {reached}{posed}; {topics}"

@@ -13,7 +13,7 @@ from keystore_audit.report.content import Report, Verdict
 from keystore_audit.report.encoded import encoded, instant
 from keystore_audit.report.page import Page
 from keystore_audit.report.text import View
-from keystore_audit.text import shorten
+from keystore_audit.text import counted, shorten
 
 SCHEMA_VERSION: Final = 1
 """Rises when a key is removed or changes its meaning."""
@@ -146,7 +146,10 @@ def render_text(summary: Summary, view: View | None = None) -> str:
     """Return a page: keystores with the same findings are one entry, those that pass are counted."""
     view = view or View()
     page = Page(width=view.width, color=view.color)
-    page.put((f"{TOOL} {summary.version}", "bold"), f": {_number(len(summary.rows))}, as of {instant(summary.at)}")
+    page.put(
+        (f"{TOOL} {summary.version}", "bold"),
+        f": {counted(len(summary.rows), 'keystore')}, as of {instant(summary.at)}",
+    )
     page.blank()
     for path, reason in summary.unseen:
         page.labelled("NOT SEEN", f"{shorten(path, MAX_PATH)}: {reason}", indent=0, column=12, style="bold magenta")
@@ -167,7 +170,7 @@ def _weakened(page: Page, rows: Sequence[Row]) -> None:
     counts = Counter(reason for each in rows for reason in each.weakened)
     reports = sum(each.verdict is not None for each in rows)
     for reason, count in counts.most_common(MAX_WEAKENED):
-        of = f" ({_number(count)})" if count < reports else ""
+        of = f" ({counted(count, 'keystore')})" if count < reports else ""
         said = f"Weakened gate: {shorten(reason, MAX_PATH)}{of}."
         page.labelled("WARNING", said, indent=0, column=12, style="bold yellow")
     if len(counts) > MAX_WEAKENED:
@@ -184,7 +187,7 @@ def _entries(page: Page, verdict: Verdict, style: str, rows: Sequence[Row], view
         named = members if view.verbose else members[:MAX_NAMED]
         more = f" and {len(members) - len(named):,} more" if len(named) < len(members) else ""
         codes = ", ".join(f"{code} {name}" for code, name, _severity in reasons)
-        what = f"{_number(len(members))}" + (f": {codes}" if codes else "")
+        what = f"{counted(len(members), 'keystore')}" + (f": {codes}" if codes else "")
         page.labelled(verdict.value.upper(), what, indent=0, column=12, style=style)
         page.put(", ".join(shorten(each.path, MAX_PATH) for each in named) + more, indent=12)
 
@@ -198,7 +201,7 @@ def _frequent(page: Page, rows: Sequence[Row]) -> None:
     page.put(("Findings that fail the gate", "bold underline"))
     worst_first = sorted(counts.items(), key=lambda item: (item[0][2].rank, -item[1], item[0][0]))
     for (code, name, severity), count in worst_first:
-        page.labelled(severity.value, f"{code} {name}: {_number(count)}", indent=2, column=12)
+        page.labelled(severity.value, f"{code} {name}: {counted(count, 'keystore')}", indent=2, column=12)
 
 
 def _last(page: Page, summary: Summary) -> None:
@@ -211,9 +214,5 @@ def _last(page: Page, summary: Summary) -> None:
     if ends is not None:
         page.put(f"The first of these answers that changes does so at {instant(ends)}.")
     if summary.interrupted:
-        page.put(("INTERRUPTED", "bold magenta"), f": {_number(len(summary.not_audited))} not audited.")
-    page.put((_number(len(summary.rows)), "bold"), f": {', '.join(words)}; exit code {summary.exit_code}")
-
-
-def _number(keystores: int) -> str:
-    return f"{keystores:,} keystore{'' if keystores == 1 else 's'}"
+        page.put(("INTERRUPTED", "bold magenta"), f": {counted(len(summary.not_audited), 'keystore')} not audited.")
+    page.put((counted(len(summary.rows), "keystore"), "bold"), f": {', '.join(words)}; exit code {summary.exit_code}")

@@ -24,7 +24,7 @@ from keystore_audit.report.next_step import next_step
 from keystore_audit.report.page import Page
 from keystore_audit.report.ros_nodes import nodes_beside
 from keystore_audit.report.total import render_total
-from keystore_audit.text import shorten
+from keystore_audit.text import counted, shorten
 
 MAX_ENCLAVES: Final = 20
 """Enclaves listed by name where all is well; those that cannot start are always named."""
@@ -99,11 +99,10 @@ def render_several(reports: Sequence[Report], view: View | None = None, missing:
 
 def _opening(page: Page, report: Report) -> None:
     """What is judged, and everything that the verdict rests on or that weakens it."""
-    many = "" if len(report.enclaves) == 1 else "s"
     page.put(
         (f"{TOOL} {report.version}", "bold"),
         f": {shorten(report.keystore, MAX_TITLE)} "
-        f"({report.layout} layout, {len(report.enclaves)} enclave{many}), as of {instant(report.at)}",
+        f"({report.layout} layout, {counted(len(report.enclaves), 'enclave')}), as of {instant(report.at)}",
     )
     page.blank()
     for number, assumption in enumerate(report.assumptions):

@@ -7,7 +7,17 @@ from difflib import get_close_matches
 from typing import Any, Final
 
 from keystore_audit.findings import Severity
-from keystore_audit.intent.environment import DISTRIBUTION, ENABLE, RMW, SECURE, STRATEGY, Environment
+from keystore_audit.intent.environment import (
+    DISTRIBUTION,
+    DOMAIN,
+    ENABLE,
+    KEYSTORE,
+    OVERRIDE,
+    RMW,
+    SECURE,
+    STRATEGY,
+    Environment,
+)
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.profiles import DISTRIBUTIONS, MIDDLEWARE, running
 from keystore_audit.rules.context import Context
@@ -15,13 +25,6 @@ from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.wording import quoted
 
 RCL: Final = "rcl, security.c (read); ROS 2 design, DDS-Security integration"
-MODELLED: Final = {
-    "rmw_fastrtps_cpp": "fastdds",
-    "rmw_fastrtps_dynamic_cpp": "fastdds",
-    "rmw_cyclonedds_cpp": "cyclonedds",
-}
-"""Middleware by the vendor whose profiles say what it does."""
-
 ZENOH: Final = "rmw_zenoh_cpp"
 
 
@@ -56,7 +59,7 @@ def security_not_enabled(_keystore: Keystore, context: Context) -> Iterator[Viol
     value = environment.value(ENABLE)
     if value != SECURE[ENABLE]:
         said = f"is {quoted(value)}, not exactly 'true'" if value else "is not set"
-        yield _found(environment, "ROS_SECURITY_ENABLE", f"ROS_SECURITY_ENABLE {said}: nothing of this is in force.")
+        yield _found(environment, ENABLE, f"{ENABLE} {said}: nothing of this is in force.")
 
 
 @rule(
@@ -76,8 +79,8 @@ def security_not_enforced(_keystore: Keystore, context: Context) -> Iterator[Vio
         said = f"is {quoted(value)}, not exactly 'Enforce'" if value else "is not set"
         yield _found(
             environment,
-            "ROS_SECURITY_STRATEGY",
-            f"ROS_SECURITY_STRATEGY {said}, which is Permissive: an enclave that fails to load starts unsecured.",
+            STRATEGY,
+            f"{STRATEGY} {said}, which is Permissive: an enclave that fails to load starts unsecured.",
         )
 
 
@@ -97,15 +100,15 @@ def override_names_no_enclave(keystore: Keystore, context: Context) -> Iterator[
     leaves the keystore.
     """
     environment = _of(context)
-    name = environment.value("ROS_SECURITY_ENCLAVE_OVERRIDE")
+    name = environment.value(OVERRIDE)
     known = [enclave.path for enclave in keystore.enclaves]
     if name and name not in known:
         nearest = get_close_matches(name, known, n=1)
         hint = f"; the nearest is {nearest[0]}" if nearest else ""
         yield _found(
             environment,
-            "ROS_SECURITY_ENCLAVE_OVERRIDE",
-            f"ROS_SECURITY_ENCLAVE_OVERRIDE is {quoted(name)}, and there is no such enclave{hint}.",
+            OVERRIDE,
+            f"{OVERRIDE} is {quoted(name)}, and there is no such enclave{hint}.",
         )
 
 
@@ -124,11 +127,11 @@ def override_for_every_process(keystore: Keystore, context: Context) -> Iterator
     What separates the enclaves in this report does not separate those processes.
     """
     environment = _of(context)
-    name = environment.value("ROS_SECURITY_ENCLAVE_OVERRIDE")
+    name = environment.value(OVERRIDE)
     if len(keystore.enclaves) > 1 and name in {enclave.path for enclave in keystore.enclaves}:
         yield _found(
             environment,
-            "ROS_SECURITY_ENCLAVE_OVERRIDE",
+            OVERRIDE,
             f"Every process that starts so is {name}, one of {len(keystore.enclaves)} enclaves.",
             enclave=name,
         )
@@ -149,8 +152,8 @@ def no_keystore_named(_keystore: Keystore, context: Context) -> Iterator[Violati
     Whether the directory that it names holds what was audited cannot be seen from here.
     """
     environment = _of(context)
-    if not environment.value("ROS_SECURITY_KEYSTORE"):
-        yield _found(environment, "ROS_SECURITY_KEYSTORE", "ROS_SECURITY_KEYSTORE is not set: no enclave is found.")
+    if not environment.value(KEYSTORE):
+        yield _found(environment, KEYSTORE, f"{KEYSTORE} is not set: no enclave is found.")
 
 
 @rule(
@@ -169,8 +172,8 @@ def domain_id_invalid(_keystore: Keystore, context: Context) -> Iterator[Violati
     """
     environment = _of(context)
     if environment.domain is None:
-        value = quoted(environment.value("ROS_DOMAIN_ID"))
-        yield _found(environment, "ROS_DOMAIN_ID", f"ROS_DOMAIN_ID is {value}; expected a number from 0 to 232.")
+        value = quoted(environment.value(DOMAIN))
+        yield _found(environment, DOMAIN, f"{DOMAIN} is {value}; expected a number from 0 to 232.")
 
 
 @rule(
@@ -195,7 +198,7 @@ def middleware_not_modelled(_keystore: Keystore, context: Context) -> Iterator[V
         yield _found(
             environment,
             RMW,
-            f"RMW_IMPLEMENTATION is {quoted(name)}, which {why}: this report does not speak of it.",
+            f"{RMW} is {quoted(name)}, which {why}: this report does not speak of it.",
             undecided=True,
         )
 
@@ -224,7 +227,7 @@ def distribution_not_modelled(_keystore: Keystore, context: Context) -> Iterator
         yield _found(
             environment,
             DISTRIBUTION,
-            f"ROS_DISTRO is {quoted(name)}, whose releases of DDS implementations are not known here: {what}.",
+            f"{DISTRIBUTION} is {quoted(name)}, whose releases of DDS implementations are not known here: {what}.",
             undecided=not chosen,
         )
 

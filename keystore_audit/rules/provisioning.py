@@ -18,7 +18,8 @@ from keystore_audit.rules.effect import instant_of
 from keystore_audit.rules.permissions import own_grants
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import permissions_uses
-from keystore_audit.rules.wording import instant, listed, located, number, places, quoted
+from keystore_audit.rules.wording import instant, listed, located, places, quoted
+from keystore_audit.text import counted
 
 LONGEST: Final = timedelta(days=2 * 366)
 """How long an identity or a grant may last: NIST SP 800-57 part 1 has one to two years for authentication keys."""
@@ -52,7 +53,7 @@ def provisioning_leftover(keystore: Keystore, context: Context) -> Iterator[Viol
     found = keystore.layout.provisioning
     where = "no robot needs them" if context.deployed else "they need not go on robots"
     yield Violation(
-        message=f"{number(len(found), 'file', 'files')} that no run time reads: {listed(found)}; {where}.",
+        message=f"{counted(len(found), 'file')} that no run time reads: {listed(found)}; {where}.",
         locations=places(Location(path=path) for path in found),
         severity=Severity.LOW if context.deployed else None,
         contents=False,
@@ -83,8 +84,8 @@ def long_validity(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     if lasting or grants:
         end, whose, _place = max([*lasting, *grants], key=lambda found: found[0])
         yield Violation(
-            message=f"Valid for more than two years: {number(len(lasting), 'identity', 'identities')} and "
-            f"{number(len(grants), 'grant', 'grants')}, the longest "
+            message=f"Valid for more than two years: {counted(len(lasting), 'identity', 'identities')} and "
+            f"{counted(len(grants), 'grant')}, the longest "
             f"until {instant(end)} ({whose}).",
             locations=places(place for _end, _whose, place in (*lasting, *grants)),
             key="\n".join(sorted(f"{whose} {instant(end)}" for end, whose, _place in (*lasting, *grants))),

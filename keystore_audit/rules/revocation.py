@@ -26,13 +26,13 @@ from keystore_audit.rules.wording import (
     instant,
     listed,
     located,
-    number,
     of_kinds,
     paths,
     places,
     quoted,
     sole,
 )
+from keystore_audit.text import counted
 
 NEW_LIST: Final = (
     f"In the keystore's root, have a crl.cnf, {START_LIST}, and an index.txt, `touch index.txt`, which keeps what is "
@@ -291,7 +291,7 @@ def revocation_without_effect(use: RevocationUse, _context: Context) -> Iterator
             yield _about(
                 use,
                 revocations,
-                f"Run times pass over {number(len(serials), 'entry', 'entries')} in the revocation list of "
+                f"Run times pass over {counted(len(serials), 'entry', 'entries')} in the revocation list of "
                 f"{paths(use.enclaves)}, of another issuer (certificateIssuer) or behind one that takes the number "
                 f"back: {listed(serials)}.",
                 f"entries {revocations.issuer} {' '.join(serials)}",

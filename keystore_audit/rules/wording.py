@@ -47,11 +47,6 @@ def more_like(found: Sequence[object]) -> str:
     return f" (and {len(found) - 1} more like it)" if len(found) > 1 else ""
 
 
-def number(count: int, one: str, more: str) -> str:
-    """`1 file`, `2 files`."""
-    return f"{count} {one if count == 1 else more}"
-
-
 def paths(enclaves: Iterable[Enclave]) -> str:
     """The enclaves' paths, listed."""
     return listed(enclave.path for enclave in enclaves)

@@ -11,7 +11,8 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
-from keystore_audit.rules.wording import listed, number, places
+from keystore_audit.rules.wording import listed, places
+from keystore_audit.text import counted
 
 _GROUP: Final = 0o020
 _EVERYBODY: Final = 0o002
@@ -82,7 +83,7 @@ def _found(files: Iterable[File], called: tuple[str, str], so: str, severity: Se
     if modes:
         shown = listed(f"{place} ({mode})" for place, mode in modes.items())
         yield Violation(
-            message=f"Others than the owner may write {number(len(modes), *called)}: {shown}; {so}.",
+            message=f"Others than the owner may write {counted(len(modes), *called)}: {shown}; {so}.",
             locations=places(Location(path=place) for place in modes),
             severity=severity,
             key="\n".join(f"{place} {mode}" for place, mode in sorted(modes.items())),

@@ -378,6 +378,12 @@ def test_only_what_the_first_list_leaves_out_is_without_effect() -> None:
     assert becomes(both(crl=elsewhere)) == ["KA229"]
 
 
+def test_entries_of_another_issuer_are_counted() -> None:
+    for serials, said in (((7,), "1 entry"), ((7, 8), "2 entries")):
+        (found,) = findings("KA229", judged(both(crl=crl(CRL, *serials, revoked_of="other"))(healthy())))
+        assert f"pass over {said} in the" in found.message
+
+
 def test_a_delta_is_taken_for_a_complete_list() -> None:
     assert becomes(both(crl=crl(CRL, 7, delta=True))) == ["KA229"]
     assert becomes(both(crl=crl(CRL, SERIAL, delta=True))) == ["KA212", "KA229"]

@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 
 from keystore_audit.keystore.defect import Defect, Kind
-from keystore_audit.rules.wording import defective, number
+from keystore_audit.rules.wording import defective
+from keystore_audit.text import counted
 from tests.cli.keystores import answer
 
 if sys.version_info >= (3, 11):
@@ -52,7 +53,8 @@ def test_a_colon_in_what_is_wrong_is_the_only_one() -> None:
 
 
 def test_things_are_counted_in_their_number() -> None:
-    assert [number(n, "grant", "grants") for n in (0, 1, 2)] == ["0 grants", "1 grant", "2 grants"]
+    found = [counted(number, "entry", "entries") for number in (0, 1, 1200)]
+    assert found == ["0 entries", "1 entry", "1,200 entries"]
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,9 @@ from typing import Final
 
 from keystore_audit.model.issuance import Issuance, IssuedCertificate
 from keystore_audit.report.encoded import instant
-from keystore_audit.report.html.element import Html, counted, element, folded, items, joined, lines, name, place
+from keystore_audit.report.html.element import Html, element, folded, items, joined, lines, name, place
 from keystore_audit.report.html.sheet import FULL, Sheet
+from keystore_audit.text import counted
 
 MAX_LISTED: Final = 100
 """Certificates, or documents, listed below one."""

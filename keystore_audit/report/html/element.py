@@ -156,8 +156,3 @@ def items(children: Iterable[Child], class_: str = "") -> Html:
     if not listed:
         return NOTHING
     return element("ul", lines(listed), class_=class_) if class_ else element("ul", lines(listed))
-
-
-def counted(number: int, noun: str, plural: str = "") -> str:
-    """Return a number of things in words."""
-    return f"{number:,} {noun if number == 1 else plural or noun + 's'}"

@@ -7,9 +7,9 @@ from typing import Final
 
 from keystore_audit.findings import Finding, Location, Severity
 from keystore_audit.report.consequences import Consequences
-from keystore_audit.report.html.element import NOTHING, Html, counted, element, folded, items, joined, lines, place
+from keystore_audit.report.html.element import NOTHING, Html, element, folded, items, joined, lines, place
 from keystore_audit.report.html.sheet import FULL, Sheet, severity
-from keystore_audit.text import shorten
+from keystore_audit.text import counted, shorten
 
 MAX_OF_RULE: Final = 30
 """Findings of one rule that are shown; a defect of 1,000 files is understood from a few."""
@@ -86,8 +86,8 @@ def _places(locations: Sequence[Location], message: str) -> Html:
     """The places, each with what is said of it unless the message says the same."""
     shown = [_place(location, message.casefold()) for location in locations[:MAX_PLACES]]
     if len(locations) > MAX_PLACES:
-        more = len(locations) - MAX_PLACES
-        shown.append(element("span", f"{more} more place{'' if more == 1 else 's'}. {FULL}", class_="soft"))
+        more = counted(len(locations) - MAX_PLACES, "more place")
+        shown.append(element("span", f"{more}. {FULL}", class_="soft"))
     return items(shown, class_="places")
 
 

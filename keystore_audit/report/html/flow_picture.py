@@ -11,10 +11,10 @@ from keystore_audit.model.access_table import AccessTable
 from keystore_audit.model.neighbours import Hop, Neighbourhood
 from keystore_audit.model.overview import Overview
 from keystore_audit.model.permission import members
-from keystore_audit.report.html.element import Html, counted, element, fitted, folded, joined, lines, name
+from keystore_audit.report.html.element import Html, element, fitted, folded, joined, lines, name
 from keystore_audit.report.html.protection import protected
 from keystore_audit.report.html.sheet import Sheet
-from keystore_audit.text import shorten, terminal
+from keystore_audit.text import counted, shorten, terminal
 
 MAX_PICTURES: Final = 300
 """Enclaves that have a picture."""
@@ -209,8 +209,7 @@ def _box(table: AccessTable, hop: Hop) -> list[_Line]:
         room = max(_FIT - len(remark), 16)
         found.append(_Line(fitted(label(table, number), room) + remark, f"topic {guard.kind}"))
     if len(hop.names) > MAX_NAMES:
-        more = len(hop.names) - MAX_NAMES
-        found.append(_Line(f"and {more} more topic{'' if more == 1 else 's'}", "soft"))
+        found.append(_Line(f"and {counted(len(hop.names) - MAX_NAMES, 'more topic')}", "soft"))
     if not hop.by_right:
         found.append(_Line(_NOTE, "soft"))
     return found

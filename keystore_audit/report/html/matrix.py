@@ -18,9 +18,10 @@ from keystore_audit.model.access_table import AccessTable, Group
 from keystore_audit.model.overview import Overview
 from keystore_audit.report.access_differences import peers
 from keystore_audit.report.access_words import protection_words
-from keystore_audit.report.html.element import NOTHING, Html, counted, element, folded, items, joined, lines, name
+from keystore_audit.report.html.element import NOTHING, Html, element, folded, items, joined, lines, name
 from keystore_audit.report.html.protection import Protected, protected
 from keystore_audit.report.html.sheet import Sheet
+from keystore_audit.text import counted
 
 MAX_COLUMNS: Final = 14
 """Columns of one matrix, so that it fits on a page."""

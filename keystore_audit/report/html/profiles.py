@@ -10,8 +10,9 @@ from keystore_audit.findings import Severity
 from keystore_audit.model.access_rows import decision_rows
 from keystore_audit.model.access_table import AccessTable
 from keystore_audit.report.access_differences import differences
-from keystore_audit.report.html.element import Html, counted, element, items, joined, lines, name
+from keystore_audit.report.html.element import Html, element, items, joined, lines, name
 from keystore_audit.report.html.sheet import FULL, Sheet, severity, status
+from keystore_audit.text import counted
 
 MAX_ROWS: Final = 60
 """Things that are set side by side."""

@@ -8,9 +8,9 @@ from typing import Final
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import ProfileResult, PropertyResult
-from keystore_audit.report.html.element import NOTHING, Html, counted, element, folded, joined, lines, name, place
+from keystore_audit.report.html.element import NOTHING, Html, element, folded, joined, lines, name, place
 from keystore_audit.report.html.sheet import Sheet, status
-from keystore_audit.text import shorten
+from keystore_audit.text import counted, shorten
 
 MAX_STEPS: Final = 30
 """Steps of one counterexample."""

@@ -7,9 +7,10 @@ from typing import Final
 
 from keystore_audit.model.meaning import Usability
 from keystore_audit.report.content import EnclaveEntry
-from keystore_audit.report.html.element import Html, counted, element, folded, items, joined, lines, name
+from keystore_audit.report.html.element import Html, element, folded, items, joined, lines, name
 from keystore_audit.report.html.sheet import FULL, Sheet
 from keystore_audit.report.ros_nodes import nodes_beside
+from keystore_audit.text import counted
 
 MAX_REFUSED: Final = 100
 """Enclaves that cannot start, with their reasons."""

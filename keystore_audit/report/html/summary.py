@@ -10,9 +10,9 @@ from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineRun, EngineStatus
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.report.encoded import instant
-from keystore_audit.report.html.element import NOTHING, Html, counted, digest, element, items, joined, lines, name
+from keystore_audit.report.html.element import NOTHING, Html, digest, element, items, joined, lines, name
 from keystore_audit.report.html.sheet import Sheet, severity
-from keystore_audit.text import shorten
+from keystore_audit.text import counted, shorten
 
 _VERDICTS: Final = {
     Verdict.PASS: ("✓", "Pass"),
