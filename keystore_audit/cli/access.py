@@ -25,16 +25,7 @@ MAX_WIDTH: Final = 200
 
 @click.command("access", cls=once.Command, short_help="Show who may do what: enclaves and topics.")
 @click.argument("keystore", metavar="KEYSTORE", type=opt.keystore_path)
-@click.option(
-    "-f",
-    "--format",
-    "kind",
-    type=opt.one_of(*FORMATS),
-    default="text",
-    show_default=True,
-    metavar="[text|json|csv]",
-    help="How the table is written.",
-)
+@opt.format_option("How the table is written.", *FORMATS)
 @click.option(
     "--domain",
     type=opt.Number(0, opt.LAST_DOMAIN),
@@ -65,7 +56,7 @@ def command(keystore: str, **given: Any) -> int:
         zone=given["time_zone"],
         domain=given["domain"],
     )
-    output.write_stdout(_rendered(table, given["kind"]))
+    output.write_stdout(_rendered(table, given["form"]))
     return EXIT_INCOMPLETE if table.has_unknown else 0
 
 

@@ -45,16 +45,7 @@ EXPECTED: Final = ("allow", "deny")
 @opt.profile_option
 @opt.at_option
 @opt.time_zone_option
-@click.option(
-    "-f",
-    "--format",
-    "kind_of_report",
-    type=opt.one_of("text", "json"),
-    default="text",
-    show_default=True,
-    metavar="[text|json]",
-    help="How the answer is written.",
-)
+@opt.format_option("How the answer is written.", "text", "json")
 @click.option("--effective", is_flag=True, help="The exit code is about what peers accept, not about own checks.")
 @click.option(
     "--expect",
@@ -98,7 +89,7 @@ def _check_batch(words: Sequence[str], given: dict[str, Any]) -> None:
     if given["expect"] is not None:
         raise click.UsageError("--batch answers questions and judges nothing: leave --expect out.")
     context = click.get_current_context()
-    for option, parameter, value in (("--kind", "kind", "ros"), ("--format", "kind_of_report", "text")):
+    for option, parameter, value in (("--kind", "kind", "ros"), ("--format", "form", "text")):
         if context.get_parameter_source(parameter) is not ParameterSource.DEFAULT and given[parameter] == value:
             fixed = "names are those of DDS topics" if parameter == "kind" else "each answer is a line of JSON"
             raise click.UsageError(f"With --batch {fixed}: leave {option} {value} out.")
@@ -124,7 +115,7 @@ def _one(keystore: str, enclave: str, operation: str, name: str, given: dict[str
         dds_names=tuple((each.operation.value, each.topic) for each in questions),
         governed=governed,
     )
-    render = answer.json if given["kind_of_report"] == "json" else answer.text
+    render = answer.json if given["form"] == "json" else answer.text
     output.write_stdout(render(asked, answers))
     return _exit_code(answers.values(), effective=given["effective"], expected=given["expect"])
 

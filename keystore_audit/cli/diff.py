@@ -41,16 +41,7 @@ FAIL_ON: Final = ("gained", "any", "none")
 )
 @click.option("--settings", type=click.Path(path_type=Path), metavar="FILE", help="What --label refers to.")
 @opt.interpretation_options
-@click.option(
-    "-f",
-    "--format",
-    "kind",
-    type=opt.one_of(*FORMATS),
-    default="text",
-    show_default=True,
-    metavar="[text|json|markdown]",
-    help="How the changes are written.",
-)
+@opt.format_option("How the changes are written.", *FORMATS)
 @opt.verbose_option("Say where a fault is.")
 def command(old: str, new: str, **given: Any) -> int:
     """Say what changed in meaning from the keystore OLD to the keystore NEW.
@@ -85,7 +76,7 @@ def command(old: str, new: str, **given: Any) -> int:
         labels=_labels(given["labels"], given["settings"], (old, new)),
     )
     fail_on = FailOn(given["fail_on"])
-    output.write_stdout(_rendered(comparison, fail_on, given["kind"]))
+    output.write_stdout(_rendered(comparison, fail_on, given["form"]))
     if comparison.unknown:
         return EXIT_INCOMPLETE
     return EXIT_CHANGED if comparison.failing(fail_on) else 0

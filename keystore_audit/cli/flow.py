@@ -54,16 +54,7 @@ ENGINES: Final = ("native", "auto", "both", "alloy")
     help="Who decides.",
 )
 @opt.alloy_options
-@click.option(
-    "-f",
-    "--format",
-    "kind",
-    type=opt.one_of("text", "json"),
-    default="text",
-    show_default=True,
-    metavar="[text|json]",
-    help="How the answer is written.",
-)
+@opt.format_option("How the answer is written.", "text", "json")
 @opt.verbose_option("Say where a fault is.")
 def command(keystore: str, source: str | None, target: str | None, **given: Any) -> int:
     """Say whether anything can get from FROM to TO, whatever the nodes do, and how; or what a stolen key opens.
@@ -112,7 +103,7 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
         ),
         aside=processors() > 1,
     )
-    output.write_stdout(_rendered(answer, given["kind"]))
+    output.write_stdout(_rendered(answer, given["form"]))
     return {Status.HOLDS: 0, Status.VIOLATED: 1, Status.UNKNOWN: EXIT_INCOMPLETE}[answer.status]
 
 
@@ -136,7 +127,7 @@ def _stolen_key(keystore: str, given: Mapping[str, Any]) -> int:
         zone=given["time_zone"],
         include_ambient=given["include_ambient"],
     )
-    if given["kind"] == "json":
+    if given["form"] == "json":
         from keystore_audit.report import compromise_json
 
         output.write_stdout(compromise_json.json(answer))

@@ -194,6 +194,21 @@ time_zone_option = click.option(
     help="The robots' time zone, e.g. Europe/Berlin: some implementations read dates of grants in it.",
 )
 
+
+def format_option(text: str, *words: str) -> Callable[[F], F]:
+    """How an answer is written: as the first of `words`, if nobody says otherwise."""
+    return click.option(
+        "-f",
+        "--format",
+        "form",
+        type=one_of(*words),
+        default=words[0],
+        show_default=True,
+        metavar=f"[{'|'.join(words)}]",
+        help=text,
+    )
+
+
 domain_option = click.option(
     "--domain",
     type=Number(0, LAST_DOMAIN),

@@ -8,18 +8,9 @@ from typing import Final
 from keystore_audit.dataclass import dataclass
 from keystore_audit.model.access_rows import Row
 from keystore_audit.model.access_table import Group
-from keystore_audit.report.access_words import protection_words
+from keystore_audit.report.access_words import SHORT, protection_words
 from keystore_audit.text import terminal
 
-SHORT: Final = {
-    "publish": "pub",
-    "subscribe": "sub",
-    "relay": "relay",
-    "request": "req",
-    "reply": "rep",
-    "call": "call",
-    "execute": "exec",
-}
 MIN_LABEL: Final = 24
 MAX_LABEL: Final = 48
 """Columns for the name of a topic."""

@@ -1,4 +1,4 @@
-"""What protects a topic, in words."""
+"""What protects a topic, and what may be done with it, in words."""
 
 from __future__ import annotations
 
@@ -6,6 +6,17 @@ from functools import lru_cache
 from typing import Final
 
 from keystore_audit.model.safeguard import Safeguard
+
+SHORT: Final = {
+    "publish": "pub",
+    "subscribe": "sub",
+    "relay": "relay",
+    "request": "req",
+    "reply": "rep",
+    "call": "call",
+    "execute": "exec",
+}
+"""Operations as they stand in a matrix."""
 
 _LAYERS: Final = {"data": "payload", "metadata": "submessages", "rtps": "RTPS messages"}
 

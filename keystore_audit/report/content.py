@@ -11,7 +11,7 @@ from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Finding, Outcome, Severity
 from keystore_audit.given import GivenFile
 from keystore_audit.model.meaning import Usability
-from keystore_audit.properties.result import EngineRun, PropertyResult
+from keystore_audit.properties.result import EngineRun, EngineStatus, PropertyResult
 
 if TYPE_CHECKING:  # most reports draw nothing
     from keystore_audit.model.blast_radius import Ranking
@@ -46,6 +46,16 @@ NOT_CHECKED: Final = (
     "Flows that no settings ask about, and flows by timing, acknowledgements or matching.",
 )
 """What this version does not look at."""
+
+ENGINE_WORDS: Final = {
+    EngineStatus.OK: "answered",
+    EngineStatus.MISSING: "is missing",
+    EngineStatus.FAILED: "failed",
+    EngineStatus.TIMEOUT: "ran out of time",
+    EngineStatus.OUT_OF_SCALE: "was not started, the model being too large for it",
+    EngineStatus.NOT_RUN: "was not asked",
+}
+"""What became of an engine, behind its name."""
 
 MAX_RANKED: Final = 100
 """Enclaves up to which every report ranks them; a page for people has more."""

@@ -5,7 +5,10 @@ from __future__ import annotations
 import json
 import re
 from datetime import datetime, timezone
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from keystore_audit.properties.counterexample import Counterexample
 
 _SURROGATE: Final = re.compile("[\ud800-\udfff]")
 
@@ -23,3 +26,12 @@ def instant(moment: datetime) -> str:
     """Return an aware instant as `YYYY-MM-DDThh:mm:ssZ`, fractions of a second cut off."""
     utc = moment.astimezone(timezone.utc).replace(tzinfo=None)
     return utc.isoformat(timespec="seconds") + "Z"
+
+
+def told(counterexample: Counterexample | None) -> dict[str, Any] | None:
+    """A counterexample, or a way of data, as every report tells it."""
+    if counterexample is None:
+        return None
+    names = ("enclave", "channel", "witness", "path", "line")
+    steps = [{name: getattr(step, name) for name in names} for step in counterexample.steps]
+    return {"text": counterexample.text, "steps": steps}

@@ -6,10 +6,9 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from keystore_audit.model.claim import Attacker
-from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AssertedResult, EngineRun, ProfileResult
-from keystore_audit.report.encoded import encoded
+from keystore_audit.report.encoded import encoded, told
 
 FOUND: Final[Mapping[Status, bool | None]] = {Status.VIOLATED: True, Status.HOLDS: False, Status.UNKNOWN: None}
 """Whether there is a flow."""
@@ -39,21 +38,5 @@ def _answer(answer: ProfileResult) -> dict[str, Any]:
     return {
         "flow": FOUND[answer.status],
         "engines": {name: FOUND[status] for name, status in answer.engines.items()},
-        "path": None if answer.counterexample is None else _path(answer.counterexample),
-    }
-
-
-def _path(path: Counterexample) -> dict[str, Any]:
-    return {
-        "text": path.text,
-        "steps": [
-            {
-                "enclave": step.enclave,
-                "channel": step.channel,
-                "witness": step.witness,
-                "path": step.path,
-                "line": step.line,
-            }
-            for step in path.steps
-        ],
+        "path": told(answer.counterexample),
     }

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 from keystore_audit.findings import Finding, Location, Outcome, Result, Severity, Suppression
 from keystore_audit.given import GivenFile
-from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.result import AssertedResult, EngineRun, ProfileResult, PropertyResult
 from keystore_audit.report.content import MAX_RANKED, EnclaveEntry, NoReport, Report
-from keystore_audit.report.encoded import encoded, instant
+from keystore_audit.report.encoded import encoded, instant, told
 
 if TYPE_CHECKING:
     from keystore_audit.model.blast_radius import Ranking
@@ -171,23 +170,7 @@ def _answer(answer: ProfileResult) -> dict[str, Any]:
     return {
         "status": answer.status.value,
         "engines": {name: status.value for name, status in answer.engines.items()},
-        "counterexample": None if answer.counterexample is None else _counterexample(answer.counterexample),
-    }
-
-
-def _counterexample(counterexample: Counterexample) -> dict[str, Any]:
-    return {
-        "text": counterexample.text,
-        "steps": [
-            {
-                "enclave": step.enclave,
-                "channel": step.channel,
-                "witness": step.witness,
-                "path": step.path,
-                "line": step.line,
-            }
-            for step in counterexample.steps
-        ],
+        "counterexample": told(answer.counterexample),
     }
 
 

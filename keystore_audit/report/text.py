@@ -16,7 +16,7 @@ from keystore_audit.model.meaning import Usability
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
 from keystore_audit.report import ranking
-from keystore_audit.report.content import EnclaveEntry, NoReport, Report, Verdict
+from keystore_audit.report.content import ENGINE_WORDS, EnclaveEntry, NoReport, Report, Verdict
 from keystore_audit.report.encoded import instant
 from keystore_audit.report.findings_text import put_findings
 from keystore_audit.report.json import TOOL
@@ -39,14 +39,6 @@ _VERDICT_STYLE: Final = {
     Verdict.INCOMPLETE: "bold black on yellow",
 }
 _WARNING_STYLE: Final = "bold yellow"
-_ENGINE_WORDS: Final = {
-    EngineStatus.OK: "answered",
-    EngineStatus.MISSING: "is missing",
-    EngineStatus.FAILED: "failed",
-    EngineStatus.TIMEOUT: "ran out of time",
-    EngineStatus.OUT_OF_SCALE: "was not started, the model being too large for it",
-    EngineStatus.NOT_RUN: "was not asked",
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,7 +120,7 @@ def _warnings(report: Report) -> Iterable[str]:
 
 def _engine_words(run: EngineRun) -> str:
     reason = f": {run.reason}" if run.reason else ""
-    return _sentence(f"The {run.name} engine {_ENGINE_WORDS[run.status]}{reason}")
+    return _sentence(f"The {run.name} engine {ENGINE_WORDS[run.status]}{reason}")
 
 
 def _sentence(text: str) -> str:
@@ -260,7 +252,7 @@ def _checked(page: Page, report: Report, *, verbose: bool) -> None:
     )
     for run in report.engines:
         version = f" {run.version}" if run.version else ""
-        words = f"{run.name}{version} {_ENGINE_WORDS[run.status]}"
+        words = f"{run.name}{version} {ENGINE_WORDS[run.status]}"
         reason = f": {run.reason}" if run.reason else ""
         size = f", asked about {run.atoms[1]} of {run.atoms[0]} atoms" if verbose and run.atoms else ""
         page.labelled("Engine", _sentence(words + size + reason), indent=0, column=13, style="bold")

@@ -17,7 +17,7 @@ from keystore_audit.model.access_rows import Row, decision_rows, folded_by_owner
 from keystore_audit.model.access_table import AccessTable, Group
 from keystore_audit.model.overview import Overview
 from keystore_audit.report.access_differences import peers
-from keystore_audit.report.access_words import protection_words
+from keystore_audit.report.access_words import SHORT, protection_words
 from keystore_audit.report.html.element import NOTHING, Html, element, folded, items, joined, lines, name
 from keystore_audit.report.html.protection import Protected, protected
 from keystore_audit.report.html.sheet import Sheet
@@ -44,15 +44,6 @@ MAX_ALIKE: Final = 300
 MAX_NAMED: Final = 12
 """Enclaves or lines that are named for one column or cell."""
 
-_SHORT: Final = {
-    "publish": "pub",
-    "subscribe": "sub",
-    "relay": "relay",
-    "request": "req",
-    "reply": "rep",
-    "call": "call",
-    "execute": "exec",
-}
 _NEEDS: Final = {
     "publish": (Operation.PUBLISH,),
     "subscribe": (Operation.SUBSCRIBE,),
@@ -225,7 +216,7 @@ class _Drawing:
             return element("td", "?", class_="unknown")
         if not words:
             return element("td") if column.usable else element("td", "–", class_="unusable")
-        short = [element("span", _SHORT[word], class_=_SHORT[word]) for word in words]
+        short = [element("span", SHORT[word], class_=SHORT[word]) for word in words]
         more = f" (and {len(column.paths) - 1} alike)" if len(column.paths) > 1 else ""
         does = f" may {' and '.join(words)} "
         source = _listed(list(_sources(self._overview.allowances.get(path, ()), row, words)), "line")

@@ -186,13 +186,7 @@ def _missing(missing: Sequence[NoReport]) -> Html:
         for each in missing
     ]
     heads = ("verdict", "keystore", "why there is no report")
-    table = element(
-        "table",
-        element("thead", element("tr", *(element("th", text, scope="col") for text in heads))),
-        element("tbody", lines(rows)),
-        class_="several",
-    )
-    return element("section", element("h1", f"{len(missing)} without a report"), table)
+    return _listed(f"{len(missing)} without a report", heads, rows)
 
 
 def _several(sheets: Sequence[Sheet]) -> Html:
@@ -213,13 +207,18 @@ def _several(sheets: Sequence[Sheet]) -> Html:
         for each in sheets
     ]
     heads = ("verdict", "keystore", *(severity.value for severity in Severity))
+    return _listed(f"{len(sheets)} keystores: {words}", heads, rows)
+
+
+def _listed(title: str, heads: Sequence[str], rows: Sequence[Html]) -> Html:
+    """Keystores in a table."""
     table = element(
         "table",
         element("thead", element("tr", *(element("th", text, scope="col") for text in heads))),
         element("tbody", lines(rows)),
         class_="several",
     )
-    return element("section", element("h1", f"{len(sheets)} keystores: {words}"), table)
+    return element("section", element("h1", title), table)
 
 
 def _foot(reports: Sequence[Report]) -> Html:

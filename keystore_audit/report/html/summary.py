@@ -8,7 +8,7 @@ from typing import Final
 from keystore_audit.findings import Severity
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineRun, EngineStatus
-from keystore_audit.report.content import Report, Verdict
+from keystore_audit.report.content import ENGINE_WORDS, Report, Verdict
 from keystore_audit.report.encoded import instant
 from keystore_audit.report.html.element import NOTHING, Html, digest, element, items, joined, lines, name
 from keystore_audit.report.html.sheet import Sheet, severity
@@ -18,14 +18,6 @@ _VERDICTS: Final = {
     Verdict.PASS: ("✓", "Pass"),
     Verdict.FAIL: ("✗", "Fail"),
     Verdict.INCOMPLETE: ("?", "Incomplete"),
-}
-_ENGINE_WORDS: Final = {
-    EngineStatus.OK: "answered",
-    EngineStatus.MISSING: "is missing",
-    EngineStatus.FAILED: "failed",
-    EngineStatus.TIMEOUT: "ran out of time",
-    EngineStatus.OUT_OF_SCALE: "was not started, the model being too large for it",
-    EngineStatus.NOT_RUN: "was not asked",
 }
 MAX_TITLE: Final = 120
 """Characters of the keystore's path in the heading."""
@@ -123,7 +115,7 @@ def _engine_warnings(report: Report) -> Iterator[str]:
 def _engine_words(run: EngineRun) -> str:
     version = f" {run.version}" if run.version else ""
     reason = f": {run.reason}" if run.reason else ""
-    return f"The {run.name} engine{version} {_ENGINE_WORDS[run.status]}{reason}"
+    return f"The {run.name} engine{version} {ENGINE_WORDS[run.status]}{reason}"
 
 
 def _sentence(text: str) -> str:
