@@ -5,6 +5,7 @@ Each target has one function here; all but `percent_path` and `shorten` begin wi
 or direction-changing character becomes visible everywhere. JSON needs none of them: `json` escapes by itself.
 
 Escape last: a text that is cut or joined with markup after escaping is no longer safe (`shorten` first).
+Numbers of things (`counted`) and instants, which are our own, are put into words here, too.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import html as _html
 import os
 import re
+from datetime import datetime, timezone
 from typing import Final
 
 MAX_COMMENT_LENGTH: Final = 200
@@ -158,3 +160,8 @@ def shorten(text: str, limit: int, *, ellipsis: str = "…") -> str:
 def counted(number: int, noun: str, plural: str = "") -> str:
     """`1 file`, `1,200 files`."""
     return f"{number:,} {noun if number == 1 else plural or noun + 's'}"
+
+
+def instant(moment: datetime) -> str:
+    """An aware instant as `YYYY-MM-DDThh:mm:ssZ`, fractions of a second cut off."""
+    return moment.astimezone(timezone.utc).replace(tzinfo=None).isoformat(timespec="seconds") + "Z"

@@ -11,6 +11,7 @@ import click
 from keystore_audit.cli import once, output
 from keystore_audit.cli import options as opt
 from keystore_audit.errors import EXIT_INCOMPLETE
+from keystore_audit.text import instant
 
 if TYPE_CHECKING:
     from keystore_audit.flow import FlowAnswer
@@ -142,7 +143,6 @@ def _rendered(answer: FlowAnswer, kind: str) -> str:
     question = answer.question
     if kind == "json":
         from keystore_audit.report import flow_json
-        from keystore_audit.report.encoded import instant
 
         asked = {
             "from": question.source,

@@ -10,7 +10,8 @@ from keystore_audit.model.access_table import AccessTable, EnclaveRights, Group
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.question import Ruling
 from keystore_audit.model.safeguard import Safeguard
-from keystore_audit.report.encoded import encoded, instant
+from keystore_audit.report.encoded import encoded
+from keystore_audit.text import instant
 
 SCHEMA_VERSION: Final = 1
 

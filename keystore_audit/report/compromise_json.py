@@ -8,7 +8,8 @@ from typing import Any, Final
 from keystore_audit.model.blast_radius import BlastRadius, Ground, Topic
 from keystore_audit.properties.compromise_result import CompromiseAnswer, KeyAnswer, ProfileRadius
 from keystore_audit.properties.property import Status
-from keystore_audit.report.encoded import encoded, instant
+from keystore_audit.report.encoded import encoded
+from keystore_audit.text import instant
 
 BEYOND: Final[Mapping[Status, bool | None]] = {Status.VIOLATED: True, Status.HOLDS: False, Status.UNKNOWN: None}
 """Whether a key opens anything of somebody else's."""

@@ -9,7 +9,8 @@ from keystore_audit.findings import Location
 from keystore_audit.model.comparison import Change, Comparison, Consequence, FailOn, Influenced, Name, Names
 from keystore_audit.model.domains import describe
 from keystore_audit.model.names import parse_dds_name, ros_name
-from keystore_audit.report.encoded import encoded, instant
+from keystore_audit.report.encoded import encoded
+from keystore_audit.text import instant
 
 SCHEMA_VERSION: Final = 1
 

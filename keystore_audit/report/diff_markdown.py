@@ -8,7 +8,7 @@ from typing import Final
 from keystore_audit.model.comparison import Change, Comparison, FailOn, Layer
 from keystore_audit.report import diff_words as words
 from keystore_audit.report.diff_alike import alike
-from keystore_audit.report.encoded import instant
+from keystore_audit.text import instant
 from keystore_audit.text import markdown as escaped
 
 MAX_LENGTH: Final = 60_000

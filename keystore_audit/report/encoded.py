@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
@@ -20,12 +19,6 @@ def encoded(value: Any) -> str:
         return text
     shown = _SURROGATE.sub(lambda match: rf"\\u{ord(match[0]):04x}", json.dumps(value, ensure_ascii=False))
     return json.dumps(json.loads(shown))
-
-
-def instant(moment: datetime) -> str:
-    """Return an aware instant as `YYYY-MM-DDThh:mm:ssZ`, fractions of a second cut off."""
-    utc = moment.astimezone(timezone.utc).replace(tzinfo=None)
-    return utc.isoformat(timespec="seconds") + "Z"
 
 
 def told(counterexample: Counterexample | None) -> dict[str, Any] | None:

@@ -12,7 +12,8 @@ from keystore_audit.findings import Finding, Location, Outcome, Result, Severity
 from keystore_audit.given import GivenFile
 from keystore_audit.properties.result import AssertedResult, EngineRun, ProfileResult, PropertyResult
 from keystore_audit.report.content import MAX_RANKED, EnclaveEntry, NoReport, Report
-from keystore_audit.report.encoded import encoded, instant, told
+from keystore_audit.report.encoded import encoded, told
+from keystore_audit.text import instant
 
 if TYPE_CHECKING:
     from keystore_audit.model.blast_radius import Ranking

@@ -14,8 +14,7 @@ from lxml import etree
 
 from keystore_audit.findings import WHOLE, Finding, Outcome, Result
 from keystore_audit.report.content import NoReport, Report, Verdict
-from keystore_audit.report.encoded import instant
-from keystore_audit.text import terminal
+from keystore_audit.text import instant, terminal
 
 FAMILIES: Final[Mapping[str, str]] = {
     "KA1": "layout and files",

@@ -9,8 +9,7 @@ from keystore_audit.findings import Finding, Location, Severity
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineStatus
 from keystore_audit.report.content import NoReport, Report, Verdict
-from keystore_audit.report.encoded import instant
-from keystore_audit.text import markdown, shorten
+from keystore_audit.text import instant, markdown, shorten
 
 MAX_LENGTH: Final = 60_000
 """Characters of the whole; the comments of code hosting services take 65,536."""

@@ -15,7 +15,8 @@ from keystore_audit.findings import Result
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineStatus
 from keystore_audit.report.content import Report, Verdict
-from keystore_audit.report.encoded import encoded, instant
+from keystore_audit.report.encoded import encoded
+from keystore_audit.text import instant
 
 STATEMENT: Final = "https://in-toto.io/Statement/v1"
 TEST_RESULT: Final = "https://in-toto.io/attestation/test-result/v0.1"

@@ -10,10 +10,10 @@ from typing import Any, Final
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Severity
 from keystore_audit.report.content import Report, Verdict
-from keystore_audit.report.encoded import encoded, instant
+from keystore_audit.report.encoded import encoded
 from keystore_audit.report.page import Page
 from keystore_audit.report.text import View
-from keystore_audit.text import counted, shorten
+from keystore_audit.text import counted, instant, shorten
 
 SCHEMA_VERSION: Final = 1
 """Rises when a key is removed or changes its meaning."""

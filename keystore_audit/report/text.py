@@ -17,14 +17,13 @@ from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
 from keystore_audit.report import ranking
 from keystore_audit.report.content import ENGINE_WORDS, EnclaveEntry, NoReport, Report, Verdict
-from keystore_audit.report.encoded import instant
 from keystore_audit.report.findings_text import put_findings
 from keystore_audit.report.json import TOOL
 from keystore_audit.report.next_step import next_step
 from keystore_audit.report.page import Page
 from keystore_audit.report.ros_nodes import nodes_beside
 from keystore_audit.report.total import render_total
-from keystore_audit.text import counted, shorten
+from keystore_audit.text import counted, instant, shorten
 
 MAX_ENCLAVES: Final = 20
 """Enclaves listed by name where all is well; those that cannot start are always named."""

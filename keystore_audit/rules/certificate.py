@@ -17,7 +17,8 @@ from keystore_audit.rules.commands import CREATE_ENCLAVE, ISSUE_IDENTITY, RENEW_
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import CertificateUse
-from keystore_audit.rules.wording import defective, either, instant, listed, located, of_kinds, paths, quoted, sole
+from keystore_audit.rules.wording import defective, either, listed, located, of_kinds, paths, quoted, sole
+from keystore_audit.text import instant
 
 ISSUE_AGAIN: Final = (
     f"Move the enclave's cert.pem and key.pem away and run {CREATE_ENCLAVE}. Without ros2, in the keystore's root: "

@@ -23,7 +23,8 @@ from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import CertificateUse
 from keystore_audit.rules.who_takes import Taken
-from keystore_audit.rules.wording import implementations, instant, located, paths, places, quoted, sole
+from keystore_audit.rules.wording import implementations, located, paths, places, quoted, sole
+from keystore_audit.text import instant
 
 _SHARED: Final = ("no-identity-serves-two-enclaves", "no-subject-serves-two-enclaves")
 """What is violated where an enclave has the key of another identity."""

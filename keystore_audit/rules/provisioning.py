@@ -18,8 +18,8 @@ from keystore_audit.rules.effect import instant_of
 from keystore_audit.rules.permissions import own_grants
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import permissions_uses
-from keystore_audit.rules.wording import instant, listed, located, places, quoted
-from keystore_audit.text import counted
+from keystore_audit.rules.wording import listed, located, places, quoted
+from keystore_audit.text import counted, instant
 
 LONGEST: Final = timedelta(days=2 * 366)
 """How long an identity or a grant may last: NIST SP 800-57 part 1 has one to two years for authentication keys."""

@@ -23,7 +23,6 @@ from keystore_audit.rules.subjects import RevocationUse, revocation_uses
 from keystore_audit.rules.wording import (
     defective,
     implementations,
-    instant,
     listed,
     located,
     of_kinds,
@@ -32,7 +31,7 @@ from keystore_audit.rules.wording import (
     quoted,
     sole,
 )
-from keystore_audit.text import counted
+from keystore_audit.text import counted, instant
 
 NEW_LIST: Final = (
     f"In the keystore's root, have a crl.cnf, {START_LIST}, and an index.txt, `touch index.txt`, which keeps what is "

@@ -14,7 +14,8 @@ from keystore_audit.rules.effect import instant_of
 from keystore_audit.rules.permissions import SIGN_AGAIN, WRITE_AGAIN, about, own_grants
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import PermissionsUse, speaks
-from keystore_audit.rules.wording import instant, quoted
+from keystore_audit.rules.wording import quoted
+from keystore_audit.text import instant
 
 _CLAUSE = "DDS-Security 1.1, 9.4.1.3 (validity: not_before, not_after)"
 

@@ -7,7 +7,6 @@ Untrusted text goes into messages as it is, only shortened: whoever renders a me
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from datetime import datetime
 from typing import Final, Protocol
 
 from keystore_audit.findings import Location, Severity
@@ -27,11 +26,6 @@ MAX_LISTED: Final = 5
 def quoted(text: str) -> str:
     """Untrusted text in single quotes, bounded."""
     return f"'{shorten(text, MAX_QUOTED)}'"
-
-
-def instant(when: datetime) -> str:
-    """`2026-11-21T12:00:00Z`."""
-    return when.replace(tzinfo=None).isoformat(timespec="seconds") + "Z"
 
 
 def listed(names: Iterable[str]) -> str:

@@ -16,7 +16,7 @@ from keystore_audit import resources
 from keystore_audit.findings import Severity
 from keystore_audit.report import json
 from keystore_audit.report.content import Report, Verdict
-from keystore_audit.report.encoded import instant
+from keystore_audit.text import instant
 
 MakeReport = Callable[..., Report]
 

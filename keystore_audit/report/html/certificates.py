@@ -6,10 +6,9 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from keystore_audit.model.issuance import Issuance, IssuedCertificate
-from keystore_audit.report.encoded import instant
 from keystore_audit.report.html.element import Html, element, folded, items, joined, lines, name, place
 from keystore_audit.report.html.sheet import FULL, Sheet
-from keystore_audit.text import counted
+from keystore_audit.text import counted, instant
 
 MAX_LISTED: Final = 100
 """Certificates, or documents, listed below one."""

@@ -14,7 +14,6 @@ from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Severity
 from keystore_audit.properties.property import Status
 from keystore_audit.report.content import NoReport, Report, Verdict
-from keystore_audit.report.encoded import instant
 from keystore_audit.report.html.blast_radius import blast_radius
 from keystore_audit.report.html.certificates import certificates
 from keystore_audit.report.html.element import BREAK, NOTHING, Html, element, joined, lines, style
@@ -27,7 +26,7 @@ from keystore_audit.report.html.sheet import Sheet, sheet
 from keystore_audit.report.html.starting import starting
 from keystore_audit.report.html.summary import head, verdict
 from keystore_audit.report.html.timeline import timeline
-from keystore_audit.text import shorten
+from keystore_audit.text import instant, shorten
 
 MAX_TITLE: Final = 80
 """Characters of a keystore's path in the window's title and in the table of several."""

@@ -9,10 +9,9 @@ from keystore_audit.findings import Severity
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineRun, EngineStatus
 from keystore_audit.report.content import ENGINE_WORDS, Report, Verdict
-from keystore_audit.report.encoded import instant
 from keystore_audit.report.html.element import NOTHING, Html, digest, element, items, joined, lines, name
 from keystore_audit.report.html.sheet import Sheet, severity
-from keystore_audit.text import counted, shorten
+from keystore_audit.text import counted, instant, shorten
 
 _VERDICTS: Final = {
     Verdict.PASS: ("✓", "Pass"),

@@ -8,10 +8,9 @@ from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.model.periods import Period
-from keystore_audit.report.encoded import instant
 from keystore_audit.report.html.element import Html, element, fitted, folded, items, joined, lines, name
 from keystore_audit.report.html.sheet import FULL, Sheet
-from keystore_audit.text import counted
+from keystore_audit.text import counted, instant
 
 MAX_ROWS: Final = 40
 """Periods that are drawn: those that end first."""
