@@ -64,7 +64,7 @@ class Fleet:
         return lost
 
     def _know(self, number: int, known: Known) -> None:
-        self.identities.add(number, known.place, known.identities, known.named)
+        self.identities.add(number, known.place, known.compared, known.named)
 
     def _task(self, number: int) -> Task:
         if len(self.tasks) == 1:
@@ -73,7 +73,7 @@ class Fleet:
             self.tasks[number],
             beside=Beside(
                 shared=self.identities.shared_with(number),
-                compared=self.identities.of(number),
+                compared=self.identities.compared(number),
                 apart=self.identities.within(number),
             ),
         )

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from keystore_audit.keystore.descent import display
-from keystore_audit.keystore.identity import Identity, alike
+from keystore_audit.keystore.identity import Compared, Identity, LooseKey, alike
 
 
 class Identities:
@@ -17,20 +17,23 @@ class Identities:
     def __init__(self) -> None:
         self._places: dict[int, str] = {}
         self._inside: defaultdict[str, set[str]] = defaultdict(set)
-        self._own: dict[int, tuple[Identity, ...]] = {}
+        self._own: dict[int, Compared] = {}
         self._named: dict[int, Collection[str]] = {}
         self._subjects: set[tuple[str, ...]] = set()
         self._by_key: defaultdict[str, set[int]] = defaultdict(set)
         self._by_subject: defaultdict[tuple[tuple[str, ...], str], set[int]] = defaultdict(set)
+        self._loose: defaultdict[str, set[int]] = defaultdict(set)
 
-    def add(self, number: int, place: str, identities: Sequence[Identity], named: Collection[str] = ()) -> None:
+    def add(self, number: int, place: str, compared: Compared, named: Collection[str] = ()) -> None:
         """Take in those of a keystore; `place`: its directory, links resolved; `named`: whom grants name there."""
         self._places[number] = place
         self._named[number] = named
         for parent in Path(place).parents:
             self._inside[str(parent)].add(place)
-        self._own[number] = tuple(identities)
-        for identity in identities:
+        self._own[number] = compared
+        for loose in compared.keys:
+            self._loose[loose.key].add(number)
+        for identity in compared.identities:
             self._subjects.add(identity.subject_alike)
             self._by_key[identity.key].add(number)
             for authority in identity.authorities:
@@ -38,7 +41,11 @@ class Identities:
 
     def of(self, number: int) -> tuple[Identity, ...]:
         """Those of one keystore."""
-        return self._own.get(number, ())
+        return self.compared(number).identities
+
+    def compared(self, number: int) -> Compared:
+        """What one keystore was compared by."""
+        return self._own.get(number, Compared())
 
     def within(self, number: int) -> frozenset[str]:
         """The keystores in the directory of one: where they lie in it, as `layout.Nested.path`."""
@@ -46,14 +53,16 @@ class Identities:
         inside = (os.path.relpath(place, here) for place in self._inside.get(here, ()))
         return frozenset(display(os.fsencode(place)) for place in inside)
 
-    def shared_with(self, number: int) -> tuple[Identity, ...]:
-        """Those of other keystores that have a key, or a subject under one authority, with this one in common.
+    def shared_with(self, number: int) -> Compared:
+        """Those of other keystores that have a key, or a subject under one authority, with this one in common; and
+        loose keys of theirs that are of identities of this one.
 
-        A subject that a grant names here counts as one of this keystore.
+        A subject that a grant names here counts as one of this keystore, and so does a loose key.
         In order of the keystores' numbers. One directory named twice is no other keystore.
         """
         own = self.of(number)
-        keys = {identity.key for identity in own}
+        own_keys = {identity.key for identity in own}
+        keys = own_keys.union(loose.key for loose in self.compared(number).keys)
         subjects = {(identity.subject_alike, authority) for identity in own for authority in identity.authorities}
         authorities = {authority for _subject, authority in subjects}
         named = self._subjects.intersection(map(alike, self._named.get(number, ())))  # most are nobody's
@@ -64,11 +73,20 @@ class Identities:
         for subject in subjects:
             others.update(self._by_subject.get(subject, ()))
         here = self._places.get(number)
-        return tuple(
-            identity
-            for other in sorted(others)
-            if self._places[other] != here
-            for identity in self._own[other]
-            if identity.key in keys
-            or any((identity.subject_alike, authority) in subjects for authority in identity.authorities)
+        return Compared(
+            identities=tuple(
+                identity
+                for other in sorted(others)
+                if self._places[other] != here
+                for identity in self.of(other)
+                if identity.key in keys
+                or any((identity.subject_alike, authority) in subjects for authority in identity.authorities)
+            ),
+            keys=tuple(self._lying_elsewhere(own_keys, here)),
         )
+
+    def _lying_elsewhere(self, keys: Collection[str], here: str | None) -> Iterator[LooseKey]:
+        for other in sorted(set[int]().union(*(self._loose[key] for key in keys if key in self._loose))):
+            inside = tuple(f"{path}/" for path in self.within(other))
+            if self._places[other] != here:
+                yield from (k for k in self._own[other].keys if k.key in keys and not k.path.startswith(inside))

@@ -14,7 +14,7 @@ from typing import Any, Final
 from keystore_audit import __version__
 from keystore_audit.dataclass import dataclass, field
 from keystore_audit.errors import EXIT_INCOMPLETE, AuditError
-from keystore_audit.keystore.identity import Beside, Identity, read_identities
+from keystore_audit.keystore.identity import Beside, Compared, read_identities
 from keystore_audit.options import Options, Progress
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
@@ -59,12 +59,12 @@ class Audited:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Known:
-    """The identities in the directory `place`, links resolved, and the subjects that grants name there; `error`: why
+    """What is compared of the directory `place`, links resolved, and the subjects that grants name there; `error`: why
     there may be more, a sentence.
     """
 
     place: str
-    identities: tuple[Identity, ...]
+    compared: Compared = Compared()
     named: frozenset[str] = frozenset()
     error: str = ""
 
@@ -76,13 +76,13 @@ def identify(task: Task) -> Known:
     """
     place = os.path.realpath(task.root)
     if task.version != __version__:
-        return Known(place=place, identities=(), error=_other_version(task))
+        return Known(place=place, error=_other_version(task))
     try:
         with _ALONE:
-            identities, named = read_identities(task.root)
-            return Known(place=place, identities=identities, named=named)
+            compared, named = read_identities(task.root)
+            return Known(place=place, compared=compared, named=named)
     except Exception:  # noqa: BLE001 - its audit takes the same steps, and compares what it meets
-        return Known(place=place, identities=())
+        return Known(place=place)
 
 
 def carry_out(task: Task) -> Audited:

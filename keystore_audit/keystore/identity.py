@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import datetime
 from itertools import islice
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.certificate import CertificateFile
+from keystore_audit.keystore.digest import records
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.keystore import Keystore, Reader, with_subject_as_path
 from keystore_audit.keystore.layout import Role, discover
 from keystore_audit.keystore.root import Root
+from keystore_audit.keystore.stray_identity import loose_keys
 
 MAX_NAMED: Final = 10_000
 """Subjects that the grants of one keystore name: of more of them nobody says whose they are."""
@@ -50,22 +52,45 @@ class Identity:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class LooseKey:
+    """A private key in a file of no enclave in the keystore `root`, as in `Identity`: the public half, and the path."""
+
+    root: str
+    path: str
+    key: str
+
+    @property
+    def beside(self) -> str:
+        """The path of its file for reports of other keystores."""
+        return f"{self.root.rstrip('/')}/{self.path}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Compared:
+    """What of a keystore is compared with others."""
+
+    identities: tuple[Identity, ...] = ()
+    keys: tuple[LooseKey, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Beside:
     """What a run over several keystores knows when it comes to one of them.
 
-    `shared`: identities of the others, at least those that are found in this one too, and those that grants name here
-    under an authority of this one. `compared`: its own, as they were when they were compared. `apart`: folders in it
-    that the run audits by themselves, as in `layout.Nested.path`.
+    `shared`: identities of the others, at least those whose key or subject is found in this one too, and those that
+    grants name here under an authority of this one; and their loose keys that are of identities of this one.
+    `compared`: its own, as they were when they were compared. `apart`: folders in it that the run audits by themselves,
+    as in `layout.Nested.path`.
     """
 
-    shared: tuple[Identity, ...]
-    compared: tuple[Identity, ...]
+    shared: Compared
+    compared: Compared
     apart: frozenset[str] = frozenset()
 
 
-def read_identities(path: str | os.PathLike[str]) -> tuple[tuple[Identity, ...], frozenset[str]]:
-    """The identities of the enclaves in the directory `path` whose certificates can be read, and the subjects that
-    their permissions seem to name: documents are searched, not verified.
+def read_identities(path: str | os.PathLike[str]) -> tuple[Compared, frozenset[str]]:
+    """The identities of the enclaves in the directory `path` whose certificates can be read, the private keys that lie
+    there besides, and the subjects that the enclaves' permissions seem to name: documents are searched, not verified.
 
     Raises NothingToAudit if there is no directory or no enclave in it.
     """
@@ -76,7 +101,10 @@ def read_identities(path: str | os.PathLike[str]) -> tuple[tuple[Identity, ...],
         enclaves = zip(with_subject_as_path(layout, certificates).enclaves, certificates, strict=True)
         found = (_identity(root.path, files.path, *(read[role] for role in roles)) for files, read in enclaves)
         documents = (files.files[Role.PERMISSIONS] for files in layout.enclaves)
-        return _known(found), frozenset(islice(_named(documents), MAX_NAMED))
+        for _entry in records(root):  # with them, every file has been read
+            pass
+        compared = Compared(identities=_known(found), keys=_loose(root.path, loose_keys(root, layout.enclaves)))
+        return compared, frozenset(islice(_named(documents), MAX_NAMED))
 
 
 def _named(documents: Iterable[File]) -> Iterator[str]:
@@ -85,10 +113,14 @@ def _named(documents: Iterable[File]) -> Iterator[str]:
             yield match[1].decode("utf-8", "replace").strip()
 
 
-def identities_of(keystore: Keystore) -> tuple[Identity, ...]:
+def compared_of(keystore: Keystore) -> Compared:
     """The same of a keystore that was read as a whole: equal to what is read alone, if nobody writes meanwhile."""
     found = (_identity(keystore.root, each.path, each.certificate, each.identity_ca) for each in keystore.enclaves)
-    return _known(found)
+    return Compared(identities=_known(found), keys=_loose(keystore.root, keystore.identities.loose))
+
+
+def _loose(root: str, places: Mapping[str, str]) -> tuple[LooseKey, ...]:
+    return tuple(LooseKey(root=root, path=places[key], key=key) for key in sorted(places))
 
 
 def _known(found: Iterable[Identity | None]) -> tuple[Identity, ...]:

@@ -24,7 +24,7 @@ from keystore_audit.keystore.private_key import PrivateKey, read_private_key
 from keystore_audit.keystore.root import Root
 from keystore_audit.keystore.smime import Candidates
 from keystore_audit.keystore.stray import Stray, is_message_by_name, read_strays
-from keystore_audit.keystore.stray_identity import Carried, StrayIdentities, read_stray_identities
+from keystore_audit.keystore.stray_identity import Carried, StrayIdentities, own_places, read_stray_identities
 
 MAX_FURTHER_KEYS: Final = 64
 """Files with private keys in odd places that are parsed: of the rest it is not said whose key they hold."""
@@ -284,9 +284,7 @@ def _carried(
         files=frozenset(file.file.sha256 for file in files if not file.defects),
         places=frozenset(file.file.place for file in files),
         keys=tuple(enclave.key for enclave in enclaves if enclave.key is not None),
-        own_places=frozenset(
-            place for enclave in enclaves for file in enclave.files.files.values() for place in (file.path, file.place)
-        ),
+        own_places=own_places(enclave.files for enclave in enclaves),
         key_places=(
             frozenset(enclave.files.files[Role.KEY].place for enclave in enclaves),
             frozenset(file.place for file in layout.authority_keys),

@@ -6,16 +6,17 @@ and keys are taken from wherever they stand: files that are parsed for something
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import islice
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, replace
+from keystore_audit.dataclass import dataclass, field, replace
 from keystore_audit.keystore.certificate import Certificate, read_certificate
 from keystore_audit.keystore.cms import CmsError, read_signed_data
 from keystore_audit.keystore.der import MAX_ELEMENTS, elements, first_element
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.forms import BLOCK, texts
+from keystore_audit.keystore.layout import EnclaveFiles
 from keystore_audit.keystore.message import ARMOUR, MAX_ARMOURED, is_signed_data
 from keystore_audit.keystore.pem import Block, loose_blocks
 from keystore_audit.keystore.private_key import HeldKeys, PrivateKey, read_held_keys
@@ -45,6 +46,7 @@ class StrayIdentities:
     `copies`: certificates of enclaves whose key lies in a file of no enclave as well, with this as their path.
     `keyless`: certificates of no enclave whose private key was not found. `locked`: files with private keys of which it
     is not known whose they are. `unread`: files in which whole identities may be, with the reason as their detail.
+    `loose`: as `loose_keys`.
     """
 
     found: tuple[StrayIdentity, ...] = ()
@@ -52,6 +54,7 @@ class StrayIdentities:
     keyless: tuple[Certificate, ...] = ()
     locked: tuple[File, ...] = ()
     unread: tuple[File, ...] = ()
+    loose: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def possible(self) -> tuple[StrayIdentity, ...]:
@@ -132,7 +135,27 @@ def read_stray_identities(root: Root, carried: Carried, unread: Iterable[File]) 
         keyless=tuple(each for each in strays if each.key not in keys.places),
         locked=keys.locked,
         unread=tuple(sorted(not_read, key=lambda file: file.place)),
+        loose=keys.elsewhere,
     )
+
+
+def own_places(enclaves: Iterable[EnclaveFiles]) -> frozenset[str]:
+    """Where enclaves' files are, and what links there lead to."""
+    return frozenset(place for each in enclaves for file in each.files.values() for place in (file.path, file.place))
+
+
+def loose_keys(root: Root, enclaves: Iterable[EnclaveFiles]) -> dict[str, str]:
+    """Private keys in files of no enclave, in whatever form: the public half, and the first place.
+
+    Every file has been read.
+    """
+    own = own_places(enclaves)
+    found: dict[str, str] = {}
+    for file in root.holding_private_keys():
+        if file.place not in own and file.status is Status.PRESENT:
+            for public in read_held_keys(root.unsealed(file)).keys:
+                found.setdefault(public, file.place)
+    return found
 
 
 class _Keys:

@@ -233,7 +233,7 @@ def _elsewhere(use: PermissionsUse, context: Context) -> dict[str, Identity]:
         for authority in (enclave.identity_ca.certificates if enclave.identity_ca is not None else ())
     }
     found: dict[str, Identity] = {}
-    for other in context.beside.shared if context.beside is not None else ():
+    for other in context.beside.shared.identities if context.beside is not None else ():
         if trusted & other.authorities:
             found.setdefault(other.subject, other)
     return found

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.certificate import Certificate
-from keystore_audit.keystore.identity import Identity, alike, identities_of
+from keystore_audit.keystore.identity import Identity, LooseKey, alike, compared_of
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.rules.certificate import ISSUE_AGAIN
 from keystore_audit.rules.context import Context
@@ -114,12 +114,13 @@ def _long_grants(keystore: Keystore) -> Iterator[tuple[datetime, str, Location]]
     Severity.HIGH,
     on=Keystore,
     clause="DDS-Security 1.1, 9.3.1 (the identity of a participant); CWE-321",
-    remedy="Give every robot keys and subjects of its own, for example /robot1/talker and /robot2/talker. "
-    + ISSUE_AGAIN,
+    remedy="Give every robot keys and subjects of its own, for example /robot1/talker and /robot2/talker, and take "
+    "other robots' keys away: whose key lay on another robot gets a new one. " + ISSUE_AGAIN,
     applies=lambda _keystore, context: context.beside is not None,
 )
 def identity_shared_by_robots(keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """An enclave here and one in another keystore of this run have one identity key, or one subject under one CA.
+    """An enclave here and one in another keystore of this run have one identity key, or one subject under one CA; or
+    the key of one lies in the other keystore, in a backup for instance.
 
     With one key, whoever takes one robot passes for the other, and revoking one certificate stops both. With one
     subject (medium), a grant for either is one for both: peers find grants by subject. Only keystores that are audited
@@ -129,7 +130,7 @@ def identity_shared_by_robots(keystore: Keystore, context: Context) -> Iterator[
     beside = context.beside
     if beside is None:
         return
-    if beside.compared != identities_of(keystore):
+    if beside.compared != compared_of(keystore):
         yield Violation(
             message="The identities here are not those that were compared with the other keystores', moments before: "
             "who shares them is unknown.",
@@ -139,7 +140,7 @@ def identity_shared_by_robots(keystore: Keystore, context: Context) -> Iterator[
             key="changed",
         )
     by_key, by_subject = defaultdict(list), defaultdict(list)
-    for other in beside.shared:
+    for other in beside.shared.identities:
         by_key[other.key].append(other)
         by_subject[other.subject_alike].append(other)
     same_key: list[_Shared] = []
@@ -156,6 +157,41 @@ def identity_shared_by_robots(keystore: Keystore, context: Context) -> Iterator[
     yield from _shared(keystore, same_key, says, "the same key")
     says = "have one subject under one identity CA: a grant for either is one for both"
     yield from _shared(keystore, same_subject, says, "the same subject", severity=Severity.MEDIUM)
+    own = {certificate.key: (enclave, certificate) for enclave, certificate in _identities(keystore)}
+    inside = tuple(f"{path}/" for path in beside.apart)
+    here = [loose for loose in beside.compared.keys if loose.key not in own and not loose.path.startswith(inside)]
+    yield from _astray(keystore, [(loose, other) for loose in here for other in by_key[loose.key]])
+    yield from _lying_elsewhere(keystore, [(*own[loose.key], loose) for loose in beside.shared.keys])
+
+
+def _astray(keystore: Keystore, found: Sequence[tuple[LooseKey, Identity]]) -> Iterator[Violation]:
+    """One violation for all keys of other robots' enclaves that lie here."""
+    if found:
+        loose, other = found[0]
+        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+        whose = (Location(path=o.beside, line=o.line, message="its certificate", beside=True) for _key, o in found)
+        yield Violation(
+            message=f"{quoted(loose.path)} holds the identity key of {other.enclave} in {quoted(other.root)}{more}: "
+            "whoever takes this robot passes for that one.",
+            locations=places((*(Location(path=loose.path) for loose, _other in found), *whose)),
+            key="\n".join(sorted(f"{k.path} {relpath(o.root, keystore.root)} {o.path} {k.key}" for k, o in found)),
+        )
+
+
+def _lying_elsewhere(keystore: Keystore, found: Sequence[tuple[Enclave, Certificate, LooseKey]]) -> Iterator[Violation]:
+    """The same where keys of enclaves here lie there."""
+    if found:
+        enclave, _certificate, loose = found[0]
+        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+        ours = (Location(path=certificate.path, line=certificate.line) for _enclave, certificate, _key in found)
+        theirs = (Location(path=key.beside, message="its key", beside=True) for _enclave, _certificate, key in found)
+        yield Violation(
+            message=f"The identity key of {enclave.path} lies in {quoted(loose.root)}, too, in {quoted(loose.path)}"
+            f"{more}: whoever takes that robot passes for this one.",
+            locations=places((*ours, *theirs)),
+            enclave=enclave.path if len({each.path for each, _certificate, _key in found}) == 1 else None,
+            key="\n".join(sorted(f"{e.path} {relpath(k.root, keystore.root)} {k.path}" for e, _cert, k in found)),
+        )
 
 
 def _shared(

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from keystore_audit.fleet.shared import Identities
-from keystore_audit.keystore.identity import Identity, alike
+from keystore_audit.keystore.identity import Compared, Identity, alike
 
 AT = datetime(2026, 11, 21, tzinfo=timezone.utc)
 
@@ -47,7 +47,7 @@ def have_in_common(one: Identity, other: Identity) -> bool:
 def test_what_lies_in_a_keystore_is_known_by_its_place_in_it() -> None:
     known = Identities()
     for number, place in enumerate(["/k", "/k/a b", "/k/a b/c", "/k2", "/k"]):
-        known.add(number, place, ())
+        known.add(number, place, Compared())
     assert [sorted(known.within(number)) for number in range(5)] == [
         ["a b", "a b/c"],
         ["c"],
@@ -64,7 +64,7 @@ def test_those_and_only_those_that_are_alike_or_named_are_given(
     """`named`: whom grants name in the first keystore, under an authority of which they count."""
     known = Identities()
     for number, (place, own) in reversed(list(enumerate(fleet))):
-        known.add(number, place, own, named if number == 0 else ())
+        known.add(number, place, Compared(identities=tuple(own)), named if number == 0 else ())
     for number, (place, own) in enumerate(fleet):
         trusted = {authority for identity in own for authority in identity.authorities}
         wanted = [
@@ -75,17 +75,17 @@ def test_those_and_only_those_that_are_alike_or_named_are_given(
             if any(have_in_common(identity, other) for identity in own)
             or (number == 0 and other.subject in named and bool(trusted & other.authorities))
         ]
-        assert list(known.shared_with(number)) == wanted
+        assert list(known.shared_with(number).identities) == wanted
 
 
 def test_names_of_nobody_cost_nothing() -> None:
     """A hostile keystore has 1,000 authorities and 10,000 names."""
     known = Identities()
     own = identity("a", "CN=/e", map(str, range(200)))
-    known.add(0, "/1", [own], [f"CN=/{number}" for number in range(200)])
+    known.add(0, "/1", Compared(identities=(own,)), [f"CN=/{number}" for number in range(200)])
     tracemalloc.start()
     try:
-        assert known.shared_with(0) == ()
+        assert known.shared_with(0) == Compared()
         assert tracemalloc.get_traced_memory()[1] < 1_000_000
     finally:
         tracemalloc.stop()

@@ -674,6 +674,42 @@ def test_one_subject_in_other_letters_or_another_string_type_is_one(
     assert [list(each) for each in shared(one, two)] == [severities, severities]
 
 
+@pytest.mark.parametrize("name", ["backup/key.pem", "notes.txt"])
+def test_the_key_of_another_robot_in_a_file_of_no_enclave_is_told_in_both(
+    name: str, fleet: Fleet, tmp_path: Path
+) -> None:
+    """No certificate lies beside it, so that no rule about one keystore alone speaks of it."""
+    one, two = fleet.robot(tmp_path / "one"), fleet.robot(tmp_path / "two", "/arm", "/leg")
+    (one / name).parent.mkdir(exist_ok=True)
+    (one / name).write_bytes(certificate("/arm", fleet.identity).key_pem)
+    assert shared(one, two) == [{}, {}]
+    (one / name).write_bytes((two / "enclaves/arm/key.pem").read_bytes())
+    first, second = shared(one, two)
+    assert first["high"].startswith(f"'{name}' holds the identity key of /arm in '{two}':")
+    assert second["high"].startswith(f"The identity key of /arm lies in '{one}', too, in '{name}':")
+
+
+def test_the_keys_of_a_keystore_in_a_keystore_are_its_own(fleet: Fleet, tmp_path: Path) -> None:
+    outer = fleet.robot(tmp_path / "one")
+    assert shared(outer, fleet.robot(outer / "spare", "/arm")) == [{}, {}]
+
+
+def test_a_key_that_comes_to_lie_there_behind_the_comparison_is_no_pass(
+    fleet: Fleet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import keystore_audit.fleet.run
+
+    one, two = fleet.robot(tmp_path / "one"), fleet.robot(tmp_path / "two", "/arm")
+    really = keystore_audit.fleet.run.carry_out
+
+    def later(task: Task) -> Audited:
+        shutil.copy(two / "enclaves/arm/key.pem", one / "spare.pem")
+        return really(task)
+
+    monkeypatch.setattr(keystore_audit.fleet.run, "carry_out", later)
+    assert answer("audit", one, two, "--engine", "native", "--at", INSTANT)[0] == 4
+
+
 def test_a_keystore_named_twice_shares_nothing_with_itself(fleet: Fleet, tmp_path: Path) -> None:
     one = fleet.robot(tmp_path / "one")
     assert shared(one, one / ".", one) == [{}, {}, {}]
