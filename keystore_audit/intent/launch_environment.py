@@ -35,6 +35,9 @@ _KEEPERS: Final = re.compile(
 )
 """Programs that start another one in the environment that they have themselves."""
 
+_INSTALLED: Final = re.compile(r"^(?:/usr)?/bin/")
+"""Where they are; what is called so in a folder of one's own may do anything."""
+
 _OPTION: Final = re.compile(r"-.*|[0-9][0-9A-Za-z,.:-]*|record|stat|trace")
 """Their options and numbers; any other word may be a program, which may change variables as `sudo` does."""
 
@@ -117,7 +120,7 @@ def _before(prefix: str) -> dict[str, str | Unknown]:
     found: dict[str, str | Unknown] = {}
     program = ""
     for before, word in zip(["", *words], words, strict=False):
-        called = word.rpartition("/")[2]
+        called = _INSTALLED.sub("", word)
         name, is_set, value = word.partition("=")
         if called == "env" or _KEEPERS.fullmatch(called):
             program = called

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
-from keystore_audit.dataclass import dataclass
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.intent.launch_actions import (
     Action,
     Assign,
@@ -314,14 +314,11 @@ def _set(call: Call) -> Value:
         action = Assign(line=line, conditions=conditions, name=call.text("name", 0), value=call.text("value", 1))
     elif call.name == "UnsetLaunchConfiguration":
         action = Assign(line=line, conditions=conditions, name=call.text("name", 0), value=None)
-    elif call.name == "SetEnvironmentVariable":
-        value = call.text("value", 1)
-        action = AssignEnvironment(line=line, conditions=conditions, name=call.text("name", 0), value=value)
-    elif call.name == "UnsetEnvironmentVariable":
-        action = AssignEnvironment(line=line, conditions=conditions, name=call.text("name", 0), value=None)
-    elif call.name == "AppendEnvironmentVariable":
+    elif call.name.endswith("EnvironmentVariable"):
         added: Text = (Unknown(reason="an environment variable that is added to"),)
-        action = AssignEnvironment(line=line, conditions=conditions, name=call.text("name", 0), value=added)
+        values = {"Set": call.text("value", 1), "Unset": None, "Append": added}
+        value = values[call.name.removesuffix("EnvironmentVariable")]
+        action = AssignEnvironment(line=line, conditions=conditions, name=call.text("name", 0), value=value)
     elif call.name == "SetRemap":
         remap = Remap(line=line, source=call.text("src", 0), target=call.text("dst", 1))
         action = SetRemap(line=line, conditions=conditions, remap=remap)
@@ -342,9 +339,12 @@ def _inert(call: Call) -> Value:
 
 
 def _process(call: Call) -> Value:
-    started = {"command": _words(call, "cmd")[0], **_environment_of(call)}
-    process = StartProcess(line=call.line, conditions=call.conditions, **started)
-    return ActionValue(action=_with(process, _on_exit(call)))
+    """A process, or an Executable, which describes one of ExecuteLocal's."""
+    told = call.get("process_description")
+    process = StartProcess(line=call.line, command=_words(call, "cmd")[0], **_environment_of(call))
+    if isinstance(told, ActionValue) and isinstance(told.action, StartProcess):
+        process = told.action
+    return ActionValue(action=_with(replace(process, conditions=call.conditions), _on_exit(call)))
 
 
 def _function(call: Call) -> Value:
@@ -379,7 +379,7 @@ def _table() -> Mapping[str, Callable[[Call], Value]]:
         _environment: "ReplaceEnvironmentVariables ResetEnvironment PopEnvironment",
         _inert: "LogInfo LogDebug LogWarning LogError SetParameter SetParametersFromFile SetUseSimTime SetROSLogDir "
         "PushEnvironment Shutdown EmitEvent LifecycleTransition",
-        _process: "ExecuteProcess ExecuteLocal",
+        _process: "ExecuteProcess ExecuteLocal Executable",
         _function: "OpaqueFunction OpaqueCoroutine",
     }
     return {name: read for read, names in by_reader.items() for name in names.split()}

@@ -33,6 +33,8 @@ import pathlib
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, ExecuteProcess, GroupAction, IncludeLaunchDescription, OpaqueFunction
 from launch.actions import RegisterEventHandler, SetEnvironmentVariable, SetLaunchConfiguration, TimerAction
+from launch.actions import ExecuteLocal
+from launch.descriptions import Executable
 from launch.conditions import IfCondition, LaunchConfigurationEquals, UnlessCondition
 from launch.event_handlers import OnProcessExit
 from launch.launch_description_sources import PythonLaunchDescriptionSource
