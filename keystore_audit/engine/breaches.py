@@ -79,7 +79,7 @@ def _breaches(system: System, claim: ClaimAtom, budget: _Budget) -> Iterator[str
     first = 2 * system.now
     last = first if claim.until is None else max(first, 2 * claim.until)
     names = {number: channel.topic for number, channel in enumerate(system.channels)} | dict(claim.names)
-    sources, targets = _each(names, claim.source), _each(names, claim.target)
+    sources, targets = _each(system, names, claim.source), _each(system, names, claim.target)
     each = len(system.enclaves) if claim.kind is ClaimKind.NO_FLOW else 1
     budget.take(len(sources) * len(targets) * each * (last - first + 1))
     decisions = Decisions(system)
@@ -95,11 +95,11 @@ def _breaches(system: System, claim: ClaimAtom, budget: _Budget) -> Iterator[str
                 yield told(system, names, witness) + ("\0anybody" if asked.by_anybody(claim, witness) else "")
 
 
-def _each(names: _Names, place: Place) -> list[Place]:
-    """Its enclaves one by one, its topics by their names, and who has no key."""
+def _each(system: System, names: _Names, place: Place) -> list[Place]:
+    """Its enclaves one by one, its topics by their names and domains, and who has no key."""
     topics: dict[str, set[int]] = {}
     for channel in sorted(place.channels):
-        topics.setdefault(names[channel], set()).add(channel)
+        topics.setdefault(_topic(system, names, channel), set()).add(channel)
     found = [Place(enclaves=frozenset({enclave})) for enclave in sorted(place.enclaves)]
     found += [Place(channels=frozenset(channels)) for channels in topics.values()]
     return [*found, Place(outsider=True)] if place.outsider else found
@@ -120,8 +120,12 @@ def _flows(
 
 def _named(system: System, names: _Names, place: Place) -> str:
     enclaves = [_called(system, enclave) for enclave in sorted(place.enclaves)]
-    topics = sorted({f"topic {names[channel]}" for channel in place.channels})
+    topics = sorted({_topic(system, names, channel) for channel in place.channels})
     return ", ".join([*enclaves, *topics, *(["outsider"] if place.outsider else [])])
+
+
+def _topic(system: System, names: _Names, channel: int) -> str:
+    return f"topic {names[channel]} in {system.domains[system.channels[channel].domain].label}"
 
 
 def _called(system: System, number: int) -> str:
