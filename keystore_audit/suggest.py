@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from datetime import datetime
+from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Final
 from zoneinfo import ZoneInfo
@@ -28,6 +28,9 @@ from keystore_audit.text import terminal
 
 LAST_DOMAIN: Final = 230
 """Of a range without an end: the last that a domain id may be (DDS-Security 1.1, Annex A)."""
+
+DAY: Final = timedelta(days=1)
+FIRST: Final = datetime.min.replace(tzinfo=timezone.utc)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,7 +135,10 @@ def _read(sources: Sources) -> Iterator[Intent]:
 
 
 def _grant(policy: EnclavePolicy, certificate: Certificate, domains: tuple[DomainRange, ...]) -> Grant:
-    """The grant as sros2 would write it: what is denied, what is allowed, and discovery."""
+    """The grant as sros2 would write it: what is denied, what is allowed, and discovery.
+
+    It begins a day before the certificate, so that it is in force in whatever zone a robot reads its dates.
+    """
     rules = []
     for allow in (False, True):
         rights = [right for right in policy.rights if right.allow is allow]
@@ -144,7 +150,7 @@ def _grant(policy: EnclavePolicy, certificate: Certificate, domains: tuple[Domai
     return Grant(
         name=policy.path,
         subject_name=_text(certificate.subject),
-        not_before=_date(certificate.not_before),
+        not_before=_date(max(certificate.not_before, FIRST + DAY) - DAY),
         not_after=_date(certificate.not_after),
         rules=tuple(rules),
         default_allow=False,

@@ -28,7 +28,7 @@ from keystore_audit.text import shorten
 _UNDER: Final = {
     Attacker.HONEST: "even if nobody attacks",
     Attacker.SOURCE: "if it attacks",
-    Attacker.RELAYS: "if those on the way are compromised too",
+    Attacker.RELAYS: "if those named attack",
 }
 
 

@@ -114,7 +114,7 @@ def _details(report: Report) -> dict[str, Any]:
         "profiles": sorted(report.judged_profiles),
         "deployed": report.deployed,
         "domain": report.domain,
-        "engines": {run.name: run.version or "" for run in report.engines if run.status is EngineStatus.OK},
+        "engines": {run.name: run.version or report.version for run in report.engines if run.status is EngineStatus.OK},
         "weakened": list(report.weakened),
         "assumptions": list(report.assumptions),
     }

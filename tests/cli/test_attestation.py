@@ -61,6 +61,7 @@ def test_it_says_what_it_was_judged_as(keystore: Path, kind: str) -> None:
         predicate = statement(keystore, *options, kind=kind)["predicate"]
         details = predicate.get("verifier", predicate)["keystoreAudit"]
         assert (details["deployed"], details["domain"]) == expected
+        assert details["engines"] == {"native": details["version"]}, "it is part of the program"
 
 
 def test_what_nobody_asked_did_not_pass(keystore: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
@@ -284,7 +285,7 @@ def test_permissions_have_subject_and_dates_of_the_certificate_and_domains_of_th
     graph = written(tmp_path / "g.json", GRAPH.format("talker", '"publishers": [{"topic": "/chatter"}]'))
     document = etree.fromstring(suggested(root, "--graph", graph, "--as", "permissions").encode())
     assert document.findtext(".//subject_name") == "CN=/talker"
-    assert document.findtext(".//not_before") == f"{START:%Y-%m-%dT%H:%M:%S}"
+    assert document.findtext(".//not_before") == f"{START - timedelta(days=1):%Y-%m-%dT%H:%M:%S}"
     assert document.findtext(".//not_after") == f"{END:%Y-%m-%dT%H:%M:%S}"
     assert document.findtext(".//default") == "DENY"
     for domains in document.iter("domains"):
@@ -294,6 +295,19 @@ def test_permissions_have_subject_and_dates_of_the_certificate_and_domains_of_th
     assert [topic.text for topic in first.iter("topic")] == ["rt/chatter"]
     named = suggested(root, "--graph", graph, "--as", "permissions", "--domain", "4")
     assert {each.text for each in etree.fromstring(named.encode()).iter("id", "min")} == {"4"}
+
+
+def test_permissions_for_a_certificate_of_today_are_in_force_in_every_zone(tmp_path: Path) -> None:
+    """Implementations that read dates in the robot's zone take those of the next hours for past or to come."""
+    from tests.keystore.builder import START
+
+    before = keystore(tmp_path / "before", {"/talker": (rule(("rt/a",)),)})
+    graph = written(tmp_path / "g.json", GRAPH.format("talker", '"publishers": [{"topic": "/chatter"}]'))
+    made = suggested(before, "--graph", graph, "--as", "permissions")
+    soon = ("audit", "--engine", "native", "--at", f"{START + timedelta(hours=1):%Y-%m-%dT%H:%M:%SZ}", "-f", "json")
+    for document, decided in ((made, True), (made.replace("2023-12-31T", "2024-01-01T"), False)):
+        root = signed_keystore(tmp_path / str(decided), {"/talker": document.encode()})
+        assert (answer(*soon, root)[0] != 4) is decided
 
 
 def test_several_enclaves_are_written_below_a_directory_and_never_into_the_keystore(
