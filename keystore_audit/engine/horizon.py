@@ -134,7 +134,7 @@ def _usability_change(before: Mapping[tuple[str, str], Usability], after: Mappin
         for reason in now.reasons
         if reason not in before[key].reasons
     )
-    reason = next(fresh, "it starts again")
+    reason = next(fresh, "it can start")
     more = f" and {len(changed) - 1} more" if len(changed) > 1 else ""
     return f"{changed[0]}{more}: {reason}"
 

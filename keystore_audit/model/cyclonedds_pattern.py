@@ -19,7 +19,7 @@ from typing import Final
 
 from keystore_audit.model.tokens import ANY_CHARACTER, NO_CHARACTER, CharSet, Reading, Single, Token, scanned
 
-_NEVER: Final = "so Cyclone DDS never matches it"
+_NEVER: Final = "which Cyclone DDS never matches"
 _NOTHING_CLOSES: Final = f"has a [ that nothing closes, {_NEVER}"
 _EMPTY: Final = f"has brackets with nothing in them, {_NEVER}"
 _ALL_BUT_NOTHING: Final = "has [!] with nothing in it, which Cyclone DDS takes for any character and then a ]"

@@ -286,7 +286,7 @@ def _refusals_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:
         eligible = (grant for grant in dated.grants if in_force(grant, at) or not dated.skips_grants_out_of_date)
         grant = next(eligible, None)
         if grant is None or not (in_force(grant, at) or dated.joins_out_of_date):
-            yield f"no grant in force names {certificate.subject}"
+            yield f"no grant in force names {certificate.subject or 'the empty subject'}"
         elif dated.governed is not None and not _joins(dated.governed, grant, dated.joins):
             yield _NOT_JOINING[dated.joins]
 

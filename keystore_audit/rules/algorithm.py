@@ -10,6 +10,7 @@ from keystore_audit.keystore.public_key import is_weak_algorithm, is_weak_kind
 from keystore_audit.rules.certificate import ISSUE_AGAIN, at, remedy, what
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.identity import is_identity
+from keystore_audit.rules.private_key import ANEW
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import CertificateUse
 
@@ -33,7 +34,13 @@ def weak_key(use: CertificateUse, _context: Context) -> Iterator[Violation]:
             message = (
                 f"{what(use, certificate)} has a weak key: got {certificate.key_kind}, expected RSA 2048 or EC 256."
             )
-            yield at(use, certificate, message)
+            yield at(use, certificate, message, remedy=_anew(use))
+
+
+def _anew(use: CertificateUse) -> str | None:
+    """How to replace an authority: it takes another key."""
+    made = [commands for role, commands in ANEW.items() if role in use.roles]
+    return f"The authority needs another key, in the keystore's root: {' '.join(made)}" if made else None
 
 
 @rule(
@@ -46,10 +53,11 @@ def weak_key(use: CertificateUse, _context: Context) -> Iterator[Violation]:
     applies=is_identity,
     stops=True,
 )
-def key_outside_dds_security(use: CertificateUse, _context: Context) -> Iterator[Violation]:
+def key_outside_dds_security(use: CertificateUse, context: Context) -> Iterator[Violation]:
     """The identity's key is strong enough but of a kind that the specification does not name.
 
     Cyclone DDS takes RSA with 2,048 bits and any curve of 256 bits and refuses the rest; Fast DDS starts (measured).
+    High where a chosen profile of it refuses the enclave.
     """
     for certificate in use.in_use[:1]:
         if certificate.key_kind not in ("RSA 2048", "EC secp256r1") and not is_weak_kind(certificate.key_kind):
@@ -61,6 +69,7 @@ def key_outside_dds_security(use: CertificateUse, _context: Context) -> Iterator
                 f"{what(use, certificate)} has a key that the specification does not name{refused}: got "
                 f"{certificate.key_kind}, expected EC secp256r1 or RSA 2048.",
                 profiles=("spec",) if other_curve else ("spec", "cyclonedds-0.10", "cyclonedds-11"),
+                severity=Severity.HIGH if context.refused(use.enclaves, "cyclonedds") else None,
             )
 
 

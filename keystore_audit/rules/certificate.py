@@ -110,8 +110,8 @@ def certificate_unreadable(use: CertificateUse, _context: Context) -> Iterator[V
     Severity.MEDIUM,
     on=CertificateUse,
     clause="DDS-Security 1.1, 9.3.1; measured: of cert.pem every implementation reads the first certificate alone",
-    remedy="Leave one certificate in the file, and nothing else: `openssl x509 -in FILE -out FILE.new` keeps the "
-    "first.",
+    remedy="Leave one certificate in the file, in that of an authority the one that issues or signs, and nothing else: "
+    "`openssl x509 -in FILE -out FILE.new` keeps the first.",
 )
 def certificate_file_holds_more(use: CertificateUse, _context: Context) -> Iterator[Violation]:
     """The file holds more than one certificate.

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from datetime import datetime, timedelta
 from typing import TYPE_CHECKING
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.intent.environment import Environment
 from keystore_audit.keystore.identity import Beside
-from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.profiles import Profile
 from keystore_audit.properties.result import EngineRun, PropertyResult
@@ -46,3 +47,9 @@ class Context:
     observed: Observation | None = None
     acceptances: tuple[Acceptance, ...] = ()
     """Findings that settings and a baseline accept, in the order in which they are looked for."""
+
+    def refused(self, enclaves: Iterable[Enclave], vendor: str = "") -> bool:
+        """Whether one of them does not start under a chosen profile (of this vendor), whatever the reason."""
+        chosen = [profile.name for profile in self.profiles if profile.name.startswith(vendor)]
+        known = (self.meaning.usability.get((each.files.directory, name)) for each in enclaves for name in chosen)
+        return any(usability is not None and usability.usable is False for usability in known)

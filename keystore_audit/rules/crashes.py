@@ -12,7 +12,7 @@ from keystore_audit.rules.governance import in_document
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, PermissionsUse
 
-_CRASHES: Final = "ends the process of the enclave that reads it, its own or a peer's: one signed file stops a robot."
+_CRASHES: Final = "whoever reads it, the enclave or a peer, crashes, and one signed file stops a robot."
 
 
 @rule(

@@ -196,8 +196,8 @@ def pkcs11_reference(enclave: Enclave, _context: Context) -> Iterator[Violation]
     """
     for role, file in enclave.files.pkcs11.items():
         yield Violation(
-            message=f"Fast DDS takes {role.value} from the token that {file_name(file)} names: it could not be read "
-            "here.",
+            message=f"Fast DDS reads {file_name(file)} in place of {role.value}.pem, and what is on the token that it "
+            "names could not be read here.",
             locations=(Location(path=file.path),),
             enclave=enclave.path,
             profiles=FAST_DDS,

@@ -287,18 +287,20 @@ def _gains(permissions: Permissions, given: Iterable[int], had: Collection[int])
     applies=speaks,
     stops=True,
 )
-def grant_without_allow_rule(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+def grant_without_allow_rule(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """The enclave's grant has no allow rule: Fast DDS refuses the participant.
 
-    Cyclone DDS starts it where the default is ALLOW or join access control is off (measured).
+    Cyclone DDS starts it where the default is ALLOW or join access control is off (measured). High where a chosen
+    profile refuses the enclave.
     """
+    severity = Severity.HIGH if context.refused(use.enclaves) else None
     for grant in own_grants(use):
         if not any(permission_rule.allow for permission_rule in grant.rules):
             message = (
                 f"The grant of {quoted(grant.subject_name.text)} has no allow rule, expected one: Fast DDS refuses the "
-                "participant."
+                "participant, and others do where nothing else lets it join."
             )
-            yield about(use, grant, grant.line, message)
+            yield about(use, grant, grant.line, message, severity=severity)
 
 
 PERMISSIONS: tuple[Rule[Any], ...] = (

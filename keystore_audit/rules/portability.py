@@ -55,7 +55,8 @@ def _faults(text: str, profiles: tuple[Profile, ...]) -> str:
     said: dict[str, str] = {}  # by what is wrong: to whom it means what
     for fault, who in faults.items():
         what, comma, follows = fault.partition(", ")
-        said[what] = f"{said.get(what, '')}{comma}{follows} ({implementations(who)})"
+        begun = said.get(what, "")
+        said[what] = f"{begun}{' and ' if begun else comma}{follows} ({implementations(who)})"
     return "; ".join(f"{what}{whom}" for what, whom in said.items())
 
 

@@ -32,7 +32,7 @@ _OTHERS: Final = 0o077
 _UNREAD_BUT_THERE: Final = frozenset({Status.PRESENT, Status.UNREADABLE, Status.TOO_LARGE})
 """A key that we could not read is in the tree all the same; one outside, by a link, is not."""
 
-_ANEW: Final = {
+ANEW: Final = {
     Role.PERMISSIONS_CA: f"{MAKE_PERMISSIONS_CA}. Sign everything with it: {SIGN_GOVERNANCE}, and for every enclave "
     f"{SIGN_PERMISSIONS}. {UNREVIEWED}.",
     Role.IDENTITY_CA: f"{MAKE_IDENTITY_CA}. Issue every identity with it: {ISSUE_IDENTITY}.",
@@ -181,9 +181,9 @@ def _authority_anew(key: PrivateKey, keystore: Keystore) -> str | None:
     """How to replace the authority whose key it is, in each of its roles; None: it is that of none."""
     trusted = {
         role: {certificate.key for enclave in keystore.enclaves for certificate in _trusted(enclave, role)}
-        for role in _ANEW
+        for role in ANEW
     }
-    made = [anew for role, anew in _ANEW.items() if trusted[role] & {*key.keys}]
+    made = [anew for role, anew in ANEW.items() if trusted[role] & {*key.keys}]
     if not made:
         return None
     return (
@@ -202,7 +202,7 @@ def _authorities(keystore: Keystore) -> dict[str, str]:
     """By key, the subject of each authority that an enclave trusts."""
     found: dict[str, str] = {}
     for enclave in keystore.enclaves:
-        for role in _ANEW:
+        for role in ANEW:
             for certificate in _trusted(enclave, role):
                 found.setdefault(certificate.key, certificate.subject)
     return found

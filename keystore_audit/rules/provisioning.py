@@ -119,13 +119,12 @@ def _long_grants(keystore: Keystore) -> Iterator[tuple[datetime, str, Location]]
     applies=lambda _keystore, context: context.beside is not None,
 )
 def identity_shared_by_robots(keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """An enclave here and one in another keystore of this run have one identity key, or one subject under one CA; or
-    the key of one lies in the other keystore, in a backup for instance.
+    """An enclave here and one in another keystore of this run have one identity key, or one subject under one CA.
 
-    With one key, whoever takes one robot passes for the other, and revoking one certificate stops both. With one
-    subject (medium), a grant for either is one for both: peers find grants by subject. Only keystores that are audited
-    together are compared. Identities are read for that before the audits begin; if an audit then reads others, it is
-    incomplete.
+    With one key, whoever takes one robot passes for the other, and revoking one certificate stops both. So it is where
+    the key of one lies in the other keystore, in a backup for instance. With one subject (medium), a grant for either
+    is one for both: peers find grants by subject. Only keystores that are audited together are compared. Identities are
+    read for that before the audits begin; if an audit then reads others, it is incomplete.
     """
     beside = context.beside
     if beside is None:

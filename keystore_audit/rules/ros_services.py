@@ -17,6 +17,7 @@ from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.wording import listed, located, places
 
 _PERMISSIONS_XSL: Final = "ros2/sros2, policy/templates/dds/permissions.xsl (the DDS topics of a service and an action)"
+_FEWER: Final = "Write fewer expressions with several wildcards, and name each service and action."
 _DOES: Final = {"request": "request", "reply": "answer", "call": "call", "execute": "execute"}
 _MAY: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "subscribe to", Operation.RELAY: "relay"}
 
@@ -39,6 +40,7 @@ def _halves(context: Context, roles: Sequence[str]) -> Iterator[Violation]:
             locations=(Location(path=place),),
             enclave=enclave.path,
             severity=Severity.LOW,  # nobody has a right more for it: the audit is complete without
+            remedy=_FEWER,
             key="unknown",
         )
 
@@ -116,6 +118,7 @@ def _reaches(context: Context, family: str) -> Iterator[Violation]:
             message=f"Whose services enclaves may use could not be worked out: {ros.unknown}.",
             locations=(Location(path="."),),
             undecided=True,
+            remedy=_FEWER,
             key="unknown",
         )
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.rules.certificate import RENEW_AUTHORITY
+from keystore_audit.rules.certificate import ISSUE_AGAIN, RENEW_AUTHORITY
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import Refusal
@@ -21,8 +21,9 @@ from keystore_audit.rules.wording import implementations
     on=Refusal,
     clause="DDS-Security 1.1, 8.2.1 and 9.4.3 (a participant is created only with valid credentials); measured",
     remedy="Make of what the message names what every implementation takes, and sros2 makes: keys on prime256v1, "
-    "certificates and documents signed over SHA-256, one self-signed certificate in each CA file. "
-    f"{RENEW_AUTHORITY}",
+    f"certificates and documents signed over SHA-256, one self-signed certificate in each CA file. {RENEW_AUTHORITY} "
+    "An authority with another key is another one, which issues and signs everything again. If it is the identity: "
+    f"{ISSUE_AGAIN}",
 )
 def enclave_does_not_start(refusal: Refusal, _context: Context) -> Iterator[Violation]:
     """An implementation creates no participant for the enclave, and no finding of high severity says why.

@@ -11,12 +11,13 @@ from keystore_audit.keystore.permissions import Grant
 from keystore_audit.rules.contents import dated
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.effect import instant_of
-from keystore_audit.rules.permissions import SIGN_AGAIN, WRITE_AGAIN, about, own_grants
+from keystore_audit.rules.permissions import WRITE_AGAIN, about, own_grants
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import PermissionsUse, speaks
 from keystore_audit.rules.wording import quoted
 from keystore_audit.text import instant
 
+_LATER = f"Let the grant end later: {WRITE_AGAIN}"
 _CLAUSE = "DDS-Security 1.1, 9.4.1.3 (validity: not_before, not_after)"
 
 
@@ -38,7 +39,7 @@ def _whose(grant: Grant) -> str:
     Severity.HIGH,
     on=PermissionsUse,
     clause=_CLAUSE,
-    remedy=SIGN_AGAIN,
+    remedy=_LATER,
     applies=speaks,
     stops=True,
 )
@@ -81,7 +82,7 @@ def grant_not_yet_valid(use: PermissionsUse, context: Context) -> Iterator[Viola
     Severity.MEDIUM,
     on=PermissionsUse,
     clause=_CLAUSE,
-    remedy=SIGN_AGAIN,
+    remedy=_LATER,
     applies=speaks,
 )
 def grant_expires_soon(use: PermissionsUse, context: Context) -> Iterator[Violation]:

@@ -19,6 +19,7 @@ from keystore_audit.keystore.certificate import CertificateFile
 from keystore_audit.keystore.crl import read_crl
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import LayoutKind
+from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.rules import BY_CODE
 from keystore_audit.rules.algorithm import weak_key, weak_signature_algorithm
@@ -49,6 +50,7 @@ from tests.rules.evidence import (
     judged,
     key,
     keystore,
+    meaning,
     name,
     open_codes,
     pem,
@@ -442,6 +444,32 @@ def test_rsa_is_weak_below_2048_bits(bits: int) -> None:
 def test_kinds_of_keys(kind: str, expected: list[str]) -> None:
     store = talker(certificate=changed(certificates(CERT, pem("/talker")), key_kind=kind))(healthy())
     assert codes(store) == expected
+
+
+@pytest.mark.parametrize(
+    ("refusing", "said"),
+    [
+        ("cyclonedds-11", {"KA217": Severity.HIGH}),
+        ("fastdds-3.6", {"KA217": Severity.MEDIUM, "KA117": Severity.HIGH}),  # for another reason than the key
+        ("opendds", {"KA217": Severity.MEDIUM}),  # not asked about
+    ],
+)
+def test_a_key_is_as_grave_as_what_it_stops(refusing: str, said: dict[str, Severity]) -> None:
+    """Said once: the last net (KA117) is for what no rule of high severity speaks of."""
+    store = talker(certificate=changed(certificates(CERT, pem("/talker")), key_kind="RSA 3072"))(healthy())
+    usability = {("enclaves/talker", refusing): Usability(usable=False, reasons=("some reason",))}
+    seen = judged(store, meaning=meaning(usability=usability))
+    assert {each.code: each.severity for code in ("KA217", "KA117") for each in findings(code, seen)} == said
+
+
+def test_an_authority_with_a_weak_key_gets_another() -> None:
+    """Renewing it, or issuing an identity again, leaves the key as it is."""
+    authority = changed(certificates("public/identity_ca.cert.pem", pem("identityCA")), key_kind="RSA 1024")
+    (found,) = findings("KA216", judged(talker(identity_ca=authority)(healthy())))
+    assert "-keyout private/new.key.pem" in found.remedy
+    own = changed(certificates(CERT, pem("/talker")), key_kind="RSA 1024")
+    (found,) = findings("KA216", judged(talker(certificate=own)(healthy())))
+    assert "private/new.key.pem" not in found.remedy
 
 
 @pytest.mark.parametrize(

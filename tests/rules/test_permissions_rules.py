@@ -14,6 +14,7 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.permissions import Grant
 from keystore_audit.model.coverage import EVERYTHING, MAX_CANDIDATES, covers
 from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import VARIANTS
 from tests.rules.evidence import (
     AT,
@@ -33,6 +34,7 @@ from tests.rules.evidence import (
     healthy,
     judged,
     keystore,
+    meaning,
     open_codes,
     pem,
     permissions,
@@ -324,3 +326,13 @@ def test_what_is_said_in_a_document_that_nobody_takes_is_not_judged() -> None:
 def test_an_unread_identity_names_nobody() -> None:
     broken = certificates("enclaves/talker/cert.pem", b"-----BEGIN CERTIFICATE-----\nMAA=\n-----END CERTIFICATE-----\n")
     assert codes(keystore(enclave("/talker", certificate=broken))) == ["KA201"]
+
+
+@pytest.mark.parametrize(("refusing", "severity"), [("fastdds-3.6", Severity.HIGH), ("opendds", Severity.MEDIUM)])
+def test_a_grant_without_an_allow_rule_is_as_grave_as_what_it_stops(refusing: str, severity: Severity) -> None:
+    """OpenDDS is not asked about here."""
+    store = granted(grant("/talker", allow(["rt/x"], allows=False)))(healthy())
+    usability = {("enclaves/talker", refusing): Usability(usable=False, reasons=("some reason",))}
+    seen = judged(store, meaning=meaning(usability=usability))
+    assert [each.severity for each in findings("KA514", seen)] == [severity]
+    assert findings("KA117", seen) == ()

@@ -152,7 +152,7 @@ def test_a_renewed_authority_goes_on_vouching(stock: Path) -> None:
 def test_an_authority_that_does_not_load_is_renewed(stock: Path) -> None:
     """Fast DDS loads no CA that is signed over SHA-384 (measured)."""
     before = codes(stock)
-    (renew,) = commands("KA117")
+    renew, _issue = commands("KA117")
     type_in(stock, renew.replace("-sha256", "-sha384"), {"ROLE": "permissions", "NAME": "sros2CA"})
     sign(stock, "KA222")
     assert "KA117" in codes(stock)
