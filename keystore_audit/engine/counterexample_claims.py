@@ -8,7 +8,7 @@ from typing import Final
 from keystore_audit.dataclass import replace
 from keystore_audit.engine import causes
 from keystore_audit.engine.counterexample_case import Case, step_at
-from keystore_audit.engine.counterexample_rights import Way, as_anybody, way
+from keystore_audit.engine.counterexample_rights import SELF_SIGNED, Way, as_anybody, way
 from keystore_audit.engine.native_claims import claims_at
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.at_large import MAX_SUBJECT
@@ -28,7 +28,7 @@ from keystore_audit.text import shorten
 _UNDER: Final = {
     Attacker.HONEST: "even if nobody attacks",
     Attacker.SOURCE: "if it attacks",
-    Attacker.RELAYS: "if those named attack",
+    Attacker.RELAYS: "if some of those named attack",
 }
 
 
@@ -41,7 +41,9 @@ def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Countere
         ways = [way for hop in answer.path for way in hop_ways(system, claim, hop)]
         reasons = "".join(f" {why[0].upper()}{why[1:]}." for why in dict.fromkeys(way.why for way in ways if way.why))
         attacker = Attacker.HONEST if _by_right(system, claim, answer.path) else claim.attacker
-        text = f"{_route(system, claim, answer.path)} ({_UNDER[attacker]}{when}).{reasons}"
+        signing = attacker is Attacker.HONEST and any(SELF_SIGNED in way.why for way in ways)
+        under = _UNDER[attacker] + (" other than by signing itself permissions" if signing else "")
+        text = f"{_route(system, claim, answer.path)} ({under}{when}).{reasons}"
         return Counterexample(text=text, steps=tuple(dict.fromkeys(step for way in ways for step in way.steps)))
     witness = answer.witnesses[0] if answer.witnesses else {}
     if claim.kind is ClaimKind.SEPARATE_DOMAINS and Role.DOMAIN in witness:

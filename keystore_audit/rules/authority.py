@@ -51,16 +51,21 @@ def _trusting(groups: Iterable[tuple[str, Iterable[str], Iterable[Enclave]]]) ->
     return "\0".join(sorted("\n".join(part) for part in parts))
 
 
+_SEPARATE: Final = (
+    "Make a second authority beside sros2's links and move it over them, in the keystore's root: "
+    f"{MAKE_PERMISSIONS_CA} (written through the links, it would overwrite the one CA there is). Sign everything with "
+    f"it: {SIGN_GOVERNANCE}, and for every enclave {SIGN_PERMISSIONS}. {UNREVIEWED}. Enclaves with copies in place of "
+    "links need the new files too."
+)
+
+
 @rule(
     "KA222",
     "one-ca-for-both-roles",
     Severity.MEDIUM,
     on=Keystore,
     clause="DDS-Security 1.1, 9.4.1.1; CVE-2023-24010, CVE-2023-24011, CVE-2023-24012; ros2/sros2#282",
-    remedy=f"Make a second authority beside sros2's links and move it over them, in the keystore's root: "
-    f"{MAKE_PERMISSIONS_CA} (written through the links, it would overwrite the one CA there is). Sign everything with "
-    f"it: {SIGN_GOVERNANCE}, and for every enclave {SIGN_PERMISSIONS}. {UNREVIEWED}. Enclaves with copies in place of "
-    "links need the new files too.",
+    remedy=_SEPARATE,
     explains=(
         "one-ca-for-one-role",
         "no-enclave-grants-itself-rights",
@@ -85,7 +90,9 @@ def one_ca_for_both_roles(keystore: Keystore, context: Context) -> Iterator[Viol
                 shared.setdefault(tuple(sorted(both)), (identity, permissions, []))[2].append(enclave)
     bites = any(not profile.trust.pins_signer for profile in context.profiles)
     for keys, (identity, permissions, enclaves) in shared.items():
-        of_both = [c for file in (identity, permissions) for c in file.certificates if c.key in keys]
+        every = [c for file in (identity, permissions) for c in file.certificates]
+        of_both = [c for c in every if c.key in keys]
+        alone = f"Leave in each CA file the authority of its role alone. Where one still has both roles: {_SEPARATE}"
         yield Violation(
             message=f"{quoted(of_both[0].subject)} issues the identities and signs the permissions of "
             f"{paths(enclaves)}: "
@@ -94,6 +101,7 @@ def one_ca_for_both_roles(keystore: Keystore, context: Context) -> Iterator[Viol
             locations=places(located(c) for c in of_both),
             enclave=sole(enclaves),
             severity=Severity.HIGH if bites else None,
+            remedy=alone if len(of_both) < len(every) else None,
             profiles=tuple(profile.name for profile in unpinned()),
             key=_trusting([("both", keys, enclaves)]),
         )

@@ -310,6 +310,15 @@ def test_one_authority_matters_more_where_the_signer_is_not_pinned(
     assert "Fast DDS 3.6" in found[0].message.partition(" accept;")[2]
 
 
+def test_a_second_authority_is_not_asked_for_where_there_is_one() -> None:
+    """Somebody put both certificates into one file."""
+    (found,) = findings("KA222", judged(one_authority(healthy())))
+    assert found.remedy.startswith("Make a second authority")
+    bundle = certificates("public/permissions_ca.cert.pem", PERMISSIONS_CA, IDENTITY_CA)
+    (found,) = findings("KA222", judged(both(permissions_ca=bundle)(healthy())))
+    assert found.remedy.startswith("Leave in each CA file the authority of its role alone.")
+
+
 def test_authorities_of_different_names_but_one_key_are_one() -> None:
     twin = certificates(
         "public/permissions_ca.cert.pem",
