@@ -27,6 +27,11 @@ LONGEST: Final = timedelta(days=2 * 366)
 _LATER: Final = timedelta(days=1)
 """How much later than its certificate an enclave's permissions are signed where both were made in one go."""
 
+_ASTRAY: Final = (
+    "Delete the key where it does not belong. Whoever had that robot may have a copy: give the enclave whose it is a "
+    f"new identity, and revoke the old certificate or let no grant name its subject any more. {ISSUE_AGAIN}"
+)
+
 _Shared = tuple[Enclave, Certificate, Identity]
 
 
@@ -114,8 +119,8 @@ def _long_grants(keystore: Keystore) -> Iterator[tuple[datetime, str, Location]]
     Severity.HIGH,
     on=Keystore,
     clause="DDS-Security 1.1, 9.3.1 (the identity of a participant); CWE-321",
-    remedy="Give every robot keys and subjects of its own, for example /robot1/talker and /robot2/talker, and take "
-    "other robots' keys away: whose key lay on another robot gets a new one. " + ISSUE_AGAIN,
+    remedy="Give every robot keys and subjects of its own, for example /robot1/talker and /robot2/talker. "
+    + ISSUE_AGAIN,
     applies=lambda _keystore, context: context.beside is not None,
 )
 def identity_shared_by_robots(keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -172,6 +177,7 @@ def _astray(keystore: Keystore, found: Sequence[tuple[LooseKey, Identity]]) -> I
         yield Violation(
             message=f"{quoted(loose.path)} holds the identity key of {other.enclave} in {quoted(other.root)}{more}: "
             "whoever takes this robot passes for that one.",
+            remedy=_ASTRAY,
             locations=places((*(Location(path=loose.path) for loose, _other in found), *whose)),
             key="\n".join(sorted(f"{k.path} {relpath(o.root, keystore.root)} {o.path} {k.key}" for k, o in found)),
         )
@@ -187,6 +193,7 @@ def _lying_elsewhere(keystore: Keystore, found: Sequence[tuple[Enclave, Certific
         yield Violation(
             message=f"The identity key of {enclave.path} lies in {quoted(loose.root)}, too, in {quoted(loose.path)}"
             f"{more}: whoever takes that robot passes for this one.",
+            remedy=_ASTRAY,
             locations=places((*ours, *theirs)),
             enclave=enclave.path if len({each.path for each, _certificate, _key in found}) == 1 else None,
             key="\n".join(sorted(f"{e.path} {relpath(k.root, keystore.root)} {k.path}" for e, _cert, k in found)),
