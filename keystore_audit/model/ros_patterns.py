@@ -71,7 +71,8 @@ def ros_patterns(
         if system.reading is not Reading.MAY:
             continue
         row = accesses.row(VARIANTS[system.profiles[0]].access)
-        governed = frozenset().union(*(rule.domains for rule in system.domain_rules))
+        applied = {system.realms[each.realm].governance for each in system.enclaves if not each.at_large}
+        governed = frozenset().union(*(each.domains for each in system.domain_rules if each.document in applied))
         domains = [system.domains[number].intervals[0][0] for number in sorted(governed)]
         key = holders.of(system, row), row.matcher, tuple(domains)
         try:

@@ -180,3 +180,26 @@ def test_whom_a_key_passes_for_beside_the_enclaves(tmp_path: Path) -> None:
     assert "passes for no other enclave" in words[0]
     assert "passes for CN=/listener (public/x_ca.cert.pem, no enclave) reaches" in words[1]
     assert "reaches 1 of 3 enclaves while the others stay honest: /listener" in words[1]
+
+
+def test_services_are_compared_where_enclaves_may_be(tmp_path: Path) -> None:
+    """A governance that whoever is at large may start with brings no enclave into its domains."""
+
+    def told(place: str, governed: str, strays: dict[str, str]) -> set[str]:
+        answers = rule(
+            criterion("publish", "rr/planReply"), criterion("subscribe", "rq/planRequest"), domains="<id>7</id>"
+        )
+        members = {
+            path: Member(permissions=permissions(grant(path, answers)), serial=serial)
+            for path, serial in (("/a", 301), ("/b", 302))
+        }
+        store = replace(
+            STORE, members=members, strays={**STORE.strays, **strays}, governance=governance(domain_rule(governed))
+        )
+        return {each.code for each in report(written(tmp_path / place, LYING_ABOUT, store)).findings}
+
+    far = governance(domain_rule("<id>7</id>"))
+    assert "KA634" in told("theirs", "<id>0</id><id>7</id>", {})
+    apart = told("apart", "<id>0</id>", {"governance.p7s": far})
+    assert {"KA661", "KA668"} <= apart
+    assert "KA634" not in apart
