@@ -1,9 +1,9 @@
 """Whoever has an identity at large, as an enclave: what their own implementation lets them do is asked like one's own.
 
 They start it in a folder with files of their own. The permissions CA is that of some enclave, or peers would have
-nothing to do with their permissions. Whose identities they take, revocation lists and governance are their own affair,
-which no peer looks at: there may be no list, any authorities, and any governance that the permissions CA signed. Of
-permissions any document that names them will do.
+nothing to do with their permissions. Whom they trust beside it, revocation lists and governance are their own affair,
+which no peer looks at: there may be no list, any authorities in both CA files, and any governance that one of them
+signed. Of permissions any document that names them will do.
 """
 
 from __future__ import annotations
@@ -107,50 +107,57 @@ class Large:
 
 
 def hosts_of(keystore: Keystore) -> dict[TrustFiles, Enclave]:
-    """In whose place they may start: enclaves, by realm; and for each permissions CA file one of its enclaves with each
-    identity CA file and each governance there is, without revocation lists.
+    """In whose place they may start: enclaves, by realm; and with each identity CA file, each permissions CA file and
+    each governance there is, without revocation lists.
 
-    Who has no list refuses nobody whom others take, and nobody knows which authorities it trusts: those of one enclave,
-    or of all. Where it is unknown whom an enclave trusts, all is open already. Raises errors.BudgetExceeded.
+    Who has no list refuses nobody whom others take, and nobody knows what else stands in its CA files: all authorities
+    there are. Where it is unknown whom an enclave trusts, all is open already. Raises errors.BudgetExceeded.
     """
     found = {trust_files(enclave): enclave for enclave in keystore.enclaves}
     known = [enclave for enclave in found.values() if realm_doubt(enclave) is None]
-    trusted = _without_lists(enclave.identity_ca for enclave in known)
     strays = (stray.document for stray in governance_at_large(keystore))
     several = (*(enclave.governance for enclave in known), *strays)
     governances = {each.signed.file.sha256: each for each in several if isinstance(each, GovernanceFile)}
-    permissions_cas = {each.permissions_ca.file.sha256: each for each in reversed(known) if each.permissions_ca}
-    for enclave in permissions_cas.values():
+    trusted = _with_all(enclave.identity_ca for enclave in known)
+    for permissions_ca in _with_all(enclave.permissions_ca for enclave in known):
         for governance in governances.values():
-            for ca in trusted if may_be_taken(governance.signed, (enclave.permissions_ca,)) else ():
-                host = _with(enclave, ca, governance)
+            for identity_ca in trusted if may_be_taken(governance.signed, (permissions_ca,)) else ():
+                host = _with(known[0], identity_ca, permissions_ca, governance)
                 found.setdefault(trust_files(host), host)
     return found
 
 
-def _without_lists(files: Iterable[CertificateFile | None]) -> list[CertificateFile]:
-    """Identity CA files that differ in what they trust, without revocation lists; and one of all their authorities."""
+def _with_all(files: Iterable[CertificateFile | None]) -> list[CertificateFile]:
+    """Each with the authorities of all behind its own, without revocation lists; those that then are alike once.
+
+    What is behind adds to whom its owner trusts; peers are told what is first. Raises errors.BudgetExceeded.
+    """
+    distinct = dict.fromkeys(file for file in files if file is not None)
+    every = {each.sha256: each for file in distinct for each in file.certificates}
+    if len(every) > MAX_AUTHORITIES:
+        raise BudgetExceeded(
+            f"Whoever has an identity of no enclave may trust all {len(every)} authorities of the enclaves, which "
+            f"are more than chains are looked for among (limit {MAX_AUTHORITIES})."
+        )
     found: dict[tuple[str, ...], CertificateFile] = {}
-    for file in dict.fromkeys(file for file in files if file is not None):
-        without = replace(file, revocation_lists=()) if file.revocation_lists else file
-        found.setdefault(tuple(each.sha256 for each in file.certificates), without)
-    every = {each.sha256: each for file in found.values() for each in file.certificates}
-    if len(found) > 1:
-        if len(every) > MAX_AUTHORITIES:
-            raise BudgetExceeded(
-                f"Whoever has an identity of no enclave may trust all {len(every)} authorities of the enclaves, which "
-                f"are more than chains are looked for among (limit {MAX_AUTHORITIES})."
-            )
-        first = next(iter(found.values()))
-        found.setdefault(tuple(every), replace(first, certificates=tuple(every.values())))
+    for file in distinct:
+        several = {each.sha256: each for each in file.certificates} | every
+        same = len(several) == len(file.certificates) and not file.revocation_lists
+        certificates = tuple(several.values())
+        extended = file if same else replace(file, certificates=certificates, revocation_lists=())
+        found.setdefault(tuple(several), extended)
     return [*found.values()]
 
 
-def _with(enclave: Enclave, identity_ca: CertificateFile, governance: GovernanceFile) -> Enclave:
+def _with(
+    enclave: Enclave, identity_ca: CertificateFile, permissions_ca: CertificateFile, governance: GovernanceFile
+) -> Enclave:
     """The enclave with these files, and without a list of its own."""
     none = replace(enclave.files.files[Role.CRL], status=Status.MISSING, content=None)
     files = replace(enclave.files, files={**enclave.files.files, Role.CRL: none})
-    return replace(enclave, files=files, identity_ca=identity_ca, governance=governance, crl=None)
+    return replace(
+        enclave, files=files, identity_ca=identity_ca, permissions_ca=permissions_ca, governance=governance, crl=None
+    )
 
 
 def may_apply(host: Enclave, trust: Trust) -> bool:

@@ -22,7 +22,8 @@ from keystore_audit.rules.commands import CREATE_ENCLAVE
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Rule, Violation, rule
-from keystore_audit.rules.wording import listed, more_like, number, places, quoted, sentence
+from keystore_audit.rules.wording import listed, more_like, places, quoted, sentence
+from keystore_audit.text import counted
 
 if TYPE_CHECKING:  # an audit without a graph or a launch file needs none of it
     from keystore_audit.model.observed import DeniedName, ExcessGrant, GrantedName, MissingGrant, Observation
@@ -160,7 +161,7 @@ def _excess(excess: ExcessGrant, observation: Observation) -> str:
     if excess.names:
         names = listed(dict.fromkeys(_granted(name) for name in excess.names))
         said.append(f"{excess.enclave} may {names}, and no node of it does in {where}: ")
-        granted = number(excess.allowed, "name", "names")
+        granted = counted(excess.allowed, "name")
         said.append(f"of the {granted} that it is granted beside the usual ones it uses {excess.used}.")
         said.append(LAUNCHED if excess.launched else "")
     if excess.endless is not None:

@@ -218,6 +218,29 @@ def test_implementations_that_read_all_authorities_together_differently_are_told
                 trusting.setdefault(f"{name} {profile}", set()).update(len(each.identity_ca) for each in system.realms)
     assert trusting["a spec"] == trusting["a fastdds-3.6"] == {1, 2}
     assert trusting["a cyclonedds-11"] == trusting["b spec"] == trusting["b cyclonedds-11"] == {1}
+@pytest.mark.parametrize(
+    ("profile", "signer", "expected"),
+    [
+        ("fastdds-3.6", SECOND, VIOLATED),
+        ("fastdds-3.6", THIRD, HOLDS),  # an authority that nobody has
+        ("cyclonedds-11", SECOND, HOLDS),  # it reads the first certificate
+    ],
+)
+def test_whose_governance_it_takes_is_its_own_affair(
+    profile: str, signer: Signed, expected: Status, tmp_path: Path
+) -> None:
+    """/talker is in domain 5, /motor in 0; /other has a permissions CA of its own, which signed one for both."""
+    both = signed_document(governance(domain_rule(BOTH)).encode(), signer)
+    files = {"enclaves/other/permissions_ca.cert.pem": SECOND.pem, "docs/governance.p7s": both}
+    sends = rule(criterion("publish", "rt/chatter"), domains=FIVE)
+    talker = Member(
+        permissions=permissions(grant("/talker", sends)), governance=governance(domain_rule(FIVE)), serial=1
+    )
+    store = replace(STORE, members={**STORE.members, "/talker": talker, "/other": replace(MOTOR, serial=109)})
+    there = rule(criterion("subscribe", "rt/chatter"), domains=FIVE), rule(criterion("publish", "rt/motor"))
+    store = replace(store, strays={"old.p7s": permissions(grant("/admin", *there))})
+    assert ways(written(tmp_path / "a", {**files, **LYING_ABOUT}, store), profiles=(profile,)) == {expected}
+    assert ways(written(tmp_path / "b", {**files, **NOBODYS}, store), profiles=(profile,)) == {HOLDS}
 
 
 @pytest.mark.parametrize("unread", ["cut", "link"])
