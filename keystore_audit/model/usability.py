@@ -270,8 +270,10 @@ def _refusals_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:
     if certificate is not None and not in_force(certificate, at):
         yield "the identity certificate is outside its validity"
     file = dated.identity_ca
-    if certificate is not None and file is not None and not is_issued(file, certificate, trust, at):
-        yield "the identity CA certificate is outside its validity"
+    if certificate is not None and file is not None:
+        verified = file.first if trust.strict_authorities else None  # when the file is loaded (`sight.strict_refusal`)
+        if not is_issued(file, certificate, trust, at) or (verified is not None and not in_force(verified, at)):
+            yield "the identity CA certificate is outside its validity"
     authority = dated.permissions_ca
     if authority is not None and not in_force(authority, at):
         yield "the permissions CA certificate is outside its validity"

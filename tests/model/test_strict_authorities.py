@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import Sequence
+from datetime import timedelta
 from itertools import combinations
 from pathlib import Path
 
@@ -11,8 +12,15 @@ import pytest
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
 
+from keystore_audit.keystore.keystore import read_keystore
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.sight import strict_refusal
+from keystore_audit.model.usability import Usabilities
 from tests.keystore.builder import Signed, certificate, evidence
+from tests.model.comparing import AT as NOW
+from tests.model.comparing import Member, Store, authority, criterion, grant, permissions, rule
 from tests.oracles.vendors.recipes_signers import usage
 
 Extension = tuple[x509.ExtensionType, bool]
@@ -51,3 +59,17 @@ def test_one_below_a_root_is_refused_where_openssl_refuses_it(extensions: Sequen
 def test_a_root_is_refused_where_openssl_refuses_it(extensions: Sequence[Extension], tmp_path: Path) -> None:
     first = certificate("alone", key=KEY, ca=None, extensions=extensions)
     assert (strict_refusal(evidence(first)) is None) == loaded(first, tmp_path)
+
+
+@pytest.mark.parametrize("name", ["old", "new"])
+def test_one_out_of_date_is_refused_where_it_comes_first(name: str, tmp_path: Path) -> None:
+    """When the file is loaded, whichever of its authorities issued the identity, and though its key was renewed."""
+    new, old = authority("new"), authority(name, end=NOW - timedelta(1), serial=8)
+    sends = permissions(grant("/talker", rule(criterion("publish", "rt/chatter"))))
+    for number, file in enumerate(((old, new), (new, old))):
+        talker = Member(permissions=sends, issuer=new)
+        keystore = read_keystore(Store(members={"/talker": talker}, identity=file).write(tmp_path / str(number)))
+        usabilities = Usabilities(None, AccessViews(documents_of(keystore), NOW, None))
+        for profile in ("fastdds-3.6", "fastdds-2.9", "spec"):
+            strict = VARIANTS[profile].trust.strict_authorities
+            assert usabilities.of(keystore.enclaves[0], NOW, VARIANTS[profile]).usable is not (strict and not number)
