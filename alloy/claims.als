@@ -152,16 +152,19 @@ fun out_of_reach_by_own[realm: Realm]: Enclave -> Channel {
 	(Enclave -> Domain - joins_by_own[realm]).~in_domain + Enclave -> (Channel - realm.governed)
 }
 
+/** Enclaves that members of the realm refuse by what they ask of an identity when they start themselves. */
+fun turned_away[realm: Realm]: set Enclave { identity.(realm.refuses) }
+
 /** Channels on which each enclave writes by its own document, and its own implementation does not refuse it. */
 fun writes_by_own[realm: Realm]: Enclave -> Channel {
 	Enclave -> realm.write_uncontrolled + own_grant[realm].publish_allowed + own_unread -> Channel
-	- out_of_reach_by_own[realm] - refused_writes
+	- out_of_reach_by_own[realm] - refused_writes - turned_away[realm] -> Channel
 }
 
 /** Channels that each enclave reads by its own document, and its own implementation does not refuse it. */
 fun reads_by_own[realm: Realm]: Enclave -> Channel {
 	Enclave -> realm.read_uncontrolled + own_grant[realm].subscribe_allowed + own_unread -> Channel
-	- out_of_reach_by_own[realm] - refused_reads
+	- out_of_reach_by_own[realm] - refused_reads - turned_away[realm] -> Channel
 }
 
 /**

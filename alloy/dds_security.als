@@ -59,6 +59,7 @@
  *   permissions_ca       whom a realm believes about documents
  *   governance           the governance document of a realm
  *   revoked              certificates on the revocation list of a realm
+ *   refuses              certificates that members of a realm refuse although an identity CA vouches for them
  *   refuses_realm        realms whose members tell another permissions CA than this one's, where that is compared
  *   in_realm             the realm of an enclave
  *   identity             the certificate of an enclave

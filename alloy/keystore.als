@@ -112,6 +112,7 @@ fun identity_ca: Realm -> Certificate { R0 -> C0_CN_sros2CA }
 fun permissions_ca: Realm -> Certificate { R0 -> C0_CN_sros2CA }
 fun governance: Realm -> Document { R0 -> P0_governance_p7s }
 fun revoked: Realm -> Certificate { none -> none }
+fun refuses: Realm -> Certificate { none -> none }
 fun refuses_realm: Realm -> Realm { none -> none }
 fun in_realm: Enclave -> Realm { Enclave -> R0 }
 fun identity: Enclave -> Certificate {

@@ -66,6 +66,11 @@ def _nothing_gets_there(system: System, claim: ClaimAtom, answer: Answer, when: 
             "; enclaves refuse each other whose permissions CA files begin with certificates of different names, "
             "or of which one is signed with RSA"
         )
+    if any(realm.refuses for realm in system.realms):
+        but += (
+            "; enclaves refuse identities of others, by their revocation lists or by dates and order of the "
+            "authorities in their identity CA files"
+        )
     text = f"Nothing gets {_cut_off(system, claim, answer)} with the rights that enclaves have{but}{when}."
     return Counterexample(text=text, steps=())
 

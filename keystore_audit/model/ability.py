@@ -9,6 +9,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime, timedelta
 from typing import Final
 
+from keystore_audit.dataclass import replace
 from keystore_audit.errors import UsageError
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.channels import Channels, Named
@@ -23,8 +24,9 @@ from keystore_audit.model.named_enclaves import left_out
 from keystore_audit.model.profiles import VARIANTS, JoinCheck, Profile
 from keystore_audit.model.semantics import DEFAULT_PARTITION, Area
 from keystore_audit.model.system import Reading, System
-from keystore_audit.model.usability import Usabilities
+from keystore_audit.model.usability import Usabilities, refusals_of_peer
 from keystore_audit.model.validity import SECOND
+from keystore_audit.model.views import TrustFiles, trust_files
 
 MAX_PAIRS: Final = 10_000
 """Pairs of places of one claim: some ten seconds."""
@@ -113,6 +115,32 @@ def stopping(system: System, keystore: Keystore, usabilities: Usabilities | None
                 paths.add(enclave.path)
         before = moment
     return _among(system, paths)
+
+
+def with_refusals(system: System, keystore: Keystore, ends: Iterable[datetime | None]) -> System:
+    """With whom enclaves refuse at the audit instant, or at one of these, under some profile.
+
+    Realms come apart by that: two may trust alike, and read the same authorities in another order.
+    """
+    number = {atom.label: n for n, atom in enumerate(system.enclaves)}
+    there = [(number[each.path], each) for each in keystore.enclaves if each.path in number]
+    identities = [(system.enclaves[n].identity, each.identity) for n, each in there]
+    known = {n: certificate for n, certificate in identities if n is not None and certificate is not None}
+    moments = {system.instants[system.now], *(end for end in ends if end is not None)}
+    trusts = dict.fromkeys(VARIANTS[name].trust for name in system.profiles)
+    enclaves, realms = list(system.enclaves), {realm: n for n, realm in enumerate(system.realms)}
+    refused: dict[TrustFiles, frozenset[int]] = {}
+    for n, enclave in there:
+        files = trust_files(enclave)
+        if files not in refused:
+            refused[files] = frozenset(
+                identity
+                for identity, certificate in known.items()
+                if any(any(refusals_of_peer(enclave, certificate, trust, at)) for trust in trusts for at in moments)
+            )
+        realm = replace(system.realms[enclaves[n].realm], refuses=refused[files])
+        enclaves[n] = replace(enclaves[n], realm=realms.setdefault(realm, len(realms)))
+    return replace(system, enclaves=tuple(enclaves), realms=tuple(realms))
 
 
 def _starts(system: System, usable: Iterable[Usability]) -> bool:

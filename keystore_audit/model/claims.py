@@ -298,21 +298,20 @@ class _Resolution:
 
         return unusable(self._system, self._channels, self._keystore, self._usabilities, self._domain)
 
-    @cached_property
-    def _stopped(self) -> frozenset[int]:
-        """Enclaves that take no part in what a claim of ability asks for."""
-        from keystore_audit.model.ability import stopped  # most settings claim none
+    def _away(self, until: datetime | None) -> frozenset[int]:
+        """Enclaves that take no part in what a claim of ability asks for until then."""
+        from keystore_audit.model.ability import stopped, stopping  # most settings claim none
 
-        return stopped(self._system, self._keystore, self._usability)
+        now = stopped(self._system, self._keystore, self._usability) | at_large(self._system)
+        return now if until is None else now | stopping(self._system, self._keystore, self._usabilities, until)
 
-    def _stopping(self, until: datetime) -> frozenset[int]:
-        """Those of them that do not until then."""
-        from keystore_audit.model.ability import stopping  # most settings claim none
-
-        return stopping(self._system, self._keystore, self._usabilities, until)
-
-    def resolved(self, claims: Iterable[Claim]) -> System:
+    def resolved(self, claims: Sequence[Claim]) -> System:
         """The system with the claims."""
+        ends = [claim.until for claim in claims if claim.kind is ClaimKind.ABLE]
+        if ends:
+            from keystore_audit.model.ability import with_refusals  # most settings claim none
+
+            self._system = with_refusals(self._system, self._keystore, ends)
         return replace(self._system, claims=tuple(self._named(self._atom(claim)) for claim in claims))
 
     def _named(self, claim: ClaimAtom) -> ClaimAtom:
@@ -330,9 +329,7 @@ class _Resolution:
 
     def _atom(self, claim: Claim) -> ClaimAtom:
         able = claim.kind is ClaimKind.ABLE
-        away = self._stopped | at_large(self._system) if able else frozenset()  # these are no places and no ways
-        if able and claim.until is not None:
-            away |= self._stopping(claim.until)
+        away = self._away(claim.until) if able else frozenset()  # these are no places and no ways
         left_out = frozenset() if claim.include_ambient else self._channels.regions[named(AMBIENT)]
         return ClaimAtom(
             id=claim.id,

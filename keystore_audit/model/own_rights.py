@@ -30,6 +30,8 @@ class OwnRights:
         anything = atom.opaque or (own is not None and self._system.documents[own].opaque)
         documents = frozenset() if own is None else self._view.accepted & {own}
         written, read = self._view.rights_with(enclave, documents, anything=anything)
+        if self._view.refuses(enclave):
+            written = read = 0
         written &= ~bits(atom.refused_writes)
         read &= ~bits(atom.refused_reads)
         return Abilities(

@@ -78,6 +78,7 @@ class RealmAtom:
     on its CRL; `list_unread`: (MAY only) what is on it is unknown, so that anybody may be revoked.
     `told`: what its members tell peers of their permissions CA, if they and their peers compare that: members of realms
     that tell different things refuse each other, unless one of them tells what the other wants to hear. None: unknown.
+    `refuses`: certificates that members refuse although an identity CA vouches for them; for claims of ability alone.
     """
 
     identity_ca: frozenset[int]
@@ -86,6 +87,7 @@ class RealmAtom:
     revoked: frozenset[int]
     list_unread: bool = False
     told: int | None = 0
+    refuses: frozenset[int] = frozenset()
 
     def talks_to(self, other: RealmAtom) -> bool:
         """Whether members of both may talk, as far as what they tell of their permissions CAs goes."""

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.serialization import Encoding
 
 from tests.cli.keystores import (
     AT,
@@ -20,7 +21,7 @@ from tests.cli.keystores import (
     signed_keystore,
     write_enclave,
 )
-from tests.keystore.builder import GOVERNANCE, authority, certificate
+from tests.keystore.builder import GOVERNANCE, authority, certificate, crl
 
 ENCLAVES = {
     "/button/left": (rule(("rt/stop",)),),
@@ -175,6 +176,42 @@ def test_who_starts_under_one_implementation_alone_is_told_of_that_one(tmp_path:
     violated = {name for name, each in found.items() if each["status"] == "violated"}
     assert violated == {"cyclonedds-0.10", "cyclonedds-11"}
     assert {found[name]["status"] for name in found.keys() - violated} == {"holds"}
+
+
+SAME, OTHER = authority("identityCA", serial=8), authority("otherCA")
+
+
+@pytest.mark.parametrize(
+    ("talkers", "motors", "crl_by", "violated"),
+    [
+        ("AB", "BA", "", ()),
+        ("AB", "BA", "B", ("spec", "fastdds-2.9", "fastdds-3.6")),  # no list of the button's authority
+        ("AB", "BA", "A", ("spec", "fastdds-2.9", "fastdds-3.6")),  # nor of its own: it does not start
+        ("AS", "SA", "", ("fastdds-2.9", "fastdds-3.6")),  # of one name; they try the first alone
+        ("SA", "SA", "", ("fastdds-2.9", "fastdds-3.6")),  # the button does not start
+        ("AS", "AS", "", ("fastdds-2.9", "fastdds-3.6")),  # nor does the motor
+    ],
+)
+def test_one_whom_the_other_does_not_take_is_cut_off(
+    talkers: str, motors: str, crl_by: str, violated: tuple[str, ...], tmp_path: Path
+) -> None:
+    """The identity of the button is of the authority A, that of the motor of the other one; both trust both."""
+    authorities = {"A": authority("identityCA"), "B": OTHER, "S": SAME}
+    permissions = authority("permissionsCA")
+    for path, file, own in (("/button", talkers, "A"), ("/motor", motors, "SB"["B" in motors])):
+        document = document_of(grant_of(path, rule(("rt/stop",), ("rt/stop",))))
+        mine = authorities[own]
+        folder = tmp_path / "keys/enclaves" / path[1:]
+        write_enclave(folder, certificate(path, mine), document, mine, permissions, GOVERNANCE)
+        (folder / "identity_ca.cert.pem").write_bytes(b"".join(authorities[each].pem for each in file))
+        if crl_by and path == "/motor":
+            (folder / "crl.pem").write_bytes(crl(authorities[crl_by]).public_bytes(Encoding.PEM))
+    settings = '[[property]]\nname = "stop"\nable = { from = "/button", to = "/motor" }\n'
+    profiles = [word for name in ("spec", "fastdds-2.9", "fastdds-3.6") for word in ("--profile", name)]
+    found = properties(tmp_path / "keys", settings, *profiles)["stop"]["profiles"]
+    assert {name: each["status"] for name, each in found.items()} == {
+        name: "violated" if name in violated else "holds" for name in found
+    }
 
 
 def test_whom_one_implementation_alone_takes_a_grant_for_is_told_of_that_one(tmp_path: Path) -> None:

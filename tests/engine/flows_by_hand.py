@@ -76,7 +76,7 @@ class ByHand:
         joined = 0
         if view.open:
             joined = self.permissions.all_domains
-        elif view.authenticated(enclave):
+        elif view.authenticated(enclave) and atom.identity not in s.realms[realm].refuses:
             if unread:
                 joined = p.ruled
             else:

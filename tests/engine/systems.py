@@ -422,6 +422,9 @@ class _Chance:
         if self.odd(0.4):
             told = [0, 1, None] if self.b.reading is Reading.MAY else [0, 1]
             self.b.realms = [replace(realm, told=self.random.choice(told)) for realm in self.b.realms]
+        if self.odd(0.4):
+            refused = frozenset(n for n in range(len(self.b.certificates)) if self.odd())
+            self.b.realms = [replace(realm, refuses=refused) if self.odd(0.5) else realm for realm in self.b.realms]
 
     def dates(self) -> tuple[int, int]:
         if not self.odd(0.3):

@@ -293,6 +293,7 @@ class _Facts:
         yield self._map("permissions_ca", a.realms, a.certificates, [r.permissions_ca for r in realms])
         yield self._map("governance", a.realms, a.documents, [_lone(r.governance) for r in realms])
         yield self._map("revoked", a.realms, a.certificates, [r.revoked for r in realms])
+        yield self._map("refuses", a.realms, a.certificates, [r.refuses for r in realms])
         refused = [{n for n, other in enumerate(realms) if not r.talks_to(other)} for r in realms]
         yield self._map("refuses_realm", a.realms, a.realms, refused)
         yield self._map("in_realm", a.enclaves, a.realms, [{e.realm} for e in enclaves])

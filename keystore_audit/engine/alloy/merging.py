@@ -263,6 +263,7 @@ class _Restriction:
             permissions_ca=_among(realm.permissions_ca, self._certificates),
             governance=_one(realm.governance, self._documents),
             revoked=_among(realm.revoked, self._certificates),
+            refuses=_among(realm.refuses, self._certificates),
         )
 
     def _grant(self, grant: GrantAtom) -> GrantAtom:

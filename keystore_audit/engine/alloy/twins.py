@@ -138,7 +138,7 @@ class _Twins:
             (self._system.enclaves[enclave].realm, self._system.enclaves[enclave].at_large),
             frozenset(OWN if issuer == identity else issuer for issuer in certificate.issuers),
             (certificate.authority, certificate.fit_to_sign, certificate.not_before, certificate.not_after),
-            tuple(identity in realm.revoked for realm in self._system.realms),
+            tuple((identity in realm.revoked, identity in realm.refuses) for realm in self._system.realms),
             frozenset(grant for grant in naming.get(identity, ()) if self._owner.get(grant) != enclave),
         )
 

@@ -23,7 +23,7 @@ sig AnyDocument extends Document { signer: set Certificate }
 sig intact, unreadable in Document {}
 
 sig AnyRealm extends Realm {
-	identity_ca, permissions_ca, revoked: set Certificate,
+	identity_ca, permissions_ca, revoked, refuses: set Certificate,
 	governance: lone Document,
 	refuses_realm: set Realm
 }
