@@ -74,9 +74,11 @@ class ByHand:
         unread = atom.opaque or (atom.permissions is not None and s.documents[atom.permissions].opaque)
         p = view.protection
         joined = 0
+        if atom.identity in s.realms[realm].refuses:
+            return frozenset(), frozenset()
         if view.open:
             joined = self.permissions.all_domains
-        elif view.authenticated(enclave) and atom.identity not in s.realms[realm].refuses:
+        elif view.authenticated(enclave):
             if unread:
                 joined = p.ruled
             else:
