@@ -87,10 +87,6 @@ class RealmView:
         identity = self._system.enclaves[enclave].identity
         return identity is not None and self._known(identity, in_force=in_force)
 
-    def refuses(self, enclave: int) -> bool:
-        """Whether peers are known to refuse it although the identity CA vouches for it."""
-        return self._system.enclaves[enclave].identity in self._realm.refuses
-
     def _known(self, certificate: int, *, in_force: bool = False) -> bool:
         pool = self._realm.identity_ca
         return certificate not in self._realm.revoked and self.vouched(pool, certificate, in_force=in_force)

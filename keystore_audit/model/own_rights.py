@@ -11,11 +11,12 @@ from keystore_audit.model.system import System
 
 
 class OwnRights:
-    """How the peers of one realm see enclaves that present their own documents."""
+    """How the peers of one realm see enclaves that present their own documents. `refuses`: as of a `RealmAtom`."""
 
-    def __init__(self, system: System, view: RealmView) -> None:
+    def __init__(self, system: System, view: RealmView, refuses: frozenset[int] = frozenset()) -> None:
         self._system = system
         self._view = view
+        self._refuses = refuses
         self._abilities: dict[int, Abilities] = {}
 
     def abilities(self, enclave: int) -> Abilities:
@@ -30,7 +31,7 @@ class OwnRights:
         anything = atom.opaque or (own is not None and self._system.documents[own].opaque)
         documents = frozenset() if own is None else self._view.accepted & {own}
         written, read = self._view.rights_with(enclave, documents, anything=anything)
-        if self._view.refuses(enclave):
+        if atom.identity in self._refuses:
             written = read = 0
         written &= ~bits(atom.refused_writes)
         read &= ~bits(atom.refused_reads)
