@@ -154,7 +154,7 @@ def trusting_all(realms: Iterable[RealmAtom], unread: RealmAtom) -> RealmAtom:
 def admits(realm: RealmAtom, number: int, certificates: Sequence[CertificateAtom]) -> bool:
     """Whether members of the realm take who has the certificate for one of theirs, whatever the dates."""
     issuers = certificates[number].issuers & realm.identity_ca
-    return number not in realm.revoked and any(certificates[issuer].authority for issuer in issuers)
+    return number not in realm.always_revoked and any(certificates[issuer].authority for issuer in issuers)
 
 
 class _Told:
@@ -167,10 +167,11 @@ class _Told:
         names: Mapping[str, frozenset[int]],
     ) -> None:
         self._certificates = certificates
-        self._revoked: dict[int, list[int]] = {}
+        self._revoked: dict[int, list[tuple[int, int]]] = {}
         for number, realm in enumerate(realms):
-            for certificate in realm.revoked:
-                self._revoked.setdefault(certificate, []).append(number)
+            for moment, revoked in ((-1, realm.revoked), *realm.revoked_later):
+                for certificate in revoked:
+                    self._revoked.setdefault(certificate, []).append((number, moment))
         self._named: dict[int, list[str]] = {}
         for text, named in names.items():
             for certificate in named:

@@ -56,7 +56,7 @@ class RealmView:
     def __init__(self, system: System, realm: int, permissions: Permissions) -> None:
         self._system = system
         self._number = realm
-        self._realm = system.realms[realm]
+        self._realm = system.realms[realm].at(permissions.moment)
         self._permissions = permissions
         governance = self._realm.governance
         self.open = governance is not None and system.documents[governance].opaque

@@ -162,14 +162,14 @@ class Permissions:
 
     def __init__(self, system: System, moment: int | None = None, decisions: Decisions | None = None) -> None:
         self._system = system
-        self._moment = 2 * system.now if moment is None else moment
+        self.moment = 2 * system.now if moment is None else moment
         known = Decisions(system) if decisions is None else decisions
         self.allowed, self.joins, self.met, self.within = known.allowed, known.joins, known.met, known.within
         self.all_channels, self.all_domains, self.channels_in = known.all_channels, known.all_domains, known.channels_in
 
     def in_force(self, not_before: int, not_after: int) -> bool:
         """Whether the moment lies between these instants, both included."""
-        return 2 * not_before <= self._moment <= 2 * not_after
+        return 2 * not_before <= self.moment <= 2 * not_after
 
     @cached_property
     def _chosen(self) -> dict[int, list[tuple[int, int]]]:

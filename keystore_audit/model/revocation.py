@@ -16,6 +16,7 @@ from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.profiles import RevocationLists, Trust
 from keystore_audit.model.trust import authorities_read, issuers_taken, may_have_issued
+from keystore_audit.model.validity import LAST
 
 NO_IDENTITIES: Final = frozenset(
     {"onlyContainsCACerts", "onlyContainsAttributeCerts", "onlySomeReasons", "indirectCRL"}
@@ -54,6 +55,15 @@ def lists_read(enclave: Enclave, trust: Trust) -> tuple[RevocationList, ...]:
 def identity_authorities(enclave: Enclave, trust: Trust) -> tuple[Certificate, ...]:
     """The certificates of its identity CA file that count."""
     return authorities_read(enclave.identity_ca, trust) if enclave.identity_ca else ()
+
+
+def list_dates(enclave: Enclave, trust: Trust, at: datetime) -> tuple[datetime, ...]:
+    """The instants from `at` on around which another one of several lists counts, where some list revokes anybody."""
+    lists = lists_read(enclave, trust)
+    if len(lists) < 2 or not any(each.revoked for each in lists):
+        return ()
+    dates = {date for each in lists for date in (each.this_update, each.next_update) if date is not None}
+    return tuple(sorted(date for date in dates if at <= date <= LAST))
 
 
 def revoked(

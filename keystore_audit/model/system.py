@@ -13,7 +13,7 @@ from __future__ import annotations
 from datetime import datetime
 from enum import Enum
 
-from keystore_audit.dataclass import dataclass
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.keystore.permissions import Operation
@@ -75,7 +75,8 @@ class RealmAtom:
 
     A peer's verdict depends on its realm only. `identity_ca`, `permissions_ca`: the certificates of those
     files; `governance`: the document, None where it is missing or (MUST) unreadable; `revoked`: certificates
-    on its CRL; `list_unread`: (MAY only) what is on it is unknown, so that anybody may be revoked.
+    on its CRL; `revoked_later`: the same from moments on (`permission.Permissions`) at which another one of several
+    lists counts, ascending; `list_unread`: (MAY only) what is on it is unknown, so that anybody may be revoked.
     `told`: what its members tell peers of their permissions CA, if they and their peers compare that: members of realms
     that tell different things refuse each other, unless one of them tells what the other wants to hear. None: unknown.
     `refuses`: certificates that members refuse although an identity CA vouches for them; for claims of ability alone.
@@ -88,6 +89,17 @@ class RealmAtom:
     list_unread: bool = False
     told: int | None = 0
     refuses: frozenset[int] = frozenset()
+    revoked_later: tuple[tuple[int, frozenset[int]], ...] = ()
+
+    def at(self, moment: int) -> RealmAtom:
+        """The same as it is then."""
+        revoked = [each for begin, each in self.revoked_later if begin <= moment]
+        return replace(self, revoked=revoked[-1], revoked_later=()) if revoked else self
+
+    @property
+    def always_revoked(self) -> frozenset[int]:
+        """Certificates that are revoked at each moment."""
+        return self.revoked.intersection(*(each for _begin, each in self.revoked_later))
 
     def talks_to(self, other: RealmAtom) -> bool:
         """Whether members of both may talk, as far as what they tell of their permissions CAs goes."""

@@ -95,7 +95,7 @@ class SystemBuilder:
             rows = dict.fromkeys(accesses.row(profile.access) for profile in profiles)
             self._read = {row: self._read_all(row) for row in rows}
             grants = (g for read in self._read.values() for document in read for g in document.grants or ())
-            ends = {claim.until for claim in claims if claim.until is not None and claim.until > at}
+            ends = {c.until for c in claims if c.until is not None and c.until > at} | self._views.list_dates(profiles)
             self._instants = tuple(sorted({*instants_of(self._certificates, grants, at), *ends}))
             if channels is None:
                 regions = (*claim_regions(claims), *named)
@@ -346,6 +346,7 @@ class SystemBuilder:
             revoked=revoked if may or not unread else frozenset(range(len(self._certificates))),
             list_unread=may and unread,
             told=self._views.told(enclave, kind.trust),
+            revoked_later=self._views.revoked_later(enclave, kind.trust, self._instants),
         )
 
     def _governance_place(self, enclave: Enclave) -> str | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from typing import NamedTuple
 
@@ -18,7 +18,7 @@ from keystore_audit.model.local_moments import Endpoints
 from keystore_audit.model.lone_endpoints import Alone, LoneEndpoints
 from keystore_audit.model.lone_refusals import LoneRefusals
 from keystore_audit.model.profiles import Access, Profile, SubjectComparison, Trust
-from keystore_audit.model.revocation import list_unread, revoked
+from keystore_audit.model.revocation import list_dates, list_unread, revoked
 from keystore_audit.model.subject import matching
 from keystore_audit.model.trust import (
     Verdict,
@@ -30,6 +30,7 @@ from keystore_audit.model.trust import (
     signing_authorities,
     trusted_authorities,
 )
+from keystore_audit.model.validity import SECOND
 
 TrustFiles = tuple[CertificateFile | None, CertificateFile | None, GovernanceFile | None, CrlFile | None, bool]
 
@@ -103,6 +104,7 @@ class Views:
             trust.pins_signer,
             tuple(self.authorities(enclave, trust) for enclave in self._realms),
             tuple(list_unread(enclave, trust) is not None for enclave in self._realms),
+            tuple(tuple(self._later(enclave, trust)) for enclave in self._realms),
             tuple(self.told(enclave, trust) for enclave in self._realms),
             tuple(self.names(trust).items()),
             self.opaque(kind),
@@ -116,8 +118,27 @@ class Views:
         return (
             frozenset(self._number[certificate.sha256] for certificate in vouching),
             frozenset(self._number[certificate.sha256] for certificate in signing),
-            frozenset(self._number[c.sha256] for c in revoked(enclave, self._certificates, trust, self._at)),
+            self._revoked(enclave, trust, self._at),
         )
+
+    def _revoked(self, enclave: Enclave, trust: Trust, at: datetime) -> frozenset[int]:
+        return frozenset(self._number[c.sha256] for c in revoked(enclave, self._certificates, trust, at))
+
+    def _later(self, enclave: Enclave, trust: Trust) -> Iterator[tuple[datetime, int, frozenset[int]]]:
+        """What is revoked at each instant around which another list counts (0), and behind it (1)."""
+        for date in list_dates(enclave, trust, self._at):
+            yield from ((date, behind, self._revoked(enclave, trust, date + behind * SECOND)) for behind in (0, 1))
+
+    def revoked_later(
+        self, enclave: Enclave, trust: Trust, instants: Sequence[datetime]
+    ) -> tuple[tuple[int, frozenset[int]], ...]:
+        """The same by moments, `instants` being those of the system."""
+        return tuple((2 * instants.index(date) + behind, each) for date, behind, each in self._later(enclave, trust))
+
+    def list_dates(self, profiles: Iterable[Profile]) -> set[datetime]:
+        """All these instants."""
+        trusts = dict.fromkeys(profile.trust for profile in profiles)
+        return {date for trust in trusts for each in self._realms for date in list_dates(each, trust, self._at)}
 
     def told(self, enclave: Enclave, trust: Trust) -> int:
         """What the enclave tells peers of its permissions CA: equal numbers, equal things."""

@@ -218,6 +218,8 @@ def test_implementations_that_read_all_authorities_together_differently_are_told
                 trusting.setdefault(f"{name} {profile}", set()).update(len(each.identity_ca) for each in system.realms)
     assert trusting["a spec"] == trusting["a fastdds-3.6"] == {1, 2}
     assert trusting["a cyclonedds-11"] == trusting["b spec"] == trusting["b cyclonedds-11"] == {1}
+
+
 @pytest.mark.parametrize(
     ("profile", "signer", "expected"),
     [

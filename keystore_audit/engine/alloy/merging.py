@@ -264,6 +264,7 @@ class _Restriction:
             governance=_one(realm.governance, self._documents),
             revoked=_among(realm.revoked, self._certificates),
             refuses=_among(realm.refuses, self._certificates),
+            revoked_later=(),
         )
 
     def _grant(self, grant: GrantAtom) -> GrantAtom:

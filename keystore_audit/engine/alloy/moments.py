@@ -1,6 +1,6 @@
 """The facts of a system at a later moment, for claims that must hold until a date.
 
-Of what a claim speaks of, dates change nothing but which grants are in force. So each choice of grants in force is
+Of what a claim speaks of, dates change nothing but which grants are in force and who is revoked. So each choice is
 asked about once, with static facts: a start of the Analyzer for each, but each as exact and as fast as the audit
 itself. (A moving clock in one temporal model costs a translation for each state of each trace that is tried.)
 """
@@ -21,10 +21,11 @@ _TICK: Final = timedelta(microseconds=1)
 
 
 def later(system: System, until: int) -> Iterator[int]:
-    """Yield the moments after the audit instant, up to the instant `until`, at which other grants are in force.
+    """Yield the moments after the audit instant, up to the instant `until`, at which other grants are in force, or
+    others are revoked.
 
     A moment is twice the index of an instant, plus one for the time between it and the next (as in
-    `model.permission.Permissions`). Of several moments at which the same grants are in force the first counts.
+    `model.permission.Permissions`). Of several moments that are alike the first counts.
     """
     known = {_in_force(system, 2 * system.now)}
     for moment in range(2 * system.now + 1, 2 * until + 1):
@@ -37,8 +38,9 @@ def later(system: System, until: int) -> Iterator[int]:
 def at(system: System, moment: int) -> System:
     """Return the same system as it is at `moment`: with an instant of its own if that lies between two."""
     index, between = divmod(moment, 2)
+    realms = tuple(realm.at(moment) for realm in system.realms)
     if not between:
-        return replace(system, now=index)
+        return replace(system, now=index, realms=realms)
 
     def shift(instant: int) -> int:
         return instant + 1 if instant > index else instant
@@ -48,6 +50,7 @@ def at(system: System, moment: int) -> System:
         system,
         instants=(*instants[: index + 1], instants[index] + _TICK, *instants[index + 1 :]),
         now=index + 1,
+        realms=realms,
         certificates=tuple(
             replace(c, not_before=shift(c.not_before), not_after=shift(c.not_after)) for c in system.certificates
         ),
@@ -58,11 +61,12 @@ def at(system: System, moment: int) -> System:
 def every(system: System) -> System:
     """Return the same system with an instant of its own between each two from the audit on, and after the last."""
     for index in reversed(range(system.now, len(system.instants))):
-        system = replace(at(system, 2 * index + 1), now=system.now)
+        system = replace(at(system, 2 * index + 1), now=system.now, realms=system.realms)
     return system
 
 
-def _in_force(system: System, moment: int) -> frozenset[int]:
-    return frozenset(
-        number for number, grant in enumerate(system.grants) if 2 * grant.not_before <= moment <= 2 * grant.not_after
-    )
+def _in_force(system: System, moment: int) -> tuple[frozenset[int], ...]:
+    """Grants; and by realm, whom it does not take."""
+    grants = enumerate(system.grants)
+    found = frozenset(number for number, grant in grants if 2 * grant.not_before <= moment <= 2 * grant.not_after)
+    return found, *(realm.at(moment).revoked for realm in system.realms)
