@@ -117,8 +117,7 @@ _ROLES: Final = ((Role.IDENTITY_CA, "identity CAs"), (Role.PERMISSIONS_CA, "perm
     on=Keystore,
     clause="DDS-Security 1.1, 9.3.1 and 9.4.1.1 (participants of a domain share their authorities)",
     remedy="Give every enclave the same CA files, links to public/ as sros2 makes them, and issue and sign again "
-    "what the "
-    "others issued and signed.",
+    "what the others issued and signed.",
 )
 def enclaves_trust_different_cas(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     """Enclaves trust different authorities, so that they refuse each other.

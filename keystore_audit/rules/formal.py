@@ -320,8 +320,7 @@ def nobody_reads_without_a_grant(result: PropertyResult, _context: Context) -> I
     on=PropertyResult,
     clause=access_control.READERS_CANNOT_FORGE.clause,
     remedy="Where a reader must not pass for the writer, use SIGN_ or ENCRYPT_WITH_ORIGIN_AUTHENTICATION as "
-    "metadata_ or "
-    f"rtps_protection_kind. {_SIGN_AGAIN}",
+    f"metadata_ or rtps_protection_kind. {_SIGN_AGAIN}",
 )
 def readers_cannot_forge(result: PropertyResult, _context: Context) -> Iterator[Violation]:
     """No enclave that may only subscribe to a topic can pass for a publisher of it.

@@ -228,8 +228,7 @@ def read_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[V
                 topic_rule,
                 "enable_read_access_control",
                 "enable_read_access_control is false, expected true: whoever joined reads them, and with a reader's "
-                "keys "
-                "can write.",
+                "keys can write.",
             )
 
 

@@ -30,6 +30,11 @@ def _nothing_authenticates(domain_rule: DomainRule, topic_rule: TopicRule) -> bo
     return not any(kind.authenticates for kind in _kinds(domain_rule, topic_rule))
 
 
+def _forger(domain_rule: DomainRule) -> str:
+    """Who can write what only whole messages protect."""
+    return "any participant" if domain_rule.rtps_protection_kind.authenticates else "anybody on the network"
+
+
 def _said(domain_rule: DomainRule, topic_rule: TopicRule) -> str:
     rtps, metadata, data = _kinds(domain_rule, topic_rule)
     return f"rtps {rtps.value}, metadata {metadata.value}, data {data.value}"
@@ -59,8 +64,7 @@ def rtps_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Viol
                 None,
                 "rtps_protection_kind",
                 "rtps_protection_kind is NONE, expected SIGN or more: message headers and time stamps can be forged "
-                "from "
-                "outside.",
+                "from outside.",
             )
 
 
@@ -132,14 +136,14 @@ def liveliness_unprotected(use: GovernanceUse, _context: Context) -> Iterator[Vi
     DDS-Security 1.0 have no such element for topics.
     """
     for domain_rule in domain_rules(use):
-        whom = "any participant" if domain_rule.rtps_protection_kind.authenticates else "anybody on the network"
+        whom = _forger(domain_rule)
         if not domain_rule.liveliness_protection_kind.authenticates:
             message = f"liveliness_protection_kind is NONE, expected SIGN or more: {whom} can keep a dead writer alive."
             yield violates(use, domain_rule, None, "liveliness_protection_kind", message)
     for domain_rule, topic_rule in topic_rules(use):
         element = "enable_liveliness_protection"
         if not topic_rule.enable_liveliness_protection and element in topic_rule.lines:
-            whom = "any participant" if domain_rule.rtps_protection_kind.authenticates else "anybody on the network"
+            whom = _forger(domain_rule)
             message = f"enable_liveliness_protection is false, expected true: {whom} can keep a dead writer alive."
             yield violates(use, domain_rule, topic_rule, element, message)
 
@@ -164,14 +168,13 @@ def metadata_protection_none(use: GovernanceUse, _context: Context) -> Iterator[
     for domain_rule, topic_rule in topic_rules(use):
         none = topic_rule.metadata_protection_kind is ProtectionKind.NONE
         if none and not _nothing_authenticates(domain_rule, topic_rule):
-            whom = "any participant" if domain_rule.rtps_protection_kind.authenticates else "anybody on the network"
             yield violates(
                 use,
                 domain_rule,
                 topic_rule,
                 "metadata_protection_kind",
-                f"metadata_protection_kind is NONE, expected SIGN or more: {whom} can forge heartbeats and "
-                "acknowledgements and replay samples.",
+                f"metadata_protection_kind is NONE, expected SIGN or more: {_forger(domain_rule)} can forge heartbeats "
+                "and acknowledgements and replay samples.",
             )
 
 
@@ -195,8 +198,7 @@ def payload_in_clear(use: GovernanceUse, _context: Context) -> Iterator[Violatio
                 topic_rule,
                 "data_protection_kind",
                 f"nothing encrypts ({_said(domain_rule, topic_rule)}), expected data or metadata ENCRYPT: whoever "
-                "listens "
-                "reads the samples.",
+                "listens reads the samples.",
             )
 
 
@@ -254,8 +256,7 @@ def samples_unauthenticated(use: GovernanceUse, _context: Context) -> Iterator[V
                 topic_rule,
                 "metadata_protection_kind",
                 "rtps, metadata and data protection are all NONE, expected SIGN or more in one of them: whoever "
-                "reaches "
-                "the network writes.",
+                "reaches the network writes.",
             )
 
 
@@ -310,8 +311,7 @@ def unauthenticated_with_rtps_protection(use: GovernanceUse, _context: Context) 
                 None,
                 "rtps_protection_kind",
                 f"allow_unauthenticated_participants is true and rtps_protection_kind {kind.value}, which contradict "
-                "each "
-                "other: Fast DDS from 2.6.5 and 2.10.2 on does not start.",
+                "each other: Fast DDS from 2.6.5 and 2.10.2 on does not start.",
             )
             yield replace(found, profiles=_REFUSE_CONTRADICTION)
 
