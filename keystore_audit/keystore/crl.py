@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Iterator
 from datetime import datetime
 from functools import lru_cache
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeVar
 
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
@@ -30,6 +30,9 @@ _PROCESSED: Final = frozenset(
     {"2.5.29.28", "2.5.29.35", "2.5.29.27"}
 )
 _PROCESSED_IN_ENTRY: Final = frozenset({"2.5.29.29"})  # certificateIssuer (x_crl.c, crl_set_issuers)
+
+
+_Extension = TypeVar("_Extension", bound=x509.ExtensionType)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -147,9 +150,10 @@ def _parsed(parsed: x509.CertificateRevocationList, line: int, path: str) -> Rev
         extensions, removed = entry.extensions, False
         if len(extensions):
             critical.update(_critical(extensions, _PROCESSED_IN_ENTRY))
-            named = _certificate_issuers(extensions)
-            about_own = about_own if named is None else any(same_name(each, issuer) for each in named)
-            removed = _removed(extensions)
+            if (issuers := extension_of(extensions, x509.CertificateIssuer)) is not None:
+                about_own = any(same_name(each, issuer) for each in issuers.get_values_for_type(x509.DirectoryName))
+            reason = extension_of(extensions, x509.CRLReason)  # one takes off the list again (RFC 5280, 5.3.1)
+            removed = reason is not None and reason.reason is x509.ReasonFlags.remove_from_crl
         serial = entry.serial_number
         if not removed:
             listed.add(serial)
@@ -167,11 +171,11 @@ def _parsed(parsed: x509.CertificateRevocationList, line: int, path: str) -> Rev
         this_update=parsed.last_update_utc,
         next_update=parsed.next_update_utc,
         revoked=revoked,
-        passed_over=frozenset(listed) - revoked,
+        passed_over=frozenset(listed - revoked),
         signature_algorithm=signature_algorithm(parsed.signature_algorithm_oid.dotted_string),
         unknown_critical=tuple(sorted(critical)),
         scope=_scope(parsed.extensions),
-        delta=any(isinstance(extension.value, x509.DeltaCRLIndicator) for extension in parsed.extensions),
+        delta=extension_of(parsed.extensions, x509.DeltaCRLIndicator) is not None,
         algorithms_agree=parts(parsed.public_bytes(Encoding.DER), 2)[1] == algorithm,
         signed_part=signed,
         parsed=parsed,
@@ -202,26 +206,10 @@ _SCOPES: Final = (
 
 
 def _scope(extensions: x509.Extensions) -> frozenset[str]:
-    return frozenset(
-        name
-        for extension in extensions
-        if isinstance(extension.value, x509.IssuingDistributionPoint)
-        for attribute, name in _SCOPES
-        if getattr(extension.value, attribute)
-    )
+    point = extension_of(extensions, x509.IssuingDistributionPoint)
+    return frozenset(name for attribute, name in _SCOPES if getattr(point, attribute, None))
 
 
-def _certificate_issuers(extensions: x509.Extensions) -> list[x509.Name] | None:
-    """Whose certificate an entry is about; None where it does not say."""
-    for extension in extensions:
-        if isinstance(extension.value, x509.CertificateIssuer):
-            return extension.value.get_values_for_type(x509.DirectoryName)
-    return None
-
-
-def _removed(extensions: x509.Extensions) -> bool:
-    """Whether the entry takes a certificate off the list again (RFC 5280, 5.3.1): OpenSSL lets it pass."""
-    for extension in extensions:
-        if isinstance(extension.value, x509.CRLReason):
-            return extension.value.reason is x509.ReasonFlags.remove_from_crl
-    return False
+def extension_of(extensions: x509.Extensions, kind: type[_Extension]) -> _Extension | None:
+    """The extension of this kind, if there is one."""
+    return next((each.value for each in extensions if isinstance(each.value, kind)), None)

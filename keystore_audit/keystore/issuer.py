@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import Enum
 from functools import lru_cache
-from typing import Final, TypeVar
+from typing import Final
 
 from cryptography import x509
 from cryptography.exceptions import UnsupportedAlgorithm
@@ -12,7 +12,7 @@ from cryptography.x509.oid import PublicKeyAlgorithmOID
 
 from keystore_audit.keystore import public_key
 from keystore_audit.keystore.certificate import NETSCAPE_TYPE, Certificate
-from keystore_audit.keystore.crl import RevocationList
+from keystore_audit.keystore.crl import RevocationList, extension_of
 from keystore_audit.keystore.distinguished_name import same_name
 
 _EMAIL_PROTECTION: Final = "1.3.6.1.5.5.7.3.4"  # id-kp-emailProtection, RFC 5280, 4.2.1.12
@@ -106,10 +106,10 @@ def key_identifier_fits(named: Certificate | RevocationList, issuer: Certificate
 
     X509_check_akid in crypto/x509/v3_purp.c.
     """
-    authority = _extension(named.parsed.extensions, x509.AuthorityKeyIdentifier)
+    authority = extension_of(named.parsed.extensions, x509.AuthorityKeyIdentifier)
     if authority is None:
         return True
-    subject = _extension(issuer.parsed.extensions, x509.SubjectKeyIdentifier)
+    subject = extension_of(issuer.parsed.extensions, x509.SubjectKeyIdentifier)
     if authority.key_identifier is not None and subject is not None and authority.key_identifier != subject.digest:
         return False
     if authority.authority_cert_serial_number not in (None, issuer.serial):
@@ -142,13 +142,3 @@ def _is_signed_by(certificate: x509.Certificate, issuer: x509.Certificate) -> bo
         )
     except (ValueError, UnsupportedAlgorithm):
         return None
-
-
-_E = TypeVar("_E", bound=x509.ExtensionType)
-
-
-def _extension(extensions: x509.Extensions, kind: type[_E]) -> _E | None:
-    for extension in extensions:
-        if isinstance(extension.value, kind):
-            return extension.value
-    return None
