@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator
 from datetime import datetime
-from functools import partial
+from functools import cached_property, partial
 from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
@@ -81,7 +81,6 @@ class LocalRights:
         self._bits: dict[object, int] = {}
         self._allowed: dict[object, int] = {}
         self._all = (1 << len(channels.channels)) - 1
-        self._wildcard_names = wildcard_names(channels)
 
     def allowed(self, enclave: Enclave, profile: Profile, operation: Operation) -> int:
         """The channels on which the operation is allowed, as a bit set: the same for profiles that decide alike."""
@@ -214,6 +213,10 @@ class LocalRights:
                 hit = named & undecided
                 undecided &= ~hit
                 yield domain_rule, topic.rule, hit
+
+    @cached_property
+    def _wildcard_names(self) -> list[int]:
+        return wildcard_names(self._channels)
 
     def _naming(self, expression: str, access: Access) -> int:
         """The channels whose name, taken for an expression, matches `expression` (of names known one by one)."""

@@ -62,6 +62,7 @@ class LoneEndpoints:
         self._usabilities: dict[int, Usabilities] = {}
         self._ruled: dict[tuple[str, Access], frozenset[int]] = {}
         self._covered: dict[tuple[Interval, ...], frozenset[int]] = {}
+        self._sets: dict[int, frozenset[int]] = {}
 
     def of(self, profile: Profile) -> tuple[Alone, ...]:
         """By enclave, then by holder; empty where none may differ from what peers concede it."""
@@ -96,7 +97,13 @@ class LoneEndpoints:
                     usable = self._in(domain).of(enclave, at, profile).usable
                     possible |= here if usable is not False else 0
                     certain |= here if usable else 0
-        return frozenset(members(possible)), frozenset(members(certain))
+        return self._set(possible), self._set(certain)
+
+    def _set(self, channels: int) -> frozenset[int]:
+        """The channels of a bit set; the same object for the same ones, of which there may be 300,000."""
+        if channels not in self._sets:
+            self._sets[channels] = frozenset(members(channels))
+        return self._sets[channels]
 
     def _may_differ(self, governance: GovernanceFile, grants: Iterable[ReadGrant], access: Access) -> bool:
         """Whether the enclave might do what peers would not concede it.

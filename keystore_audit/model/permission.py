@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Final
+from weakref import WeakKeyDictionary
 
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.system import RuleAtom, System
@@ -29,24 +30,33 @@ def allowing(rulings: Iterable[tuple[int, bool]]) -> int:
 
 def bits(numbers: Iterable[int]) -> int:
     """The set of these numbers."""
-    found = list(numbers)
+    found = numbers if isinstance(numbers, frozenset) else frozenset(numbers)
     if len(found) < _FEW:
         value = 0
         for number in found:
             value |= 1 << number
         return value
-    array = bytearray(max(found) // 8 + 1)  # a long integer is a new one after each bit
-    for number in found:
-        array[number >> 3] |= 1 << (number & 7)
-    return int.from_bytes(array, "little")
+    known = _BITS.get(found)
+    if known is None:
+        array = bytearray(max(found) // 8 + 1)  # a long integer is a new one after each bit
+        for number in found:
+            array[number >> 3] |= 1 << (number & 7)
+        known = _BITS[found] = int.from_bytes(array, "little")
+    return known
+
+
+_BITS: Final = WeakKeyDictionary[frozenset[int], int]()
+"""Thousands of rules, of several systems, may be about the same channels."""
 
 
 def members(value: int) -> Iterable[int]:
     """The numbers in the set, ascending."""
     if value.bit_length() > _MANY_BITS:
-        for place, byte in enumerate(value.to_bytes(value.bit_length() // 8 + 1, "little")):
-            if byte:
-                yield from (8 * place + low for low in members(byte))
+        digits = f"{value:b}"[::-1]
+        place = digits.find("1")
+        while place >= 0:
+            yield place
+            place = digits.find("1", place + 1)
         return
     while value:
         low = value & -value
@@ -63,7 +73,7 @@ def union(sets: Iterable[int]) -> int:
 
 
 _MANY_BITS: Final = 4_096
-"""From so many on a set is taken apart byte by byte: a long integer is a new one without each bit."""
+"""From so many on a set is taken apart by its digits: a long integer is a new one without each bit."""
 
 
 class Meetings:
@@ -96,7 +106,6 @@ class Decisions:
         self.channels_in = [bits(channels) for channels in channels_of]
         """By domain class: its channels."""
         self._within: dict[frozenset[int], int] = {}
-        self._bits: dict[frozenset[int], int] = {}
 
     @cached_property
     def _rules(self) -> list[list[RuleAtom]]:
@@ -131,12 +140,7 @@ class Decisions:
         within = self._within.get(rule.domains)
         if within is None:
             within = self._within[rule.domains] = self.within(rule.domains)
-        if len(named) < _FEW:
-            return bits(named) & within
-        known = self._bits.get(named)  # thousands of rules may be about the same channels
-        if known is None:
-            known = self._bits[named] = bits(named)
-        return known & within
+        return bits(named) & within
 
     def within(self, domains: Iterable[int]) -> int:
         """The channels of these domain classes."""

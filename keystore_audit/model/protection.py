@@ -47,12 +47,9 @@ def protection(system: System, document: int | None, permissions: Permissions) -
             decides.update(dict.fromkeys(decided, number))
             left -= decided
     topics: dict[int, list[tuple[TopicRuleAtom, int]]] = {number: [] for number in decides.values()}
-    known: dict[frozenset[int], int] = {}  # hundreds of rules may be about the same channels
     for topic in system.topic_rules:
         if topic.domain_rule in topics:
-            if topic.channels not in known:
-                known[topic.channels] = bits(topic.channels)
-            topics[topic.domain_rule].append((topic, known[topic.channels]))
+            topics[topic.domain_rule].append((topic, bits(topic.channels)))
     for domain, number in decides.items():
         _apply_domain(result, domain, system.domain_rules[number], topics[number], permissions.channels_in[domain])
     return result

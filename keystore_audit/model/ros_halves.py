@@ -248,6 +248,7 @@ def _halves_of(role: str, rights: _Rights, channels: RosChannels) -> Iterator[tu
     """The classes of which the enclave may do a part, in some domain."""
     needed = ROLES[role]
     topics = {(operation, affix): channels.of_affix(affix) for operation, affix in needed}
+    telling = {each: _telling(role, each, channels) for each in needed}
     for start in channels.starts:
         has_any, lacks_any = 0, 0
         granted: dict[tuple[Operation, Affix], int] = {}
@@ -255,7 +256,7 @@ def _halves_of(role: str, rights: _Rights, channels: RosChannels) -> Iterator[tu
         for each in needed:
             granted[each] = channels.by_class(rights.granted[each[0]], start, topics[each])
             allowed[each] = channels.by_class(rights.allowed[each[0]], start, topics[each])
-            has_any |= granted[each] & _telling(role, each, channels)
+            has_any |= granted[each] & telling[each]
             lacks_any |= ~allowed[each]
         for number in members(has_any & lacks_any & channels.unmarked):
             has = tuple(each for each in needed if granted[each] >> number & 1)

@@ -327,7 +327,6 @@ def _revocations_at(enclave: Enclave, certificate: Certificate, trust: Trust, at
 
 def _joins(governed: _Governed, grant: ReadGrant, check: JoinCheck) -> bool:
     """Whether the grant lets its holder join one of the domains."""
-    allowed = [interval for rule in grant.rules if rule.allow for interval in rule.domains]
     if check is JoinCheck.FASTDDS:
         return any(rule.allow for rule in grant.rules)
     if not governed:
@@ -338,7 +337,7 @@ def _joins(governed: _Governed, grant: ReadGrant, check: JoinCheck) -> bool:
         not read.rule.enable_join_access_control
         or (check is JoinCheck.CYCLONEDDS and _is_loose(read))
         or grant.default_allow
-        or any(low <= upper and lower <= high for lower, upper in allowed)
+        or any(low <= upper and lower <= high for each in grant.rules if each.allow for lower, upper in each.domains)
         for (low, high), read in governed
     )
 
