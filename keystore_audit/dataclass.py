@@ -2,15 +2,15 @@
 
 An audit of four enclaves makes two hundred classes when it starts. For each the standard library writes, compiles and
 runs six functions, a third of that audit's time (docs/performance.md). Here only the constructor is compiled, when the
-first instance is made, and it writes straight into the slots. `field`, `fields` and `replace` are the standard
-library's; they, `copy` and `pickle` work as for any other dataclass.
+first instance is made, and it writes straight into the slots; `replace` reads all fields in one go. `field` and
+`fields` are the standard library's; they, `copy` and `pickle` work as for any other dataclass.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, FrozenInstanceError, field, fields, replace
+from dataclasses import MISSING, FrozenInstanceError, field, fields
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -74,10 +74,16 @@ def _dataclass(*, slots: bool, frozen: bool = False, kw_only: bool = False, eq: 
     return made
 
 
+def _replace(value: Any, /, **changes: object) -> Any:
+    """What `dataclasses.replace` returns."""
+    cls = type(value)
+    return cls(**dict(zip(cls.__parts__, cls.__values__(value), strict=True)) | changes)
+
+
 if TYPE_CHECKING:
-    from dataclasses import dataclass
+    from dataclasses import dataclass, replace
 else:
-    dataclass = _dataclass
+    dataclass, replace = _dataclass, _replace
 
 
 def _part(declared: object, kw_only: bool) -> _Part:
@@ -97,6 +103,7 @@ def _behaviour(parts: Mapping[str, _Part], *, frozen: bool, eq: bool) -> dict[st
     """What such a class has unless its author wrote it, the constructor apart."""
     found: dict[str, object] = {
         "__parts__": parts,
+        "__values__": _values(parts),
         "__dataclass_fields__": _FIELDS,
         "__match_args__": tuple(name for name, part in parts.items() if not part.kw_only),
         "__repr__": _shown,

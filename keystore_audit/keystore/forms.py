@@ -92,7 +92,7 @@ def _runs(content: bytes, wanted: Callable[[bytes], bool]) -> Iterator[bytes]:
         while position >= 0:
             line = _LINE.match(content, position)
             head, end = (line[1], line.end()) if line else (None, len(content))
-            if head is not None and wanted(binascii.a2b_base64(head)) and not _is_in_pem(content, position):
+            if head is not None and not _is_in_pem(content, position) and wanted(binascii.a2b_base64(head)):
                 run = _RUN.match(content, position)
                 end = run.end() if run is not None else len(content)
                 yield content[position:end]

@@ -150,8 +150,10 @@ def list_missing(enclave: Enclave, certificate: Certificate, trust: Trust) -> bo
     the list's issuer, whose keyUsage allows it, and holds identities of every kind.
     """
     lists = lists_read(enclave, trust)
+    if not lists:  # nearly always
+        return False
     authorities = identity_authorities(enclave, trust)
-    return bool(lists) and not any(_usable(each, certificate, authorities, trust) for each in lists)
+    return not any(_usable(each, certificate, authorities, trust) for each in lists)
 
 
 def _usable(

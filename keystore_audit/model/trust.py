@@ -157,9 +157,16 @@ def is_root(certificate: Certificate, *, signed: bool = False) -> bool:
     return names_itself(certificate) and (not signed or may_have_issued(certificate, certificate))
 
 
+@lru_cache(maxsize=4096)  # asked for each enclave, under each row, of the few files that they share
 def _chaining(trust: Trust, file: CertificateFile) -> Trust:
     """One row for all that look for chains in the file alike: each is then looked for once."""
     return _row(False, trust.needs_root, trust.checks_root_signature, *_reading(trust, file))
+
+
+@lru_cache(maxsize=4096)
+def _judging(trust: Trust, permissions_ca: CertificateFile | None) -> Trust:
+    """The same for all that judge the signers of documents alike by the file."""
+    return _row(trust.pins_signer, False, False, *_reading(trust, permissions_ca))
 
 
 def _reading(trust: Trust, file: CertificateFile | None) -> tuple[bool, frozenset[str] | None]:
@@ -344,14 +351,17 @@ def is_first_embedded(signer: Certificate, signed: SignedDocument) -> bool:
 
 def _first_embedded(signer: Certificate, signed: SignedDocument) -> Certificate | None:
     """Issuers are compared by meaning (X509_NAME_cmp)."""
-    named = (c for c in signed.embedded if c.serial == signer.serial)
-    return next((c for c in named if same_name(c.issuer_name, signer.issuer_name)), None)
+    for each in signed.embedded:
+        if each.serial == signer.serial and (
+            each.issuer_der == signer.issuer_der or same_name(each.issuer_name, signer.issuer_name)
+        ):
+            return each
+    return None
 
 
 def document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | None, trust: Trust) -> Verdict:
     """What an enclave with this permissions CA file does with the document's signatures."""
-    row = _row(trust.pins_signer, False, False, *_reading(trust, permissions_ca))
-    return _document_verdict(signed, permissions_ca, row)
+    return _document_verdict(signed, permissions_ca, _judging(trust, permissions_ca))
 
 
 @lru_cache(maxsize=65_536)

@@ -5,7 +5,9 @@ Pure ASCII, so that no name of a keystore steers whatever shows it, and the same
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from itertools import groupby
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Final
 
 from keystore_audit.findings import Finding, Location, Outcome, Result, Severity, Suppression
@@ -95,16 +97,14 @@ def _outcomes(outcomes: Iterable[Outcome]) -> list[dict[str, str]]:
     return [{"rule": rule, "subject": subject, "outcome": outcome.value} for rule, subject, outcome in outcomes]
 
 
-def _encoded(outcomes: Iterable[Outcome]) -> list[str]:
+def _encoded(outcomes: Collection[Outcome]) -> list[str]:
     """What `_outcomes` says, item by item: a thousand enclaves have 60,000, of few rules and subjects."""
     ends = {outcome: f', "outcome": {encoded(outcome.value)}}}' for outcome in Result}
-    starts: dict[str, str] = {}
-    subjects: dict[str, str] = {}
-    items = []
-    for rule, subject, outcome in outcomes:
-        start = starts.get(rule) or starts.setdefault(rule, f'{{"rule": {encoded(rule)}, "subject": ')
-        name = subjects.get(subject) or subjects.setdefault(subject, encoded(subject))
-        items.append(start + name + ends[outcome])
+    subjects = {subject: encoded(subject) for subject in {each.subject for each in outcomes}}
+    items: list[str] = []
+    for rule, same in groupby(outcomes, attrgetter("rule")):
+        start = f'{{"rule": {encoded(rule)}, "subject": '
+        items += [start + subjects[subject] + ends[outcome] for _rule, subject, outcome in same]
     return items
 
 

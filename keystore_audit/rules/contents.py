@@ -13,6 +13,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from datetime import datetime
 from enum import Enum
 from functools import cache, cached_property
+from itertools import chain
 from operator import attrgetter
 from typing import Any, Final
 
@@ -33,6 +34,9 @@ _LEFT_OUT: Final = frozenset({"line", "lines", "default_line", "not_before", "no
 
 _ORDERED: Final = frozenset({Rule, Grant, DomainRule, TopicRule})
 """Of these the first that matches decides."""
+
+_CARRIED: Final = ("identity_ca", "permissions_ca", "certificate", "key", "crl", "governance", "permissions")
+"""What of an enclave is read."""
 
 _At = Callable[[int | None], str]
 """What stands at a line of a file."""
@@ -128,17 +132,16 @@ class Contents:
         for stray in keystore.strays:
             if stray.document is not None:
                 yield stray.file, self._document(stray.document)
-        for enclave in keystore.enclaves:
-            for certificates in (enclave.identity_ca, enclave.permissions_ca, enclave.certificate):
-                if certificates is not None:
-                    yield certificates.file, _certificates(certificates)
-            if enclave.key is not None:
-                yield enclave.key.file, _always(_key(enclave.key))
-            if enclave.crl is not None:
-                yield enclave.crl.file, _crl(enclave.crl)
-            for document in (enclave.governance, enclave.permissions):
-                if document is not None:
-                    yield document.signed.file, self._document(document)
+        every = map(attrgetter(*_CARRIED), keystore.enclaves)
+        for read in dict.fromkeys(chain.from_iterable(every)):  # they share most of it
+            if isinstance(read, CertificateFile):
+                yield read.file, _certificates(read)
+            elif isinstance(read, PrivateKey):
+                yield read.file, _always(_key(read))
+            elif isinstance(read, CrlFile):
+                yield read.file, _crl(read)
+            elif read is not None:
+                yield read.signed.file, self._document(read)
 
     def _document(self, document: GovernanceFile | PermissionsFile) -> _At:
         grants = document.grants if isinstance(document, PermissionsFile) else ()
