@@ -106,8 +106,11 @@ def test_a_class_behaves_as_the_standard_library_s(
     assert declared_of(first) == declared_of(peer)
     assert mine.__match_args__ == theirs.__match_args__
     assert repr(copy.copy(first)) == repr(copy.copy(peer)) == shown
+    with pytest.raises(TypeError):
+        ours.replace(first, nothing_of_the_kind=1)
     for name, *_ in declared_of(peer)[:1]:
-        assert repr(dataclasses.replace(first, **{str(name): 7})) == repr(dataclasses.replace(peer, **{str(name): 7}))
+        for replace in (ours.replace, dataclasses.replace):
+            assert repr(replace(first, **{str(name): 7})) == repr(dataclasses.replace(peer, **{str(name): 7}))
         assert outcome(setattr, first, name, 8) == outcome(setattr, peer, name, 8)
         assert repr(first) == repr(peer)
     with pytest.raises((AttributeError, TypeError)):

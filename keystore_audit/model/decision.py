@@ -298,7 +298,8 @@ class LocalRights:
 
 def wildcard_names(channels: Channels) -> list[int]:
     """The channels of one name that is an expression on Fast DDS."""
-    return [n for n, each in enumerate(channels.channels) if not (each.infinite or WILDCARDS.isdisjoint(each.topic))]
+    odd = {topic for topic in {each.topic for each in channels.channels} if not WILDCARDS.isdisjoint(topic)}
+    return [n for n, each in enumerate(channels.channels) if each.topic in odd and not each.infinite] if odd else []
 
 
 def illegal_names(channels: Channels, legal: str) -> Iterator[int]:

@@ -6,6 +6,7 @@ docs/model.md.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Final
@@ -52,11 +53,9 @@ _BITS: Final = WeakKeyDictionary[frozenset[int], int]()
 def members(value: int) -> Iterable[int]:
     """The numbers in the set, ascending."""
     if value.bit_length() > _MANY_BITS:
-        digits = f"{value:b}"[::-1]
-        place = digits.find("1")
-        while place >= 0:
-            yield place
-            place = digits.find("1", place + 1)
+        for found in _NOT_EMPTY.finditer(value.to_bytes(value.bit_length() // 8 + 1, "little")):
+            start = 8 * found.start()
+            yield from (start + low for low in members(int.from_bytes(found[0], "little")))
         return
     while value:
         low = value & -value
@@ -73,7 +72,9 @@ def union(sets: Iterable[int]) -> int:
 
 
 _MANY_BITS: Final = 4_096
-"""From so many on a set is taken apart by its digits: a long integer is a new one without each bit."""
+"""From so many on a set is taken apart piece by piece: a long integer is a new one without each bit."""
+
+_NOT_EMPTY: Final = re.compile(rb"[^\0]{1,7}")
 
 
 class Meetings:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Sequence
 from datetime import datetime, timedelta, timezone
 
 import pytest
@@ -114,6 +115,15 @@ def test_a_moment_between_two_instants_is_after_the_first() -> None:
     assert not permissions.in_force(2, 3)
 
 
-def test_bits_and_members_are_inverse() -> None:
-    numbers = [0, 3, 64, 1000]
-    assert list(members(bits(numbers))) == numbers
+@pytest.mark.parametrize(
+    "numbers", [[], [0, 3, 64, 1000], range(9_000), range(10, 9_000), [3, 8_000], range(0, 300_000, 1_001)]
+)
+def test_bits_and_members_are_inverse(numbers: Sequence[int]) -> None:
+    assert list(members(bits(numbers))) == [*numbers]
+    assert bits(numbers) == sum(1 << number for number in numbers)
+
+
+def test_bits_of_one_set_are_made_once() -> None:
+    """Regions of 255,000 channels are asked about by each system and each governance."""
+    numbers = frozenset(range(100))
+    assert bits(numbers) is bits(numbers)
