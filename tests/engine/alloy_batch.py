@@ -9,8 +9,8 @@ from __future__ import annotations
 import os
 import re
 import tempfile
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -57,48 +57,55 @@ def decide_batch(systems: Sequence[System]) -> list[dict[str, bool]]:
         return [_decide(Path(directory), modules, system) for system in systems]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Compared:
-    """What Alloy says of a system: properties (by id) that it decides otherwise than was expected, and each claim."""
+def compare_batch(systems: Sequence[System], expected: Sequence[Mapping[str, bool]]) -> Iterator[list[str]]:
+    """Hold what is expected of each system (whether each property and claim, by id, holds) against Alloy.
 
-    differing: tuple[str, ...]
-    claims: dict[str, Status]
-
-
-def compare_batch(systems: Sequence[System], expected: Sequence[Mapping[str, bool]]) -> Iterator[Compared]:
-    """Hold what is expected of each system (by property, whether it holds) against Alloy, and decide its claims.
-
-    One command asks whether any property is otherwise than expected; each is asked alone only where there is one.
+    What differs comes back. Two commands ask about all at once; each is asked alone only where they tell of something.
     """
     modules = shipped()
     with tempfile.TemporaryDirectory(prefix="alloy-batch-") as directory:
         for system, right in zip(systems, expected, strict=True):
-            files = modules | {"keystore.als": facts(system), "audit.als": commands((), system)}
-            world = _world(Path(directory), files, "audit.als")
-            differing: tuple[str, ...] = ()
-            if _otherwise(world, right):
-                found = _decide(Path(directory), modules, system)
-                differing = tuple(each for each in right if found[each] is not right[each])
-                assert differing, "the properties differ together and agree one by one"
-            told = _told(world, lambda name: not name.endswith("IsExercised"))
-            assert told[CONSISTENCY]
-            yield Compared(differing=differing, claims=_statuses(system, told))
+            world = whole_world(Path(directory), modules, system)
+            differing: list[str] = []
+            if not as_expected(world, system, right):
+                found, named = _told(world), _named(system, right)
+                differing = [each for each, (name, has) in named.items() if found[name] is not has]
+                assert differing, "the answers differ together and agree one by one"
+            yield differing
 
 
-def _otherwise(world: Any, expected: Mapping[str, bool]) -> bool:
-    """Whether the one instance of the facts has some property otherwise than expected."""
-    asserted = {
-        str(each.label).split("/")[-1]: each.expr
-        for module in world.getAllReachableModules()
-        for each in module.getAllAssertions()
-    }
-    whole = next(command for command in world.getAllCommands() if str(command.label) == CONSISTENCY)
-    wrong = None
-    for assertion, identifier in _BY_ASSERTION.items():
-        holds = asserted[assertion]
-        other = holds.not_() if expected[identifier] else holds
-        wrong = other if wrong is None else wrong.or_(other)
-    return _occurs(world, whole.change(whole.formula.and_(wrong)))
+def whole_world(directory: Path, modules: dict[str, str], system: System) -> Any:
+    """The model of a system, with a command for each property and claim."""
+    files = modules | {"keystore.als": facts(system), "audit.als": commands(PROPERTIES, system)}
+    return _world(directory, files, "audit.als")
+
+
+def _named(system: System, expected: Mapping[str, bool]) -> dict[str, tuple[str, bool]]:
+    """For each property and claim (by id), the name of its command, and whether that should have an instance."""
+    found = {identifier: (name, not expected[identifier]) for name, identifier in _BY_ASSERTION.items()}
+    for number, claim in enumerate(system.claims):
+        status = Status.HOLDS if expected[claim.id] else Status.VIOLATED
+        found[claim.id] = (claims.command_of(claim, number).name, claims.status(claim, found=True) is status)
+    assert found.keys() == expected.keys()
+    return found
+
+
+def as_expected(world: Any, system: System, expected: Mapping[str, bool]) -> bool:
+    """Whether one instance has what each command that should have one looks for, and none what any other looks for."""
+    asked = {str(command.label): command for command in world.getAllCommands()}
+    whole = asked[CONSISTENCY]
+    right, wrong = whole.formula, whole.formula.not_()
+    alone = []
+    for name, has_instance in _named(system, expected).values():
+        if has_instance:
+            right = right.and_(asked[name].formula)
+        elif asked[name].check:
+            wrong = wrong.or_(asked[name].formula)
+        else:
+            alone.append(asked[name])  # a compartment that is looked for is no part of a larger question
+    if not _occurs(world, whole.change(right)):
+        return False
+    return not any(_occurs(world, each) for each in (whole.change(wrong), *alone))
 
 
 def decide_claims(systems: Sequence[System], changed: Mapping[str, str] | None = None) -> list[dict[str, Status]]:
@@ -111,10 +118,6 @@ def decide_claims(systems: Sequence[System], changed: Mapping[str, str] | None =
 def _decide_claims(directory: Path, modules: dict[str, str], system: System) -> dict[str, Status]:
     found = outcomes(directory, modules | {"keystore.als": facts(system), "audit.als": commands((), system)})
     assert found[CONSISTENCY]
-    return _statuses(system, found)
-
-
-def _statuses(system: System, found: Mapping[str, bool]) -> dict[str, Status]:
     return {
         claim.id: claims.status(claim, found[claims.command_of(claim, number).name])
         for number, claim in enumerate(system.claims)
@@ -123,7 +126,7 @@ def _statuses(system: System, found: Mapping[str, bool]) -> dict[str, Status]:
 
 def outcomes(directory: Path, modules: dict[str, str], main: str = "audit.als") -> dict[str, bool]:
     """For each command of `main`, whether it has an instance, with the files `modules` put into `directory`."""
-    return _told(_world(directory, modules, main), lambda _name: True)
+    return _told(_world(directory, modules, main))
 
 
 def _world(directory: Path, modules: dict[str, str], main: str) -> Any:
@@ -136,10 +139,8 @@ def _world(directory: Path, modules: dict[str, str], main: str) -> Any:
     return analyzer.parse(analyzer.silent, loaded, f"{place}/{main}")
 
 
-def _told(world: Any, wanted: Callable[[str], bool]) -> dict[str, bool]:
-    return {
-        str(command.label): _occurs(world, command) for command in world.getAllCommands() if wanted(str(command.label))
-    }
+def _told(world: Any) -> dict[str, bool]:
+    return {str(command.label): _occurs(world, command) for command in world.getAllCommands()}
 
 
 def _occurs(world: Any, command: Any) -> bool:
@@ -153,7 +154,8 @@ def _solution(world: Any, command: Any) -> Any:
 
 
 def _decide(directory: Path, modules: dict[str, str], system: System) -> dict[str, bool]:
-    found = outcomes(directory, modules | {"keystore.als": facts(system), "audit.als": commands(PROPERTIES, system)})
+    asked = replace(system, claims=())
+    found = outcomes(directory, modules | {"keystore.als": facts(system), "audit.als": commands(PROPERTIES, asked)})
     assert found[CONSISTENCY]
     return {identifier: not found[assertion] for assertion, identifier in _BY_ASSERTION.items()}
 

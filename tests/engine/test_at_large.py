@@ -93,10 +93,7 @@ def large(system: System, seed: int) -> System:
 def test_the_engines_agree_on_them() -> None:
     systems = [*(system for system, _broken in CASES.values()), *(large(some_system(n), n) for n in range(16))]
     native = [NativeEngine([system]).answers[0] for system in systems]
-    found = list(compare_batch(systems, [holding(answers) for answers in native]))
-    assert [each.differing for each in found] == [()] * len(systems)
-    for system, ours, theirs in zip(systems, native, found, strict=True):
-        assert dict(theirs.claims) == {claim.id: ours[claim.id].status for claim in system.claims}
+    assert list(compare_batch(systems, [holding(answers) for answers in native])) == [[]] * len(systems)
     assert len({answers[name].status for answers in native for name in (KEY, SUBJECT)}) == 2
 
 

@@ -12,7 +12,7 @@ from tests.engine.test_agreement import SYSTEMS, holding, some_system
 
 pytestmark = [pytest.mark.alloy, pytest.mark.xdist_group("alloy")]
 
-SEEDS = (2, 16, 23, 24, 134, 241, 310, 333, 412, 491, 618)
+SEEDS = (2, 16, 23, 24, 134, 241, 255, 310, 333, 412, 427, 491)
 """Of the random systems of test_agreement.py: together they find every mistake out."""
 
 Decided = list[tuple[System, dict[str, bool]]]
@@ -27,7 +27,7 @@ def decided() -> Decided:
 
 
 def disagreements(decided: Decided) -> int:
-    return sum(holding(NativeEngine([system]).answers[0]) != theirs for system, theirs in decided)
+    return sum(not theirs.items() <= holding(NativeEngine([system]).answers[0]).items() for system, theirs in decided)
 
 
 @pytest.mark.parametrize("name", MUTANTS)

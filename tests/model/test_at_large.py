@@ -250,10 +250,8 @@ def test_both_engines_say_so(tmp_path: Path) -> None:
     ):
         systems = understood(written(tmp_path / name, files), claims)[:2]
         native = NativeEngine(systems).answers
-        found = compare_batch(systems, [holding(answers) for answers in native])
-        for ours, theirs in zip(native, found, strict=True):
-            assert theirs.differing == ()
-            assert {each for each, status in theirs.claims.items() if status is Status.VIOLATED} == violated
+        assert list(compare_batch(systems, [holding(answers) for answers in native])) == [[]] * len(systems)
+        for ours in native:
             assert {each.id for each in claims if ours[each.id].status is Status.VIOLATED} == violated
 
 

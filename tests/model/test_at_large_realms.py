@@ -366,7 +366,5 @@ def test_both_engines_say_so(tmp_path: Path) -> None:
         found = understood(written(tmp_path / str(number), files, store), (asked,))
         systems.append(next(system for system in found if "spec" in system.profiles))
     native = NativeEngine(systems).answers
-    theirs = tuple(compare_batch(systems, [holding(answers) for answers in native]))
-    assert [each.differing for each in theirs] == [()] * len(systems)
-    assert [each.claims["x"] for each in theirs] == [VIOLATED, HOLDS, VIOLATED, VIOLATED]
+    assert list(compare_batch(systems, [holding(answers) for answers in native])) == [[]] * len(systems)
     assert [answers["x"].status for answers in native] == [VIOLATED, HOLDS, VIOLATED, VIOLATED]

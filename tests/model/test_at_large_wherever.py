@@ -281,10 +281,4 @@ def test_both_engines_say_so(tmp_path: Path) -> None:
     must = next(each for each in understood(root, (asked,)) if each.reading is Reading.MUST)
     native = NativeEngine((may, must)).answers
     assert [answers["x"].status for answers in native] == [Status.VIOLATED, Status.HOLDS]
-    for theirs, expected in zip(
-        compare_batch((may, must), [holding(answers) for answers in native]),
-        (Status.VIOLATED, Status.HOLDS),
-        strict=True,
-    ):
-        assert theirs.differing == ()
-        assert theirs.claims["x"] is expected
+    assert list(compare_batch((may, must), [holding(answers) for answers in native])) == [[], []]

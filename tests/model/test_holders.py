@@ -104,9 +104,7 @@ def test_both_engines_say_so(tmp_path: Path) -> None:
         some = [next(s for s in systems if name in s.profiles) for name in ("fastdds-3.6", "cyclonedds-11")]
         some = list({id(system): system for system in some}.values())
         native = NativeEngine(some).answers
-        found = tuple(compare_batch(some, [holding(answers) for answers in native]))
-        assert all(theirs.differing == () for theirs in found)
-        assert [theirs.claims["x"] for theirs in found] == [ours["x"].status for ours in native]
+        assert list(compare_batch(some, [holding(answers) for answers in native])) == [[]] * len(some)
         assert (Status.HOLDS in [ours["x"].status for ours in native]) is (ways == 1)
         assert native[0]["x"].status is Status.VIOLATED
 

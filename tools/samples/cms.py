@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from datetime import datetime, timezone
+from functools import cache
 
 from asn1crypto import cms, x509  # type: ignore[import-untyped]
 from asn1crypto.algos import DigestAlgorithm, SignedDigestAlgorithm  # type: ignore[import-untyped]
@@ -43,8 +44,9 @@ class SignedData:
     trailing: bytes = b""
     """What follows the structure, which then is no longer strict DER."""
 
+    @cache  # noqa: B019 - a few hundred, all of one short run
     def der(self, signed: bytes) -> bytes:
-        """The ContentInfo for the MIME entity `signed`, in DER."""
+        """The ContentInfo for the MIME entity `signed`, in DER; many samples share a document."""
         embedded = self.embed_certificates and self.signers
         data = cms.SignedData(
             {
