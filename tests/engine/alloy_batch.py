@@ -65,10 +65,10 @@ def compare_batch(systems: Sequence[System], expected: Sequence[Mapping[str, boo
     modules = shipped()
     with tempfile.TemporaryDirectory(prefix="alloy-batch-") as directory:
         for system, right in zip(systems, expected, strict=True):
-            world = whole_world(Path(directory), modules, system)
+            world, named = whole_world(Path(directory), modules, system), named_by_command(system, right)
             differing: list[str] = []
-            if not as_expected(world, system, right):
-                found, named = _told(world), _named(system, right)
+            if not as_expected(world, dict(named.values())):
+                found = _told(world)
                 differing = [each for each, (name, has) in named.items() if found[name] is not has]
                 assert differing, "the answers differ together and agree one by one"
             yield differing
@@ -76,11 +76,15 @@ def compare_batch(systems: Sequence[System], expected: Sequence[Mapping[str, boo
 
 def whole_world(directory: Path, modules: dict[str, str], system: System) -> Any:
     """The model of a system, with a command for each property and claim."""
-    files = modules | {"keystore.als": facts(system), "audit.als": commands(PROPERTIES, system)}
-    return _world(directory, files, "audit.als")
+    return _world(directory, modules | asking(system), "audit.als")
 
 
-def _named(system: System, expected: Mapping[str, bool]) -> dict[str, tuple[str, bool]]:
+def asking(system: System) -> dict[str, str]:
+    """The two files of a system, in which each property and claim has a command."""
+    return {"keystore.als": facts(system), "audit.als": commands(PROPERTIES, system)}
+
+
+def named_by_command(system: System, expected: Mapping[str, bool]) -> dict[str, tuple[str, bool]]:
     """For each property and claim (by id), the name of its command, and whether that should have an instance."""
     found = {identifier: (name, not expected[identifier]) for name, identifier in _BY_ASSERTION.items()}
     for number, claim in enumerate(system.claims):
@@ -90,13 +94,16 @@ def _named(system: System, expected: Mapping[str, bool]) -> dict[str, tuple[str,
     return found
 
 
-def as_expected(world: Any, system: System, expected: Mapping[str, bool]) -> bool:
-    """Whether one instance has what each command that should have one looks for, and none what any other looks for."""
+def as_expected(world: Any, expected: Mapping[str, bool]) -> bool:
+    """Whether one instance has what each command that should have one looks for, and none what any other looks for.
+
+    `expected`: by the names of commands, of which nearly all are part of one question or the other.
+    """
     asked = {str(command.label): command for command in world.getAllCommands()}
     whole = asked[CONSISTENCY]
     right, wrong = whole.formula, whole.formula.not_()
     alone = []
-    for name, has_instance in _named(system, expected).values():
+    for name, has_instance in expected.items():
         if has_instance:
             right = right.and_(asked[name].formula)
         elif asked[name].check:
@@ -154,8 +161,7 @@ def _solution(world: Any, command: Any) -> Any:
 
 
 def _decide(directory: Path, modules: dict[str, str], system: System) -> dict[str, bool]:
-    asked = replace(system, claims=())
-    found = outcomes(directory, modules | {"keystore.als": facts(system), "audit.als": commands(PROPERTIES, asked)})
+    found = outcomes(directory, modules | asking(replace(system, claims=())))
     assert found[CONSISTENCY]
     return {identifier: not found[assertion] for assertion, identifier in _BY_ASSERTION.items()}
 

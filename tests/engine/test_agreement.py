@@ -14,7 +14,15 @@ from keystore_audit.model.claim import ClaimKind
 from keystore_audit.model.system import System
 from keystore_audit.properties import PROPERTIES, Answer, Status
 from tests.engine.alloy.flow_builders import at, claim
-from tests.engine.alloy_batch import as_expected, compare_batch, decide_batch, decide_claims, shipped, whole_world
+from tests.engine.alloy_batch import (
+    as_expected,
+    compare_batch,
+    decide_batch,
+    decide_claims,
+    named_by_command,
+    shipped,
+    whole_world,
+)
 from tests.engine.flows_by_hand import ByHand, violated
 from tests.engine.systems import LISTENER, TALKER, healthy, lively, random_system, with_claims
 
@@ -74,12 +82,13 @@ def test_asking_about_all_at_once_finds_each_answer_that_is_otherwise(tmp_path: 
         alone = decide_batch([system])[0]
         alone |= {asked: status is Status.HOLDS for asked, status in decide_claims([system])[0].items()}
         world = whole_world(tmp_path, shipped(), system)
-        assert as_expected(world, system, alone)
+        assert as_expected(world, dict(named_by_command(system, alone).values()))
         kinds = {asked.id: asked.kind for asked in system.claims}
         for each, holds in alone.items():
             if (kinds.get(each, each), holds) not in told:
                 told.add((kinds.get(each, each), holds))
-                assert not as_expected(world, system, alone | {each: not holds}), (seed, each)
+                turned = named_by_command(system, alone | {each: not holds})
+                assert not as_expected(world, dict(turned.values())), (seed, each)
     assert told == {(each, holds) for each in (*(p.id for p in PROPERTIES), *ClaimKind) for holds in (True, False)}
     assert list(compare_batch([system], [alone | {each: not holds}])) == [[each]]
 

@@ -9,12 +9,11 @@ from pathlib import Path
 import pytest
 
 from keystore_audit.engine.alloy import claims
-from keystore_audit.engine.alloy.facts import MODULES, commands, facts
+from keystore_audit.engine.alloy.facts import MODULES
 from keystore_audit.engine.alloy.one_realm import with_one_realm
 from keystore_audit.engine.alloy.runner import module_texts
 from keystore_audit.model.system import System
-from keystore_audit.properties import PROPERTIES
-from tests.engine.alloy_batch import outcomes, shipped, unlike, values
+from tests.engine.alloy_batch import as_expected, asking, outcomes, shipped, unlike, values, whole_world
 from tests.engine.systems import lively, random_system, with_claims
 
 pytestmark = [pytest.mark.alloy, pytest.mark.xdist_group("alloy")]
@@ -48,9 +47,9 @@ def test_what_is_worked_out_once_is_the_same(tmp_path: Path) -> None:
     full = 0
     for seed in range(SYSTEMS):
         system = of_one_realm(seed)
-        asked = {"keystore.als": facts(system), "audit.als": commands(PROPERTIES, system)}
+        asked = asking(system)
         once = with_one_realm(modules)
-        assert outcomes(tmp_path, once | asked) == outcomes(tmp_path, modules | asked), seed
+        assert as_expected(whole_world(tmp_path, once, system), outcomes(tmp_path, modules | asked)), seed
         expressions = [f"{name}[{realms}]" for name, realms in dependent().items()]
         expected = dict(zip(expressions, values(tmp_path, modules | asked, expressions), strict=True))
         assert unlike(tmp_path, once | asked, expected) == [], seed

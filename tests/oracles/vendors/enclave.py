@@ -7,6 +7,7 @@ import subprocess
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from keystore_audit.keystore.permissions import Operation
@@ -66,15 +67,25 @@ class Vendor:
         self._program = program
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
 
-    def ask(self, enclave: Path, domain: int, endpoints: Sequence[Endpoint], time_zone: str = "UTC") -> Answer:
-        """What becomes of the enclave in this directory; `time_zone` is what TZ says, which some look at."""
+    def ask(
+        self, enclave: Path, domain: int, endpoints: Sequence[Endpoint], time_zone: str = "UTC"
+    ) -> Callable[[], Answer]:
+        """What becomes of the enclave in this directory, once it is called; `time_zone` is what TZ says.
+
+        The process works while others do something else. It has to answer before it is asked again.
+        """
         process = self._running(time_zone)
         assert process.stdin is not None
-        assert process.stdout is not None
         listed = b"".join(endpoint.encoded() for endpoint in endpoints)
         for field in (os.fsencode(enclave), str(domain).encode(), listed):
             process.stdin.write(len(field).to_bytes(4, "big") + field)
         process.stdin.flush()
+        return partial(self._answer, process, enclave, endpoints, time_zone)
+
+    def _answer(
+        self, process: subprocess.Popen[bytes], enclave: Path, endpoints: Sequence[Endpoint], time_zone: str
+    ) -> Answer:
+        assert process.stdout is not None
         header = process.stdout.read(4)
         if len(header) < 4:
             code = self._end(time_zone)

@@ -57,11 +57,13 @@ def compare(
     for recipe in recipes:
         keystore = folder / "keystore"
         enclave = recipe.build(keystore / "enclaves/talker")
+        theirs = {
+            name: vendor.ask(enclave, recipe.domain, recipe.endpoints, recipe.time_zone)
+            for name, vendor in asked.items()
+        }
         verdicts = decide(keystore, recipe.domain, recipe.endpoints, NOW, recipe.time_zone)
-        answers[recipe.title] = {}
-        for name, vendor in asked.items():
-            answer = vendor.ask(enclave, recipe.domain, recipe.endpoints, recipe.time_zone)
-            answers[recipe.title][name] = answer
+        answers[recipe.title] = {name: answer() for name, answer in theirs.items()}
+        for name, answer in answers[recipe.title].items():
             comparison.add(recipe, name, verdicts[name], answer)
         shutil.rmtree(keystore)
     return answers
