@@ -25,16 +25,19 @@ def read_suppressions(root: Table) -> tuple[Acceptance, ...]:
 
 
 def _suppression(table: Table) -> Acceptance:
-    table.only("code", "where", "fingerprint", "severity", "profiles", "reason", "owner", "until")
+    table.only("code", "where", "fingerprint", "severity", "profiles", "causes", "reason", "owner", "until")
     if ("where" in table.values) == ("fingerprint" in table.values):
         table.wrong(None, "expected exactly one of where, fingerprint")
     by_place = "where" in table.values
+    if by_place and "causes" in table.values:
+        table.wrong("causes", "these belong to a fingerprint, and here is where")
     return _acceptance(
         table,
         where=_where(table) if by_place else (),
         fingerprint=None if by_place else _fingerprint(table),
         severity=Severity(table.choice("severity", _SEVERITIES)) if "severity" in table.values else None,
         profiles=_profiles(table),
+        causes=None if by_place else frozenset(_causes(table)),
     )
 
 

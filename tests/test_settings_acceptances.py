@@ -31,6 +31,7 @@ code = "KA711"
 fingerprint = "{PRINT}"
 severity = "critical"
 profiles = ["spec", "fastdds-3.6"]
+causes = ["{PRINT}"]
 {WHY}"""
     settings = read_settings(file(tmp_path, text))
     placed, printed = settings.acceptances
@@ -40,6 +41,7 @@ profiles = ["spec", "fastdds-3.6"]
     assert (placed.location.line, placed.location.beside, placed.place) == (2, True, f"{settings.file.path}:2:1")
     assert (printed.where, printed.fingerprint, printed.severity) == ((), PRINT, Severity.CRITICAL)
     assert printed.profiles == {"spec", "fastdds-3.6"}
+    assert (placed.causes, printed.causes) == (None, {PRINT})
     assert placed.end == datetime(2026, 12, 4, 23, 59, 59, tzinfo=timezone.utc)
 
 
@@ -66,6 +68,7 @@ WRONG = [
     (PLACED.replace("/talker", "../talker"), ":3:1", "expected an enclave"),
     (PLACED.replace('"/talker"', "[]"), ":3:1", "array of such strings"),
     (f'{PLACED}severity = "bad"\n', ":7:1", "expected 'critical' or 'high'"),
+    (f'{PLACED}causes = "{PRINT}"\n', ":7:1", "these belong to a fingerprint"),
     (f'{PLACED}profiles = "humble"\n', ":7:1", "'humble' is no profile; expected names as in reports"),
     (PLACED.replace('where = "/talker"', f'fingerprint = "{PRINT[:-1]}"'), ":3:1", "expected 64 digits"),
     ("suppression = 3\n", ":1:1", "each headed [[suppression]]"),

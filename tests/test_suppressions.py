@@ -6,6 +6,7 @@ import hashlib
 import html
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,9 @@ from keystore_audit.cli.formats import FORMATS
 from keystore_audit.text import markdown
 from tests.cli.keystores import answer
 from tests.test_samples import SAMPLES, as_built
+from tools.samples.base import TWO
+from tools.samples.documents import DomainRule, Governance, TopicRule
+from tools.samples.store import write
 
 AT = "2026-11-21T12:00:00Z"
 PRINT = "a" * 64
@@ -96,6 +100,25 @@ def test_other_profiles_are_not_accepted(tmp_path: Path, talker: Path) -> None:
     path = file(tmp_path, f'{PLACED}profiles = ["spec"]\n')
     assert fate(talker, "--settings", path)["KA205"] is False
     assert fate(talker, "--settings", path, "--profile", "spec")["KA205"] is True
+
+
+def replayed(topic: str, keystore: Path) -> Path:
+    """Samples on the topic can be sent again by anybody: KA714, which KA407 and KA411 (medium) explain."""
+    topics = (TopicRule(expression=topic, metadata="NONE"), TopicRule())
+    governance = Governance(rules=(DomainRule(rtps="NONE", topics=topics),))
+    write(replace(TWO, governance=governance).tree(), keystore)
+    return keystore
+
+
+@pytest.mark.parametrize("caused", [False, True])
+def test_a_property_is_accepted_with_the_causes_that_are_named(tmp_path: Path, caused: bool) -> None:
+    before, after = replayed("rt/chatter", tmp_path / "before"), replayed("ros_discovery_info", tmp_path / "after")
+    (found,) = (each for each in run(before)[1]["findings"] if each["code"] == "KA714")
+    causes = f"causes = {json.dumps(found['explained_by'])}\n" if caused else ""
+    text = f'[[suppression]]\ncode = "KA714"\nfingerprint = "{found["fingerprint"]}"\n{causes}{WHY}'
+    path = file(tmp_path, text)
+    assert run(before, "--settings", path)[0] == (0 if caused else 1)
+    assert run(after, "--settings", path)[0] == 1
 
 
 def test_one_settings_file_in_the_working_directory_but_not_in_ci_nor_with_deployed(
