@@ -90,6 +90,23 @@ def revoking(**links: str) -> Store:
     return three(talker={"crl.pem": one}, listener={"crl.pem": other}, **others)
 
 
+STRAY_CA = replace(OTHER_CA, digest="sha1")
+
+
+def carrying(name: str, content: bytes, *paths: str) -> Store:
+    """These enclaves link to one file in public/."""
+    changes = {path: {name: Link(target=f"../../public/shared.{name}")} for path in paths}
+    return replace(three(**changes), changes={f"public/shared.{name}": content})  # type: ignore[arg-type]
+
+
+def revoked(*paths: str) -> Store:
+    return carrying("crl.pem", revocation_list(LISTENER.certificate), *paths)
+
+
+def weak(*paths: str) -> Store:
+    return carrying("identity_ca.cert.pem", IDENTITY_CA.pem() + STRAY_CA.pem(), *paths)
+
+
 SPARE = Key(label="fingerprints spare key")
 
 
@@ -127,6 +144,10 @@ WORSE = {
     "KA109 whose": (lying_about("private/x.key.pem"), lying_about("private/x.key.pem", authority_of("permissions"))),
     "KA118 authority": (lying_about("public/x.pem"), lying_about("public/x.pem", authority_of("permissions"))),
     "KA118 enclave": (lying_about("public/x.pem"), lying_about("public/x.pem", spare_enclave())),
+    "KA212 carried by fewer": (revoked("listener", "third", "fourth"), revoked("listener", "third")),
+    "KA212 no more by all": (revoked("talker", "listener", "third", "fourth"), revoked("listener", "third")),
+    "KA212 carried by others": (revoked("third"), revoked("fourth")),
+    "KA218 linked": (weak("talker", "listener"), weak("talker", "listener", "third")),
     "KA215 linked": (revoking(), revoking(third="talker")),
     "KA219 rights": (sharing("rt/a", key=True), sharing("rt/a", "rt/b", key=True)),
     "KA225 rights": (sharing("rt/a", key=False), sharing("rt/a", "rt/b", key=False)),
@@ -158,7 +179,14 @@ def test_one_more_enclave_that_starts_in_a_domain_of_nobody_is_another_finding(t
     assert found[0].isdisjoint(found[1])
 
 
+def authority(*more: Enclave) -> Store:
+    """A weak authority whom all trust."""
+    both = {"public/identity_ca.cert.pem": IDENTITY_CA.pem() + STRAY_CA.pem()}
+    return replace(TWO, enclaves=(*TWO.enclaves, *more), changes=both)
+
+
 ALIKE = {
+    "KA218": (authority(), authority(enclave("/third", Rule(publish=("rt/a",))))),
     "KA219": (sharing("rt/a", "rt/b", key=True), renewed(sharing("rt/b", "rt/a", key=True))),
     "KA225": (sharing("rt/a", "rt/b", key=False), renewed(sharing("rt/b", "rt/a", key=False))),
     "KA228": (again(grant("/admin", "rt/b", "rt/a")), renewed(again(grant("/admin", "rt/a", "rt/b")))),

@@ -2,7 +2,7 @@
 
 Without lines, layout and dates of grants: a document that is written or signed again says the same. Of permissions it
 is the grant at the place and whether it has an effect, of a file of certificates the certificate there, else all of
-the file.
+the file; of a file that enclaves reach over links also which of them do.
 """
 
 from __future__ import annotations
@@ -112,7 +112,23 @@ class Contents:
             for file, there in self._read():  # under its name in the enclave and the one that a link leads to
                 self._files[file.path] = self._files[file.place] = there
         known = self._files.get(place.path)
-        return known(place.line) if known is not None else ""
+        return f"{known(place.line)}{self._carriers.get(place.path, '')}" if known is not None else ""
+
+    @cached_property
+    def _carriers(self) -> dict[str, str]:
+        """Of each file that enclaves reach over links, whether all enclaves have it, else which: a further one there
+        takes over what was accepted of the file.
+        """
+        enclaves = self._keystore.enclaves
+        found: dict[str, dict[str, None]] = {}
+        names: dict[str, str] = {}
+        for enclave in enclaves:
+            for file in enclave.files.for_run_time:
+                found.setdefault(file.place, {})[enclave.files.directory] = None
+                if file.path != file.place:
+                    names[file.path] = names[file.place] = file.place
+        told = {place: "*" if len(each) == len(enclaves) else "\n".join(each) for place, each in found.items()}
+        return {name: f"\0carried {told[place]}" for name, place in names.items()}
 
     def _unread(self) -> dict[str, _At]:
         """Every file, by its bytes, and of those that could not be read why."""

@@ -284,8 +284,6 @@ def governances_differ(keystore: Keystore, _context: Context) -> Iterator[Violat
             message=f"Enclaves carry {len(groups)} governance documents that say different things: {words}.",
             # The minority first: it is what has to change.
             locations=places(Location(path=file.signed.file.place) for group in reversed(groups) for _, file in group),
-            # What each file says is in the fingerprint; whom it is for, links tell.
-            key="\n".join(sorted(f"{each.path} {file.signed.file.place}" for group in groups for each, file in group)),
         )
 
 

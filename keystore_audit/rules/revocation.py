@@ -257,8 +257,6 @@ def crl_not_everywhere(keystore: Keystore, _context: Context) -> Iterator[Violat
             for group in (without, *reversed(holders))
             for enclave in group
         ),
-        # What each list says is in the fingerprint; who carries which, links tell.
-        key="\n".join(f"{each.path} {each.files.files[Role.CRL].place}" for each in keystore.enclaves),
     )
 
 
