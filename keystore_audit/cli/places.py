@@ -46,12 +46,20 @@ def executor_address(value: str) -> str:
 
 
 def found(named: Sequence[str], *, recursive: bool) -> Found:
-    """Return the keystores named, or those below the directories named, each once."""
+    """Return the keystores named, or those below the directories named, each once.
+
+    A directory named in which there is none is among them, unless there is none at all: its audit says so.
+    """
     from keystore_audit.fleet.search import Found, find_keystores
 
     if not recursive:
         return Found(keystores=tuple(named), unseen=())
     searched = [find_keystores(directory, beside=named) for directory in named]
+    if any(each.keystores for each in searched):
+        searched = [
+            each if each.keystores or each.unseen else replace(each, keystores=(directory,))
+            for directory, each in zip(named, searched, strict=True)
+        ]
     once = {os.path.realpath(path): path for each in reversed(searched) for path in reversed(each.keystores)}
     chosen = set(once.values())
     return Found(

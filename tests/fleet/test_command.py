@@ -199,6 +199,17 @@ def test_where_there_is_none_it_is_3(tmp_path: Path) -> None:
     assert answer("-r", tmp_path, *NATIVE) == (4, "")
 
 
+def test_each_directory_named_has_a_keystore(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What is packed, or has another name now, is out of the gate otherwise."""
+    root = robots(tmp_path / "all", 1)
+    (tmp_path / "packed").mkdir()
+    code, page = answer("-r", root, tmp_path / "packed", *NATIVE)
+    assert code == 3
+    assert "NO REPORT" in page
+    assert f"{tmp_path / 'packed'} is empty" in capsys.readouterr().err
+    assert answer("-r", root, *NATIVE)[0] == 0
+
+
 def test_what_was_not_looked_into_is_no_pass(tmp_path: Path, healthy_samples: Path) -> None:
     (tmp_path / "fleet").mkdir()
     shutil.copytree(healthy_samples / "talker_listener", tmp_path / "fleet/keys", symlinks=True)
