@@ -37,7 +37,7 @@ def label_globs(labelling: Labelling, labels: Iterable[str]) -> dict[str, Globs]
 class _Labelled:
     """Enclaves with a label; and names with it, or that those enclaves may use in either keystore.
 
-    `users`: enclaves that may use a name with it in either keystore: what becomes of their identities matters to it.
+    `users`: enclaves that may use any of these names in either keystore: whoever takes their identities may, too.
     """
 
     paths: frozenset[str]
@@ -94,14 +94,14 @@ def _labelled(sides: Sides, label: str, globs: Globs) -> _Labelled:
                     names |= view.accepted(number, operation)
                 usable[path] = usable.get(path, 0) | names
                 theirs |= names if path in paths else 0
-    own, used = 0, union(usable.values())
+    named, used = theirs & ~sides.named(AMBIENT), union(usable.values())
     for glob in globs.topics:
         channels = sides.claimed(glob)
         if not channels & used and not sides.unknown:
             raise UsageError(f"--label {label}: {glob} is no topic that anybody may use in either keystore")
-        own |= channels
+        named |= channels
     return _Labelled(
         paths=frozenset(paths),
-        channels=own | theirs & ~sides.named(AMBIENT),
-        users=frozenset(path for path, names in usable.items() if names & own),
+        channels=named,
+        users=frozenset(path for path, names in usable.items() if names & named),
     )

@@ -132,6 +132,19 @@ def test_what_hands_on_to_a_label_concerns_it(tmp_path: Path) -> None:
     assert run(arguments) == 1
 
 
+@pytest.mark.parametrize(("topic", "concerned"), [("rt/heard", True), ("rt/elsewhere", False)])
+def test_who_takes_the_identity_of_one_that_a_label_hears_concerns_it(
+    tmp_path: Path, topic: str, *, concerned: bool
+) -> None:
+    """/a gets the key of /teller, which may publish the topic."""
+    told = replace(BASE, members={**BASE.members, "/teller": says("/teller", rule(criterion("publish", topic)))})
+    settings = tmp_path / "settings.toml"
+    settings.write_text(SETTINGS)
+    sides = [told.write(tmp_path / "old"), told.member("/a", private_key="/teller").write(tmp_path / "new")]
+    arguments = ["diff", *map(str, sides), "--at", AT, "--settings", str(settings), "--label", "secret"]
+    assert run(arguments) == concerned
+
+
 def test_unknown_stays_unknown(tmp_path: Path) -> None:
     broken = BASE.members["/bb"].permissions.replace("<dds>", "<dds a='&#38;'>")
     assert compared(tmp_path, BASE.member("/bb", permissions=broken), "--label", "secret") == 4
