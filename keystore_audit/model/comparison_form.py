@@ -63,13 +63,15 @@ def certificate_form(what: str, old: Certificate, new: Certificate) -> Iterator[
 
 
 def _aspect(what: str, old: str | None, new: str | None, was_weak: bool, is_weak: bool) -> Aspect:
-    direction = direction_of(gains=is_weak and not was_weak, losses=was_weak and not is_weak)
+    """Which of two weak ones is worse is not judged: one in the place of another is both."""
+    direction = direction_of(gains=is_weak, losses=was_weak)
     return Aspect(what=what, old=old, new=new, direction=direction)
 
 
 def _together(aspects: Iterable[Aspect]) -> Direction:
     directions = {aspect.direction for aspect in aspects}
-    return direction_of(gains=Direction.GAINED in directions, losses=Direction.LOST in directions)
+    less = not directions.isdisjoint((Direction.LOST, Direction.MIXED))
+    return direction_of(gains=any(each.gains for each in directions), losses=less)
 
 
 def _listed(values: Iterable[str] | None) -> str | None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+from keystore_audit.dataclass import replace
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.model.trust import Verdict
@@ -135,7 +136,9 @@ def weak_digest(use: SignedUse, _context: Context) -> Iterator[Violation]:
     Whoever could choose what was signed may hold another document with the same signature. Every implementation takes
     it (measured).
     """
-    yield from _has(use, "another document may have the same signature.", Kind.WEAK_DIGEST)
+    digests = " ".join(sorted({each.digest for each in use.signed.signatures}))
+    for found in _has(use, "another document may have the same signature.", Kind.WEAK_DIGEST):
+        yield replace(found, key=f"{found.key} {digests}")
 
 
 @rule(
