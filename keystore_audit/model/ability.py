@@ -34,6 +34,9 @@ MAX_PAIRS: Final = 10_000
 IN_DEFAULT_PARTITION: Final[Named] = (Matcher.POSIX, (Area(topics=("*",), partitions=DEFAULT_PARTITION),))
 """Every topic in the one partition in which the nodes of ROS 2 are."""
 
+_SILENT: Final = frozenset({"Ed25519", "Ed448"})
+"""Kinds of keys with which no implementation proves who it is: the handshake's algorithms are ECDSA and RSA-PSS."""
+
 
 def pairs(
     claim: Claim, system: System, channels: Channels, known: Iterable[str], unusable: frozenset[int]
@@ -155,11 +158,12 @@ def _among(system: System, paths: Collection[str]) -> frozenset[int]:
 def talks(enclave: Enclave) -> bool:
     """Whether it can prove who it is once it has started.
 
-    Cyclone DDS starts with a private key that is not the certificate's, and completes no handshake (measured).
+    Cyclone DDS starts with a private key that is not the certificate's, Fast DDS with one of a kind that makes no
+    signature of a digest, and they complete no handshake (measured).
     """
     first = enclave.identity
     key = enclave.key.key if enclave.key is not None else None
-    return first is None or key is None or first.key == key
+    return first is None or (first.key_kind not in _SILENT and (key is None or first.key == key))
 
 
 def _closed(

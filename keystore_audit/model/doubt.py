@@ -28,7 +28,7 @@ from keystore_audit.model.meaning import Doubt
 from keystore_audit.model.profiles import Access, Profile, Trust
 from keystore_audit.model.revocation import list_unread
 from keystore_audit.model.subject import is_printable
-from keystore_audit.model.trust import MAX_AUTHORITIES, Verdict, document_verdict, is_authority, issue
+from keystore_audit.model.trust import MAX_AUTHORITIES, Verdict, document_verdict, envelope, is_authority, issue
 
 
 def keystore_doubts(keystore: Keystore, profile: Profile, accesses: AccessViews) -> Iterator[Doubt]:
@@ -67,7 +67,7 @@ def _enclave_doubts(enclave: Enclave, trust: Trust, access: Access, accesses: Ac
         verdict = document_verdict(document.signed, enclave.permissions_ca, trust)
         read = accesses.read(document, access)
         silent = not read.is_readable and read.refusal is None
-        if verdict is Verdict.UNKNOWN or (verdict is Verdict.ACCEPTED and silent):
+        if verdict is not Verdict.REFUSED and (silent or envelope(document.signed).verdict is Verdict.UNKNOWN):
             yield _document_doubt(enclave, document, read)
 
 
@@ -94,7 +94,8 @@ def _stray_doubts(keystore: Keystore, trust: Trust, access: Access, accesses: Ac
         read = accesses.read(stray.document, access)
         silent = not read.is_readable and read.refusal is None
         verdicts = {document_verdict(stray.document.signed, file, trust) for file in files}
-        if Verdict.UNKNOWN in verdicts or (silent and Verdict.ACCEPTED in verdicts):
+        doubtful = silent or envelope(stray.document.signed).verdict is Verdict.UNKNOWN
+        if doubtful and verdicts - {Verdict.REFUSED}:
             yield _document_doubt(None, stray.document, read)
 
 

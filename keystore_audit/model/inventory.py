@@ -39,13 +39,15 @@ def documents_of(keystore: Keystore) -> tuple[Document, ...]:
 
     What could not be read is among them.
     """
-    found = {stray.place: Document(stray.place, stray.document) for stray in permissions_at_large(keystore)}
+    found: dict[str, Document] = {}
     for enclave in keystore.enclaves:
         for role, read in ((Role.GOVERNANCE, enclave.governance), (Role.PERMISSIONS, enclave.permissions)):
             file = enclave.files.files[role]
             if read is not None or (role is Role.PERMISSIONS and file.status.unknown):
                 found.setdefault(file.place, Document(file.place, read))
-    return tuple(found[place] for place in sorted(found))
+    strays = [Document(stray.place, stray.document) for stray in permissions_at_large(keystore)]
+    # At the place of an enclave's document there may be another one, which stands in its text.
+    return tuple(sorted((*found.values(), *strays), key=lambda document: document.place))
 
 
 def beside_enclaves(keystore: Keystore) -> Callable[[str], bool]:

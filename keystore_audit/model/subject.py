@@ -175,7 +175,10 @@ def printed(certificate: Subject, *, escape_non_ascii: bool) -> str:
     if _PLAIN.fullmatch(certificate.subject):
         return certificate.subject
     relative = reversed(list(certificate.subject_name.rdns))
-    return ",".join("+".join(_attribute(each, escape=escape_non_ascii) for each in rdn) for rdn in relative)
+    # From the last attribute to the first, those of one relative name too.
+    return ",".join(
+        "+".join(_attribute(each, escape=escape_non_ascii) for each in reversed(list(rdn))) for rdn in relative
+    )
 
 
 def _attribute(attribute: x509.NameAttribute[str | bytes], *, escape: bool) -> str:

@@ -373,7 +373,8 @@ def _document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | 
         return Verdict.REFUSED
     if all(may_sign(signer, signed, permissions_ca, trust) for signer in signers_taken(signed, trust)):
         return Verdict.ACCEPTED
-    return Verdict.REFUSED
+    # What we do not read in the file, implementations may: OpenSSL's own form of certificates, for one.
+    return Verdict.UNKNOWN if any(defect.kind.opaque for defect in permissions_ca.defects) else Verdict.REFUSED
 
 
 def is_authority(certificate: Certificate) -> bool:

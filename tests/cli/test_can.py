@@ -457,3 +457,30 @@ def test_a_ros_question_is_that_about_its_dds_topics(operation: str, name: str) 
         single = {access.answers(each)["spec"].decision for each in asked if each.enclave == enclave}
         code = decisions(ACTIONS, enclave, operation, name, "--profile", "spec")[0]
         assert (code == 0) is (single == {Ruling.ALLOW})
+
+
+def test_a_permissions_ca_in_a_form_that_we_do_not_read(tmp_path: Path) -> None:
+    """Fast DDS starts with OpenSSL's own form of the certificate (`openssl x509 -trustout`)."""
+    store = Path(shutil.copytree(TURTLESIM, tmp_path / "k", symlinks=True))
+    words = (store, "/random", "publish", "/low_priority", "--expect", "deny")
+    assert answer("can", "--at", AT, *words)[0] == 1
+    authority = store / "public/permissions_ca.cert.pem"
+    plain = authority.read_bytes()
+    for form in (plain.replace(b"CERTIFICATE-----", b"TRUSTED CERTIFICATE-----"), b"\xef\xbb\xbf" + plain):
+        authority.write_bytes(form)
+        assert answer("can", "--at", AT, *words)[0] == 4
+    shutil.copy(store / "public/identity_ca.cert.pem", authority)
+    assert answer("can", "--at", AT, *words)[0] == 0
+
+
+def test_a_document_in_which_another_one_stands(tmp_path: Path) -> None:
+    """The other one, which nobody reads, is not in place of the enclave's own."""
+    store = Path(shutil.copytree(TURTLESIM, tmp_path / "k", symlinks=True))
+    governance = store / "enclaves/governance.p7s"
+    message = governance.read_bytes()
+    header = next(line for line in message.splitlines(keepends=True) if line.startswith(b"Content-Type"))
+    head, preamble, rest = message.partition(b"This is an S/MIME signed message\n\n")
+    governance.write_bytes(head + preamble + header + rest)
+    code, document = decisions(store, "/random", "publish", "/low_priority", "--profile", "fastdds-2.9")
+    [decision] = document["decisions"].values()
+    assert (code, decision["decision"], decision["effective"]) == (0, ALLOW, UNKNOWN)

@@ -7,7 +7,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 import pytest
-from cryptography.hazmat.primitives.asymmetric import rsa
+from cryptography.hazmat.primitives.asymmetric import ec, ed25519, rsa
 
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.findings import Location
@@ -108,6 +108,16 @@ def test_an_end_that_is_not_included_any_more(profile: str, lasts: bool, tmp_pat
 def test_a_private_key_of_another_certificate(tmp_path: Path) -> None:
     """Cyclone DDS starts with it, and never talks."""
     assert not holds(STORE.member("/f", private_key="another"), tmp_path / "k", profiles=("cyclonedds-0.10",))
+
+
+def test_a_key_that_signs_no_digest(tmp_path: Path) -> None:
+    """Fast DDS starts with it, and never talks (measured on 2.9.1)."""
+    kinds = {"ec": ec.generate_private_key(ec.SECP384R1()), "edwards": ed25519.Ed25519PrivateKey.generate()}
+    for kind, private in kinds.items():
+        own = certificate("/f", STORE.identity[0], key=private)
+        files = {"enclaves/f/cert.pem": own.pem, "enclaves/f/key.pem": own.key_pem}
+        talks = holds(replace(STORE, files=files), tmp_path / kind, profiles=("fastdds-2.9",))
+        assert talks is (kind == "ec")
 
 
 def test_it_is_asked_in_the_domain_that_is_used(tmp_path: Path) -> None:

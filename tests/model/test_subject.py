@@ -72,3 +72,11 @@ def test_a_name_beyond_ascii_is_printed_in_two_ways() -> None:
     subject = identity((NameOID.COMMON_NAME, "/ä"))
     assert printed(subject, escape_non_ascii=True) == "CN=/\\C3\\A4"
     assert printed(subject, escape_non_ascii=False) == "CN=/ä"
+
+
+def test_attributes_of_one_relative_name_are_printed_from_the_last_too() -> None:
+    several = x509.RelativeDistinguishedName(x509.NameAttribute(kind, "x" * n) for n, kind in enumerate(KINDS, 1))
+    subject = evidence(certificate(x509.Name([several, *x509.Name([x509.NameAttribute(KINDS[0], "/a")]).rdns])))
+    assert printed(subject, escape_non_ascii=False) == "CN=/a,OU=xxx+O=xx+CN=x"
+    assert names("CN=/a,OU=xxx+O=xx+CN=x", subject, SubjectComparison.FASTDDS_ORDERED)
+    assert not names("CN=/a,CN=x+O=xx+OU=xxx", subject, SubjectComparison.FASTDDS_ORDERED)

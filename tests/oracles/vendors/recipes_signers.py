@@ -167,6 +167,8 @@ def authorities() -> tuple[Recipe, ...]:
         "the CA with text around": b"Certificate:\n" + common_authority().pem + b"end\n",
         "another CA": other.pem,
         "empty": b"",
+        "the CA, labelled as OpenSSL's own form": common_authority().pem.replace(b"CERT", b"TRUSTED CERT"),
+        "the CA behind a byte order mark": b"\xef\xbb\xbf" + common_authority().pem,
         "its key": common_authority().key_pem,
         "not PEM": b"hello",
     }

@@ -21,9 +21,20 @@ ORGANISED: Parts = ((ORG, "Org"), (CN, "/talker"))
 FIVE: Parts = ((C, "DE"), (ORG, "Org"), (OU, "Robots"), (DC, "example"), (CN, "/talker"))
 
 
-def subject(title: str, parts: Parts, named: str) -> Recipe:
+ONE_OF_TWO = x509.Name(
+    [
+        x509.RelativeDistinguishedName([x509.NameAttribute(OU, "robots")]),
+        x509.RelativeDistinguishedName([x509.NameAttribute(CN, "/talker"), x509.NameAttribute(ORG, "Organisation")]),
+    ]
+)
+"""The last of its relative names has two attributes, as some company PKIs write them."""
+
+
+def subject(title: str, parts: Parts | x509.Name, named: str) -> Recipe:
     """A keystore whose certificate has this subject (in the order of the certificate) and whose grant names that."""
-    name = x509.Name([x509.NameAttribute(kind, text) for kind, text in parts])
+    name = parts
+    if not isinstance(name, x509.Name):
+        name = x509.Name([x509.NameAttribute(kind, text) for kind, text in parts])
     listed = permissions(grant(allow(pubsub("rt/chatter")), subject=named))
     return Recipe(title=f"subject {title}", permissions=listed, identity=certificate(name, common_authority()))
 
@@ -68,6 +79,8 @@ RECIPES = (
     subject("of two equal OU", ((OU, "a"), (OU, "a"), (CN, "/talker")), "CN=/talker,OU=a,OU=a"),
     subject("of two DC", ((DC, "com"), (DC, "example"), (CN, "/talker")), "CN=/talker,DC=example,DC=com"),
     subject("of a part beside a doubled one in the grant", ((OU, "robots"), (CN, "/mallory")), "OU=robots,OU=robots"),
+    subject("of two in one, from the last to the first", ONE_OF_TWO, "O=Organisation+CN=/talker,OU=robots"),
+    subject("of two in one, in certificate order", ONE_OF_TWO, "CN=/talker+O=Organisation,OU=robots"),
     subject("with a comma in the value", ((ORG, "Org, Inc"), (CN, "/talker")), "CN=/talker,O=Org\\, Inc"),
     subject("with a quoted comma", ((ORG, "Org, Inc"), (CN, "/talker")), 'CN=/talker,O="Org, Inc"'),
     subject("with a slash in the value", ((ORG, "a/b"), (CN, "/talker")), "CN=/talker,O=a/b"),
