@@ -21,7 +21,7 @@ from keystore_audit.model.expression import Matcher
 from keystore_audit.model.globs import matching
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.named_enclaves import left_out
-from keystore_audit.model.profiles import VARIANTS, JoinCheck, Profile
+from keystore_audit.model.profiles import VARIANTS, JoinCheck, Local, Profile
 from keystore_audit.model.semantics import DEFAULT_PARTITION, Area
 from keystore_audit.model.system import Reading, System
 from keystore_audit.model.usability import Usabilities, refusals_of_peer
@@ -95,7 +95,8 @@ def stopped(system: System, keystore: Keystore, usability: Mapping[tuple[str, st
 
     `usability`: by directory and profile, at the audit instant.
     """
-    paths = {enclave.path for enclave in keystore.enclaves if not talks(enclave)}
+    rows = [VARIANTS[name].local for name in system.profiles]
+    paths = {enclave.path for enclave in keystore.enclaves if not all(talks(enclave, row) for row in rows)}
     for enclave in keystore.enclaves:
         if not _starts(system, (usability[enclave.files.directory, profile] for profile in system.profiles)):
             paths.add(enclave.path)
@@ -155,15 +156,23 @@ def _among(system: System, paths: Collection[str]) -> frozenset[int]:
     return frozenset(number for number, enclave in enumerate(system.enclaves) if enclave.label in paths)
 
 
-def talks(enclave: Enclave) -> bool:
+def talks(enclave: Enclave, row: Local) -> bool:
     """Whether it can prove who it is once it has started.
 
     Cyclone DDS starts with a private key that is not the certificate's, Fast DDS with one of a kind that makes no
-    signature of a digest, and they complete no handshake (measured).
+    signature of a digest, and they complete no handshake (measured). Nor does whoever has more to send than fits.
     """
     first = enclave.identity
     key = enclave.key.key if enclave.key is not None else None
+    if row.most_sent is not None and sent(enclave) > row.most_sent:
+        return False
     return first is None or (first.key_kind not in _SILENT and (key is None or first.key == key))
+
+
+def sent(enclave: Enclave) -> int:
+    """Octets of what it shows its peers in the handshake: certificate and permissions."""
+    signed = enclave.permissions.signed if enclave.permissions is not None else None
+    return sum(len(each.file.content or b"") for each in (enclave.certificate, signed) if each is not None)
 
 
 def _closed(

@@ -105,6 +105,7 @@ class Local:
     governance does not cover, with no topic to use. `reads_names_as_expressions`: a topic rule applies to a topic whose
     name, taken for an expression, matches its own as well. `topic_names`: what a topic can be called, a regular
     expression (None: anything). `splits_partitions`: an endpoint's partition is taken apart at semicolons.
+    `most_sent`: octets of certificate and permissions that fit in a message of the handshake (None: however many).
     """
 
     joins: JoinCheck
@@ -113,3 +114,4 @@ class Local:
     reads_names_as_expressions: bool
     topic_names: str | None
     splits_partitions: bool
+    most_sent: int | None

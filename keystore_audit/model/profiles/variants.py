@@ -157,6 +157,7 @@ _SPEC_LOCAL: Final = Local(
     reads_names_as_expressions=False,
     topic_names=None,
     splits_partitions=False,
+    most_sent=None,
 )
 _FASTDDS_LOCAL: Final = Local(
     joins=JoinCheck.FASTDDS,
@@ -165,6 +166,9 @@ _FASTDDS_LOCAL: Final = Local(
     reads_names_as_expressions=True,
     topic_names=None,
     splits_partitions=True,
+    # Of the 65,500 of its transports' messages; the rest is for keys, signature and headers. With 2.9.1 63,100 fit and
+    # 63,600 do not (measured; depends on the kind of key). Other versions are taken to be alike.
+    most_sent=63_000,
 )
 _CYCLONEDDS_LOCAL: Final = replace(
     _SPEC_LOCAL, joins=JoinCheck.CYCLONEDDS, topic_names="(?!DCPS)[A-Za-z_/][A-Za-z0-9_/]*"

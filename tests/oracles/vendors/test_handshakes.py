@@ -1,0 +1,84 @@
+"""Whom a real participant completes a handshake with: what `able` takes for granted of enclaves that start.
+
+Keys of some kinds sign nothing in it, and permissions may be too large for its messages.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from cryptography.hazmat.primitives.asymmetric import ec, ed448, ed25519, rsa
+
+from keystore_audit.keystore.keystore import read_keystore
+from keystore_audit.model.ability import sent, talks
+from keystore_audit.model.profiles import VARIANTS
+from tests.keystore.builder import PrivateKey, certificate
+from tests.oracles.vendors.pairs import PATIENCE, Pairs, Side, pairs
+from tests.oracles.vendors.pairs_case import CAS, PLAIN_FIRST, PLAIN_SECOND
+from tests.oracles.vendors.pairs_material import EVERYTHING, Enclave, grant, permissions
+from tests.oracles.vendors.remote_ours import PROFILES
+from tests.oracles.xml.parsers import require_measured_versions
+
+pytestmark = pytest.mark.xdist_group("vendors-pairs")  # the programs are compiled once
+
+
+@pytest.fixture(scope="module")
+def vendors(oracle: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Pairs]]:
+    """Both vendors' programs, where they are those that the profiles speak of."""
+    require_measured_versions(oracle)
+    with pairs(oracle, tmp_path_factory.mktemp("programs")) as both:
+        yield both
+
+
+def of(key: PrivateKey) -> Enclave:
+    """The second enclave, its identity with this key."""
+    return replace(PLAIN_SECOND, identity=certificate("/second", CAS.identity, key=key))
+
+
+def large(blanks: int) -> Enclave:
+    """The second enclave, its permissions with so many blanks."""
+    document = permissions(grant("CN=/second", EVERYTHING)).replace(
+        b"</permissions>", b" " * blanks + b"</permissions>"
+    )
+    return replace(PLAIN_SECOND, permissions=CAS.sign(document))
+
+
+ENCLAVES = {
+    "RSA 1024": of(rsa.generate_private_key(65537, 1024)),
+    "RSA 2048": of(rsa.generate_private_key(65537, 2048)),
+    "RSA 4096": of(rsa.generate_private_key(65537, 4096)),
+    "P-224": of(ec.generate_private_key(ec.SECP224R1())),
+    "P-384": of(ec.generate_private_key(ec.SECP384R1())),
+    "P-521": of(ec.generate_private_key(ec.SECP521R1())),
+    "secp256k1": of(ec.generate_private_key(ec.SECP256K1())),
+    "Ed25519": of(ed25519.Ed25519PrivateKey.generate()),
+    "Ed448": of(ed448.Ed448PrivateKey.generate()),
+    "62 kB to send": large(59_500),
+    "64 kB to send": large(61_500),
+    "1 MB to send": large(1_000_000),
+}
+
+
+def _meet(vendor: Pairs, enclave: Enclave, directory: Path) -> bool | None:
+    """Whether it and the plain first one hear each other; None where it does not start."""
+    first, second = (
+        Side(enclave=each.write(directory / "enclaves" / name), endpoints=())
+        for name, each in (("first", PLAIN_FIRST), ("second", enclave))
+    )
+    try:
+        meeting = vendor.meet(first, second, 2 * PATIENCE)
+    except (AssertionError, BrokenPipeError):
+        return False  # what is too large ends the process of the side that answers with it
+    return None if meeting.sides[1] is None else meeting.met
+
+
+@pytest.mark.parametrize("title", ENCLAVES)
+@pytest.mark.parametrize("name", ["cyclone", "fastdds"])
+def test_whoever_starts_talks_as_we_say(name: str, title: str, vendors: dict[str, Pairs], tmp_path: Path) -> None:
+    heard = _meet(vendors[name], ENCLAVES[title], tmp_path / "k")
+    enclave = next(each for each in read_keystore(tmp_path / "k").enclaves if each.path == "/second")
+    assert heard in (None, talks(enclave, VARIANTS[PROFILES[name]].local))
+    assert (sent(enclave) > 62_000) is ("to send" in title)
