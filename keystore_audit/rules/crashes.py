@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, Final
 
-from keystore_audit.findings import Severity
+from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Kind
+from keystore_audit.model.ability import sent
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import in_document
 from keystore_audit.rules.registry import Rule, Violation, rule
@@ -68,4 +69,35 @@ def empty_element(use: PermissionsUse, _context: Context) -> Iterator[Violation]
     yield from in_document(use, _CRASHES, Kind.EMPTY_ELEMENT)
 
 
-CRASHES: tuple[Rule[Any], ...] = (empty_topic_expression, rule_without_domains, empty_element)
+@rule(
+    "KA522",
+    "permissions-too-large",
+    Severity.HIGH,
+    on=PermissionsUse,
+    clause="Measured on Fast DDS 2.9.1: a handshake message holds 65,500 octets",
+    remedy="Say several names by one expression, take out rules that the nodes do not use, or give the nodes several "
+    "enclaves. Then sign the documents again with the permissions CA.",
+)
+def permissions_too_large(use: PermissionsUse, context: Context) -> Iterator[Violation]:
+    """Certificate and permissions do not fit in a message of the handshake: on Fast DDS the enclave talks to nobody.
+
+    Its process ends as soon as it answers a peer's handshake (measured on 2.9.1; other versions are taken to be alike);
+    where it asks first, there is an error in its log alone. Cyclone DDS sends them in parts. How much fits depends on
+    the kind of key: from 63,000 octets on this rule speaks, from 63,600 on none did.
+    """
+    for enclave in use.enclaves:
+        octets = sent(enclave)
+        limits = {p.name: p.local.most_sent for p in context.profiles if p.local.most_sent is not None}
+        unfit = tuple(name for name, limit in limits.items() if octets > limit)
+        if unfit:
+            yield Violation(
+                message=f"{enclave.path} shows its peers {octets:,} octets of certificate and permissions; in a "
+                f"handshake of Fast DDS {min(limits.values()):,} fit, so it talks to nobody and may die of it.",
+                locations=(Location(path=use.signed.file.place),),
+                enclave=enclave.path,
+                profiles=unfit,
+                key="",
+            )
+
+
+CRASHES: tuple[Rule[Any], ...] = (empty_topic_expression, rule_without_domains, empty_element, permissions_too_large)

@@ -103,6 +103,17 @@ def _documents() -> Iterator[Story]:
         ),
         good=Case("Both dates are there.", ONE),
     )
+    blanks = (" " * 79 + "\n") * 780
+    yield from pair(
+        "KA522",
+        "permissions-too-large",
+        bad=Case(
+            "The document has 64 kB (here by blanks, else by some 900 names): on Fast DDS the talker completes no "
+            "handshake, and dies of the first that it answers.",
+            _text("  </permissions>", f"{blanks}  </permissions>"),
+        ),
+        good=Case("The document is as long as what it says.", ONE),
+    )
 
 
 def _head(topic: str) -> str:
