@@ -173,7 +173,7 @@ class Views:
         if judged.verdict is Verdict.REFUSED or read.is_readable or read.refusal is not None:
             return False
         signed = document.file.signed
-        return any(document_verdict(signed, file, kind.trust) is Verdict.ACCEPTED for file in self._permissions_cas)
+        return any(document_verdict(signed, file, kind.trust) is not Verdict.REFUSED for file in self._permissions_cas)
 
     def signers(self, document: Document, trust: Trust) -> frozenset[int]:
         """Who made the signatures, as the implementation finds them: in the message, where it does not pin."""
