@@ -96,9 +96,12 @@ def names_itself(certificate: Certificate) -> bool:
 def suits_key(certificate: Certificate, issuer: Certificate) -> bool:
     """Whether keys of the issuer's kind make signatures of the certificate's algorithm, or we cannot tell.
 
-    Without that OpenSSL looks for another issuer (check_sig_alg_match in crypto/x509/v3_purp.c).
+    Without that OpenSSL looks for another issuer (check_sig_alg_match in crypto/x509/v3_purp.c). It goes by the
+    algorithm that is signed; where another stands outside, we have that one alone.
     """
-    return not public_key.is_of_another_kind(certificate.signature_algorithm, issuer.key_kind)
+    return not certificate.algorithms_agree or not public_key.is_of_another_kind(
+        certificate.signature_algorithm, issuer.key_kind
+    )
 
 
 def key_identifier_fits(named: Certificate | RevocationList, issuer: Certificate) -> bool:

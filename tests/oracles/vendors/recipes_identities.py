@@ -17,6 +17,7 @@ from cryptography.hazmat.primitives.serialization import (
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from tests.keystore.builder import Signed, authority, certificate
+from tests.oracles.smime.der import NULL, algorithm, parse
 from tests.oracles.vendors.recipe import NOW, Recipe, allow, common_authority, grant, permissions, pubsub, talker
 from tests.oracles.vendors.recipes_signers import DAY, FUTURE, PAST, purpose, usage
 
@@ -141,6 +142,13 @@ def chains() -> tuple[Recipe, ...]:
     )
 
 
+def saying_outside(ca: Signed, other: bytes) -> Signed:
+    """The same certificate with another algorithm where nothing signs it."""
+    (structure,) = parse(ca.certificate.public_bytes(Encoding.DER))
+    structure.children[1] = parse(other)[0]
+    return Signed(ca.key, x509.load_der_x509_certificate(structure.encode()))
+
+
 def kinds_of_authorities() -> tuple[Recipe, ...]:
     """Authorities of one name with keys of several kinds, or with signatures that not everybody knows."""
     plain, others = common_authority(), authority("x")
@@ -152,6 +160,7 @@ def kinds_of_authorities() -> tuple[Recipe, ...]:
     return (
         under("of RSA behind one of its name of EC", of_rsa, of_ec.pem + of_rsa.pem),
         under("of EC behind one of its name of RSA", of_ec, of_rsa.pem + of_ec.pem),
+        under("of EC that says RSA outside", saying_outside(plain, algorithm("1.2.840.113549.1.1.11", NULL))),
         under("of EC behind one of its name of EC", of_ec, authority("i").pem + of_ec.pem),
         under("of EC renewed by one of RSA, behind it", renewed, of_rsa.pem + renewed.pem),
         under("of EC renewed by one of RSA, before it", renewed, renewed.pem + of_rsa.pem),
