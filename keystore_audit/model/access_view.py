@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
@@ -147,6 +147,13 @@ class AccessViews:
 
         Where it says the same, no document is looked at.
         """
+        occasions = self._occasions(access)
+        own = {name: getattr(access, name) for name in occasions}
+        differing = {name: value for name, value in own.items() if value != getattr(SPEC.access, name)}
+        return replace(SPEC.access, **{name: value for name, value in differing.items() if occasions[name]()})
+
+    def _occasions(self, access: Access) -> Mapping[str, Callable[[], bool]]:
+        """By field of the row, whether some document gives an occasion for it."""
         occasions: dict[str, Callable[[], bool]] = {
             "matcher": lambda: any(
                 _meaning(text, access.matcher) != _meaning(text, Matcher.POSIX) for text in self._unusual_expressions
@@ -154,9 +161,7 @@ class AccessViews:
             "open_ranges": lambda: any(
                 entry.low is None or not entry.high for entry in self._ranges if entry.low != entry.high
             ),
-            "highest_domain": lambda: (
-                access.highest_domain is not None and self._beyond(self._ranges, access.highest_domain)
-            ),
+            "highest_domain": lambda: _range_refusal(self._ranges, access) is not None,
             "reads_1_0": lambda: any(_is_1_0(file) for file in self._files),
             "refuses_unauthenticated_with_rtps": lambda: any(map(_opens_protected_rtps, self._governances)),
             "dates": lambda: not all(self._same_date(text, access.dates) for text in self._dates),
@@ -184,9 +189,7 @@ class AccessViews:
                 for governance in self._governances
             ),
         }
-        own = {name: getattr(access, name) for name in occasions}
-        differing = {name: value for name, value in own.items() if value != getattr(SPEC.access, name)}
-        return replace(SPEC.access, **{name: value for name, value in differing.items() if occasions[name]()})
+        return occasions
 
     @cached_property
     def _governances(self) -> list[Governance]:
@@ -233,10 +236,6 @@ class AccessViews:
         start, end = dates
         return start is None or end is None or counts_at(start, end, self.at, reading) is not True
 
-    @staticmethod
-    def _beyond(ranges: Iterable[DomainRange], highest: int) -> bool:
-        return any(max(entry.low or 0, entry.high or 0) > highest for entry in ranges)
-
     def _document(self, file: Typed, access: Access) -> ReadDocument:
         governance = file.governance if isinstance(file, GovernanceFile) else None
         permissions = file.permissions if isinstance(file, PermissionsFile) else None
@@ -249,7 +248,7 @@ class AccessViews:
             return ReadDocument(doubt=undefined)
         if governance is not None:
             ranges = list(_governance_ranges(governance))
-            refusal = self._range_refusal(ranges, access)
+            refusal = _range_refusal(ranges, access)
             if refusal is None and _unbounded_below(ranges, access) is not None:
                 refusal = "it has an <id_range> without <min>"
             if refusal is None and access.refuses_unauthenticated_with_rtps and _opens_protected_rtps(governance):
@@ -269,14 +268,8 @@ class AccessViews:
                     return reason, expression.line
         return None
 
-    def _range_refusal(self, ranges: Iterable[DomainRange], access: Access) -> str | None:
-        known = list(ranges)
-        if access.highest_domain is not None and self._beyond(known, access.highest_domain):
-            return f"it names a domain above {access.highest_domain}"
-        return None
-
     def _permissions_document(self, permissions: Permissions, access: Access) -> ReadDocument:
-        refusal = self._range_refusal(_permissions_ranges(permissions), access)
+        refusal = _range_refusal(_permissions_ranges(permissions), access)
         if refusal is not None:
             return ReadDocument(refusal=refusal)
         unbounded = _unbounded_below(_permissions_ranges(permissions), access)
@@ -316,6 +309,13 @@ def _meaning(text: str, matcher: Matcher) -> object:
 def _is_1_0(file: Typed) -> bool:
     """Permissions of that form only mix their criteria, which every implementation reads (measured)."""
     return isinstance(file, GovernanceFile) and any(defect.kind is Kind.DDS_SECURITY_1_0 for defect in file.defects)
+
+
+def _range_refusal(ranges: Iterable[DomainRange], access: Access) -> str | None:
+    highest = access.highest_domain
+    if highest is None or all(max(entry.low or 0, entry.high or 0) <= highest for entry in ranges):
+        return None
+    return f"it names a domain above {highest}"
 
 
 def _unbounded_below(ranges: Iterable[DomainRange], access: Access) -> DomainRange | None:
