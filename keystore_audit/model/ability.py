@@ -12,7 +12,7 @@ from typing import Final
 from keystore_audit.dataclass import replace
 from keystore_audit.errors import UsageError
 from keystore_audit.keystore.keystore import Enclave, Keystore
-from keystore_audit.model.channels import Channels, Named
+from keystore_audit.model.channels import Channels, ReadRegion
 from keystore_audit.model.claim import Place
 from keystore_audit.model.claims import Claim, Globs, named
 from keystore_audit.model.decision import illegal_names
@@ -31,7 +31,7 @@ from keystore_audit.model.views import TrustFiles, trust_files
 MAX_PAIRS: Final = 10_000
 """Pairs of places of one claim: some ten seconds."""
 
-IN_DEFAULT_PARTITION: Final[Named] = (Matcher.POSIX, (Area(topics=("*",), partitions=DEFAULT_PARTITION),))
+IN_DEFAULT_PARTITION: Final[ReadRegion] = (Matcher.POSIX, (Area(topics=("*",), partitions=DEFAULT_PARTITION),))
 """Every topic in the one partition in which the nodes of ROS 2 are."""
 
 _SILENT: Final = frozenset({"Ed25519", "Ed448"})

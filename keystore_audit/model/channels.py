@@ -42,7 +42,7 @@ MAX_RULED = 50_000_000
 
 Those of 30,000 classes of names in ten domain classes may have 180 topic rules."""
 
-Named = tuple[Matcher, Region]
+ReadRegion = tuple[Matcher, Region]
 """A region with the matcher that reads its expressions."""
 
 Point = tuple[str, str]
@@ -60,7 +60,7 @@ class Channels:
 
     domains: tuple[DomainAtom, ...]
     channels: tuple[ChannelAtom, ...]
-    regions: Mapping[Named, frozenset[int]]
+    regions: Mapping[ReadRegion, frozenset[int]]
     in_domain: tuple[range, ...]
     columns: Sequence[Column] = ()
     meets: tuple[frozenset[int], ...] = ()
@@ -95,9 +95,9 @@ class Channels:
 def build_channels(
     domains: tuple[DomainAtom, ...],
     governed: Sequence[bool],
-    regions: Iterable[Named],
+    regions: Iterable[ReadRegion],
     points: Sequence[Point] | None = None,
-    opening: frozenset[Named] | None = frozenset(),
+    opening: frozenset[ReadRegion] | None = frozenset(),
     ruling: int = 0,
 ) -> Channels:
     """The channels of all governed domain classes (`governed`, parallel to `domains`), one more for each ungoverned
@@ -175,7 +175,7 @@ def domain_covers(
 def document_channels(
     read: Mapping[Access, Sequence[ReadDocument]],
     points: Sequence[Point] | None = None,
-    claimed: Iterable[Named] = (),
+    claimed: Iterable[ReadRegion] = (),
     *,
     ungoverned: bool = False,
     opened: bool = False,
@@ -185,9 +185,9 @@ def document_channels(
     `points`: as in `build_channels`, which says what is raised. `claimed`: names that have to be told apart as well.
     `ungoverned`: names of domains that only permissions speak of are told apart too. `opened`: those of any domain.
     """
-    regions: dict[Named, None] = dict.fromkeys(claimed)
-    opening: set[Named] = set()
-    topics: set[Named] = set()
+    regions: dict[ReadRegion, None] = dict.fromkeys(claimed)
+    opening: set[ReadRegion] = set()
+    topics: set[ReadRegion] = set()
     by_default = False
     for access, documents in read.items():
         for document in documents:
@@ -222,15 +222,15 @@ def _check_cells(classes: int, others: int, words: str, most: int = MAX_CELLS) -
 class _Shapes:
     """The regions by what they mean: however many are written alike, or mean the same to several implementations."""
 
-    def __init__(self, regions: Iterable[Named]) -> None:
+    def __init__(self, regions: Iterable[ReadRegion]) -> None:
         self._topics = Patterns()
         self._partitions = Patterns(topics=False)
         self._numbers: dict[Shape, int] = {}
         self._of = {named: self._number(named) for named in regions}
-        self._columns: dict[frozenset[Named] | None, Table] = {}
+        self._columns: dict[frozenset[ReadRegion] | None, Table] = {}
         self._by_topic: dict[str, tuple[TopicClass, list[tuple[int, frozenset[int] | None]]]] = {}
 
-    def _number(self, named: Named) -> int:
+    def _number(self, named: ReadRegion) -> int:
         matcher, region = named
         shape = tuple(
             (
@@ -243,7 +243,7 @@ class _Shapes:
         )
         return self._numbers.setdefault(shape, len(self._numbers))
 
-    def columns(self, opening: frozenset[Named] | None) -> Table:
+    def columns(self, opening: frozenset[ReadRegion] | None) -> Table:
         """The cells (topic class × partition class) that no shape tells apart, merged, and which meet which others.
 
         What a cell is met by is part of what tells it apart: rights in one column mean one thing then.
@@ -252,14 +252,14 @@ class _Shapes:
             self._columns[opening] = self._tabulated(opening)
         return self._columns[opening]
 
-    def _tabulated(self, opening: frozenset[Named] | None) -> Table:
+    def _tabulated(self, opening: frozenset[ReadRegion] | None) -> Table:
         topics, partitions = self._topics.classes(), self._partition_classes
         _check_cells(len(topics), len(partitions), "topic classes in {} partition classes")
         allowing = self._allowing(opening)
         topics_of, met_by = self._topics.places(topics), self._met_by(allowing)
         return Columns(self._numbers.items(), topics_of, self._places, met_by, allowing).table(topics, partitions)
 
-    def _allowing(self, opening: frozenset[Named] | None) -> set[int] | None:
+    def _allowing(self, opening: frozenset[ReadRegion] | None) -> set[int] | None:
         """The shapes of these regions."""
         return None if opening is None else {self._of[named] for named in opening}
 
@@ -286,7 +286,9 @@ class _Shapes:
                 met_by.setdefault(other, []).append(place)
         return met_by
 
-    def met_by_points(self, points: Sequence[Point], opening: frozenset[Named] | None) -> dict[int, frozenset[int]]:
+    def met_by_points(
+        self, points: Sequence[Point], opening: frozenset[ReadRegion] | None
+    ) -> dict[int, frozenset[int]]:
         """By point: those of the same topic that are met by who may be in its class of partitions."""
         if opening is not None and not opening:
             return {}
@@ -332,7 +334,7 @@ class _Shapes:
                     listing.setdefault(pattern, []).append((number, partitions))
         return listing
 
-    def found(self, columns: Sequence[Column], starts: Sequence[int]) -> dict[Named, frozenset[int]]:
+    def found(self, columns: Sequence[Column], starts: Sequence[int]) -> dict[ReadRegion, frozenset[int]]:
         """The channels of each region."""
         matched: list[list[int]] = [[] for _ in self._numbers]
         for at, column in enumerate(columns):
@@ -344,7 +346,7 @@ class _Shapes:
         return {named: frozen[number] for named, number in self._of.items()}
 
 
-def _shapes_of(regions: tuple[Named, ...]) -> _Shapes:
+def _shapes_of(regions: tuple[ReadRegion, ...]) -> _Shapes:
     """The shapes of regions: the same for those who ask about the same regions in turn, as in `patterns.classes_of`."""
     return _kept_shapes(regions) if len(regions) <= MAX_KEPT else _Shapes(regions)
 

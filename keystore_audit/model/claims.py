@@ -14,7 +14,7 @@ from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.alike import apart, together
-from keystore_audit.model.channels import Channels, Named
+from keystore_audit.model.channels import Channels, ReadRegion
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.globs import all_matching, at, named_paths
@@ -126,9 +126,9 @@ def lasting(
     return tuple(claim if claim.until is None else replace(claim, until=end(claim.until)) for claim in claims)
 
 
-def claim_regions(claims: Iterable[Claim]) -> tuple[Named, ...]:
+def claim_regions(claims: Iterable[Claim]) -> tuple[ReadRegion, ...]:
     """The sets of names that the claims speak of: they take part in the classes, so that claims are exact."""
-    regions: dict[Named, None] = {}
+    regions: dict[ReadRegion, None] = {}
     for claim in claims:
         for globs in (claim.source, claim.target):
             if globs.topics:
@@ -151,12 +151,12 @@ def _labellings(claims: Iterable[Claim]) -> list[Labelling]:
     return list({id(claim.labels.labelling): claim.labels.labelling for claim in claims if claim.labels}.values())
 
 
-def named(topics: tuple[str, ...]) -> Named:
+def named(topics: tuple[str, ...]) -> ReadRegion:
     """The region of globs on DDS topics, in every partition."""
     return Matcher.POSIX, (Area(topics=topics, partitions=None),)
 
 
-def topic_regions(topics: tuple[str, ...]) -> tuple[Named, ...]:
+def topic_regions(topics: tuple[str, ...]) -> tuple[ReadRegion, ...]:
     """The region of the globs, and those of each by itself, so that it is known which of them find nothing."""
     return (named(topics), *(named((glob,)) for glob in topics))
 

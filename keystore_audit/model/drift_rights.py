@@ -12,7 +12,7 @@ from keystore_audit.intent.intent import IntendedRight
 from keystore_audit.keystore.governance import GovernanceFile, Text
 from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.channels import Channels, Named, build_channels
+from keystore_audit.model.channels import Channels, ReadRegion, build_channels
 from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.domains import HIGHEST_DOMAIN, Interval, contains, domain_classes
 from keystore_audit.model.expression import Matcher, parse
@@ -198,7 +198,7 @@ class _Sides:
     def __init__(self, meant: PolicyGrant, kinds: Sequence[_Kind], domains: Sequence[tuple[Interval, ...]]) -> None:
         self._rights = meant.rights
         self._meant = {kind: read_grant(meant.grant, BEGINNING, BEGINNING, kind.access) for kind in kinds}
-        regions: dict[Named, None] = {}
+        regions: dict[ReadRegion, None] = {}
         listing = [
             (kind.matcher, rule.region(operation))
             for kind in kinds
@@ -217,7 +217,7 @@ class _Sides:
         classes = domain_classes(covers)
         asked = [any(contains(cover, each.intervals[0][0]) for cover in domains) for each in classes]
         self.channels: Channels = build_channels(classes, asked, regions)
-        self._known: dict[Named, int] = {}
+        self._known: dict[ReadRegion, int] = {}
         self._listed: dict[tuple[int, Operation, int | None], tuple[dict[str, Text], list[Text]]] = {}
         self._lists: dict[tuple[_Kind, Operation, bool], list[_Step]] = {}
         discovery = 0
@@ -286,7 +286,7 @@ class _Sides:
                 yield _Step(self._bits((kind.matcher, region)) & self.channels.within(rule.domains), rule.allow, rule)
         yield _Step(-1, grant.default_allow, None)
 
-    def _single(self, matcher: Matcher, text: str) -> Named:
+    def _single(self, matcher: Matcher, text: str) -> ReadRegion:
         """An expression by itself."""
         return matcher, (Area((text,), self._partitions),)
 
@@ -294,7 +294,7 @@ class _Sides:
         key = self._single(kind.matcher, text)
         return self._bits(key) if key in self.channels.regions else 0
 
-    def _bits(self, named: Named) -> int:
+    def _bits(self, named: ReadRegion) -> int:
         if named not in self._known:
             self._known[named] = bits(self.channels.regions[named])
         return self._known[named]

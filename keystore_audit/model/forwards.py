@@ -11,7 +11,7 @@ from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.behaviour import DeterminismAtom, Scheduler
-from keystore_audit.model.channels import Channels, Named
+from keystore_audit.model.channels import Channels, ReadRegion
 from keystore_audit.model.claims import (
     AMBIENT,
     Globs,
@@ -81,7 +81,7 @@ class Declared:
     forwards: tuple[Forward, ...] = ()
     claims: tuple[Determinism, ...] = ()
 
-    def regions(self) -> tuple[Named, ...]:
+    def regions(self) -> tuple[ReadRegion, ...]:
         """The sets of names that take part in the classes, so that the claims are exact."""
         topics: dict[str, None] = {}
         for forward in self.forwards:
@@ -93,7 +93,7 @@ class Declared:
         return (named(AMBIENT), *(region for topic in topics for region in (named((topic,)), by_default(topic))))
 
 
-def by_default(topic: str) -> Named:
+def by_default(topic: str) -> ReadRegion:
     """The topic in the default partition, where the nodes of ROS 2 are."""
     return Matcher.POSIX, (Area(topics=(topic,), partitions=DEFAULT_PARTITION),)
 

@@ -15,7 +15,7 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.anomalies import anomalies
 from keystore_audit.model.attacker import enclaves_views
-from keystore_audit.model.channels import Named
+from keystore_audit.model.channels import ReadRegion
 from keystore_audit.model.claims import Claim, lasting, with_claims
 from keystore_audit.model.divergence import divergences
 from keystore_audit.model.doubt import keystore_doubts
@@ -91,7 +91,7 @@ def interpret(
         )
 
 
-def _wires(nodes: Sequence[WiredNode]) -> tuple[Named, ...]:
+def _wires(nodes: Sequence[WiredNode]) -> tuple[ReadRegion, ...]:
     """The topics that nodes use."""
     if not nodes:
         return ()

@@ -14,7 +14,7 @@ from typing import Final
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
-from keystore_audit.model.channels import Channels, Named
+from keystore_audit.model.channels import Channels, ReadRegion
 from keystore_audit.model.claim import Attacker, ClaimKind
 from keystore_audit.model.claims import Claim, Globs, LabelPair, Marks, check_granted, marked, named
 from keystore_audit.model.globs import named_paths
@@ -213,7 +213,7 @@ def sort(place: Globs) -> str:
     return "topics" if place.topics else "enclaves"
 
 
-def label_regions(labelling: Labelling) -> Iterator[Named]:
+def label_regions(labelling: Labelling) -> Iterator[ReadRegion]:
     """The names of each glob by itself, so that it is known which overlap."""
     for one in labelling.labelled:
         for glob in one.topics:

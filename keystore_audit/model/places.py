@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.model.channels import Channels, Named
+from keystore_audit.model.channels import Channels, ReadRegion
 from keystore_audit.model.claim import PlaceAtom
 from keystore_audit.model.claims import Globs, check_granted, granted_channels, named, topic_regions
 from keystore_audit.model.globs import named_paths
@@ -23,7 +23,7 @@ class NamedPlace:
     place: str
 
 
-def place_regions(places: Iterable[NamedPlace]) -> tuple[Named, ...]:
+def place_regions(places: Iterable[NamedPlace]) -> tuple[ReadRegion, ...]:
     """The sets of topics that have names: they take part in the classes, so that a name is exact."""
     with_topics = (place.globs.topics for place in places if place.globs.topics)
     return tuple(dict.fromkeys(region for topics in with_topics for region in topic_regions(topics)))

@@ -9,7 +9,7 @@ from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import ReadDocument
-from keystore_audit.model.channels import Channels, Named, domain_covers
+from keystore_audit.model.channels import Channels, ReadRegion, domain_covers
 from keystore_audit.model.domains import contains, domain_classes
 from keystore_audit.model.expression import Matcher, Pattern, parse
 from keystore_audit.model.permission import bits
@@ -74,7 +74,7 @@ def ros_channels(
     `marks`: POSIX expressions for topics with the first affix. Raises errors.BudgetExceeded where there are too many.
     """
     expressions = _Expressions(marks)
-    regions: dict[Named, None] = {}
+    regions: dict[ReadRegion, None] = {}
     for access, documents in read.items():
         for document in documents:
             for topic_rule in (each for rule in document.domain_rules or () for each in rule.topic_rules):
@@ -137,7 +137,7 @@ class _Expressions:
         self.numbers: dict[tuple[str, Matcher], int] = {}
         self._meanings: dict[object, int] = {}
 
-    def add(self, regions: Iterable[Named]) -> None:
+    def add(self, regions: Iterable[ReadRegion]) -> None:
         """Numbers the expressions of these regions."""
         for matcher, region in regions:
             for area in region:
@@ -152,8 +152,12 @@ class _Expressions:
         return number
 
     def found(
-        self, regions: Iterable[Named], classes: Sequence[RosClass], affixes: Sequence[Affix], starts: Sequence[int]
-    ) -> dict[Named, frozenset[int]]:
+        self,
+        regions: Iterable[ReadRegion],
+        classes: Sequence[RosClass],
+        affixes: Sequence[Affix],
+        starts: Sequence[int],
+    ) -> dict[ReadRegion, frozenset[int]]:
         """The channels of each region: those in the default partition."""
         places: list[list[int]] = [[] for _ in self.patterns]
         for at, each in enumerate(classes):

@@ -19,7 +19,7 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.access_view import AccessViews, ReadDocument
 from keystore_audit.model.at_large import Candidate, admits, at_large_atoms, let_in, trusting_all, unread_atoms
-from keystore_audit.model.channels import Channels, Named, Point, document_channels
+from keystore_audit.model.channels import Channels, Point, ReadRegion, document_channels
 from keystore_audit.model.claims import Claim, claim_regions
 from keystore_audit.model.doubt import identity_doubt, realm_doubt
 from keystore_audit.model.holders import Large, may_apply, own_endpoints
@@ -75,7 +75,7 @@ class SystemBuilder:
         points: Sequence[Point] | None = None,
         claims: Sequence[Claim] = (),
         channels: Channels | None = None,
-        named: Sequence[Named] = (),
+        named: Sequence[ReadRegion] = (),
         *,
         literal: bool | None = None,
         aside: bool = False,

@@ -10,7 +10,7 @@ from keystore_audit.intent.intent import Intent, Origin
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.channels import Channels, Named
+from keystore_audit.model.channels import Channels, ReadRegion
 from keystore_audit.model.claims import named
 from keystore_audit.model.names import dds_channels, dds_expressions
 from keystore_audit.model.observed_needs import DISCOVERY, Usual, enclave_of, missing_usual
@@ -66,7 +66,7 @@ def wiring(intents: Sequence[Intent], kind: LayoutKind) -> tuple[WiredNode, ...]
     )
 
 
-def wiring_regions(nodes: Iterable[WiredNode]) -> tuple[Named, ...]:
+def wiring_regions(nodes: Iterable[WiredNode]) -> tuple[ReadRegion, ...]:
     """The topics that nodes use: they take part in the classes, so that wires are exact."""
     points = {topic: None for node in nodes for _operation, topic in sorted({*node.uses, *node.denied})}
     return tuple(named((topic,)) for topic in points)
