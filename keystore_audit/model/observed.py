@@ -21,7 +21,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Point
 from keystore_audit.model.decision import WILDCARDS
 from keystore_audit.model.observed_needs import Need, enclave_of, needs, nodes_of, usages, usual_channels
-from keystore_audit.model.observed_rights import Deciders, OwnRights, Verdict
+from keystore_audit.model.observed_rights import Deciders, PointRights, Verdict
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.question import Ruling
 
@@ -198,7 +198,7 @@ class _Comparison:
         needed = {channel for need in self._needs for channel in need.channels}
         possible = {channel for used in self._names for each in usages(used.name) for channel in each}
         points = [(topic, "") for _operation, topic in (*sorted(needed), *sorted(possible))]
-        self._rights = OwnRights(enclave, (*points, *listed), deciders)
+        self._rights = PointRights(enclave, (*points, *listed), deciders)
         self._undecided: dict[str, list[str]] = {}
 
     def missing(self) -> Iterator[MissingGrant]:

@@ -76,7 +76,7 @@ class Deciders:
         return usabilities.of(enclave, self.at, profile).usable
 
 
-class OwnRights:
+class PointRights:
     """The rights of one enclave on `points`, topics with their partitions.
 
     What is needed are names of ROS 2, which are ASCII: no implementation doubts which expressions match them.
@@ -243,7 +243,7 @@ def listed_usages(enclave: Enclave, name: str, deciders: Deciders) -> tuple[Acti
         for topic in criterion.topics
     }
     wanted = {action: dds_channels(action.value, name) for action in Action}
-    rights = OwnRights(enclave, ((topic, "") for channels in wanted.values() for _, topic in channels), deciders)
+    rights = PointRights(enclave, ((topic, "") for channels in wanted.values() for _, topic in channels), deciders)
     found = []
     for action, channels in wanted.items():
         rulings = {rights.verdict(profile, channels).ruling for profile, _names in deciders.kinds}
