@@ -13,8 +13,8 @@ from keystore_audit.model.comparison_causes import Causes
 from keystore_audit.model.comparison_drafts import Draft, Effect, in_order
 from keystore_audit.model.comparison_sides import Pair, Sides, View
 from keystore_audit.model.comparison_trust import ADDED, REMOVED
-from keystore_audit.model.flow import Flows, Leg, Search
-from keystore_audit.model.influence import Influence, Lane
+from keystore_audit.model.flow import Flows, Lane, Leg, Search
+from keystore_audit.model.influence import Influence
 from keystore_audit.model.permission import bits, members
 
 _WORDS: Final = {True: "data can now get", False: "data can no longer get"}

@@ -29,7 +29,7 @@ class Leg(NamedTuple):
 
 
 class Lane:
-    """What each participant puts in and gets out. `puts` may name few of them."""
+    """One way in which hops are possible: what each participant puts in and gets out. `puts` may name few of them."""
 
     def __init__(self, puts: Sequence[int], gets: Sequence[int]) -> None:
         self.puts = puts

@@ -10,16 +10,8 @@ from collections.abc import Iterator, Sequence
 from functools import cached_property
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from keystore_audit.model.flow import Lane
 from keystore_audit.model.permission import members, union
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Lane:
-    """One way in which hops are possible: from who puts a channel in to who gets it out, by participant."""
-
-    puts: Sequence[int]
-    gets: Sequence[int]
 
 
 class Influence:

@@ -12,7 +12,8 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.model.comparison import Comparison, Direction, Influenced, Layer
-from keystore_audit.model.influence import Influence, Lane
+from keystore_audit.model.flow import Lane
+from keystore_audit.model.influence import Influence
 from keystore_audit.model.permission import members
 from tests.model.comparing import Member, Store, compared, criterion, grant, permissions, rule
 from tests.model.test_comparison_exactly import Permissions
