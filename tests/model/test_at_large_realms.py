@@ -297,6 +297,7 @@ def test_what_it_says_gives_enclaves_no_rights_with_enclaves(tmp_path: Path) -> 
         channels = [rights.may("/motor", profile, operation) for profile in BY_LIST for operation in Operation]
         told.append([each.bit_count() for each in channels])
     assert told[0] == told[1]
+    assert any(told[0]), "it has some"
 
 
 def test_nor_is_it_one_that_governs_them(tmp_path: Path) -> None:
@@ -313,7 +314,8 @@ def test_what_comes_with_it_is_what_whoever_starts_with_it_can(tmp_path: Path) -
     for name, text in (("b", WEAK), ("c", NARROW)):
         store = replace(STORE, strays={**STORE.strays, "governance.p7s": text})
         found = compare(old, read_keystore(written(tmp_path / name, LYING_ABOUT, store)), resolve(()), AT)
-        assert {change.kind for change in found.changes} <= {"governance-at-large", "influence"}
+        kinds = {change.kind for change in found.changes}
+        assert "governance-at-large" in kinds <= {"governance-at-large", "influence"}
 
 
 def test_whoever_signed_it_is_among_those_that_are_told(tmp_path: Path) -> None:
