@@ -8,6 +8,7 @@ from functools import lru_cache
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
+from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore, every_certificate
@@ -23,6 +24,10 @@ from keystore_audit.model.trust import Verdict, document_verdict, envelope, is_a
 _TRUSTS: Final = tuple(dict.fromkeys(profile.trust for profile in VARIANTS.values()))
 _BY_SIGNERS: Final = tuple({trust.pins_signer: trust for trust in _TRUSTS}.values())
 """One of each way to find a document's signers."""
+
+MAX_ISSUER_CHECKS: Final = 50_000
+"""Pairs of certificate and authority whose signature is verified: five seconds at worst; 10,000 enclaves of one
+keystore need 20,000."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,6 +155,27 @@ def certificates_of(keystore: Keystore, at: datetime) -> tuple[Certificate, ...]
         if certificate.key in keys:
             found.setdefault(certificate.sha256, certificate)
     return tuple(sorted(found.values(), key=lambda c: (c.path, c.line, c.sha256)))
+
+
+def issuers_of(
+    keystore: Keystore, documents: Iterable[Document], certificates: Sequence[Certificate]
+) -> tuple[frozenset[int], ...]:
+    """For each certificate, those of CA files and messages that issued it: names and signature, not dates.
+
+    Raises errors.BudgetExceeded.
+    """
+    files = [file for each in keystore.enclaves for file in (each.identity_ca, each.permissions_ca) if file is not None]
+    found = [c for file in dict.fromkeys(files) for c in file.certificates]
+    authorities = {certificate.sha256 for certificate in (*found, *embedded_authorities(documents))}
+    pool = [(n, c) for n, c in enumerate(certificates) if c.sha256 in authorities]
+    if len(pool) * len(certificates) > MAX_ISSUER_CHECKS:
+        raise BudgetExceeded(
+            f"{len(certificates)} certificates under {len(pool)} authorities are more chains than can be "
+            f"checked (limit {MAX_ISSUER_CHECKS})."
+        )
+    return tuple(
+        frozenset(n for n, authority in pool if may_have_issued(authority, certificate)) for certificate in certificates
+    )
 
 
 def instants_of(certificates: Iterable[Certificate], grants: Iterable[ReadGrant], at: datetime) -> tuple[datetime, ...]:

@@ -11,7 +11,6 @@ from functools import cached_property
 
 from keystore_audit.aside import FEW, Aside
 from keystore_audit.dataclass import replace
-from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.issuer import fit_to_sign
@@ -27,8 +26,8 @@ from keystore_audit.model.inventory import (
     Document,
     behind,
     certificates_of,
-    embedded_authorities,
     instants_of,
+    issuers_of,
     system_documents,
     unread_places,
 )
@@ -47,12 +46,8 @@ from keystore_audit.model.system import (
     RealmAtom,
     System,
 )
-from keystore_audit.model.trust import is_authority, may_have_issued
-from keystore_audit.model.views import Kind, TrustFiles, Views, trust_files
-
-MAX_ISSUER_CHECKS = 50_000
-"""Pairs of certificate and authority whose signature is verified: five seconds at worst; 10,000 enclaves of one
-keystore need 20,000."""
+from keystore_audit.model.trust import is_authority
+from keystore_audit.model.views import Kind, Realms, Views, trust_files
 
 
 class SystemBuilder:
@@ -122,27 +117,8 @@ class SystemBuilder:
 
     def _identified(self) -> tuple[tuple[frozenset[int], ...], list[bool]]:
         """Who issued each certificate, and of which enclaves the identity is unknown."""
-        return self._issue(), [identity_doubt(each) is not None for each in self._keystore.enclaves]
-
-    def _issue(self) -> tuple[frozenset[int], ...]:
-        """For each certificate, those of CA files and messages that issued it: names and signature, not dates."""
-        authorities = {
-            certificate.sha256
-            for enclave in self._keystore.enclaves
-            for file in (enclave.identity_ca, enclave.permissions_ca)
-            if file is not None
-            for certificate in file.certificates
-        } | {certificate.sha256 for certificate in embedded_authorities(self._documents)}
-        pool = [(n, c) for n, c in enumerate(self._certificates) if c.sha256 in authorities]
-        if len(pool) * len(self._certificates) > MAX_ISSUER_CHECKS:
-            raise BudgetExceeded(
-                f"{len(self._certificates)} certificates under {len(pool)} authorities are more chains than can be "
-                f"checked (limit {MAX_ISSUER_CHECKS})."
-            )
-        return tuple(
-            frozenset(n for n, authority in pool if may_have_issued(authority, certificate))
-            for certificate in self._certificates
-        )
+        issuers = issuers_of(self._keystore, self._documents, self._certificates)
+        return issuers, [identity_doubt(each) is not None for each in self._keystore.enclaves]
 
     def kinds(self) -> dict[Kind, tuple[str, ...]]:
         """The names of the profiles that read this keystore alike, under the rows of one of them."""
@@ -204,80 +180,77 @@ class SystemBuilder:
     ) -> tuple[tuple[EnclaveAtom, ...], tuple[RealmAtom, ...]]:
         """The enclaves and their realms. `atoms`: documents; those come to them that open realms rest on."""
         number = {document.place: n for n, document in enumerate(documents)}
-        realms: dict[RealmAtom, int] = {}
-        trusts: dict[TrustFiles, RealmAtom] = {}
-        enclaves: list[EnclaveAtom] = []
-        count = len(self._keystore.enclaves)
-        alone = kind.alone or (NOTHING,) * (count + len(self._large.holders))
-        refusals = kind.refusals or (NO_ENDPOINTS,) * count
-        rows = zip(self._keystore.enclaves, self._unknown, self._realm_doubts, alone[:count], refusals, strict=True)
-        for enclave, unknown, doubt, lone, refused in rows:
-            if not may and (unknown or doubt is not None):  # of what it accepts, nothing is certain
-                continue
-            if doubt is not None:
-                realm = self._open_realm(atoms, doubt.location.path)
-            else:
-                files = trust_files(enclave)
-                realm = trusts.get(files) or trusts.setdefault(files, self._realm(enclave, number, kind, may=may))
-            endpoints = lone.possible if may else lone.certain
-            enclaves.append(
-                EnclaveAtom(
-                    label=enclave.path,
-                    location=_place(enclave),
-                    realm=realms.setdefault(realm, len(realms)),
-                    identity=None if unknown else self._identity(enclave),
-                    permissions=number.get(enclave.files.files[Role.PERMISSIONS].place),  # it may be unread (MAY)
-                    opaque=unknown,
-                    reads_alone=endpoints.reads,
-                    writes_alone=endpoints.writes,
-                    refused_writes=refused.writes,
-                    refused_reads=refused.reads,
-                )
-            )
+        realms = Realms()
+        enclaves = list(self._own_atoms(kind, number, atoms, realms, may=may))
         if may:
             enclaves.extend(self._behind_unread(atoms, realms))
         asked = (each for each in self._large.candidates if may or not (each.doubted or each.possible))
-        at_large = let_in(asked, enclaves, tuple(realms), self._certificate_atoms)
-        names = self._views.names(kind.trust)
-        known = self._known_realms(trusts, realms, at_large, number, kind, may=may)
-        own = own_endpoints(self._large.holders, alone[count:], known, may=may)
+        at_large = let_in(asked, enclaves, realms.atoms, self._certificate_atoms)
+        if at_large:
+            self._add_hosts(kind, number, at_large, realms, may=may)
         if may and at_large and self._large.unread is not None:
-            realms.setdefault(trusting_all(realms, self._open_realm(atoms, self._large.unread)), len(realms))
-        enclaves += list(at_large_atoms(at_large, enclaves, tuple(realms), self._certificate_atoms, names, own))
+            realms.number(trusting_all(realms.atoms, self._open_realm(atoms, self._large.unread)))
+        holders = self._large.holders
+        alone = kind.alone[len(self._keystore.enclaves) :] or (NOTHING,) * len(holders)
+        own = own_endpoints(holders, alone, realms.known, may=may)
+        names = self._views.names(kind.trust)
+        enclaves += list(at_large_atoms(at_large, enclaves, realms.atoms, self._certificate_atoms, names, own))
         if may:
-            enclaves += unread_atoms([file.place for file in self._keystore.identities.unread], tuple(realms))
-        return tuple(enclaves), tuple(realms)
+            enclaves += unread_atoms([file.place for file in self._keystore.identities.unread], realms.atoms)
+        return tuple(enclaves), realms.atoms
 
-    def _behind_unread(self, atoms: list[DocumentAtom], realms: dict[RealmAtom, int]) -> Iterator[EnclaveAtom]:
+    def _own_atoms(
+        self, kind: Kind, number: Mapping[str, int], atoms: list[DocumentAtom], realms: Realms, *, may: bool
+    ) -> Iterator[EnclaveAtom]:
+        """The enclaves of the keystore, each with its realm."""
+        count = len(self._keystore.enclaves)
+        alone, refusals = kind.alone[:count] or (NOTHING,) * count, kind.refusals or (NO_ENDPOINTS,) * count
+        rows = zip(self._keystore.enclaves, self._unknown, self._realm_doubts, alone, refusals, strict=True)
+        for enclave, unknown, doubt, lone, refused in rows:
+            if not may and (unknown or doubt is not None):  # of what it accepts, nothing is certain
+                continue
+            files = trust_files(enclave)
+            if doubt is not None:
+                realm = realms.number(self._open_realm(atoms, doubt.location.path))
+            elif files in realms.known:
+                realm = realms.known[files]
+            else:
+                realm = realms.known[files] = realms.number(self._realm(enclave, number, kind, may=may))
+            endpoints = lone.possible if may else lone.certain
+            yield EnclaveAtom(
+                label=enclave.path,
+                location=_place(enclave),
+                realm=realm,
+                identity=None if unknown else self._identity(enclave),
+                permissions=number.get(enclave.files.files[Role.PERMISSIONS].place),  # it may be unread (MAY)
+                opaque=unknown,
+                reads_alone=endpoints.reads,
+                writes_alone=endpoints.writes,
+                refused_writes=refused.writes,
+                refused_reads=refused.reads,
+            )
+
+    def _behind_unread(self, atoms: list[DocumentAtom], realms: Realms) -> Iterator[EnclaveAtom]:
         """What stands for whatever enclaves are behind places that were not read."""
         for place in self._unread_places:
             yield EnclaveAtom(
                 label=behind(place),
                 location=Location(path=place),
-                realm=realms.setdefault(self._open_realm(atoms, place), len(realms)),
+                realm=realms.number(self._open_realm(atoms, place)),
                 identity=None,
                 permissions=None,
                 opaque=True,
             )
 
-    def _known_realms(
-        self,
-        trusts: Mapping[TrustFiles, RealmAtom],
-        realms: dict[RealmAtom, int],
-        at_large: Sequence[Candidate],
-        number: dict[str, int],
-        kind: Kind,
-        *,
-        may: bool,
-    ) -> dict[TrustFiles, int]:
-        """The number of each realm of which nothing is unknown, those in which only identities at large are added."""
-        known = {files: realms[realm] for files, realm in trusts.items()}
-        for files, host in self._large.hosts.items() if at_large else ():
-            if files not in known and realm_doubt(host) is None and may_apply(host, kind.trust):
+    def _add_hosts(
+        self, kind: Kind, number: Mapping[str, int], at_large: Sequence[Candidate], realms: Realms, *, may: bool
+    ) -> None:
+        """Adds the realms in which only identities at large are, who start in place of a host."""
+        for files, host in self._large.hosts.items():
+            if files not in realms.known and realm_doubt(host) is None and may_apply(host, kind.trust):
                 realm = self._realm(host, number, kind, may=may)
                 if realm in realms or any(admits(realm, each.number, self._certificate_atoms) for each in at_large):
-                    known[files] = realms.setdefault(realm, len(realms))
-        return known
+                    realms.known[files] = realms.number(realm)
 
     def _in_use(self, enclaves: Iterable[EnclaveAtom], documents: Iterable[DocumentAtom]) -> Iterable[CertificateAtom]:
         """The certificates. One at large that adds nothing has no issuer, so that it is not taken for a stranger's.
@@ -334,7 +307,7 @@ class SystemBuilder:
             opaque=opaque,
         )
 
-    def _realm(self, enclave: Enclave, number: dict[str, int], kind: Kind, *, may: bool) -> RealmAtom:
+    def _realm(self, enclave: Enclave, number: Mapping[str, int], kind: Kind, *, may: bool) -> RealmAtom:
         """What the enclave's verdict on peers depends on. (MUST) Of a list that is unknown, anybody may be revoked."""
         place = self._governance_place(enclave)
         identity_ca, permissions_ca, revoked = self._views.authorities(enclave, kind.trust)

@@ -20,6 +20,7 @@ from keystore_audit.model.lone_refusals import LoneRefusals
 from keystore_audit.model.profiles import Access, Profile, SubjectComparison, Trust
 from keystore_audit.model.revocation import list_dates, list_unread, revoked
 from keystore_audit.model.subject import matching
+from keystore_audit.model.system import RealmAtom
 from keystore_audit.model.trust import (
     Verdict,
     authorities_read,
@@ -56,6 +57,29 @@ def trust_files(enclave: Enclave) -> TrustFiles:
     """
     unread = enclave.files.files[Role.CRL].status.unknown
     return enclave.identity_ca, enclave.permissions_ca, enclave.governance, enclave.crl, unread
+
+
+class Realms:
+    """The realms of a system, numbered in the order in which they come.
+
+    `known`: by files those of which nothing is unknown.
+    """
+
+    def __init__(self) -> None:
+        self._numbers: dict[RealmAtom, int] = {}
+        self.known: dict[TrustFiles, int] = {}
+
+    def __contains__(self, realm: RealmAtom) -> bool:
+        return realm in self._numbers
+
+    def number(self, realm: RealmAtom) -> int:
+        """The number of one, a new one for a new one."""
+        return self._numbers.setdefault(realm, len(self._numbers))
+
+    @property
+    def atoms(self) -> tuple[RealmAtom, ...]:
+        """All so far."""
+        return tuple(self._numbers)
 
 
 class Views:
