@@ -10,8 +10,9 @@ import re
 from collections.abc import Callable, Iterator
 from typing import Final
 
+from keystore_audit.dataclass import replace
 from keystore_audit.keystore.der import elements
-from keystore_audit.keystore.pem import base64_of
+from keystore_audit.keystore.pem import Block, base64_of, loose_blocks
 
 _SKIPPED: Final = (0, 2, 3)
 """Characters of a group of four that bytes before it have a part in."""
@@ -69,6 +70,14 @@ def texts(content: bytes, mark: Mark) -> Iterator[bytes]:
             position = run.end() if run is not None else len(content)
             if position - hit.start() >= _LEAST:
                 yield _decoded(b"A" * _SKIPPED[(hit.lastindex or 1) - 1] + content[hit.start() : position])
+
+
+def blocks_in(content: bytes, *labels: str) -> Iterator[Block]:
+    """The blocks of PEM with these labels, in any form; lines of another form are not the file's."""
+    yield from loose_blocks(content, *labels)
+    for text in texts(content, BLOCK):
+        for block in loose_blocks(text, *labels):
+            yield replace(block, line=1)
 
 
 def structures_in_base64(content: bytes, wanted: Callable[[bytes], bool]) -> Iterator[bytes]:

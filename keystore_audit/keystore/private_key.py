@@ -17,7 +17,7 @@ from keystore_audit.keystore import public_key
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.der import MAX_ELEMENTS, elements, structures
 from keystore_audit.keystore.files import File
-from keystore_audit.keystore.forms import BLOCK, texts
+from keystore_audit.keystore.forms import blocks_in
 from keystore_audit.keystore.pem import Block, Problem, loose_blocks, read_pem
 from keystore_audit.keystore.traces import in_base64, is_key_in_der, is_pkcs12
 
@@ -122,8 +122,7 @@ def read_held_keys(file: File) -> HeldKeys:
     encoded = list(in_base64(content))
     if any(map(is_pkcs12, (*structures(content), *encoded))):
         return HeldKeys(sealed=True)
-    found = (block for text in (content, *texts(content, BLOCK)) for block in loose_blocks(text, "PRIVATE KEY"))
-    blocks = list(islice(found, MAX_HELD_KEYS + 1))
+    blocks = list(islice(blocks_in(content, "PRIVATE KEY"), MAX_HELD_KEYS + 1))
     whole = list(elements(content))
     blocks += (Block(label="", line=1, der=each) for each in (*whole, *encoded) if is_key_in_der(each))
     cut_off = not whole and is_key_in_der(content)

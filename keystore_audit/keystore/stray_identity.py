@@ -15,10 +15,9 @@ from keystore_audit.keystore.certificate import Certificate, read_certificate
 from keystore_audit.keystore.cms import CmsError, read_signed_data
 from keystore_audit.keystore.der import MAX_ELEMENTS, elements, first_element
 from keystore_audit.keystore.files import File, Status
-from keystore_audit.keystore.forms import BLOCK, texts
+from keystore_audit.keystore.forms import blocks_in
 from keystore_audit.keystore.layout import EnclaveFiles
 from keystore_audit.keystore.message import ARMOUR, MAX_ARMOURED, is_signed_data
-from keystore_audit.keystore.pem import Block, loose_blocks
 from keystore_audit.keystore.private_key import HeldKeys, PrivateKey, read_held_keys
 from keystore_audit.keystore.root import Root
 from keystore_audit.keystore.traces import has_certificate_version, in_base64, is_certificate_in_der
@@ -222,7 +221,7 @@ def certificates_in(file: File) -> Iterator[Certificate | int]:
     What is cut off is no certificate, as in a text about certificates.
     """
     content = file.content or b""
-    blocks = list(islice(_blocks(content), MAX_ARMOURED + 1))
+    blocks = list(islice(blocks_in(content, *ARMOUR), MAX_ARMOURED + 1))
     if len(blocks) > MAX_ARMOURED:  # what begins there counts as a certificate that cannot be read
         yield blocks.pop().line
     for block in blocks:
@@ -235,13 +234,6 @@ def certificates_in(file: File) -> Iterator[Certificate | int]:
         yield from _in_element(element, 1, file, labelled=False)
     if len(whole) == MAX_ELEMENTS:
         yield 1
-
-
-def _blocks(content: bytes) -> Iterator[Block]:
-    """Those of the file itself, and of texts in it in another form, whose lines are not the file's."""
-    for number, text in enumerate((content, *texts(content, BLOCK))):
-        for block in loose_blocks(text, *ARMOUR):
-            yield replace(block, line=1) if number else block
 
 
 def _in_element(der: bytes, line: int, file: File, *, labelled: bool) -> Iterator[Certificate | int]:
