@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
-from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.anomaly import Anomaly, AnomalyKind, Point
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.profiles import VARIANTS
@@ -19,9 +18,8 @@ from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, PermissionsUse, speaks
-from keystore_audit.rules.wording import listed, more_like, places, quoted, sole
+from keystore_audit.rules.wording import VERBS, listed, more_like, places, quoted, sole
 
-_VERBS: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "subscribe to", Operation.RELAY: "relay"}
 _IN_ORDER: Final = "DDS-Security 1.1, 9.4.1.3 (of the rules of a grant the first that matches decides)"
 
 
@@ -91,7 +89,7 @@ def named(anomaly: Anomaly) -> str:
 def right(point: Point) -> str:
     """`publish /chatter in domain 0`."""
     where = f", partition {quoted(point.partition)}" if point.partition else ""
-    return f"{_VERBS[point.operation]} {ros_name(point.topic)} in domain {point.domain}{where}"
+    return f"{VERBS[point.operation]} {ros_name(point.topic)} in domain {point.domain}{where}"
 
 
 def _decided(anomaly: Anomaly, *, allowed: bool) -> str:

@@ -14,7 +14,6 @@ from typing import Any, Final
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.domains import covered
 from keystore_audit.model.meaning import Divergence, Example
 from keystore_audit.model.names import ros_name
@@ -24,7 +23,7 @@ from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import CORRECT
 from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Rule, Violation, rule
-from keystore_audit.rules.wording import either, listed, located, places, quoted
+from keystore_audit.rules.wording import VERBS, either, listed, located, places, quoted
 
 MEASURED: Final = "measured on Fast DDS 2.9.1 and Cyclone DDS 0.10.2, others as docs/profiles.md tells"
 
@@ -111,7 +110,7 @@ def _consequence(divergence: Divergence, enclaves: Sequence[str]) -> str:
 
 
 def _what(example: Example) -> str:
-    what = f"{_VERBS[example.operation]} {ros_name(example.topic)} in domain {example.domain}"
+    what = f"{VERBS[example.operation]} {ros_name(example.topic)} in domain {example.domain}"
     return f"{what}, partition {quoted(example.partition)}" if example.partition else what
 
 
@@ -121,9 +120,6 @@ def _right(example: Example) -> str:
     if example.decided:
         return f"{example.enclave} may {what} under {allowing}, and not under {denying}."
     return f"peers let {example.enclave} {what} under {allowing}, and not under {denying}."
-
-
-_VERBS: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "subscribe to", Operation.RELAY: "relay"}
 
 
 def _names(profiles: Collection[str]) -> str:

@@ -13,13 +13,12 @@ from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
-from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.names import ros_name
 from keystore_audit.rules.commands import CREATE_ENCLAVE, CREATE_PERMISSION
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
-from keystore_audit.rules.wording import MAX_QUOTED, listed, places, quoted
+from keystore_audit.rules.wording import MAX_QUOTED, VERBS, listed, places, quoted
 from keystore_audit.text import shorten
 
 if TYPE_CHECKING:  # an audit without a policy needs none of it
@@ -29,8 +28,6 @@ if TYPE_CHECKING:  # an audit without a policy needs none of it
 
 DESIGN: Final = "ROS 2 design, SROS2 access control policies; ros2/sros2, policy/templates/dds/permissions.xsl"
 SIGN_POLICY: Final = CREATE_PERMISSION
-
-_VERBS: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "subscribe to", Operation.RELAY: "relay"}
 
 
 def _is_given(_keystore: Keystore, context: Context) -> bool:
@@ -151,7 +148,7 @@ def _introduced(found: EnclaveDrift) -> Location:
 
 def _exceeding(rights: Iterable[DriftedRight]) -> Iterator[str]:
     for right in rights:
-        what = f"{_VERBS[right.operation]} {'names like ' if right.endless else ''}{ros_name(right.topic)}"
+        what = f"{VERBS[right.operation]} {'names like ' if right.endless else ''}{ros_name(right.topic)}"
         yield what + (f" in partition {quoted(right.partition)}" if right.partition else "")
 
 

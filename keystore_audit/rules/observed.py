@@ -13,7 +13,6 @@ from keystore_audit.intent.intent import Action, SetVariable
 from keystore_audit.intent.ros_names import ROOT
 from keystore_audit.keystore.governance import DomainRule
 from keystore_audit.keystore.keystore import Enclave, Keystore
-from keystore_audit.keystore.permissions import Operation
 from keystore_audit.keystore.permissions import Rule as PermissionsRule
 from keystore_audit.model.domains import contains, covered
 from keystore_audit.model.names import ros_name
@@ -22,7 +21,7 @@ from keystore_audit.rules.commands import CREATE_ENCLAVE
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Rule, Violation, rule
-from keystore_audit.rules.wording import listed, more_like, places, quoted, sentence
+from keystore_audit.rules.wording import VERBS, listed, more_like, places, quoted, sentence
 from keystore_audit.text import counted
 
 if TYPE_CHECKING:  # an audit without a graph or a launch file needs none of it
@@ -40,7 +39,6 @@ _DOES: Final = {
     Action.CALL: "calls the action",
     Action.EXECUTE: "executes the action",
 }
-_DONE: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "subscribe to", Operation.RELAY: "relay"}
 
 
 def _seen(context: Context) -> Observation:
@@ -172,7 +170,7 @@ def _excess(excess: ExcessGrant, observation: Observation) -> str:
 
 def _granted(name: GrantedName) -> str:
     partition = f" in partition {quoted(name.partition)}" if name.partition else ""
-    return f"{_DONE[name.operation]} {ros_name(name.topic)}{partition}"
+    return f"{VERBS[name.operation]} {ros_name(name.topic)}{partition}"
 
 
 @rule(

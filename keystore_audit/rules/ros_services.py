@@ -7,19 +7,17 @@ from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.names import ACTION_PART, ros_name
 from keystore_audit.model.ros_halves import ACTION_ROLES, SERVICE_ROLES, Half
 from keystore_audit.model.ros_services import Reach, Rivals
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Rule, Violation, rule
-from keystore_audit.rules.wording import listed, located, places
+from keystore_audit.rules.wording import VERBS, listed, located, places
 
 _PERMISSIONS_XSL: Final = "ros2/sros2, policy/templates/dds/permissions.xsl (the DDS topics of a service and an action)"
 _FEWER: Final = "Write fewer expressions with several wildcards, and name each service and action."
 _DOES: Final = {"request": "request", "reply": "answer", "call": "call", "execute": "execute"}
-_MAY: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "subscribe to", Operation.RELAY: "relay"}
 
 
 def _halves(context: Context, roles: Sequence[str]) -> Iterator[Violation]:
@@ -54,7 +52,7 @@ def _half(path: str, found: Sequence[Half]) -> Violation:
     more = f" and {len(first.lacks) - 1} more of its topics" if len(first.lacks) > 1 else ""
     return Violation(
         message=f"{path} may {_DOES[first.role]} {first.name} in part only{like}{others}: "
-        f"it may not {_MAY[operation]} {ros_name(topic)}{more}.",
+        f"it may not {VERBS[operation]} {ros_name(topic)}{more}.",
         locations=places(half.location for half in found),
         enclave=path,
         profiles=first.profiles if all(half.profiles == first.profiles for half in found) else _united(found),

@@ -14,9 +14,8 @@ from keystore_audit.rules.commands import CREATE_PERMISSION
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Rule, Violation, rule
-from keystore_audit.rules.wording import listed, places, quoted
+from keystore_audit.rules.wording import VERBS, listed, places, quoted
 
-_MAY: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "subscribe to"}
 _DOES: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "read"}
 
 
@@ -73,7 +72,7 @@ def missing_usual_topics(_keystore: Keystore, context: Context) -> Iterator[Viol
     of them is taken to hold such nodes. /clock is read by nodes with simulated time alone.
     """
     for found in context.meaning.ros.unusual if context.meaning.ros is not None else ():
-        lacks = listed(f"{_MAY[operation]} {_name(topic)}" for operation, topic in found.lacks)
+        lacks = listed(f"{VERBS[operation]} {_name(topic)}" for operation, topic in found.lacks)
         follows = "nodes fail unless they are told to do without" if found.starts else "no ROS 2 node of it is made"
         yield Violation(
             message=f"{found.enclave} may not {lacks}: {follows}.",

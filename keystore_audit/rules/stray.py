@@ -25,7 +25,7 @@ from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.subjects import stray_uses
 from keystore_audit.rules.who_takes import Taken
-from keystore_audit.rules.wording import listed, located, more_like, of_kinds, places, quoted, sentence
+from keystore_audit.rules.wording import VERBS, listed, located, more_like, of_kinds, places, quoted, sentence
 
 _CLAUSE: Final = "DDS-Security 1.1, 9.4.1.3 and 8.4.2.9 (a peer checks the document that it is shown); measured"
 
@@ -88,7 +88,7 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
     wider = [grant for grant in granting if grant.surplus is not None]
     if wider:
         first, surplus = wider[0], wider[0].surplus
-        right = f"{surplus.operation.value} {quoted(surplus.topic)} in {surplus.domains}" if surplus else ""
+        right = f"{VERBS[surplus.operation]} {quoted(surplus.topic)} in {surplus.domains}" if surplus else ""
         profiles = {name for grant in wider for name in grant.profiles}
         every = len(profiles) == len(context.profiles)
         yield Violation(
@@ -110,8 +110,9 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
     equal = [grant for grant in granting if grant.document not in known]
     if equal:
         documents = dict.fromkeys(grant.document for grant in equal)
+        give = "gives" if len(documents) == 1 else "give"
         yield Violation(
-            message=f"{_documents(len(documents))} outside the enclaves gives no more than theirs do, for now: "
+            message=f"{_documents(len(documents))} outside the enclaves {give} no more than theirs do, for now: "
             f"{listed(documents)} for {listed(dict.fromkeys(grant.enclave for grant in equal))}. A right that is taken "
             "away later stays usable.",
             locations=places(grant.location for grant in equal),

@@ -12,6 +12,7 @@ from typing import Final, Protocol
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.keystore import Enclave
+from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.profiles import Profile
 from keystore_audit.rules.registry import Violation
 from keystore_audit.text import shorten
@@ -21,6 +22,9 @@ MAX_QUOTED: Final = 160
 
 MAX_LISTED: Final = 5
 """Names in a list before it says how many more there are; the locations hold them all."""
+
+VERBS: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "subscribe to", Operation.RELAY: "relay"}
+"""What is done with the topic whose name follows."""
 
 
 def quoted(text: str) -> str:

@@ -189,6 +189,14 @@ def test_an_old_document_gives_its_rights_and_an_expired_one_nothing(fleet: Flee
     assert sorted(found(root)) == ["KA662"]
 
 
+def test_documents_that_give_nothing_more_are_counted(fleet: Fleet, tmp_path: Path) -> None:
+    root = fleet.robot(tmp_path / "robot")
+    for end, said in (("2035", "A signed document outside the enclaves gives"), ("2036", "2 signed documents outside")):
+        kept(f"old{end}", "rt/chatter", end=end)(fleet, root)
+        assert found(root)["KA660"].message.startswith(said)
+    assert "the enclaves give no more than theirs do" in found(root)["KA660"].message
+
+
 def test_can_says_so(fleet: Fleet, tmp_path: Path) -> None:
     root = fleet.robot(tmp_path / "robot")
     asked = ("can", root, "/talker", "publish", "/other", "--effective", "--expect", "allow", "--at", INSTANT)
