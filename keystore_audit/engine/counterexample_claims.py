@@ -333,10 +333,7 @@ def _shows_it(case: Case, claim: ClaimAtom, hop: Hop) -> bool:
         return False
     if hop.receiver is None and not claim.target.channels:
         return True
-    if claim.attacker is not Attacker.RELAYS:
-        return False
-    forged = case.view.abilities(hop.sender).forges
-    return not forged >> hop.channel & 1
+    return claim.attacker is Attacker.RELAYS and not case.view.abilities(hop.sender).forges >> hop.channel & 1
 
 
 def _shared_domain(case: Case, claim: ClaimAtom, when: str) -> Counterexample:

@@ -1,4 +1,4 @@
-"""Whether OpenSSL finds its way from the signer of a document to a root, where the signer is not pinned."""
+"""Why the signer of a document is refused: it may not sign, or OpenSSL finds no way from it to a root."""
 
 from __future__ import annotations
 
@@ -7,16 +7,37 @@ from functools import lru_cache
 
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.distinguished_name import same_name
-from keystore_audit.keystore.issuer import key_identifier_fits, lets_sign, names_itself, suits_key
+from keystore_audit.keystore.issuer import fit_to_sign, key_identifier_fits, lets_sign, names_itself, suits_key
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.model.profiles import Trust
 from keystore_audit.model.trust import (
     authorities_read,
     is_authority,
+    is_first_embedded,
     issuers_taken,
     may_have_issued,
+    may_sign,
+    not_read,
     signers_taken,
 )
+
+
+def signer_refusal(signed: SignedDocument, permissions_ca: CertificateFile, trust: Trust) -> str | None:
+    """Why a document whose signatures hold is refused for its signer; None where it is taken."""
+    place = permissions_ca.file.place
+    for signer in signers_taken(signed, trust):
+        if may_sign(signer, signed, permissions_ca, trust):
+            continue
+        if not any(signer.sha256 == authority.sha256 for authority in permissions_ca.certificates):
+            return f"the signer is not in {place}"
+        if trust.pins_signer:
+            return not_read(place, trust)
+        if not is_first_embedded(signer, signed):
+            return "the message does not hold the signer's certificate"
+        if not fit_to_sign(signer) or signer.unknown_critical:
+            return "the key usage of the signer's certificate does not admit S/MIME signing"
+        return f"no chain ends at a self-signed certificate that is read in {place}"
+    return None
 
 
 @lru_cache(maxsize=16_384)

@@ -98,7 +98,7 @@ def authorities_read(file: CertificateFile, trust: Trust) -> tuple[Certificate, 
     return file.certificates[first : first + MAX_AUTHORITIES]
 
 
-def _not_read(place: str, trust: Trust) -> str:
+def not_read(place: str, trust: Trust) -> str:
     """Why a certificate of a CA file does not count (`authorities_read`)."""
     if trust.first_authority_only:
         return f"of {place} the first certificate alone is read"
@@ -218,7 +218,7 @@ def _chain_refusal(certificate: Certificate, file: CertificateFile, trust: Trust
         if not any(is_authority(authority) for authority in issuers):
             return f"the certificate in {place} that signed it is no authority"
         if not any(authority in authorities_read(file, trust) for authority in issuers):
-            return _not_read(place, trust)
+            return not_read(place, trust)
         return f"no chain in {place} ends at a self-signed certificate within its path lengths"
     return _path_refusal(certificate, file, trust) if trust.needs_root else None
 
@@ -311,24 +311,6 @@ def may_sign(
     pool = {c.sha256: c for c in above_it if at is None or in_force(c, at)}
     above = _below(list(pool.values()), [root for root in roots if root.sha256 in pool])
     return any(may_have_issued(authority, signer) for authority in above)
-
-
-def signer_refusal(signed: SignedDocument, permissions_ca: CertificateFile, trust: Trust) -> str | None:
-    """Why a document whose signatures hold is refused for its signer; None where it is taken."""
-    place = permissions_ca.file.place
-    for signer in signers_taken(signed, trust):
-        if may_sign(signer, signed, permissions_ca, trust):
-            continue
-        if not any(signer.sha256 == authority.sha256 for authority in permissions_ca.certificates):
-            return f"the signer is not in {place}"
-        if trust.pins_signer:
-            return _not_read(place, trust)
-        if not is_first_embedded(signer, signed):
-            return "the message does not hold the signer's certificate"
-        if not fit_to_sign(signer) or signer.unknown_critical:
-            return "the key usage of the signer's certificate does not admit S/MIME signing"
-        return f"no chain ends at a self-signed certificate that is read in {place}"
-    return None
 
 
 def signers_taken(signed: SignedDocument, trust: Trust) -> tuple[Certificate, ...]:
