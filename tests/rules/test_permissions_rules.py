@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from keystore_audit.dataclass import replace
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.permissions import Grant
@@ -336,3 +337,21 @@ def test_a_grant_without_an_allow_rule_is_as_grave_as_what_it_stops(refusing: st
     seen = judged(store, meaning=meaning(usability=usability))
     assert [each.severity for each in findings("KA514", seen)] == [severity]
     assert findings("KA117", seen) == ()
+
+
+@pytest.mark.parametrize(
+    ("profile", "octets", "severity"),
+    [
+        ("fastdds-2.9", 63_001, Severity.HIGH),
+        ("fastdds-2.14", 63_001, Severity.MEDIUM),
+        ("fastdds-2.9", 62_000, None),
+        ("cyclonedds-0.10", 63_001, None),
+    ],
+)
+def test_how_bad_it_is_that_permissions_fit_in_no_handshake(
+    profile: str, octets: int, severity: Severity | None
+) -> None:
+    message = signed(P7S)
+    large = replace(message, file=message.file.holding(b" " * octets))
+    found = findings("KA522", judged(granted(OWN, signed=large)(healthy()), profiles=(VARIANTS[profile],)))
+    assert [finding.severity for finding in found] == [severity] * (severity is not None)
