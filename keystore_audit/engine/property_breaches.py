@@ -62,9 +62,9 @@ class _Files:
         """Of an enclave, but its governance; of nobody's none."""
         if label not in self._held and label in self._enclaves:
             files = self._enclaves[label].files
-            held = {*files.every} - {files.files[FileRole.GOVERNANCE]}
-            paths = {files.directory, *(file.path for file in held), *(file.place for file in held)}
-            self._held[label] = frozenset(Place(path) for path in paths)
+            held = (file for file in files.every if file is not files.files[FileRole.GOVERNANCE])
+            paths = {files.directory, *(path for file in held for path in (file.path, file.place))}
+            self._held[label] = frozenset(map(Place, paths))
         return self._held.get(label, frozenset())
 
     def copies(self, path: str) -> Collection[str]:

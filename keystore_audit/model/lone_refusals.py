@@ -46,10 +46,10 @@ class LoneRefusals:
 
     def _may_refuse(self, grant: ReadGrant, profile: Profile) -> bool:
         """Whether its rules may decide otherwise about the enclave's own endpoints than about those of a peer."""
+        if all(rule.allow and not rule.of_peers for rule in grant.rules):  # nearly always
+            return False
         if any(rule.of_peers for rule in grant.rules):
             return True
-        if all(rule.allow for rule in grant.rules):
-            return False
         if not profile.local.binds_domains and len({rule.domains for rule in grant.rules}) > 1:
             return True
         return profile.access.first_rule_decides_topic and self._several  # each asks its own governance

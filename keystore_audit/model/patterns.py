@@ -39,10 +39,10 @@ class Patterns:
             if number == len(self.patterns):
                 self.patterns.append(pattern)
                 self._matching.clear()
-                if pattern.literal is None:
+                if (literal := pattern.literal) is None:
                     self._wildcards.add(number, pattern)
                 else:
-                    self._literals[pattern.literal] = number
+                    self._literals[literal] = number
             self._known[text, matcher] = number
         return number
 
