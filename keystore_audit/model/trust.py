@@ -333,12 +333,9 @@ def is_first_embedded(signer: Certificate, signed: SignedDocument) -> bool:
 
 def _first_embedded(signer: Certificate, signed: SignedDocument) -> Certificate | None:
     """Issuers are compared by meaning (X509_NAME_cmp)."""
-    for each in signed.embedded:
-        if each.serial == signer.serial and (
-            each.issuer_der == signer.issuer_der or same_name(each.issuer_name, signer.issuer_name)
-        ):
-            return each
-    return None
+    named = (c for c in signed.embedded if c.serial == signer.serial)
+    issued = (c for c in named if c.issuer_der == signer.issuer_der or same_name(c.issuer_name, signer.issuer_name))
+    return next(issued, None)
 
 
 def document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | None, trust: Trust) -> Verdict:
