@@ -298,6 +298,7 @@ def test_when_an_asserted_property_ends_is_told() -> None:
     )
     assert code == 1
     told = [each for each in report["findings"] if each["code"] == "KA740"]
+    assert told
     assert all("after 2027-03-01T" in each["message"] for each in told)
     code, report = audit(
         "flows/vehicle_expiring_grant", "--settings", "settings/vehicle.toml", "--profile", "cyclonedds", at=SAMPLES

@@ -220,7 +220,7 @@ def test_an_endpoint_that_honest_peers_refuse_is_named_where_there_is_no_other()
     b = healthy_builder()
     b.rules[0] = replace(b.rules[0], domains=frozenset())
     asked = {"realm": 0, "channel": CHATTER}
-    assert all(step.enclave is None for step in tell(b.system(), "outsiders-cannot-read", **asked).steps)
+    assert [step.enclave for step in tell(b.system(), "outsiders-cannot-read", **asked).steps] == [None, None]
     b.enclaves[TALKER] = replace(b.enclaves[TALKER], writes_alone=frozenset({CHATTER}))
     last = tell(b.system(), "outsiders-cannot-read", **asked).steps[-1]
     assert (last.enclave, last.line) == ("/talker", b.rules[0].location.line)
