@@ -54,9 +54,11 @@ _DEBUGGING: Final = re.compile(
 _LATER: Final = re.compile(r"""sleep [0-9.]+ ?(?:;|&&) ?(?:exec )?(["']?)\$0\1 (["']?)\$@\2""")
 """What a shell does in the usual prefix of a node that starts later, `bash -c 'sleep 5; $0 $@'`."""
 
-
 _UNSET: Final = r"(?:\bunset\b|(?:^|\s)-u|--unset)[^;&|]*"
 """What takes back the variables that are named behind it: a shell's own word, and options of env."""
+
+_CLEAN: Final = re.compile(r"\benv\s+(?:-u\s+\S+\s+|-(?!u\s)\S+\s+){0,9}?(?:-[a-z]*i|-|--ignore-environment)\s")
+"""What takes back all."""
 
 
 def replaced(
@@ -78,7 +80,7 @@ def set_by_command(action: StartProcess, scope: Scope, source: Source) -> dict[s
     known = (scope.known((part,), source) for word in action.command for part in (*word, " "))
     command = "".join(each if isinstance(each, str) else "$" for each in known)
     plain = re.sub(r"""["'\\]""", "", command)
-    found: dict[str, str | Unknown] = {}
+    found: dict[str, str | Unknown] = dict.fromkeys(NAMES, "") if _CLEAN.search(plain) else {}
     for name in NAMES:
         values = set(re.findall(rf"(?<![A-Za-z0-9_]){name}=([^\s;&|]*)", plain))
         if values:

@@ -252,6 +252,9 @@ def test_a_process_that_may_be_a_node_has_what_is_set_for_it(
         ("env -u ROS_SECURITY_STRATEGY run", {"SECURITY_STRATEGY": ""}),
         ("env --unset=ROS_SECURITY_STRATEGY run", {"SECURITY_STRATEGY": ""}),
         ("sudo -u robot run; echo ROS_SECURITY_STRATEGY", {}),
+        ("env -i ROS_DOMAIN_ID=3 run", {**CLEAN, "DOMAIN_ID": "3"}),
+        ("/usr/bin/env -u A - run", CLEAN),
+        ("env A=b bash -i -c run; sed -i s/a/b/ file", {}),
     ],
 )
 def test_what_a_command_sets_is_that_or_not_known(
