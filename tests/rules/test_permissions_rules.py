@@ -13,6 +13,7 @@ from keystore_audit.dataclass import replace
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.permissions import Grant
+from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.model.coverage import EVERYTHING, MAX_CANDIDATES, covers
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.meaning import Usability
@@ -66,6 +67,11 @@ def unread(kind: Kind) -> Change:
     return granted(permissions=None, defects=(defect(kind, P7S),))
 
 
+def padded(octets: int) -> SignedDocument:
+    message = signed(P7S)
+    return replace(message, file=message.file.holding(b" " * octets))
+
+
 OWN = grant("/talker")
 
 CASES: dict[str, tuple[Change, list[str]]] = {
@@ -90,6 +96,7 @@ CASES: dict[str, tuple[Change, list[str]]] = {
     "KA519": (granted(OWN, grant("/listener/arm")), ["KA512", "KA519"]),
     "KA520": (granted(grant("/talker", subject_name=text("CN = /talker", 39))), ["KA520"]),
     "KA521": (unread(Kind.EMPTY_ELEMENT), ["KA521"]),
+    "KA522": (granted(OWN, signed=padded(63_001)), ["KA522"]),
 }
 
 
@@ -351,7 +358,6 @@ def test_a_grant_without_an_allow_rule_is_as_grave_as_what_it_stops(refusing: st
 def test_how_bad_it_is_that_permissions_fit_in_no_handshake(
     profile: str, octets: int, severity: Severity | None
 ) -> None:
-    message = signed(P7S)
-    large = replace(message, file=message.file.holding(b" " * octets))
-    found = findings("KA522", judged(granted(OWN, signed=large)(healthy()), profiles=(VARIANTS[profile],)))
+    store = granted(OWN, signed=padded(octets))(healthy())
+    found = findings("KA522", judged(store, profiles=(VARIANTS[profile],)))
     assert [finding.severity for finding in found] == [severity] * (severity is not None)

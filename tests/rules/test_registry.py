@@ -41,7 +41,7 @@ CATALOGUE = {
     "KA2": range(201, 230),
     "KA3": range(301, 318),
     "KA4": range(401, 424),
-    "KA5": range(501, 522),
+    "KA5": range(501, 523),
     "KA6": (*range(601, 628), *range(630, 639), *range(640, 647), *range(650, 656), *range(660, 670), *range(670, 678)),
     "KA7": (*range(701, 708), *range(711, 716), *range(721, 726), 731, 740, 741, 742),
     "KA9": range(901, 911),
