@@ -9,8 +9,8 @@ from zoneinfo import ZoneInfo
 
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.claims import Globs
-from keystore_audit.model.comparison import Comparison
-from keystore_audit.model.comparison_run import compare
+from keystore_audit.model.comparison.change import Comparison
+from keystore_audit.model.comparison.compare import compare
 from keystore_audit.model.profiles import Profile
 
 

@@ -50,9 +50,9 @@ from keystore_audit.suppressions import accepted_by
 if TYPE_CHECKING:
     from keystore_audit.intent.policy import Policy
     from keystore_audit.model.claims import Claim
-    from keystore_audit.model.drift import Drift
-    from keystore_audit.model.observed import Observation
-    from keystore_audit.model.wiring import WiredNode
+    from keystore_audit.model.intended.drift import Drift
+    from keystore_audit.model.intended.observed import Observation
+    from keystore_audit.model.intended.wiring import WiredNode
 
 
 def audit(
@@ -167,7 +167,7 @@ def _compared(
     """What graphs and launch files show, held against the keystore; None where there are none."""
     if not intents:
         return None
-    from keystore_audit.model.observed import observe
+    from keystore_audit.model.intended.observed import observe
 
     return observe(intents, keystore, profiles, options.at, accesses, options.domain)
 
@@ -178,7 +178,7 @@ def _nodes(
     """The nodes and their wiring: for users' files alone, since nothing else asks."""
     if not options.alloy_properties or not (intents or policy):
         return ()
-    from keystore_audit.model.wiring import wiring
+    from keystore_audit.model.intended.wiring import wiring
 
     return wiring((*intents, *((policy.intent,) if policy else ())), keystore.layout.kind)
 
@@ -317,7 +317,7 @@ def _drift(
     keystore: Keystore, policy: Policy, options: Options, profiles: Sequence[Profile], accesses: AccessViews
 ) -> Drift:
     """The keystore compared with the policy."""
-    from keystore_audit.model.drift import drift
+    from keystore_audit.model.intended.drift import drift
 
     return drift(keystore, policy, profiles, options.at, accesses, options.domain)
 

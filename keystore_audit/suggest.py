@@ -18,11 +18,11 @@ from keystore_audit.keystore.keystore import Enclave, Keystore, read_keystore
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Rule
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.domains import covered
+from keystore_audit.model.intended.least_policy import EnclavePolicy, LeastPolicy, PolicyRight, least_policy
+from keystore_audit.model.intended.observed_needs import DISCOVERY
+from keystore_audit.model.intended.observed_rights import Deciders, listed_usages
 from keystore_audit.model.inventory import system_documents
-from keystore_audit.model.least_policy import EnclavePolicy, LeastPolicy, PolicyRight, least_policy
 from keystore_audit.model.names import dds_expressions
-from keystore_audit.model.observed_needs import DISCOVERY
-from keystore_audit.model.observed_rights import Deciders, listed_usages
 from keystore_audit.model.profiles import Profile
 from keystore_audit.text import terminal
 

@@ -14,7 +14,7 @@ from keystore_audit.errors import EXIT_INCOMPLETE
 
 if TYPE_CHECKING:
     from keystore_audit.model.claims import Globs
-    from keystore_audit.model.comparison import Comparison, FailOn
+    from keystore_audit.model.comparison.change import Comparison, FailOn
 
 EXIT_CHANGED: Final = 1
 FORMATS: Final = ("text", "json", "markdown")
@@ -62,7 +62,7 @@ def command(old: str, new: str, **given: Any) -> int:
       4   something is unknown
     """  # noqa: D301 - click's mark for lines that stay as they are
     from keystore_audit.diff import compare_keystores
-    from keystore_audit.model.comparison import FailOn
+    from keystore_audit.model.comparison.change import FailOn
     from keystore_audit.model.profiles import resolve
 
     at: datetime | None = given["at"]
@@ -88,7 +88,7 @@ def _labels(labels: tuple[str, ...], settings: Path | None, keystores: tuple[str
         raise click.UsageError("--label and --settings belong together: FILE says what has the label.")
     if settings is None:
         return None
-    from keystore_audit.model.comparison_labels import label_globs
+    from keystore_audit.model.comparison.labels import label_globs
     from keystore_audit.settings import read_settings
 
     labelling = read_settings(settings, keystores).labels

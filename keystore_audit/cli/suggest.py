@@ -14,7 +14,7 @@ from keystore_audit.errors import EXIT_INCOMPLETE, UsageError
 from keystore_audit.text import terminal
 
 if TYPE_CHECKING:
-    from keystore_audit.model.least_policy import EnclavePolicy
+    from keystore_audit.model.intended.least_policy import EnclavePolicy
     from keystore_audit.suggest import Suggester, Suggestion
 
 POLICY: Final = "policy"

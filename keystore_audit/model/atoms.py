@@ -13,14 +13,14 @@ from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import AuditError
-from keystore_audit.model.alphabet import Alphabet, Budget
-from keystore_audit.model.automaton import STATE_UNITS, Automaton, on_or_behind_cycle
 from keystore_audit.model.expression import Pattern
+from keystore_audit.model.matching.alphabet import Alphabet, Budget
+from keystore_audit.model.matching.automaton import STATE_UNITS, Automaton, on_or_behind_cycle
+from keystore_audit.model.matching.pattern_index import PatternIndex
+from keystore_audit.model.matching.search import shortest_names
+from keystore_audit.model.matching.tokens import ANY_CHARACTER, CharSet, Token
+from keystore_audit.model.matching.universe import ROS_SETS, ROS_SINGLES, Universe, dds_names, ros_names
 from keystore_audit.model.names import is_ros_dds_name
-from keystore_audit.model.pattern_index import PatternIndex
-from keystore_audit.model.search import shortest_names
-from keystore_audit.model.tokens import ANY_CHARACTER, CharSet, Token
-from keystore_audit.model.universe import ROS_SETS, ROS_SINGLES, Universe, dds_names, ros_names
 from keystore_audit.text import shorten
 
 DEFAULT_BUDGET: Final = 40_000

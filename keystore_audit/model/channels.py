@@ -18,8 +18,8 @@ from keystore_audit.model.atoms import TopicClass
 from keystore_audit.model.columns import Cell, Column, Columns, Shape, Table
 from keystore_audit.model.domains import Interval, classes_of, contains, domain_bits, domain_classes
 from keystore_audit.model.expression import Matcher
+from keystore_audit.model.matching.patterns import MAX_KEPT, Patterns
 from keystore_audit.model.names import is_ros_dds_name
-from keystore_audit.model.patterns import MAX_KEPT, Patterns
 from keystore_audit.model.permission import union
 from keystore_audit.model.profiles import Access
 from keystore_audit.model.semantics import DEFAULT_PARTITION, Region

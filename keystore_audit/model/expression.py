@@ -17,10 +17,10 @@ from functools import lru_cache, partial
 from typing import Final
 
 from keystore_audit.dataclass import dataclass, field
-from keystore_audit.model.cyclonedds_pattern import parse_cyclonedds
-from keystore_audit.model.opendds_pattern import parse_opendds
-from keystore_audit.model.posix import parse_posix
-from keystore_audit.model.tokens import (
+from keystore_audit.model.matching.cyclonedds_pattern import parse_cyclonedds
+from keystore_audit.model.matching.opendds_pattern import parse_opendds
+from keystore_audit.model.matching.posix import parse_posix
+from keystore_audit.model.matching.tokens import (
     ANY_CHARACTER,
     SEARCH,
     STAR,

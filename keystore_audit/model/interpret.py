@@ -13,7 +13,7 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.anomalies import anomalies
+from keystore_audit.model.anomalies.find import anomalies
 from keystore_audit.model.attacker import enclaves_views
 from keystore_audit.model.channels import ReadRegion
 from keystore_audit.model.claims import Claim, lasting, with_claims
@@ -26,13 +26,13 @@ from keystore_audit.model.permission import Permissions, members
 from keystore_audit.model.places import NamedPlace, place_regions, with_places
 from keystore_audit.model.profiles import SPEC, Access, Profile, Trust
 from keystore_audit.model.protection import protection
-from keystore_audit.model.ros_patterns import ros_patterns
+from keystore_audit.model.ros.patterns import ros_patterns
 from keystore_audit.model.system import ChannelAtom, Reading, System
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.usability import Usabilities
 
 if TYPE_CHECKING:  # an audit without a property in Alloy needs none of it
-    from keystore_audit.model.wiring import WiredNode
+    from keystore_audit.model.intended.wiring import WiredNode
 
 
 def interpret(
@@ -72,7 +72,7 @@ def interpret(
             systems = with_claims(builder.systems(), claims, builder.channels, keystore, usability, domain, usabilities)
             systems = with_places(systems, places, builder.channels, keystore)
             if nodes:
-                from keystore_audit.model.wiring import with_nodes
+                from keystore_audit.model.intended.wiring import with_nodes
 
                 systems = with_nodes(systems, nodes, builder.channels, keystore)
             systems = with_determinism(systems, declared, builder.channels, keystore, usability, domain)
@@ -95,7 +95,7 @@ def _wires(nodes: Sequence[WiredNode]) -> tuple[ReadRegion, ...]:
     """The topics that nodes use."""
     if not nodes:
         return ()
-    from keystore_audit.model.wiring import wiring_regions
+    from keystore_audit.model.intended.wiring import wiring_regions
 
     return wiring_regions(nodes)
 

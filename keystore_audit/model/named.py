@@ -14,7 +14,7 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.channels import MAX_CELLS
 from keystore_audit.model.expression import Matcher, Pattern, parse
-from keystore_audit.model.patterns import classes_of
+from keystore_audit.model.matching.patterns import classes_of
 from keystore_audit.model.semantics import Area
 
 DEFAULT_PARTITION: Final = ""

@@ -13,12 +13,12 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence, Set
 from typing import Final
 
-from keystore_audit.model.alphabet import Alphabet, Budget
 from keystore_audit.model.atoms import TopicClass
-from keystore_audit.model.automaton import Automaton
 from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.expression import Pattern
-from keystore_audit.model.tokens import ANY_CHARACTER, CharSet
+from keystore_audit.model.matching.alphabet import Alphabet, Budget
+from keystore_audit.model.matching.automaton import Automaton
+from keystore_audit.model.matching.tokens import ANY_CHARACTER, CharSet
 
 EVERY_PARTITION: Final = "*"
 """The partition in which an endpoint meets those of all others (DDS 1.4, 2.2.3.13)."""

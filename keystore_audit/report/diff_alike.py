@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable
 
 from keystore_audit.dataclass import replace
-from keystore_audit.model.comparison import Change
+from keystore_audit.model.comparison.change import Change
 
 _PATH, _ABOVE = "\0", "\1"
 """Stand for an enclave's path and for the path above it; neither is in a name (XML 1.0, 2.2)."""

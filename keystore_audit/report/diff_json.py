@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from keystore_audit import __version__
 from keystore_audit.findings import Location
-from keystore_audit.model.comparison import Change, Comparison, Consequence, FailOn, Influenced, Name, Names
+from keystore_audit.model.comparison.change import Change, Comparison, Consequence, FailOn, Influenced, Name, Names
 from keystore_audit.model.domains import describe
 from keystore_audit.model.names import parse_dds_name, ros_name
 from keystore_audit.report.encoded import encoded

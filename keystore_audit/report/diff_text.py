@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from textwrap import fill
 from typing import Final
 
-from keystore_audit.model.comparison import Change, Comparison, FailOn, Layer
+from keystore_audit.model.comparison.change import Change, Comparison, FailOn, Layer
 from keystore_audit.report import diff_words as words
 from keystore_audit.report.diff_alike import alike
 from keystore_audit.text import instant, terminal

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from keystore_audit.findings import Location
-from keystore_audit.model.comparison import (
+from keystore_audit.model.comparison.change import (
     Aspect,
     Change,
     Comparison,
@@ -19,7 +19,7 @@ from keystore_audit.model.comparison import (
     Names,
     Unread,
 )
-from keystore_audit.model.comparison_others import SUBJECT
+from keystore_audit.model.comparison.others import SUBJECT
 from keystore_audit.model.domains import HIGHEST_DOMAIN, Interval, describe
 from keystore_audit.model.names import ros_name
 from keystore_audit.text import counted

@@ -11,7 +11,7 @@ from itertools import groupby
 from typing import Final
 
 from keystore_audit.intent.intent import Action
-from keystore_audit.model.least_policy import EnclavePolicy, LeastPolicy, NodePolicy, PolicyRight
+from keystore_audit.model.intended.least_policy import EnclavePolicy, LeastPolicy, NodePolicy, PolicyRight
 from keystore_audit.text import html
 
 USUAL: Final = "<!-- usual: every node has these, whatever it is for -->"

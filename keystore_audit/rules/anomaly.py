@@ -1,4 +1,4 @@
-"""KA6: rules of a grant that decide nothing, change nothing, or whose order decides (`model.anomalies`).
+"""KA6: rules of a grant that decide nothing, change nothing, or whose order decides (`model.anomalies.find`).
 
 One finding for each document and severity. What implementations order or read differently is not said again: where a
 rule is odd under some of them alone, and a finding of KA601 to KA616 is about its line, that one stands, unless a
@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
-from keystore_audit.model.anomaly import Anomaly, AnomalyKind, Point
+from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind, Point
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.rules.context import Context

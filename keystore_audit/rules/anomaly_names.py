@@ -1,4 +1,4 @@
-"""KA4 and KA6: rules and expressions about nothing, or with nobody at the other end (`model.anomalies`)."""
+"""KA4 and KA6: rules and expressions about nothing, or with nobody at the other end (`model.anomalies.find`)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.anomaly import Anomaly, AnomalyKind
+from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.substitution import Cause
 from keystore_audit.rules.anomaly import folded, named, odd

@@ -16,8 +16,8 @@ from keystore_audit.properties.result import EngineRun, PropertyResult
 from keystore_audit.suppressions import Acceptance
 
 if TYPE_CHECKING:  # an audit without a policy, a graph or a launch file needs none of it
-    from keystore_audit.model.drift import Drift
-    from keystore_audit.model.observed import Observation
+    from keystore_audit.model.intended.drift import Drift
+    from keystore_audit.model.intended.observed import Observation
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""KA6: what an SROS2 policy says (`--policy`) and what the keystore grants (`model.drift`).
+"""KA6: what an SROS2 policy says (`--policy`) and what the keystore grants (`model.intended.drift`).
 
 One finding for each enclave and direction, not one for each name. Only the grants are compared: that a grant is out of
 date, in no governed domain or refused is said by the rules about permissions.
@@ -23,8 +23,8 @@ from keystore_audit.text import shorten
 
 if TYPE_CHECKING:  # an audit without a policy needs none of it
     from keystore_audit.intent.policy import Profiles
-    from keystore_audit.model.drift import Drift, EnclaveDrift
-    from keystore_audit.model.drift_rights import DriftedRight
+    from keystore_audit.model.intended.drift import Drift, EnclaveDrift
+    from keystore_audit.model.intended.drift_rights import DriftedRight
 
 DESIGN: Final = "ROS 2 design, SROS2 access control policies; ros2/sros2, policy/templates/dds/permissions.xsl"
 SIGN_POLICY: Final = CREATE_PERMISSION

@@ -1,4 +1,4 @@
-"""KA6: the system as a graph or launch files show it, and what its enclaves are granted (`model.observed`)."""
+"""KA6: the system as a graph or launch files show it, and what its enclaves are granted (`model.intended.observed`)."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from keystore_audit.rules.wording import VERBS, listed, more_like, places, quote
 from keystore_audit.text import counted
 
 if TYPE_CHECKING:  # an audit without a graph or a launch file needs none of it
-    from keystore_audit.model.observed import DeniedName, ExcessGrant, GrantedName, MissingGrant, Observation
-    from keystore_audit.model.observed_needs import Need
+    from keystore_audit.model.intended.observed import DeniedName, ExcessGrant, GrantedName, MissingGrant, Observation
+    from keystore_audit.model.intended.observed_needs import Need
 
 SUGGEST: Final = "`keystore-audit suggest` prints the least policy for what was seen."
 LAUNCHED: Final = " A launch file names only what it remaps: look whether a node uses them by their own names."

@@ -1,4 +1,4 @@
-"""KA6: services and actions as ROS 2 has them: whole or half, and whose they are (`model.ros_patterns`)."""
+"""KA6: services and actions as ROS 2 has them: whole or half, and whose they are (`model.ros.patterns`)."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any, Final
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.names import ACTION_PART, ros_name
-from keystore_audit.model.ros_halves import ACTION_ROLES, SERVICE_ROLES, Half
-from keystore_audit.model.ros_services import Reach, Rivals
+from keystore_audit.model.ros.halves import ACTION_ROLES, SERVICE_ROLES, Half
+from keystore_audit.model.ros.services import Reach, Rivals
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Rule, Violation, rule

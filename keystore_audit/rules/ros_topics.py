@@ -1,4 +1,4 @@
-"""KA6: topics as ROS 2 nodes use them (`model.ros_patterns`)."""
+"""KA6: topics as ROS 2 nodes use them (`model.ros.patterns`)."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any, Final
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.action_topics import ActionPattern
 from keystore_audit.model.names import ros_name
+from keystore_audit.model.ros.action_topics import ActionPattern
 from keystore_audit.rules.commands import CREATE_PERMISSION
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN

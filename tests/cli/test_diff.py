@@ -18,7 +18,7 @@ import pytest
 from keystore_audit import resources
 from keystore_audit.cli.program import run
 from keystore_audit.diff import compare_keystores
-from keystore_audit.model.comparison import FailOn
+from keystore_audit.model.comparison.change import FailOn
 from keystore_audit.model.profiles import resolve
 from keystore_audit.report.diff_markdown import MAX_LENGTH, markdown
 from tests.cli.keystores import AT, keystore, rule

@@ -12,7 +12,7 @@ from lxml import etree
 from keystore_audit.cli.program import run
 from keystore_audit.intent.intent import Action, IntendedRight
 from keystore_audit.intent.policy import read_policy
-from keystore_audit.model.observed_needs import usual_rights
+from keystore_audit.model.intended.observed_needs import usual_rights
 from tests.cli.keystores import AT, answer, keystore, rule, signed_keystore
 
 WIRING = {

@@ -12,8 +12,8 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding
 
 from keystore_audit.keystore.keystore import read_keystore
-from keystore_audit.model.comparison import Comparison
-from keystore_audit.model.comparison_run import compare
+from keystore_audit.model.comparison.change import Comparison
+from keystore_audit.model.comparison.compare import compare
 from keystore_audit.model.profiles import Profile, resolve
 from tests.keystore.builder import END, Signed, certificate, crl, signed_document
 

@@ -1,4 +1,4 @@
-"""`model.action_topics`: what takes in topics of actions, against the classes of all names; and what it costs."""
+"""`model.ros.action_topics`: what takes in topics of actions, against the classes of all names; and what it costs."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.action_topics import STATUS, action_patterns, taken_in
 from keystore_audit.model.coverage import TOPICS, covers
 from keystore_audit.model.expression import Matcher, parse
-from keystore_audit.model.ros_classes import Affix, classify_ros_names
+from keystore_audit.model.ros.action_topics import STATUS, action_patterns, taken_in
+from keystore_audit.model.ros.classes import Affix, classify_ros_names
 from tests.rules.evidence import allow, enclave, grant, permissions
 
 EXAMPLES = settings(max_examples=300, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))

@@ -1,4 +1,4 @@
-"""Classes, expressions, governance and counterparts of `model.anomalies` against every name one by one."""
+"""Classes, expressions, governance and counterparts of `model.anomalies.find` against every name one by one."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.anomalies import anomalies
-from keystore_audit.model.anomalies_classes import Effort, name_classes
-from keystore_audit.model.anomalies_expressions import are_ros_names, foreign, void
-from keystore_audit.model.anomaly import Anomaly, AnomalyKind
+from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind
+from keystore_audit.model.anomalies.classes import Effort, name_classes
+from keystore_audit.model.anomalies.expressions import are_ros_names, foreign, void
+from keystore_audit.model.anomalies.find import anomalies
 from keystore_audit.model.atoms import classify
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.names import is_ros_dds_name

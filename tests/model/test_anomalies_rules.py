@@ -13,9 +13,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.anomalies_classes import Effort
-from keystore_audit.model.anomalies_rules import rule_anomalies
-from keystore_audit.model.anomaly import AnomalyKind, Point, RuleAnomaly
+from keystore_audit.model.anomalies.anomaly import AnomalyKind, Point, RuleAnomaly
+from keystore_audit.model.anomalies.classes import Effort
+from keystore_audit.model.anomalies.rules import rule_anomalies
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.semantics import ReadRule, read_grant

@@ -16,7 +16,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model import holders
 from keystore_audit.model.claim import Attacker, ClaimKind
 from keystore_audit.model.claims import Globs
-from keystore_audit.model.comparison_run import compare
+from keystore_audit.model.comparison.compare import compare
 from keystore_audit.model.effective import EffectiveRights
 from keystore_audit.model.issuance import issuance
 from keystore_audit.model.profiles import resolve

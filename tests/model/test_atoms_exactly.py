@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from keystore_audit.model.atoms import classify
 from keystore_audit.model.expression import Matcher, Pattern, parse
-from keystore_audit.model.tokens import SEARCH, STAR, CharSet, Token
+from keystore_audit.model.matching.tokens import SEARCH, STAR, CharSet, Token
 
 LETTERS = "ab/]"
 PARTS = ["a", "b", "/", "]", "*", "*", "?", "[ab]", "[!a]", "[]a]", "[a-c]", "[!a-b/]", "\\a", "\\", "[[:alpha:]]"]

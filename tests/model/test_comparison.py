@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from keystore_audit.findings import Location
-from keystore_audit.model.comparison import Direction, FailOn, Layer
+from keystore_audit.model.comparison.change import Direction, FailOn, Layer
 from keystore_audit.report.diff_words import consequence, sentence
 from tests.model.comparing import (
     Store,

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from keystore_audit.model.comparison import Comparison, FailOn
+from keystore_audit.model.comparison.change import Comparison, FailOn
 from tests.model.comparing import (
     Member,
     Store,

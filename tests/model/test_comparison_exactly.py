@@ -19,7 +19,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.keystore.governance import ProtectionKind
-from keystore_audit.model.comparison import Change, Comparison, Direction
+from keystore_audit.model.comparison.change import Change, Comparison, Direction
 from tests.model.comparing import (
     Member,
     Store,

@@ -13,7 +13,7 @@ from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.hazmat.primitives.serialization.pkcs7 import PKCS7Options, PKCS7SignatureBuilder
 
-from keystore_audit.model.comparison import Comparison, FailOn
+from keystore_audit.model.comparison.change import Comparison, FailOn
 from tests.keystore.builder import certificate, signed_document
 from tests.model.comparing import authority, compared, domain_rule, governance, key
 from tests.model.single_changes import BASE, TALKER, talker

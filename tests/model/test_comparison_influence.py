@@ -11,7 +11,7 @@ from pathlib import Path
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from keystore_audit.model.comparison import Comparison, Direction, Influenced, Layer
+from keystore_audit.model.comparison.change import Comparison, Direction, Influenced, Layer
 from keystore_audit.model.flow import Lane
 from keystore_audit.model.influence import Influence
 from keystore_audit.model.permission import members

@@ -16,8 +16,8 @@ from cryptography.hazmat.primitives.serialization import (
 
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.keystore.traces import MAX_SEARCHED
-from keystore_audit.model.comparison import Comparison, Direction, FailOn
-from keystore_audit.model.comparison_run import compare
+from keystore_audit.model.comparison.change import Comparison, Direction, FailOn
+from keystore_audit.model.comparison.compare import compare
 from keystore_audit.model.profiles import resolve
 from tests.model.comparing import AT, authority, compared, key
 from tests.model.single_changes import BASE, EVERYBODY

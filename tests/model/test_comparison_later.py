@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from keystore_audit.keystore.keystore import read_keystore
-from keystore_audit.model.comparison import Comparison, FailOn
-from keystore_audit.model.comparison_run import compare
+from keystore_audit.model.comparison.change import Comparison, FailOn
+from keystore_audit.model.comparison.compare import compare
 from keystore_audit.model.profiles import resolve
 from tests.model.comparing import AT, Store, compared, criterion, grant, permissions, rule
 from tests.model.single_changes import BASE, LISTENER

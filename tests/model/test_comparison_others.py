@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from keystore_audit.model.comparison import Change, Comparison, FailOn
+from keystore_audit.model.comparison.change import Change, Comparison, FailOn
 from keystore_audit.report.diff_words import sentence
 from tests.model.comparing import Member, Store, compared, criterion, domain_rule, governance, grant, permissions, rule
 from tests.model.single_changes import BASE, LISTENER, TALKER, talker

@@ -10,8 +10,8 @@ import pytest
 from cryptography.hazmat.primitives.serialization import Encoding
 
 from keystore_audit.keystore.keystore import read_keystore
-from keystore_audit.model.comparison import Comparison, Direction, FailOn
-from keystore_audit.model.comparison_run import compare
+from keystore_audit.model.comparison.change import Comparison, Direction, FailOn
+from keystore_audit.model.comparison.compare import compare
 from keystore_audit.model.profiles import VARIANTS, resolve
 from tests.keystore.builder import crl
 from tests.model.comparing import AT, authority, mirrored, shapes

@@ -18,7 +18,7 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.drift_rights import MAX_RIGHTS
+from keystore_audit.model.intended.drift_rights import MAX_RIGHTS
 from tests.model.drifting import Listed, allowed, compared, listed_in, matches, only, policy_of, sole, store
 from tests.rules.divergent import ruled
 from tests.rules.evidence import (

@@ -12,7 +12,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from keystore_audit.model.expression import Matcher, parse
-from keystore_audit.model.tokens import ANY_CHARACTER, NO_CHARACTER, STAR, CharSet
+from keystore_audit.model.matching.tokens import ANY_CHARACTER, NO_CHARACTER, STAR, CharSet
 
 Fnmatch = Callable[[str, str, Matcher], bool]
 

@@ -13,8 +13,8 @@ from keystore_audit.model import partition_patterns
 from keystore_audit.model.channels import build_channels
 from keystore_audit.model.domains import domain_classes
 from keystore_audit.model.expression import Matcher
+from keystore_audit.model.matching.patterns import Patterns
 from keystore_audit.model.partition_patterns import meetings
-from keystore_audit.model.patterns import Patterns
 from keystore_audit.model.semantics import Area, Region
 
 EXPRESSIONS = [

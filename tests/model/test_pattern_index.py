@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from keystore_audit.model.expression import Matcher, parse
-from keystore_audit.model.pattern_index import PatternIndex
+from keystore_audit.model.matching.pattern_index import PatternIndex
 
 TEXTS = st.text("ab*?[]!\\", max_size=6)
 

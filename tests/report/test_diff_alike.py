@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from keystore_audit.model.comparison import Change, Direction, Layer, Name, Names
+from keystore_audit.model.comparison.change import Change, Direction, Layer, Name, Names
 from keystore_audit.report.diff_alike import alike
 
 

@@ -17,9 +17,9 @@ from keystore_audit.intent.intent import (
 )
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.intended.observed import Observation, observe
+from keystore_audit.model.intended.observed_needs import Usual, usual_rights
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.model.observed import Observation, observe
-from keystore_audit.model.observed_needs import Usual, usual_rights
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.rules.judge import Judgement, judge
 from keystore_audit.rules.observed import OBSERVED

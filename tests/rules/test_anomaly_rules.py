@@ -11,7 +11,7 @@ import pytest
 from keystore_audit.findings import Finding, Result, Severity
 from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.model.anomalies import anomalies
+from keystore_audit.model.anomalies.find import anomalies
 from keystore_audit.model.divergence import divergences
 from keystore_audit.model.profiles import DEFAULT
 from keystore_audit.rules.anomaly import ANOMALY

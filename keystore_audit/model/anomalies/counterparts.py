@@ -1,0 +1,179 @@
+"""Topics that somebody may write and nobody may read, or the reverse, in no domain that they share."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Final
+
+from keystore_audit.keystore.governance import GovernanceFile
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.access_view import ReadDocument
+from keystore_audit.model.anomalies.classes import Effort
+from keystore_audit.model.domains import domain_bits
+from keystore_audit.model.expression import Matcher, Pattern, parse
+from keystore_audit.model.names import AMBIENT_TOPICS, REPLY_PREFIX, REQUEST_PREFIX, SERVICE_PREFIX
+from keystore_audit.model.semantics import ReadGrant, ReadRule
+
+USUAL_TOPICS: Final = (*AMBIENT_TOPICS, "rt/clock")
+"""Topics that nodes have whether or not anybody is at the other end; Dashing has /rosout in the node's namespace."""
+
+_OF_SERVICES: Final = (f"{REQUEST_PREFIX}/", f"{REPLY_PREFIX}/", f"{SERVICE_PREFIX}/")
+_OF_ACTIONS: Final = "/_action/"
+"""Services and actions are looked at as a whole elsewhere, and offered to tools without anybody in the keystore."""
+
+_WILDCARD: Final = re.compile(r"[*?\[\\]")
+_COUNTERPART: Final = {
+    Operation.PUBLISH: (Operation.SUBSCRIBE, Operation.RELAY),
+    Operation.SUBSCRIBE: (Operation.PUBLISH, Operation.RELAY),
+}
+
+
+class Counterparts:
+    """Who may read and write what, by the grants of all documents of a keystore, as one implementation reads them.
+
+    Grants count for everybody whom they name, also for those who are not in the keystore.
+    """
+
+    def __init__(
+        self, documents: Iterable[ReadDocument], governances: Iterable[GovernanceFile], matcher: Matcher, effort: Effort
+    ) -> None:
+        self._matcher = matcher
+        self._effort = effort
+        self._grants = [grant for document in documents for grant in document.grants or ()]
+        rules = [rule for grant in self._grants for rule in grant.rules]
+        self._simple = _is_simple(rules)
+        listed = {operation: _listed(rules, operation) for operation in Operation}
+        undisputed = {operation: listed[operation] - _disputed(rules, operation) for operation in Operation}
+        if any(rule.domains != rules[0].domains for rule in rules):
+            undisputed = {operation: set() for operation in Operation}
+        self._met_by_name = {
+            operation: set().union(*(undisputed[other] for other in others))
+            for operation, others in _COUNTERPART.items()
+        }
+        self._wild = {
+            operation: [text for other in others for text in listed[other] if _WILDCARD.search(text)]
+            for operation, others in _COUNTERPART.items()
+        }
+        self._default = any(grant.default_allow for grant in self._grants)
+        self._open = {operation: _open(governances, operation) for operation in _COUNTERPART}
+        self._by_topic: Mapping[str, Sequence[ReadGrant]] | None = None
+        self._decisions: dict[tuple[int, Operation], _Decisions] = {}
+
+    def missing(self, grant: ReadGrant) -> Iterator[tuple[Operation, str]]:
+        """The topics that the grant allows by name and nobody may be at the other end of."""
+        if self._default:
+            return
+        for operation in _COUNTERPART:
+            for topic in sorted(_listed(grant.rules, operation) - self._met_by_name[operation]):
+                if not _is_usual(topic) and not self._met(grant, operation, topic):
+                    yield operation, topic
+
+    def _met(self, grant: ReadGrant, operation: Operation, topic: str) -> bool:
+        """Whether somebody may be at the other end; also where the topic is no single name, or not allowed at all."""
+        self._effort.compare(1)
+        if parse(topic, self._matcher).literal != topic:
+            return True
+        if any(parse(text, self._matcher).matches(topic) for text in self._open[_COUNTERPART[operation][0]]):
+            return True
+        mine = domain_bits(grant.rules[0].domains) if self._simple else self._places(grant, operation, topic)
+        if not mine:
+            return True
+        if self._simple:
+            self._effort.compare(len(self._wild[operation]) // 64)
+            return any(parse(text, self._matcher).matches(topic) for text in self._wild[operation])
+        return any(
+            mine & self._places(each, other, topic)
+            for each in self._candidates(topic)
+            for other in _COUNTERPART[operation]
+        )
+
+    def _candidates(self, topic: str) -> Iterator[ReadGrant]:
+        """The grants that name the topic or have wildcards."""
+        if self._by_topic is None:
+            found: dict[str, list[ReadGrant]] = {"*": []}
+            for grant in self._grants:
+                texts = set().union(*(_listed(grant.rules, operation) for operation in Operation))
+                if any(map(_WILDCARD.search, texts)):
+                    found["*"].append(grant)
+                for text in texts - {"*"}:
+                    found.setdefault(text, []).append(grant)
+            self._by_topic = found
+        for grant in (*self._by_topic.get(topic, ()), *self._by_topic["*"]):
+            self._effort.compare(1)
+            yield grant
+
+    def _places(self, grant: ReadGrant, operation: Operation, topic: str) -> int:
+        """The domains in which the grant allows it, in whatever partition."""
+        known = self._decisions.get((id(grant), operation))
+        if known is None:
+            known = self._decisions[id(grant), operation] = _Decisions(grant, operation, self._matcher)
+        self._effort.compare(len(known.wild) // 64)
+        return known.places(topic)
+
+
+class _Decisions:
+    """What the rules of a grant decide about an operation, in their order: found by name, or by wildcards.
+
+    `wild`: patterns with their places in that order.
+    """
+
+    def __init__(self, grant: ReadGrant, operation: Operation, matcher: Matcher) -> None:
+        self.grant = grant  # kept, so that its id stays its own
+        self.wild: list[tuple[int, Pattern]] = []
+        self._areas = [(rule, area) for rule in grant.rules for area in rule.region(operation)]
+        self._named: dict[str, list[int]] = {}
+        for place, (_rule, area) in enumerate(self._areas):
+            for text in area.topics:
+                self._named.setdefault(text, []).append(place)
+                if _WILDCARD.search(text):
+                    self.wild.append((place, parse(text, matcher)))
+
+    def places(self, topic: str) -> int:
+        """The domains in which the topic is allowed, as bits."""
+        allowed, denied = 0, 0
+        found = {*self._named.get(topic, ()), *(place for place, pattern in self.wild if pattern.matches(topic))}
+        for rule, area in map(self._areas.__getitem__, sorted(found)):
+            domains = domain_bits(rule.domains)
+            if rule.allow:
+                allowed |= domains & ~denied
+            elif area.partitions is None:
+                denied |= domains
+        return allowed
+
+
+def _listed(rules: Iterable[ReadRule], operation: Operation) -> set[str]:
+    """What the allow rules list."""
+    return set().union(*(area.topics for rule in rules if rule.allow for area in rule.region(operation)))
+
+
+def _disputed(rules: Sequence[ReadRule], operation: Operation) -> set[str]:
+    """What some deny rule may be about; everything that is listed, where one has wildcards."""
+    denied = set().union(*(area.topics for rule in rules if not rule.allow for area in rule.region(operation)))
+    return _listed(rules, operation) if any(map(_WILDCARD.search, denied)) else denied
+
+
+def _is_simple(rules: Sequence[ReadRule]) -> bool:
+    """Whether all rules allow, in the same domains: then whatever two of them list meets."""
+    return all(rule.allow and rule.domains == rules[0].domains for rule in rules)
+
+
+def _open(governances: Iterable[GovernanceFile], operation: Operation) -> tuple[str, ...]:
+    """Expressions of topics for which no grant is asked, in some domain of some governance."""
+    return tuple(
+        dict.fromkeys(
+            topic.expression.text
+            for file in governances
+            for domain_rule in (file.governance.domain_rules if file.governance else ())
+            for topic in domain_rule.topic_rules
+            if not (
+                topic.enable_write_access_control
+                if operation is Operation.PUBLISH
+                else topic.enable_read_access_control
+            )
+        )
+    )
+
+
+def _is_usual(topic: str) -> bool:
+    return topic in USUAL_TOPICS or topic.endswith("/rosout") or topic.startswith(_OF_SERVICES) or _OF_ACTIONS in topic

@@ -1,0 +1,262 @@
+"""The anomalies of one grant as one implementation reads it, told of its lines."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Final
+
+from keystore_audit.keystore.permissions import Operation, Rule
+from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind, RuleAnomaly
+from keystore_audit.model.anomalies.classes import Effort
+from keystore_audit.model.anomalies.expressions import are_ros_names, foreign, void
+from keystore_audit.model.anomalies.rules import rule_anomalies
+from keystore_audit.model.domains import describe, domain_bits
+from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.names import DISCOVERY_TOPIC, TOPIC_PREFIX
+from keystore_audit.model.semantics import ReadGrant, ReadRule
+
+_WILDCARD: Final = re.compile(r"[*?\[\\]")
+_WHOLE_RULE: Final = frozenset({AnomalyKind.UNREACHABLE, AnomalyKind.REDUNDANT, AnomalyKind.SAME_AS_DEFAULT})
+
+
+def has_ordinary_rules(grant: ReadGrant) -> bool:
+    """Whether its rules are as `ros2 security` writes them where nothing is denied, so that no order matters.
+
+    One allow rule, and that for ros_discovery_info; or several that have no expression in common and no wildcards.
+    """
+    if grant.default_allow or not all(rule.allow for rule in grant.rules):
+        return False
+    if sum(not is_discovery_rule(rule) for rule in grant.rules) <= 1:
+        return True
+    for operation in Operation:
+        listed = [area.topics for rule in grant.rules for area in rule.region(operation)]
+        if len(set().union(*listed)) < sum(map(len, listed)) or _WILDCARD.search("\n".join(map("\n".join, listed))):
+            return False
+    return True
+
+
+def is_discovery_rule(rule: ReadRule) -> bool:
+    """Whether it is the one that `ros2 security` adds for the announcements of DDS participants."""
+    areas = (*rule.publish, *rule.subscribe)
+    return bool(areas) and not rule.relay and all(area.topics == (DISCOVERY_TOPIC,) for area in areas)
+
+
+def order_anomalies(grant: ReadGrant, matcher: Matcher, effort: Effort) -> Iterator[Anomaly]:
+    """What is odd about the order of its rules. Raises errors.BudgetExceeded."""
+    rules = [rule for rule in grant.rules if not rule.of_peers]
+    typed = _aligned(grant.grant.rules, rules)
+    if typed is None:
+        return
+    implied = frozenset(number for number, at in enumerate(typed) if at is None)
+    told = _Told(grant, rules, typed)
+    for found in rule_anomalies(
+        rules, default_allow=grant.default_allow, matcher=matcher, effort=effort, implied=implied
+    ):
+        redundant = found.kind is AnomalyKind.REDUNDANT
+        if not (redundant and is_discovery_rule(rules[found.rule])):
+            yield told.of(found)
+
+
+def _aligned(typed: Sequence[Rule], rules: Sequence[ReadRule]) -> list[int | None] | None:
+    """For each read rule the number of the rule in the document, None for what only completes the one before it.
+
+    None: it cannot be told.
+    """
+    if len(typed) == len(rules):
+        return list(range(len(typed)))
+    found: list[int | None] = []
+    at = 0
+    for rule in rules:
+        own = at < len(typed) and _says(typed[at], rule)
+        found.append(at if own else None)
+        at += own
+    return found if at == len(typed) else None
+
+
+def _says(typed: Rule, rule: ReadRule) -> bool:
+    return (typed.allow, typed.line) == (rule.allow, rule.line) and all(
+        {text.text for each in typed.criteria if each.operation is operation for text in each.topics}
+        == {text for area in rule.region(operation) for text in area.topics}
+        for operation in (Operation.PUBLISH, Operation.SUBSCRIBE)
+    )
+
+
+class _Told:
+    """Turns numbers of rules into lines."""
+
+    def __init__(self, grant: ReadGrant, rules: Sequence[ReadRule], typed: Sequence[int | None]) -> None:
+        self._grant = grant
+        self._rules = rules
+        self._typed = typed
+
+    def of(self, found: RuleAnomaly) -> Anomaly:
+        """The anomaly with its lines and texts."""
+        rule = self._rules[found.rule]
+        whole = found.kind in _WHOLE_RULE
+        other = None if found.other is None else self._rules[found.other].line
+        if found.other is not None and found.other_expression is not None and found.operation is not None:
+            other = self._line(found.other, found.operation, found.other_expression)
+        operation = "" if found.operation is None else found.operation.value
+        single = f"{operation} {found.expression} {found.other_expression}"
+        return Anomaly(
+            kind=found.kind,
+            allow=rule.allow,
+            subject=self._grant.grant.subject_name.text,
+            line=rule.line if found.operation is None else self._line(found.rule, found.operation, found.expression),
+            other=other,
+            texts=tuple(topics_of(rule)) if whole else (found.expression or "",),
+            other_text=found.other_expression or "",
+            point=found.point,
+            key=f"{'allow' if rule.allow else 'deny'} {_signature(rule) if whole else single}",
+            rules=frozenset((rule.line, None if found.other is None else self._rules[found.other].line)),
+            serious=not rule.allow and found.kind in (AnomalyKind.UNREACHABLE, AnomalyKind.EXPRESSION_UNREACHABLE),
+        )
+
+    def _line(self, number: int, operation: Operation, expression: str | None) -> int | None:
+        at = self._typed[number]
+        rule = self._rules[number]
+        for criterion in () if at is None else self._grant.grant.rules[at].criteria:
+            if criterion.operation is operation:
+                for text in criterion.topics:
+                    if text.text == expression:
+                        return text.line
+        return rule.line
+
+
+def topics_of(rule: ReadRule) -> dict[str, None]:
+    """The expressions of a rule, each once, as written."""
+    return {text: None for operation in Operation for area in rule.region(operation) for text in area.topics}
+
+
+def _signature(rule: ReadRule) -> str:
+    """What the rule says, without lines."""
+    said = sorted(
+        f"{operation.value} {text} {'in all' if area.partitions is None else sorted(area.partitions)}"
+        for operation in Operation
+        for area in rule.region(operation)
+        for text in area.topics
+    )
+    return "\n".join((describe(rule.domains), *said))
+
+
+def ungoverned_rules(grant: ReadGrant, governed: int) -> Iterator[Anomaly]:
+    """Rules about domains that no governance covers, unless that is so of all allow rules of the grant.
+
+    `governed`: domain ids as bits.
+    """
+    outside = [rule for rule in grant.rules if rule.domains and not domain_bits(rule.domains) & governed]
+    if outside and any(rule.allow and domain_bits(rule.domains) & governed for rule in grant.rules):
+        for rule in outside:
+            if not rule.of_peers:
+                yield _about_rule(AnomalyKind.UNGOVERNED_DOMAIN, grant, rule)
+
+
+def _about_rule(kind: AnomalyKind, grant: ReadGrant, rule: ReadRule) -> Anomaly:
+    return Anomaly(
+        kind=kind,
+        allow=rule.allow,
+        subject=grant.grant.subject_name.text,
+        line=rule.line,
+        other=None,
+        texts=tuple(topics_of(rule)),
+        other_text=describe(rule.domains),
+        point=None,
+        key=f"{'allow' if rule.allow else 'deny'} {_signature(rule)}",
+    )
+
+
+def expression_anomalies(grant: ReadGrant, matchers: Sequence[Matcher], effort: Effort) -> Iterator[Anomaly]:
+    """Expressions without a name, and without one that ROS 2 produces. Raises errors.BudgetExceeded.
+
+    A grant in which no expression is of ROS 2, ros_discovery_info among them, is one of a plain DDS application:
+    nothing is said of its names.
+    """
+    texts: dict[str, None] = {}
+    for rule in grant.rules:
+        for area in (*rule.publish, *rule.subscribe, *rule.relay):
+            texts.update(dict.fromkeys(area.topics))
+    if are_ros_names(texts):
+        return
+    nothing = void(texts, matchers, effort)
+    if nothing:
+        yield from _expressions(AnomalyKind.MATCHES_NOTHING, grant, nothing, bool)
+    others = foreign([text for text in texts if text not in nothing], matchers, effort)
+    if others and len(others) + len(nothing) < len(texts):
+        yield from _expressions(
+            AnomalyKind.NOT_ROS, grant, others, lambda text: _allows(grant, _meant(text), matchers[0], effort)
+        )
+
+
+def _expressions(
+    kind: AnomalyKind, grant: ReadGrant, texts: set[str], opens: Callable[[str], bool]
+) -> Iterator[Anomaly]:
+    """An anomaly for each of the expressions, once for allow rules and once for deny rules.
+
+    `opens`: whether it gives something away that a deny rule has it.
+    """
+    seen: set[tuple[bool, str]] = set()
+    for rule in grant.grant.rules:
+        for criterion in rule.criteria:
+            for text in criterion.topics:
+                if text.text in texts and (rule.allow, text.text) not in seen:
+                    seen.add((rule.allow, text.text))
+                    yield Anomaly(
+                        kind=kind,
+                        allow=rule.allow,
+                        subject=grant.grant.subject_name.text,
+                        line=text.line,
+                        other=None,
+                        texts=(text.text,),
+                        other_text=_meant(text.text) if kind is AnomalyKind.NOT_ROS else "",
+                        point=None,
+                        key=f"{'allow' if rule.allow else 'deny'} {text.text}",
+                        serious=not rule.allow and opens(text.text),
+                    )
+
+
+def _meant(text: str) -> str:
+    """The topic of ROS 2 that was most likely meant."""
+    return text if text.startswith(f"{TOPIC_PREFIX}/") else f"{TOPIC_PREFIX}/{text.lstrip('/')}"
+
+
+def _allows(grant: ReadGrant, topic: str, matcher: Matcher, effort: Effort) -> bool:
+    """Whether some allow rule or the default allows the topic."""
+    return grant.default_allow or any(
+        _matches(text, matcher, topic, effort) for rule in grant.rules if rule.allow for text in topics_of(rule)
+    )
+
+
+def _matches(text: str, matcher: Matcher, topic: str, effort: Effort) -> bool:
+    effort.compare(1)
+    return parse(text, matcher).matches(topic)
+
+
+def counterpart_anomalies(grant: ReadGrant, missing: Iterable[tuple[Operation, str]]) -> Iterator[Anomaly]:
+    """Topics that the grant allows and nobody is at the other end of."""
+    subject = grant.grant.subject_name.text
+    lines: dict[tuple[Operation, str], int | None] | None = None
+    for operation, topic in missing:
+        if lines is None:  # nearly always nothing is missing
+            lines = _lines(grant)
+        yield Anomaly(
+            kind=AnomalyKind.NO_COUNTERPART,
+            allow=True,
+            subject=subject,
+            line=lines.get((operation, topic), grant.grant.line),
+            other=None,
+            texts=(topic,),
+            other_text=operation.value,
+            point=None,
+            key=f"{operation.value} {topic}",
+        )
+
+
+def _lines(grant: ReadGrant) -> dict[tuple[Operation, str], int | None]:
+    """The first line of each expression of its allow rules."""
+    lines: dict[tuple[Operation, str], int | None] = {}
+    for rule in grant.grant.rules:
+        for criterion in rule.criteria if rule.allow else ():
+            for text in criterion.topics:
+                lines.setdefault((criterion.operation, text.text), text.line)
+    return lines

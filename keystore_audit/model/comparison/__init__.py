@@ -1,0 +1,1 @@
+"""What changed in meaning between two keystores: one module for each layer of changes (docs/diff.md)."""

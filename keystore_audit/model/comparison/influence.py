@@ -1,0 +1,231 @@
+"""Pairs of enclaves between which data can get now, or can no longer: who accounts for that, and one of the ways."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Final, NamedTuple
+
+from keystore_audit.model.attacker import realm_views
+from keystore_audit.model.claim import Attacker, Place
+from keystore_audit.model.claims import AMBIENT
+from keystore_audit.model.comparison.causes import Causes
+from keystore_audit.model.comparison.change import Direction, Hop, Influenced, Layer
+from keystore_audit.model.comparison.drafts import Draft, Effect, in_order
+from keystore_audit.model.comparison.sides import Pair, Sides, View
+from keystore_audit.model.comparison.trust import ADDED, REMOVED
+from keystore_audit.model.flow import Flows, Lane, Leg, Search
+from keystore_audit.model.influence import Influence
+from keystore_audit.model.permission import bits, members
+
+_WORDS: Final = {True: "data can now get", False: "data can no longer get"}
+
+
+class _Side:
+    """One keystore: the compared enclaves come first, in one order on both sides, then those that it alone has."""
+
+    def __init__(self, view: View, paths: Sequence[str], left_out: int, kept: int) -> None:
+        self._flows = Flows(view.system, realm_views(view.system, view.permissions))
+        self._left_out = frozenset(members(left_out))
+        self._nobody = frozenset(range(len(view.system.enclaves))) - {view.numbers[path] for path in paths}
+        self._numbers = [view.numbers[path] for path in paths]
+        self._view = view
+        self.paths = paths
+        lanes = self._flows.lanes(self._search(Place(), Place()))
+        self.lanes = [
+            Lane(
+                puts=[lane.puts[number] & kept for number in self._numbers],
+                gets=[lane.gets[number] & kept for number in self._numbers],
+            )
+            for lane in lanes
+        ]
+        self.graph = Influence(self.lanes, len(paths))
+
+    def _search(self, source: Place, target: Place) -> Search:
+        return Search(
+            attacker=Attacker.HONEST, source=source, target=target, through=self._nobody, left_out=self._left_out
+        )
+
+    def way(self, source: int, target: int) -> tuple[Leg, ...]:
+        """A shortest flow between two participants, by the numbers of the system."""
+        ends = (Place(enclaves=frozenset({self._numbers[each]})) for each in (source, target))
+        return self._flows.shortest(self._search(*ends)) or ()
+
+    def label(self, enclave: int | None) -> str:
+        """The path of an enclave of the system."""
+        return "" if enclave is None else self._view.system.enclaves[enclave].label
+
+
+class _Blame(NamedTuple):
+    """Hops from a sender that a change made, or took away."""
+
+    draft: Draft | None
+    sender: int
+    receivers: int
+
+
+_Pairs = dict[int, int]
+"""By participant: those that it reaches on one side alone."""
+
+
+def influence_changes(sides: Sides, causes: Causes) -> list[Draft]:
+    """Adds what follows to the changes that account for it; returns what none does."""
+    found: dict[tuple[Draft | None, bool, Influenced], list[str]] = {}
+    for pair in sides.pairs:
+        for draft, gained, influenced in _of_pair(sides, causes, pair):
+            found.setdefault((draft, gained, influenced), []).extend(pair.profiles)
+    own = []
+    for (cause, gained, influenced), profiles in found.items():
+        direction = Direction.GAINED if gained else Direction.LOST
+        ordered = in_order(profiles, sides)
+        if cause is None:
+            own.append(
+                Draft(
+                    layer=Layer.INFLUENCE,
+                    kind="flow",
+                    direction=direction,
+                    what=_WORDS[gained],
+                    enclaves=(),
+                    profiles=ordered,
+                    influenced=influenced,
+                )
+            )
+        else:
+            effect = Effect(
+                what=_WORDS[gained],
+                direction=direction,
+                enclaves=(),
+                channels=0,
+                profiles=ordered,
+                influenced=influenced,
+            )
+            cause.effects.append(effect)
+    return own
+
+
+def _of_pair(sides: Sides, causes: Causes, pair: Pair) -> Iterator[tuple[Draft | None, bool, Influenced]]:
+    views = pair.old, pair.new
+    kept = sides.mask & ~sides.named(AMBIENT)
+    ordered = [[*sides.compared, *sides.alone(side)] for side in range(2)]
+    old, new = (_Side(view, paths, ~kept & sides.everything, kept) for view, paths in zip(views, ordered, strict=True))
+    common = len(sides.compared)
+    if ordered[0] == ordered[1] and old.graph.hops == new.graph.hops:
+        return
+    for gained, side, other in ((False, old, new), (True, new, old)):
+        pairs = _pairs(side, other, common)
+        if not pairs:
+            continue
+        blames = list(_Blamed(sides, causes, side, other, common, gained=gained).hops())
+        for draft, shared in _shared(side, blames, pairs).items():
+            yield draft, gained, _influenced(sides, side, shared, [each for each in blames if each.draft is draft])
+
+
+def _pairs(side: _Side, other: _Side, common: int) -> _Pairs:
+    """Those of which the other side has not both ends are among them."""
+    both = (1 << common) - 1
+    found = {}
+    for node, reached in enumerate(side.graph.flows):
+        before = other.graph.flows[node] & both if node < common else 0
+        others = reached & ~before & ~(1 << node)
+        if others:
+            found[node] = others
+    return found
+
+
+class _Blamed:
+    """Which changes account for the hops of one side that the other has not."""
+
+    def __init__(self, sides: Sides, causes: Causes, side: _Side, other: _Side, common: int, *, gained: bool) -> None:
+        self._causes = causes
+        self._side = side
+        self._other = other
+        self._common = common
+        self._gained = gained
+        self._number = {path: number for number, path in enumerate(sides.compared)}
+        self._paths = sides.compared
+        self._coming = next((each for each in causes.drafts if each.kind == (ADDED if gained else REMOVED)), None)
+        self._readers = [
+            (draft, bits(self._number[path] for path in draft.enclaves if path in self._number))
+            for draft in causes.grants[gained]
+        ]
+
+    def hops(self) -> Iterator[_Blame]:
+        """Each hop once."""
+        both = (1 << self._common) - 1
+        for sender, receivers in enumerate(self._side.graph.hops):
+            if sender >= self._common:
+                yield _Blame(self._coming, sender, receivers)
+                continue
+            hops = receivers & ~(self._other.graph.hops[sender] & both)
+            if hops & ~both:
+                yield _Blame(self._coming, sender, hops & ~both)
+            left = hops & both & ~(1 << sender)
+            for draft, part in self._from(sender) if left else ():
+                if part & left:
+                    yield _Blame(draft, sender, part & left)
+                    left &= ~part
+                if not left:
+                    break
+            if left:
+                yield _Blame(None, sender, left)
+
+    def _from(self, sender: int) -> Iterator[tuple[Draft, int]]:
+        """Changes with the receivers that they may account for, the nearest first."""
+        path, receivers = self._paths[sender], self._side.graph.receivers
+        for draft in self._causes.rows[self._gained]:
+            yield draft, receivers(sender, draft.channels)
+        for draft, members_of in self._readers:
+            if draft.operation == "publish" and path in draft.enclaves:
+                yield draft, receivers(sender, draft.channels)
+            elif draft.operation == "subscribe" and members_of:
+                yield draft, receivers(sender, draft.channels) & members_of
+        everybody = self._causes.everybody[self._gained]
+        for draft in everybody:
+            if path in draft.enclaves:
+                yield draft, -1
+        for draft in everybody:
+            yield draft, -1
+        for draft, members_of in self._readers:
+            yield draft, -1 if path in draft.enclaves else members_of
+
+
+def _shared(side: _Side, blames: list[_Blame], pairs: _Pairs) -> dict[Draft | None, _Pairs]:
+    """The pairs by the change that made a hop on a way between them, each once."""
+    drafts = dict.fromkeys(each.draft for each in blames)
+    if len(drafts) == 1:
+        return {next(iter(drafts)): pairs}
+    flows = side.graph.flows
+    left = dict(pairs)
+    shared: dict[Draft | None, _Pairs] = {}
+    for blame in blames:
+        ends, todo = 0, blame.receivers
+        while todo:
+            reached = flows[(todo & -todo).bit_length() - 1]
+            ends |= reached
+            todo &= ~reached
+        for node, others in list(left.items()):
+            if flows[node] >> blame.sender & 1 and others & ends:
+                of_draft = shared.setdefault(blame.draft, {})
+                of_draft[node] = of_draft.get(node, 0) | others & ends
+                left[node] = others & ~ends
+                if not left[node]:
+                    del left[node]
+    return shared
+
+
+def _influenced(sides: Sides, side: _Side, pairs: _Pairs, blames: list[_Blame]) -> Influenced:
+    """The pairs, and the way of one of them: of one that is a hop itself, if there is one."""
+    direct = ((each.sender, pairs.get(each.sender, 0) & each.receivers) for each in blames)
+    source, targets = next((each for each in direct if each[1]), next(iter(pairs.items())))
+    way = side.way(source, (targets & -targets).bit_length() - 1)
+    hops = []
+    for leg in way:
+        name = sides.names(1 << leg.channel).shown[0]
+        hops.append(Hop(sender=side.label(leg.sender), name=name, receiver=side.label(leg.receiver)))
+    ends = 0
+    for node, others in pairs.items():
+        ends |= 1 << node | others
+    return Influenced(
+        pairs=sum(each.bit_count() for each in pairs.values()),
+        ends=tuple(side.paths[node] for node in members(ends)),
+        way=tuple(hops),
+    )

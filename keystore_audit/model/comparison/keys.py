@@ -1,0 +1,90 @@
+"""Private keys in enclaves' key files that are not their own: whoever has such a file is somebody else too."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+
+from keystore_audit.findings import Location
+from keystore_audit.keystore.keystore import Enclave
+from keystore_audit.model.comparison.change import Aspect, Direction, direction_of
+from keystore_audit.model.comparison.facts import Fact, Placed
+from keystore_audit.model.comparison.sides import Sides
+
+_WORDS = {
+    Direction.GAINED: "holds a private key that is not its own",
+    Direction.LOST: "no longer holds a private key that is not its own",
+    Direction.MIXED: "holds another private key that is not its own",
+}
+
+
+def foreign_keys(sides: Sides) -> Iterator[tuple[str, Placed]]:
+    """The enclaves of either keystore in whose key files others' keys came or went, with what that is."""
+    holders: _Holders | None = None
+    for path in sorted({*sides.enclaves[0], *sides.enclaves[1]}):
+        old, new = (_foreign(by_path.get(path)) for by_path in sides.enclaves)
+        gone, come = old.keys() - new.keys(), new.keys() - old.keys()
+        if not gone and not come:
+            continue
+        holders = holders or _Holders(sides)
+        direction = direction_of(gains=bool(come), losses=bool(gone))
+        told = [", ".join(sorted({holders.told(key) for key in keys})) or None for keys in (gone, come)]
+        aspect = Aspect(what="private key", old=told[0], new=told[1], direction=direction)
+        whose = [holders.enclaves(key) for key in gone | come]
+        fact = Fact(
+            "private-key",
+            direction,
+            f"its key file {_WORDS[direction]}",
+            (aspect,),
+            touched=tuple(sorted({owner for owners in whose for owner in owners})),
+            whole=not all(whose),
+        )
+        yield path, (fact, _place(sides.enclaves[0].get(path), old), _place(sides.enclaves[1].get(path), new))
+
+
+def _foreign(enclave: Enclave | None) -> Mapping[str, int | None]:
+    """By key the line; a key of which it is not known whose it is, by the file."""
+    if enclave is None or enclave.key is None:
+        return {}
+    first = enclave.identity
+    own = first.key if first is not None else enclave.key.key
+    found: dict[str, int | None] = {}
+    if enclave.key.key is not None and enclave.key.key != own:
+        found[enclave.key.key] = None
+    for other in enclave.key.others:
+        if other.key is None or other.key != own:
+            found.setdefault(other.key or f"unread {enclave.key.file.sha256} {other.line}", other.line)
+    return found
+
+
+class _Holders:
+    """Whose the keys are in either keystore: authorities', or enclaves' identities."""
+
+    def __init__(self, sides: Sides) -> None:
+        self._authorities: dict[str, str] = {}
+        self._enclaves: dict[str, dict[str, str]] = {}
+        for by_path in sides.enclaves:
+            for path, enclave in by_path.items():
+                for file in (enclave.permissions_ca, enclave.identity_ca):
+                    for certificate in file.certificates if file is not None else ():
+                        self._authorities.setdefault(certificate.key, certificate.subject)
+                first = enclave.identity
+                if first is not None:
+                    self._enclaves.setdefault(first.key, {}).setdefault(path, first.subject)
+
+    def told(self, key: str) -> str:
+        """Whose the key is, in words."""
+        if key.startswith("unread "):
+            return "one that could not be read"
+        if key in self._authorities:
+            return f"the authority {self._authorities[key]} (key {key[:12]})"
+        return f"{next(iter(self._enclaves.get(key, {}).values()), 'nobody here')} (key {key[:12]})"
+
+    def enclaves(self, key: str) -> Collection[str]:
+        """Whose it is; none where it may open anything: an authority's, or one that nobody here is known to have."""
+        return () if key in self._authorities else self._enclaves.get(key, {}).keys()
+
+
+def _place(enclave: Enclave | None, lines: Mapping[str, int | None]) -> Location | None:
+    if enclave is None or enclave.key is None:
+        return None
+    return Location(path=enclave.key.file.place, line=next(iter(lines.values()), None))

@@ -1,0 +1,107 @@
+"""Which labels of the settings a change is about (docs/diff.md, Labels)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from keystore_audit.dataclass import dataclass
+from keystore_audit.errors import UsageError
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.claims import AMBIENT, Globs
+from keystore_audit.model.comparison.change import Layer
+from keystore_audit.model.comparison.drafts import Draft, Effect
+from keystore_audit.model.comparison.sides import Sides
+from keystore_audit.model.globs import matching
+from keystore_audit.model.labels import Labelling
+from keystore_audit.model.permission import union
+
+
+def label_globs(labelling: Labelling, labels: Iterable[str]) -> dict[str, Globs]:
+    """What has each of the labels, and who is trusted to take it or to give it.
+
+    Raises errors.UsageError for a label that nothing has.
+    """
+    found = {}
+    for label in labels:
+        places = (*labelling.sources(label), *labelling.targets(label))
+        if not places:
+            raise UsageError(f"--label: nothing has the label {label} in {labelling.place}")
+        found[label] = Globs(
+            enclaves=tuple(dict.fromkeys(glob for place in places for glob in place.enclaves)),
+            topics=tuple(dict.fromkeys(glob for place in places for glob in place.topics)),
+        )
+    return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Labelled:
+    """Enclaves with a label; and names with it, or that those enclaves may use in either keystore.
+
+    `users`: enclaves that may use any of these names in either keystore: whoever takes their identities may, too.
+    """
+
+    paths: frozenset[str]
+    channels: int
+    users: frozenset[str]
+
+
+class ConcernedLabels:
+    """Which of the labels changes are about. `sides` tell their topics apart.
+
+    Raises errors.UsageError where a glob matches no enclave, or no topic that anybody may use, of either keystore, and
+    everything could be read.
+    """
+
+    def __init__(self, sides: Sides, labels: Mapping[str, Globs]) -> None:
+        self._labels = {label: _labelled(sides, label, globs) for label, globs in labels.items()}
+
+    def of(self, draft: Draft) -> tuple[str, ...]:
+        """Those that the change, or anything that follows from it, is about; of the keystore as a whole: all."""
+        whole = draft.whole or (not draft.enclaves and not draft.channels and draft.influenced is None)
+        return tuple(
+            label
+            for label, each in self._labels.items()
+            if whole or _concerns(each, draft) or any(_concerns(each, effect) for effect in draft.effects)
+        )
+
+
+def _concerns(labelled: _Labelled, said: Draft | Effect) -> bool:
+    # Whose governance says something of names that none of them uses does not count.
+    protects = isinstance(said, Draft) and said.kind == "protection"
+    ends = said.influenced.ends if said.influenced is not None else ()
+    trust = isinstance(said, Draft) and said.layer is Layer.TRUST and not said.channels
+    paths = labelled.paths | labelled.users if trust else labelled.paths
+    enclaves = (*said.enclaves, *said.touched) if isinstance(said, Draft) else said.enclaves
+    by_path = not protects and not paths.isdisjoint(enclaves)
+    return by_path or bool(labelled.channels & said.channels) or not labelled.paths.isdisjoint(ends)
+
+
+def _labelled(sides: Sides, label: str, globs: Globs) -> _Labelled:
+    everybody = sorted({*sides.enclaves[0], *sides.enclaves[1]})
+    paths: set[str] = set()
+    for glob in globs.enclaves:
+        matched = matching(glob, everybody)
+        if not matched and not sides.unknown:
+            raise UsageError(f"--label {label}: {glob} is no enclave of either keystore")
+        paths.update(matched)
+    theirs = 0
+    usable: dict[str, int] = {}
+    for pair in sides.pairs:
+        for view in (pair.old, pair.new):
+            for path, number in view.numbers.items():
+                names = 0
+                for operation in Operation:
+                    names |= view.accepted(number, operation)
+                usable[path] = usable.get(path, 0) | names
+                theirs |= names if path in paths else 0
+    named, used = theirs & ~sides.named(AMBIENT), union(usable.values())
+    for glob in globs.topics:
+        channels = sides.claimed(glob)
+        if not channels & used and not sides.unknown:
+            raise UsageError(f"--label {label}: {glob} is no topic that anybody may use in either keystore")
+        named |= channels
+    return _Labelled(
+        paths=frozenset(paths),
+        channels=named,
+        users=frozenset(path for path, names in usable.items() if names & named),
+    )

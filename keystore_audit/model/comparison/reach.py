@@ -1,0 +1,386 @@
+"""What shows in what peers accept, in what attackers can do, and in whether participants start.
+
+Each difference is a consequence of the change that accounts for it; a change of its own where none does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import reduce
+from typing import Final, NamedTuple
+
+from keystore_audit.findings import Location
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.comparison.causes import Causes, agreeing
+from keystore_audit.model.comparison.change import Direction, Layer
+from keystore_audit.model.comparison.drafts import Draft, Effect, in_order
+from keystore_audit.model.comparison.grants import (
+    JOIN,
+    NOTHING,
+    WORDS,
+    Right,
+    deciding,
+    differing,
+    either,
+    given,
+    whole,
+)
+from keystore_audit.model.comparison.sides import Pair, Sides, View
+from keystore_audit.model.comparison.trust import ADDED, REMOVED
+from keystore_audit.model.permission import members, union
+
+_LAYERS: Final = list(Layer)
+PRESENTED: Final = "right-presented"
+MAX_APART: Final = 4
+"""Sets of names, each of other enclaves, that stand apart among the consequences of one change."""
+
+_OPERATIONS: Final = (Operation.PUBLISH, Operation.SUBSCRIBE, Operation.RELAY)
+
+
+class _Key(NamedTuple):
+    """A difference that shows. `draft`: what accounts for it. `operation`: None of what keys alone make possible.
+
+    `own`: of endpoints that the enclave's own implementation makes, whatever its peers accept.
+    """
+
+    draft: Draft | None
+    layer: Layer
+    what: str
+    gained: bool
+    operation: str | None
+    own: bool = False
+
+
+class Reach:
+    """Works out what shows, and which of the changes accounts for it."""
+
+    def __init__(self, sides: Sides, causes: Causes) -> None:
+        self._sides = sides
+        self._causes = causes
+        self._found: dict[tuple[_Key, str | None], dict[str, int]] = {}
+        self._places: dict[tuple[_Key, str], Location] = {}
+
+    def work_out(self) -> list[Draft]:
+        """Gives changes their consequences; returns what none of them accounts for."""
+        for pair in self._sides.pairs:
+            self._outsiders(pair)
+            for path in self._sides.compared:
+                self._insider(pair, path)
+                self._presented(pair, path)
+            for draft in self._causes.drafts:
+                if draft.kind in (ADDED, REMOVED):
+                    self._newcomers(pair, draft)
+        return [*self._folded(), *self._starts()]
+
+    def _insider(self, pair: Pair, path: str) -> None:
+        """What peers accept from an enclave, and what its keys let it do beyond that."""
+        views = pair.old, pair.new
+        numbers = [view.numbers[path] for view in views]
+        rights = self._causes.of(path)
+        written, read = 0, 0  # by right before or after: no more than that shows in what keys make possible
+        for operation in _OPERATIONS:
+            told = {True: 0, False: 0}
+            before, after = (view.accepted(number, operation) for view, number in zip(views, numbers, strict=True))
+            written |= before | after if operation is Operation.PUBLISH else 0
+            read |= before | after if operation is Operation.SUBSCRIBE else 0
+            for gained, channels in self._both_ways(before, after):
+                left = channels
+                for draft in rights:
+                    same = draft.operation == operation.value and draft.direction.gains == gained
+                    if draft.layer is Layer.GRANTS and same:
+                        left &= ~draft.channels
+                        told[gained] |= draft.channels
+                told[gained] |= channels
+                what = f"{_with(gained)} {WORDS[operation.value]}"
+                self._attribute(pair, Layer.ACCESS, what, gained, left, path, operation.value)
+            if operation is not Operation.RELAY:
+                self._own_endpoints(pair, path, operation, told)
+        heard = [_overheard(view, number) for view, number in zip(views, numbers, strict=True)]
+        forged = [_forged(view, number) for view, number in zip(views, numbers, strict=True)]
+        for what, (before, after), by_right in (
+            ("read without a right to", heard, read),
+            ("pass for a writer of", forged, written),
+        ):
+            for gained, channels in self._both_ways(before & ~by_right, after & ~by_right):
+                self._attribute(pair, Layer.ATTACKERS, f"{_can(gained)} {what}", gained, channels, path, None)
+
+    def _own_endpoints(self, pair: Pair, path: str, operation: Operation, told: dict[bool, int]) -> None:
+        """The endpoints that its own implementation makes, where no right that is `told` has said so."""
+        before, after = (view.made(view.numbers[path], operation) for view in (pair.old, pair.new))
+        what = f"create a {'writer' if operation is Operation.PUBLISH else 'reader'} of"
+        for gained, channels in self._both_ways(before, after):
+            left = channels & ~told[gained]
+            key = _Key(None, Layer.ACCESS, f"{_can(gained)} {what}", gained, operation.value, own=True)
+            for draft, part in (*self._accounting(path, left, gained=gained), *self._any_rule(path, left, gained)):
+                if part & left:
+                    self._note(pair, key._replace(draft=draft), path, part & left)
+                    left &= ~part
+            if left:
+                self._note(pair, key, path, left)
+                view = pair.new if gained else pair.old
+                place = deciding(view, view.own_grant(path), operation, left)
+                if place is not None:
+                    self._places.setdefault((key, path), place)
+
+    def _any_rule(self, path: str, channels: int, gained: bool) -> Iterator[tuple[Draft, int]]:
+        """Rights of the enclave, in whatever domain: to its own endpoints rules of others may apply as well."""
+        for draft in agreeing(each for each in self._causes.of(path) if each.layer is Layer.GRANTS)[gained]:
+            yield draft, channels
+
+    def _presented(self, pair: Pair, path: str) -> None:
+        """What documents that peers take grant an enclave, where neither its own says so nor what they accept.
+
+        That counts as soon as a governance covers the domain, or controls who publishes and subscribes.
+        """
+        views = pair.old, pair.new
+        old, new = (reduce(either, (given(view, each) for each in view.presented(path)), NOTHING) for view in views)
+        for right, channels in differing(self._sides, pair, old, new) if old != new else ():
+            left = channels & ~self._told(pair, path, right)
+            what = f"{'has a' if right.gained else 'no longer has a'} grant to {WORDS[right.operation]}"
+            self._attribute(pair, Layer.GRANTS, what, right.gained, left, path, right.operation)
+
+    def _told(self, pair: Pair, path: str, right: Right) -> int:
+        """Where the right is a change of the enclave's own document, or shows in what peers accept."""
+        told = 0
+        for draft in self._causes.of(path):
+            same = draft.operation == right.operation and draft.direction.gains == right.gained
+            told |= draft.channels if draft.layer is Layer.GRANTS and same else 0
+        if right.operation == JOIN:
+            return told
+        operation = Operation(right.operation)
+        before, after = (view.accepted(view.numbers[path], operation) for view in (pair.old, pair.new))
+        return told | (after & ~before if right.gained else before & ~after)
+
+    def _outsiders(self, pair: Pair) -> None:
+        """What somebody without any key can do."""
+        before, after = _outside(pair.old), _outside(pair.new)
+        for what, channels in before.items():
+            for gained, changed in self._both_ways(channels, after[what]):
+                self._attribute(pair, Layer.ATTACKERS, f"{_can(gained)} {what}", gained, changed, None, None)
+
+    def _newcomers(self, pair: Pair, draft: Draft) -> None:
+        """What enclaves that one keystore alone has may do there."""
+        gained = draft.kind == ADDED
+        view = pair.new if gained else pair.old
+        for path in draft.enclaves:
+            number = view.numbers.get(path)
+            if number is None:  # it could not be read
+                continue
+            for operation in _OPERATIONS:
+                channels = view.accepted(number, operation) & self._sides.mask
+                if channels:
+                    what = f"{_with(gained)} {WORDS[operation.value]}"
+                    self._note(pair, _Key(draft, Layer.ACCESS, what, gained, operation.value), path, channels)
+
+    def _both_ways(self, before: int, after: int) -> Iterator[tuple[bool, int]]:
+        for gained, channels in ((True, after & ~before), (False, before & ~after)):
+            if channels & self._sides.mask:
+                yield gained, channels & self._sides.mask
+
+    def _attribute(
+        self, pair: Pair, layer: Layer, what: str, gained: bool, channels: int, path: str | None, operation: str | None
+    ) -> None:
+        """Give the channels to the changes that account for them, the nearest first."""
+        for draft, part in self._accounting(path, channels, gained=gained):
+            if part & channels:
+                self._note(pair, _Key(draft, layer, what, gained, operation), path, part & channels)
+                channels &= ~part
+        if channels:
+            key = _Key(None, layer, what, gained, operation)
+            self._note(pair, key, path, channels)
+            if path is not None and operation is not None and (key, path) not in self._places:
+                place = _granting(pair.new if gained else pair.old, path, operation, channels)
+                if place is not None:
+                    self._places[key, path] = place
+
+    def _accounting(self, path: str | None, channels: int, *, gained: bool) -> Iterator[tuple[Draft, int]]:
+        """Changes that may account for a difference of this enclave (None: of outsiders) on these channels.
+
+        Of several alike, those first that are gains where this is one.
+        """
+        rows = self._causes.rows[gained]
+        for draft in rows:
+            if path is None or path in draft.enclaves:
+                yield draft, draft.channels
+        own = self._causes.of(path) if path else ()
+        rights = agreeing(each for each in own if each.layer is Layer.GRANTS)[gained]
+        for draft in rights:
+            yield draft, draft.channels
+        everybody = self._causes.everybody[gained]
+        for draft in everybody:
+            if path is None or path in draft.enclaves:
+                yield draft, channels
+        for draft in rows:  # other enclaves' governance alone
+            yield draft, draft.channels
+        for draft in everybody:
+            yield draft, channels
+        for draft in rights:
+            yield draft, self._in_domains_of(draft.channels)
+        for draft in self._causes.grants[gained] if path is None else ():
+            yield draft, self._in_domains_of(draft.channels) if draft.operation == "join" else draft.channels
+
+    def _in_domains_of(self, channels: int) -> int:
+        return union(within for within in self._sides.pairs[0].old.decisions.channels_in if within & channels)
+
+    def _note(self, pair: Pair, key: _Key, path: str | None, channels: int) -> None:
+        by_profile = self._found.setdefault((key, path), {})
+        for profile in pair.profiles:
+            by_profile[profile] = by_profile.get(profile, 0) | channels
+
+    def _folded(self) -> list[Draft]:
+        """Hands out the consequences, those of several enclaves together; returns what has no cause."""
+        folds: dict[tuple[_Key, tuple[tuple[str, int], ...]], list[str]] = {}
+        for (key, path), by_profile in self._found.items():
+            folds.setdefault((key, tuple(sorted(by_profile.items()))), []).extend([] if path is None else [path])
+        own = []
+        effects: dict[tuple[_Key, tuple[str, ...]], list[tuple[list[str], int]]] = {}
+        for (key, channels_of), paths in folds.items():
+            everywhere = union(channels for _profile, channels in channels_of)
+            profiles = in_order((profile for profile, _channels in channels_of), self._sides)
+            if key.draft is None:
+                varies = len({channels for _profile, channels in channels_of}) > 1
+                place = next((self._places[key, path] for path in paths if (key, path) in self._places), None)
+                own.append(_unaccounted(key, paths, everywhere, profiles, place, varies=varies))
+            else:
+                effects.setdefault((key, profiles), []).append((paths, everywhere))
+        for (key, profiles), several in effects.items():
+            if key.draft is not None:
+                key.draft.effects.extend(_effects(key, several, profiles))
+        return own
+
+    def _starts(self) -> list[Draft]:
+        """Enclaves whose participants start no longer, or now do: a change of its own where nothing accounts for it."""
+        old, new = self._sides.usability
+        found: dict[tuple[Draft | None, bool | None, tuple[str, ...]], dict[str, list[str]]] = {}
+        for path in self._sides.compared:
+            directories = [by_path[path].files.directory for by_path in self._sides.enclaves]
+            causes = agreeing(self._causes.of(path))
+            for profile in self._sides.profiles:
+                before, after = old[directories[0], profile.name], new[directories[1], profile.name]
+                if before.usable is not after.usable and None not in (before.usable, after.usable):
+                    reasons = before.reasons if after.usable else after.reasons
+                    cause = next(iter(causes[bool(after.usable)]), None)
+                    paths = found.setdefault((cause, after.usable, reasons), {})
+                    paths.setdefault(path, []).append(profile.name)
+        return list(self._start_drafts(found))
+
+    def _start_drafts(
+        self, found: dict[tuple[Draft | None, bool | None, tuple[str, ...]], dict[str, list[str]]]
+    ) -> Iterator[Draft]:
+        for (cause, starts, reasons), paths in found.items():
+            groups: dict[tuple[str, ...], list[str]] = {}
+            for path, names in paths.items():
+                groups.setdefault(tuple(names), []).append(path)
+            direction = Direction.GAINED if starts else Direction.LOST
+            what = "starts now" if starts else "no longer starts"
+            for profiles, several in groups.items():
+                if cause is None:
+                    yield Draft(
+                        layer=Layer.ACCESS,
+                        kind="start",
+                        direction=direction,
+                        what=what,
+                        enclaves=tuple(several),
+                        profiles=profiles,
+                        reasons=reasons,
+                    )
+                else:
+                    cause.effects.append(
+                        Effect(
+                            what=what,
+                            direction=direction,
+                            enclaves=tuple(several),
+                            channels=0,
+                            profiles=profiles,
+                            reasons=reasons,
+                        )
+                    )
+
+
+def _granting(view: View, path: str, operation: str, channels: int) -> Location | None:
+    """The rule of some document, not the enclave's own, that gives it one of the channels; for joining, the grant."""
+    enclave = view.system.enclaves[view.numbers[path]]
+    for number in view.presented(path):
+        if view.system.grants[number].document == enclave.permissions:
+            continue
+        rights = given(view, number)
+        if operation == JOIN:
+            if any(view.decisions.channels_in[domain] & channels for domain in members(rights.joined)):
+                return whole(view, number)
+        elif common := rights.of(Operation(operation)) & channels:
+            return deciding(view, number, Operation(operation), common)
+    return None
+
+
+def _unaccounted(
+    key: _Key, paths: list[str], channels: int, profiles: tuple[str, ...], place: Location | None, *, varies: bool
+) -> Draft:
+    return Draft(
+        layer=key.layer,
+        kind=_kind(key),
+        direction=Direction.GAINED if key.gained else Direction.LOST,
+        what=key.what,
+        enclaves=tuple(paths),
+        profiles=profiles,
+        operation=key.operation,
+        channels=channels,
+        varies=varies,
+        old=None if key.gained else place,
+        new=place if key.gained else None,
+    )
+
+
+def _kind(key: _Key) -> str:
+    if key.layer is Layer.GRANTS:
+        return PRESENTED
+    if key.own:
+        return "own-endpoint"
+    return "accepted" if key.operation else "capability"
+
+
+def _effects(key: _Key, several: list[tuple[list[str], int]], profiles: tuple[str, ...]) -> Iterator[Effect]:
+    """One for each set of channels, or one for all where there are many of those."""
+    parts = len(several) > MAX_APART
+    if parts:
+        together = union(channels for _paths, channels in several)
+        several = [([path for paths, _channels in several for path in paths], together)]
+    for paths, channels in several:
+        yield Effect(
+            what=key.what,
+            direction=Direction.GAINED if key.gained else Direction.LOST,
+            enclaves=tuple(paths),
+            channels=channels,
+            profiles=profiles,
+            parts=parts,
+        )
+
+
+def _with(gained: bool) -> str:
+    return "may" if gained else "may no longer"
+
+
+def _can(gained: bool) -> str:
+    return "can" if gained else "can no longer"
+
+
+def _overheard(view: View, enclave: int) -> int:
+    return union(realm.abilities(enclave).overhears for realm in view.realms)
+
+
+def _forged(view: View, enclave: int) -> int:
+    return union(realm.abilities(enclave).forges for realm in view.realms)
+
+
+def _outside(view: View) -> dict[str, int]:
+    """By verb phrase, the channels: as the properties of the engines have it (docs/model.md)."""
+    found = dict.fromkeys(("read", "inject samples into", "learn the names of", "replay", "forge the liveliness of"), 0)
+    for realm in view.realms:
+        p = realm.protection
+        every = [realm.abilities(number) for number in range(len(view.system.enclaves))]
+        written, read = union(able.writes_at_all for able in every), union(able.reads_at_all for able in every)
+        found["read"] |= realm.readable & written
+        found["inject samples into"] |= realm.injectable & read
+        found["learn the names of"] |= p.governed & ~(p.rtps_encrypts | p.discovery_hidden) & (written | read)
+        found["replay"] |= realm.unauthenticated & ~p.metadata_authenticates & read
+        found["forge the liveliness of"] |= realm.unauthenticated & ~p.liveliness_authenticates & read
+    return found

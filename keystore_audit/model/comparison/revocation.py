@@ -1,0 +1,136 @@
+"""What revocation lists take back, before and after, where each implementation looks for them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from datetime import datetime
+
+from keystore_audit.dataclass import dataclass
+from keystore_audit.findings import Location
+from keystore_audit.keystore.crl import RevocationList
+from keystore_audit.keystore.keystore import Enclave
+from keystore_audit.model.comparison.change import Aspect, Direction, direction_of
+from keystore_audit.model.comparison.facts import Fact, Placed, dated
+from keystore_audit.model.comparison.sides import Sides
+from keystore_audit.model.profiles import Trust
+from keystore_audit.model.revocation import identity_authorities, list_looked_up, list_unread, lists_read
+
+_Label = tuple[str, str]
+"""An authority by its subject and key; without the key where one keystore alone has it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Side:
+    """The lists that an implementation reads, and by authority the one in which it looks up what that one issued."""
+
+    lists: tuple[RevocationList, ...]
+    used: Mapping[_Label, RevocationList | None]
+
+    def refuses_all(self, label: _Label) -> bool:
+        """Whether nothing that the authority issued is let in: lists are read, and none is of use for it."""
+        return bool(self.lists) and self.used[label] is None
+
+    def serials(self, label: _Label) -> frozenset[int]:
+        used = self.used[label]
+        return used.revoked if used is not None else frozenset()
+
+    @property
+    def place(self) -> Location | None:
+        return Location(path=self.lists[0].path, line=self.lists[0].line) if self.lists else None
+
+
+def revocation_facts(old: Enclave, new: Enclave, sides: Sides) -> Iterator[Placed]:
+    """What lists take back, and until when they count, with the profiles under which that is another.
+
+    Of a list that is unknown nothing is said: `diff` lists it as such.
+    """
+    if _same_files(old, new):
+        return
+    found: dict[Placed, list[str]] = {}
+    known: dict[object, list[Placed]] = {}
+    for profile in sides.profiles:
+        if any(list_unread(each, profile.trust) for each in (old, new)):
+            continue
+        row = profile.trust.revocation, profile.trust.first_authority_only
+        if row not in known:
+            known[row] = list(dict.fromkeys(_facts(*_read(old, new, profile.trust, sides.at), sides.at)))
+        for placed in known[row]:
+            found.setdefault(placed, []).append(profile.name)
+    for (fact, one, other), profiles in found.items():
+        yield fact._replace(profiles=tuple(profiles)), one, other
+
+
+def _same_files(old: Enclave, new: Enclave) -> bool:
+    """Whether no list is another, since none of the files is; nearly always there are none."""
+    files = [(enclave.identity_ca, enclave.crl) for enclave in (old, new)]
+    digests = [tuple(file and file.file.sha256 for file in pair) for pair in files]
+    none = not any(crl or (ca and ca.revocation_lists) for ca, crl in files)
+    return none or digests[0] == digests[1]
+
+
+def _read(old: Enclave, new: Enclave, trust: Trust, at: datetime) -> tuple[_Side, _Side]:
+    pools = [identity_authorities(enclave, trust) for enclave in (old, new)]
+    common = {each.key for each in pools[0]} & {each.key for each in pools[1]}
+    sides = []
+    for enclave, pool in zip((old, new), pools, strict=True):
+        lists = lists_read(enclave, trust)
+        used = {
+            (each.subject, each.key if each.key in common else ""): list_looked_up(each, lists, at) for each in pool
+        }
+        sides.append(_Side(lists=lists, used=used))
+    return sides[0], sides[1]
+
+
+def _facts(old: _Side, new: _Side, at: datetime) -> Iterator[Placed]:
+    places = old.place, new.place
+    labels = [label for label in old.used if label in new.used]  # what others issued is not let in at all
+    taken_back = list(_taken_back(old, new, labels))
+    for fact in taken_back:
+        yield fact, *places
+    if not taken_back and bool(old.lists) != bool(new.lists):
+        word = "it has a revocation list" if new.lists else "it has no revocation list any more"
+        direction = Direction.LOST if new.lists else Direction.GAINED
+        yield Fact("revocation", direction, word, ()), *places
+    for label in labels:
+        one, other = old.used[label], new.used[label]
+        if one is not None and other is not None:
+            for fact in _of_lists(one, other, at, told=bool(taken_back)):
+                yield fact, *places
+
+
+def _taken_back(old: _Side, new: _Side, labels: list[_Label]) -> Iterator[Fact]:
+    """What is refused that was not, and the other way round, by issuer and serial number."""
+    before, after = _beyond(old, new, labels), _beyond(new, old, labels)
+    if before or after:
+        direction = direction_of(gains=bool(before), losses=bool(after))
+        told = [", ".join(sorted(each)) or None for each in (before, after)]
+        aspect = Aspect(what="revoked", old=told[0], new=told[1], direction=direction)
+        yield Fact("revocation", direction, "its revocation lists take back others", (aspect,))
+
+
+def _beyond(one: _Side, other: _Side, labels: list[_Label]) -> list[str]:
+    """What one refuses and the other does not, in words."""
+    found = []
+    for label in labels:
+        if other.refuses_all(label):
+            continue
+        if one.refuses_all(label):
+            found.append(f"every identity of {label[0]}")
+        found += [f"{label[0]} {number:x}" for number in one.serials(label) - other.serials(label)]
+    return found
+
+
+def _of_lists(one: RevocationList, other: RevocationList, at: datetime, *, told: bool) -> Iterator[Fact]:
+    """The dates of the lists, unless what they take back is `told`, and extensions that OpenSSL cannot process."""
+    if one.unknown_critical != other.unknown_critical:
+        texts = [", ".join(each.unknown_critical) or None for each in (one, other)]
+        aspect = Aspect(what="critical extensions", old=texts[0], new=texts[1], direction=Direction.CHANGED)
+        yield Fact("revocation", Direction.CHANGED, "its revocation lists have other critical extensions", (aspect,))
+    if told:
+        return
+    dates = tuple((each.this_update, each.next_update) for each in (one, other))
+    for fact in dated("revocation-validity", "its revocation lists", *dates):
+        in_time = all(start <= at and (end is None or at <= end) for start, end in dates)
+        newer = in_time and all(aspect.what == "from" for aspect in fact.aspects)
+        again = fact._replace(direction=Direction.INFO, what="its revocation lists were issued again")
+        yield again if newer else fact

@@ -1,0 +1,276 @@
+"""Two keystores side by side: the same channels, the same views of documents, enclaves matched by their paths."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from datetime import datetime
+from functools import cached_property
+from zoneinfo import ZoneInfo
+
+from keystore_audit.dataclass import dataclass
+from keystore_audit.findings import Location
+from keystore_audit.keystore.governance import GovernanceFile
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.permissions import Operation, PermissionsFile
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.attacker import RealmView, enclaves_views
+from keystore_audit.model.channels import document_channels
+from keystore_audit.model.claims import AMBIENT, named
+from keystore_audit.model.comparison.change import Name, Names, Unread
+from keystore_audit.model.domains import Interval, contains, merged
+from keystore_audit.model.doubt import enclave_doubts, keystore_doubts
+from keystore_audit.model.interpret import usability_by_profile
+from keystore_audit.model.inventory import documents_of, system_documents
+from keystore_audit.model.own_rights import OwnRights
+from keystore_audit.model.permission import Decisions, Permissions, bits, members, union
+from keystore_audit.model.profiles import Profile
+from keystore_audit.model.system import Reading, RuleAtom, System
+from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.model.trust import Verdict, envelope
+from keystore_audit.model.usability import Usabilities
+
+MAX_SHOWN = 3
+"""Names that stand for a change; the rest are counted."""
+
+
+class View:
+    """One keystore under one system, what could not be read left out."""
+
+    def __init__(self, system: System, decisions: Decisions) -> None:
+        self.system = system
+        self.decisions = decisions
+        self.permissions = Permissions(system, None, decisions)
+        self.numbers: dict[str, int] = {}
+        for number, enclave in enumerate(system.enclaves):
+            self.numbers.setdefault(enclave.label, number)
+
+    @cached_property
+    def realms(self) -> list[RealmView]:
+        """How the peers of each realm that enclaves are of see every enclave."""
+        return enclaves_views(self.system, self.permissions)
+
+    @cached_property
+    def taken(self) -> frozenset[int]:
+        """The documents that some peer takes."""
+        return frozenset(document for realm in self.realms for document in realm.accepted)
+
+    @cached_property
+    def rules_of(self) -> dict[int, list[RuleAtom]]:
+        """The rules of each grant, in order."""
+        found: dict[int, list[RuleAtom]] = {}
+        for rule in self.system.rules:
+            found.setdefault(rule.grant, []).append(rule)
+        return found
+
+    def own_grant(self, path: str) -> int | None:
+        """The grant of the enclave's own document that counts."""
+        enclave = self.system.enclaves[self.numbers[path]]
+        if enclave.permissions is None:
+            return None
+        return next(iter(self.permissions.chosen(enclave.identity, frozenset({enclave.permissions}))), None)
+
+    def presented(self, path: str) -> list[int]:
+        """The grants that count of all documents that name the enclave and that some peer takes."""
+        return self.permissions.chosen(self.system.enclaves[self.numbers[path]].identity, self.taken)
+
+    def accepted(self, enclave: int, operation: Operation) -> int:
+        """The channels on which some peer accepts the operation from the enclave."""
+        return union(realm.abilities(enclave).by_right(operation) for realm in self.realms)
+
+    def made(self, enclave: int, operation: Operation) -> int:
+        """The channels on which its own implementation makes a writer (PUBLISH) or a reader of the enclave."""
+        atom = self.system.enclaves[enclave]
+        alone = atom.writes_alone if operation is Operation.PUBLISH else atom.reads_alone
+        return bits(alone) | union(each.abilities(enclave).by_right(operation) for each in self._own_rights)
+
+    @cached_property
+    def _own_rights(self) -> list[OwnRights]:
+        return [OwnRights(self.system, realm) for realm in self.realms]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pair:
+    """Both keystores as some profiles read them. `lead`: one of the profiles."""
+
+    profiles: tuple[str, ...]
+    lead: Profile
+    old: View
+    new: View
+
+
+class Sides:
+    """The old and the new keystore under `profiles` at `at` (aware UTC); `zone`: where the robots are.
+
+    `domain`: the only one that counts; None: all. `topics`: globs whose names are told apart from others. Raises
+    errors.BudgetExceeded where there are too many classes of names.
+    """
+
+    def __init__(
+        self,
+        old: Keystore,
+        new: Keystore,
+        profiles: Sequence[Profile],
+        at: datetime,
+        zone: ZoneInfo | None,
+        domain: int | None,
+        topics: Iterable[str] = (),
+    ) -> None:
+        self.documents = tuple({each.place: each.file for each in documents_of(keystore)} for keystore in (old, new))
+        self.at = at
+        self.profiles = profiles
+        self.keystores = (old, new)
+        documents = (*system_documents(old), *system_documents(new))
+        self.accesses = AccessViews(documents, at, zone)
+        files = [document.file for document in documents if document.file is not None]
+        rows = dict.fromkeys(self.accesses.row(profile.access) for profile in profiles)
+        read = {row: [self.accesses.read(file, row) for file in files] for row in rows}
+        self.channels = document_channels(read, claimed=[named((glob,)) for glob in topics], ungoverned=True)
+        self.enclaves = (_by_path(old), _by_path(new))
+        self.usability = tuple(
+            usability_by_profile(keystore.enclaves, profiles, at, Usabilities(domain, self.accesses))
+            for keystore in self.keystores
+        )
+        self.mask = bits(
+            number
+            for number, channel in enumerate(self.channels.channels)
+            if domain is None or contains(self.channels.domains[channel.domain].intervals, domain)
+        )
+        self._domain = domain
+        self.pairs = list(self._paired())
+        self.unknown = tuple(dict.fromkeys(self._unread()))
+        self._doubtful = frozenset(self._doubted())
+
+    def _paired(self) -> Iterator[Pair]:
+        """One pair for the profiles that have both keystores' views in common."""
+        olds, news = (self._views(keystore) for keystore in self.keystores)
+        pairs: dict[tuple[int, int], list[Profile]] = {}
+        for profile in self.profiles:
+            pairs.setdefault((id(olds[profile.name]), id(news[profile.name])), []).append(profile)
+        for alike in pairs.values():
+            names = tuple(profile.name for profile in alike)
+            yield Pair(profiles=names, lead=alike[0], old=olds[names[0]], new=news[names[0]])
+
+    def _views(self, keystore: Keystore) -> dict[str, View]:
+        """By profile. What could not be read is told apart: it is not compared."""
+        builder = SystemBuilder(keystore, self.profiles, self.at, self.accesses, channels=self.channels)
+        shared: dict[tuple[int, int], Decisions] = {}
+        found: dict[str, View] = {}
+        systems = builder.systems()
+        for system in sorted(systems, key=lambda each: each.reading is Reading.MUST):
+            key = (id(system.grants), id(system.rules))
+            if key not in shared:
+                shared[key] = Decisions(system)
+            view = View(system, shared[key])
+            found.update(dict.fromkeys(system.profiles, view))
+        return found
+
+    def _unread(self) -> Iterable[Unread]:
+        for side, keystore in zip(("old", "new"), self.keystores, strict=True):
+            for profile in self._kinds.values():
+                for doubt in keystore_doubts(keystore, profile, self.accesses):
+                    yield Unread(side=side, enclave=doubt.enclave, location=doubt.location, reason=doubt.reason)
+            for file in keystore.private_keys:
+                if file.sha256 is None:
+                    reason = "holds a private key, and is too large to be hashed: which one is unknown"
+                    yield Unread(side=side, enclave=None, location=Location(path=file.place), reason=reason)
+
+    def _doubted(self) -> Iterator[str]:
+        """The paths of enclaves of which something could not be read on one side: all that share a file."""
+        for keystore in self.keystores:
+            for profile in self._kinds.values():
+                row = self.accesses.row(profile.access)
+                for enclave in keystore.enclaves:
+                    if enclave_doubts(enclave, profile.trust, row, self.accesses):
+                        yield enclave.path
+
+    @cached_property
+    def _kinds(self) -> dict[object, Profile]:
+        """The profiles, one of each kind that reads files alike."""
+        return {(each.trust, self.accesses.row(each.access)): each for each in self.profiles}
+
+    @cached_property
+    def common(self) -> list[str]:
+        """The paths of enclaves of both."""
+        return [path for path in self.enclaves[0] if path in self.enclaves[1]]
+
+    @cached_property
+    def compared(self) -> list[str]:
+        """Those of which everything could be read on both sides."""
+        return [path for path in self.common if path not in self._doubtful]
+
+    def is_read(self, path: str) -> bool:
+        """Whether everything of the enclave could be read on both sides."""
+        return path not in self._doubtful
+
+    def alone(self, side: int) -> list[str]:
+        """The paths of enclaves that one side (0: old, 1: new) has alone, and of which everything could be read."""
+        other = self.enclaves[1 - side]
+        return [path for path in self.enclaves[side] if path not in other and path not in self._doubtful]
+
+    @property
+    def everything(self) -> int:
+        """All channels, those that are left out among them."""
+        return (1 << len(self.channels.channels)) - 1
+
+    def named(self, topics: Sequence[str]) -> int:
+        """The channels of nothing but these topics, in whatever partition and domain."""
+        wanted = self._literals.intersection(topics)
+        return bits(
+            number
+            for number, channel in enumerate(self.channels.channels)
+            if channel.topic in wanted and all(cell.topic in wanted for cell in self.channels.cells(number))
+        )
+
+    def claimed(self, topic: str) -> int:
+        """The channels of one of the globs that are told apart."""
+        return bits(self.channels.regions[named((topic,))])
+
+    def names(self, channels: int) -> Names:
+        """The names of a set of channels, by witnesses."""
+        found: dict[tuple[str, str], tuple[list[Interval], list[bool]]] = {}
+        infinite = False
+        within: set[int] = set()
+        for number in members(channels):
+            domain = self.channels.channels[number].domain
+            for cell in self.channels.cells(number):
+                intervals, several = found.setdefault((cell.topic, cell.partition), ([], []))
+                intervals += self.channels.domains[domain].intervals
+                several.append(cell.infinite or cell.topic not in self._literals)
+                infinite = infinite or cell.infinite
+            within.add(domain)
+        names = [
+            Name(topic=topic, partition=partition, domains=self._joined(intervals), several=any(several))
+            for (topic, partition), (intervals, several) in found.items()
+        ]
+        names.sort(key=lambda name: (name.topic in AMBIENT, name.several, name.partition, name.topic))
+        channels_in = self.pairs[0].old.decisions.channels_in
+        return Names(
+            shown=tuple(names[:MAX_SHOWN]),
+            more=max(0, len(names) - MAX_SHOWN),
+            infinite=infinite,
+            domains=self._joined(each for domain in within for each in self.channels.domains[domain].intervals),
+            every=not any(channels_in[domain] & ~channels for domain in within),
+        )
+
+    def _joined(self, intervals: Iterable[Interval]) -> tuple[Interval, ...]:
+        if self._domain is not None:
+            return ((self._domain, self._domain),)
+        return merged(intervals)
+
+    @cached_property
+    def _literals(self) -> frozenset[str]:
+        """Names that some expression spells out: their channels hold no other topic."""
+        return frozenset(text for _matcher, region in self.channels.regions for area in region for text in area.topics)
+
+
+def is_void(document: GovernanceFile | PermissionsFile | None, profile: Profile, accesses: AccessViews) -> bool:
+    """Whether an implementation takes the document for none, whoever signed it: then it says nothing."""
+    if document is None:
+        return False
+    refused = accesses.read(document, profile.access).refusal is not None
+    return refused or envelope(document.signed).verdict is Verdict.REFUSED
+
+
+def _by_path(keystore: Keystore) -> dict[str, Enclave]:
+    first = {enclave.path: enclave for enclave in reversed(keystore.enclaves)}
+    return {path: first[path] for path in sorted(first)}

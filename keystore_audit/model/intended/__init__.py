@@ -1,0 +1,1 @@
+"""What policies, graphs and launch files mean, held against what permissions grant."""

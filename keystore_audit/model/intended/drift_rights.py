@@ -1,0 +1,378 @@
+"""The rights by which two rule lists differ: those of a policy, and those of a grant as implementations read it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import islice, pairwise
+from typing import Final
+
+from keystore_audit.dataclass import dataclass, replace
+from keystore_audit.findings import Location
+from keystore_audit.intent.intent import IntendedRight
+from keystore_audit.keystore.governance import GovernanceFile, Text
+from keystore_audit.keystore.permissions import Grant, Operation
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.channels import Channels, ReadRegion, build_channels
+from keystore_audit.model.coverage import has_wildcard
+from keystore_audit.model.domains import HIGHEST_DOMAIN, Interval, contains, domain_classes
+from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.intended.policy_grant import PolicyGrant
+from keystore_audit.model.names import AMBIENT_TOPICS, DISCOVERY_TOPIC
+from keystore_audit.model.permission import allowing, bits, members
+from keystore_audit.model.profiles import Access, Profile
+from keystore_audit.model.semantics import DEFAULT_PARTITION, Area, ReadGrant, ReadRule, Region, read_grant
+from keystore_audit.model.validity import BEGINNING
+
+MAX_RIGHTS: Final = 200
+"""Rights of one enclave and direction that are worked out one by one; of more, their number is said."""
+
+_EVERYWHERE: Final = (0, HIGHEST_DOMAIN)
+_DISCOVERY: Final[Region] = (Area((DISCOVERY_TOPIC,), None),)
+_DIRECTIONS: Final = (Operation.PUBLISH, Operation.SUBSCRIBE)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Taken:
+    """The grant that decides under a profile; `read` None: no grant of the document names the enclave."""
+
+    profile: Profile
+    read: ReadGrant | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriftedRight:
+    """A right that one of the two gives and the other does not.
+
+    `topic`, `partition`, `domain`: a witness. `endless`: it stands for infinitely many names, which an expression
+    matches. `right`: of the policy, the one that gives it or that denies it (None: it says nothing of it). `keystore`:
+    the line that gives it or that denies it. `profiles`: canonical names (empty: all that were asked).
+    """
+
+    operation: Operation
+    topic: str
+    partition: str
+    domain: int
+    ros: bool
+    endless: bool
+    right: IntendedRight | None
+    keystore: Location
+    profiles: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriftedRights:
+    """Rights, those that people know first; `more`: how many others there are."""
+
+    rights: tuple[DriftedRight, ...] = ()
+    more: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Kind:
+    """A way to read both sides: the grant that decides, by a row and a matcher; each is made once."""
+
+    read: ReadGrant | None
+    access: Access
+    matcher: Matcher
+
+
+@dataclass(frozen=True, slots=True)
+class _Step:
+    """Decides about `channels`, unless an earlier step did; `rule` None: the default."""
+
+    channels: int
+    allow: bool
+    rule: ReadRule | None
+
+
+class Comparison:
+    """A policy's grant for one enclave, compared with what a document at `place` grants it.
+
+    `undefined`: after `compare`, expressions of the policy that
+    have no meaning under a profile, with a sentence each.
+    """
+
+    def __init__(self, meant: PolicyGrant, place: str, accesses: AccessViews, domain: int | None) -> None:
+        self._meant = meant
+        self._place = place
+        self._accesses = accesses
+        self._domain = domain
+        self._patterns = sorted({key[2] for key in meant.rights if has_wildcard(key[2])})
+        self.undefined: list[tuple[Location, str]] = []
+
+    def compare(
+        self, taken: Sequence[Taken], governance: GovernanceFile | None, *, both: bool
+    ) -> tuple[DriftedRights, DriftedRights]:
+        """What the document lacks (nothing unless `both`), and what it has beyond the policy.
+
+        Raises errors.BudgetExceeded where the classes of names are too many.
+        """
+        kinds = self._kinds(taken)
+        domains = {kind: self._domains(kind, governance) for kind in kinds}
+        differing = {kind: names for kind, names in kinds.items() if not self._plainly_same(kind, domains[kind])}
+        if not differing:
+            return DriftedRights(), DriftedRights()
+        sides = _Sides(self._meant, list(differing), [domains[kind] for kind in differing])
+        lacking, exceeding = _Found(self._place, len(taken)), _Found(self._place, len(taken))
+        for kind, names in differing.items():
+            for operation in Operation:
+                meant, granted = sides.meant(kind, operation), sides.granted(kind, operation)
+                ours, theirs = (allowing((step.channels, step.allow) for step in steps) for steps in (meant, granted))
+                asked = sides.asked(domains[kind])
+                if both:
+                    lacking.add(sides, kind, operation, ours & ~theirs & asked, names)
+                exceeding.add(sides, kind, operation, theirs & ~ours & asked, names)
+        return lacking.rights(), exceeding.rights()
+
+    def _kinds(self, taken: Sequence[Taken]) -> dict[_Kind, list[str]]:
+        """The names of the profiles that read both sides alike."""
+        kinds: dict[_Kind, list[str]] = {}
+        by_grant: dict[tuple[int, Access, Matcher], _Kind] = {}
+        for each in taken:
+            row = self._accesses.row(each.profile.access)
+            matcher = self._matcher(row, each.profile.access.matcher)
+            if matcher is None:
+                continue
+            kind = by_grant.setdefault((id(each.read), row, matcher), _Kind(each.read, row, matcher))
+            kinds.setdefault(kind, []).append(each.profile.name)
+        return kinds
+
+    def _matcher(self, row: Access, itself: Matcher) -> Matcher | None:
+        """How the expressions of both sides are read: as the specification has it where that is the same.
+
+        None, and noted: some expression of the policy has no meaning there.
+        """
+        for text in self._patterns:
+            pattern = parse(text, itself)
+            if pattern.undefined:
+                reason = f"the policy's expression {text!r} {pattern.malformed}"
+                where = next(right.location for key, right in self._meant.rights.items() if key[2] == text)
+                if (where, reason) not in self.undefined:
+                    self.undefined.append((where, reason))
+                return None
+        plain = all(_meaning(text, itself) == _meaning(text, row.matcher) for text in self._patterns)
+        return row.matcher if plain else itself
+
+    def _domains(self, kind: _Kind, governance: GovernanceFile | None) -> tuple[Interval, ...]:
+        """Where it is compared: the domain that was asked for, or where the grant has rules and there is a governance.
+
+        Where the two have none in common, and where one of them has none, is another rule's finding: then where the
+        grant has rules, or else where there is a governance.
+        """
+        if self._domain is not None:
+            return ((self._domain, self._domain),)
+        read = self._accesses.read(governance, kind.access) if governance is not None else None
+        rules = (read.domain_rules or ()) if read is not None else ()
+        governed = tuple(interval for rule in rules for interval in rule.domains)
+        granted = tuple(interval for rule in kind.read.rules for interval in rule.domains) if kind.read else ()
+        if kind.read is not None and kind.read.default_allow:
+            granted = (_EVERYWHERE,)
+        common = tuple(
+            (max(low, lower), min(high, upper))
+            for low, high in governed
+            for lower, upper in granted
+            if max(low, lower) <= min(high, upper)
+        )
+        return common or granted or governed or (_EVERYWHERE,)
+
+    def _plainly_same(self, kind: _Kind, domains: tuple[Interval, ...]) -> bool:
+        """Whether the grant lists what the policy's lists, so that there is nothing to work out: the usual case."""
+        if kind.read is None or kind.read.default_allow:
+            return False
+        rules = [rule for rule in kind.read.rules if rule.region(Operation.RELAY) or rule.of_peers or _names(rule)]
+        if not all(_is_plain(rule, domains) for rule in rules):
+            return False
+        if any(one.allow and not two.allow for one, two in pairwise(rules)):
+            return False
+        return all(
+            {text for rule in rules if rule.allow is allow for text in _listed(rule, operation)} - {DISCOVERY_TOPIC}
+            == {key[2] for key in self._meant.rights if key[:2] == (allow, operation)} - {DISCOVERY_TOPIC}
+            for allow in (False, True)
+            for operation in _DIRECTIONS
+        )
+
+
+class _Sides:
+    """Both rule lists of every kind, over classes that they have in common."""
+
+    def __init__(self, meant: PolicyGrant, kinds: Sequence[_Kind], domains: Sequence[tuple[Interval, ...]]) -> None:
+        self._rights = meant.rights
+        self._meant = {kind: read_grant(meant.grant, BEGINNING, BEGINNING, kind.access) for kind in kinds}
+        regions: dict[ReadRegion, None] = {}
+        listing = [
+            (kind.matcher, rule.region(operation))
+            for kind in kinds
+            for rule in (*self._meant[kind].rules, *(kind.read.rules if kind.read else ()))
+            for operation in Operation
+        ]
+        areas = [area for _matcher, region in listing for area in region]
+        # Names that a rule lists together are told apart, in other partitions only where some rule lists one.
+        plain = all(area.partitions in (None, DEFAULT_PARTITION) for area in areas)
+        self._partitions = DEFAULT_PARTITION if plain else None
+        for matcher, region in listing:
+            regions[matcher, _DISCOVERY] = None
+            regions[matcher, region] = None
+            regions.update((self._single(matcher, text), None) for area in region for text in area.topics)
+        covers = [*domains, *(rule.domains for kind in kinds if kind.read for rule in kind.read.rules)]
+        classes = domain_classes(covers)
+        asked = [any(contains(cover, each.intervals[0][0]) for cover in domains) for each in classes]
+        self.channels: Channels = build_channels(classes, asked, regions)
+        self._known: dict[ReadRegion, int] = {}
+        self._listed: dict[tuple[int, Operation, int | None], tuple[dict[str, Text], list[Text]]] = {}
+        self._lists: dict[tuple[_Kind, Operation, bool], list[_Step]] = {}
+        discovery = 0
+        for kind in kinds:
+            discovery |= self._bits((kind.matcher, _DISCOVERY))
+        self._compared = ~discovery
+
+    def asked(self, domains: tuple[Interval, ...]) -> int:
+        """The channels of these domains, those of `ros_discovery_info` left out."""
+        return self.channels.within(domains) & self._compared
+
+    def meant(self, kind: _Kind, operation: Operation) -> list[_Step]:
+        """What the policy decides, in order."""
+        key = kind, operation, True
+        if key not in self._lists:
+            self._lists[key] = list(self._steps(self._meant[kind], kind, operation))
+        return self._lists[key]
+
+    def granted(self, kind: _Kind, operation: Operation) -> list[_Step]:
+        """What the document decides, in order."""
+        if kind.read is None:
+            return [_Step(-1, False, None)]
+        key = kind, operation, False
+        if key not in self._lists:
+            self._lists[key] = list(self._steps(kind.read, kind, operation))
+        return self._lists[key]
+
+    def right(self, kind: _Kind, operation: Operation, channel: int) -> IntendedRight | None:
+        """The policy's right that decides about the channel; None: the default."""
+        step = _deciding(self.meant(kind, operation), channel)
+        if step.rule is None:
+            return None
+        for (allow, about, text), right in self._rights.items():
+            if allow is step.allow and about is operation and self._matches(kind, text) >> channel & 1:
+                return right
+        return None
+
+    def text(self, kind: _Kind, operation: Operation, channel: int) -> tuple[Text | None, int | None]:
+        """The expression of the document that decides about the channel, and the line that does."""
+        if kind.read is None:
+            return None, None
+        grant: Grant = kind.read.grant
+        step = _deciding(self.granted(kind, operation), channel)
+        if step.rule is None:
+            return None, grant.default_line if grant.default_line is not None else grant.line
+        names, patterns = self._texts(grant, operation, step.rule.line)
+        text = names.get(self.channels.channels[channel].topic)
+        if text is None:
+            text = next((each for each in patterns if self._matches(kind, each.text) >> channel & 1), None)
+        return text, step.rule.line if text is None or text.line is None else text.line
+
+    def _texts(self, grant: Grant, operation: Operation, line: int | None) -> tuple[dict[str, Text], list[Text]]:
+        """The names and the patterns that the rules at a line list, kept: a rule may list 20,000."""
+        key = id(grant), operation, line
+        if key not in self._listed:
+            criteria = [each for rule in grant.rules if rule.line == line for each in rule.criteria]
+            texts = [text for each in criteria if each.operation is operation for text in each.topics]
+            patterns = [text for text in texts if has_wildcard(text.text)]
+            self._listed[key] = {text.text: text for text in reversed(texts)}, patterns
+        return self._listed[key]
+
+    def _steps(self, grant: ReadGrant, kind: _Kind, operation: Operation) -> Iterator[_Step]:
+        for rule in grant.rules:
+            region = rule.region(operation)
+            if region and not rule.of_peers:
+                yield _Step(self._bits((kind.matcher, region)) & self.channels.within(rule.domains), rule.allow, rule)
+        yield _Step(-1, grant.default_allow, None)
+
+    def _single(self, matcher: Matcher, text: str) -> ReadRegion:
+        """An expression by itself."""
+        return matcher, (Area((text,), self._partitions),)
+
+    def _matches(self, kind: _Kind, text: str) -> int:
+        key = self._single(kind.matcher, text)
+        return self._bits(key) if key in self.channels.regions else 0
+
+    def _bits(self, named: ReadRegion) -> int:
+        if named not in self._known:
+            self._known[named] = bits(self.channels.regions[named])
+        return self._known[named]
+
+
+class _Found:
+    """Rights found so far in one direction, each with the profiles that it was found under."""
+
+    def __init__(self, place: str, asked: int) -> None:
+        self._place = place
+        self._asked = asked
+        self._rights: dict[tuple[Operation, str, str], tuple[DriftedRight, list[str]]] = {}
+        self._more = 0
+
+    def add(self, sides: _Sides, kind: _Kind, operation: Operation, wanted: int, names: Sequence[str]) -> None:
+        """Note the channels `wanted`, found under the profiles `names`."""
+        ordered = sorted(members(wanted), key=lambda number: _familiarity(sides.channels, number))
+        for number in islice(ordered, MAX_RIGHTS):
+            channel = sides.channels.channels[number]
+            key = (operation, channel.topic, channel.partition)
+            if key in self._rights:
+                self._rights[key][1].extend(name for name in names if name not in self._rights[key][1])
+                continue
+            text, line = sides.text(kind, operation, number)
+            literal = text is not None and parse(text.text, kind.matcher).literal is not None
+            right = DriftedRight(
+                operation=operation,
+                topic=channel.topic,
+                partition=channel.partition,
+                domain=sides.channels.domains[channel.domain].intervals[0][0],
+                ros=channel.ros,
+                endless=channel.infinite and not literal,
+                right=sides.right(kind, operation, number),
+                keystore=Location(path=self._place, line=line),
+                profiles=(),
+            )
+            self._rights[key] = (right, list(names))
+        self._more = max(self._more, len(ordered) - MAX_RIGHTS)
+
+    def rights(self) -> DriftedRights:
+        """What was found."""
+        found = tuple(
+            replace(right, profiles=() if len(names) == self._asked else tuple(names))
+            for right, names in self._rights.values()
+        )
+        return DriftedRights(rights=found, more=self._more)
+
+
+def _familiarity(channels: Channels, number: int) -> tuple[object, ...]:
+    """What people know comes first."""
+    channel = channels.channels[number]
+    return channel.partition != "", not channel.ros, channel.topic in AMBIENT_TOPICS, channel.topic, number
+
+
+def _deciding(steps: Iterable[_Step], channel: int) -> _Step:
+    return next(step for step in steps if step.channels >> channel & 1)
+
+
+def _listed(rule: ReadRule, operation: Operation) -> frozenset[str]:
+    return frozenset(text for area in rule.region(operation) for text in area.topics)
+
+
+def _names(rule: ReadRule) -> bool:
+    """Whether it lists anything but `ros_discovery_info`."""
+    return any(_listed(rule, operation) - {DISCOVERY_TOPIC} for operation in _DIRECTIONS)
+
+
+def _is_plain(rule: ReadRule, domains: Iterable[Interval]) -> bool:
+    """Whether the rule is as those of sros2: for all of the domains, in the default partition, relaying nothing."""
+    if rule.relay or rule.of_peers or len(rule.domains) != 1:
+        return False
+    ((lowest, highest),) = rule.domains
+    if any(low < lowest or highest < high for low, high in domains):
+        return False
+    partitions = {area.partitions for operation in _DIRECTIONS for area in rule.region(operation)}
+    return partitions <= {DEFAULT_PARTITION} | (set() if rule.allow else {None})
+
+
+def _meaning(text: str, matcher: Matcher) -> object:
+    pattern = parse(text, matcher)
+    return pattern.rewinds, pattern.pieces, pattern.undefined

@@ -1,0 +1,343 @@
+"""The system as it is or will be, held against what its enclaves are granted.
+
+What nodes need (`observed_needs`) is compared with what the enclaves' own implementations let them do: a right that is
+needed and denied keeps a node from starting, one that is granted and never used is more than it needs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from datetime import datetime
+
+from keystore_audit.dataclass import dataclass
+from keystore_audit.errors import BudgetExceeded
+from keystore_audit.findings import Location
+from keystore_audit.intent.intent import Intent, Origin, SetVariable, Unresolved, UsedName
+from keystore_audit.keystore.governance import Text
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.layout import LayoutKind
+from keystore_audit.keystore.permissions import Grant, Operation, PermissionsFile
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.channels import Point
+from keystore_audit.model.decision import WILDCARDS
+from keystore_audit.model.intended.observed_needs import Need, enclave_of, needs, nodes_of, usages, usual_channels
+from keystore_audit.model.intended.observed_rights import Deciders, PointRights, Verdict
+from keystore_audit.model.profiles import Profile
+from keystore_audit.model.question import Ruling
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MissingGrant:
+    """A node needs what its enclave's own implementation denies.
+
+    `domains`: where alone, in words, "" for all in which the enclave starts. `reason`: a sentence without its full
+    stop; `decides`: the line that denies. `profiles`: canonical names of those that deny.
+    """
+
+    need: Need
+    domains: str
+    reason: str
+    decides: Location | None
+    profiles: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeniedName:
+    """A node uses a name with which its enclave may do nothing that ROS 2 knows."""
+
+    used: UsedName
+    enclave: str
+    profiles: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GrantedName:
+    """A name that a grant lists, and the line; in a partition, "" for the default one."""
+
+    operation: Operation
+    topic: str
+    partition: str
+    location: Location
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExcessGrant:
+    """What an enclave is granted and no node of it was seen to use.
+
+    `names`: those it lists. `endless`: one of infinitely many that an expression or a default allows, if there are
+    such. `used`, `allowed`: how many of the names known it uses and may use, usual ones left out. `profiles`: that
+    allow any of it. `launched`: launch files alone tell of its nodes.
+    """
+
+    enclave: str
+    names: tuple[GrantedName, ...]
+    endless: GrantedName | None
+    used: int
+    allowed: int
+    profiles: tuple[str, ...]
+    launched: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UnknownEnclave:
+    """Nodes that are to run in an enclave that the keystore does not have; their names, and the places."""
+
+    path: str
+    nodes: tuple[str, ...]
+    locations: tuple[Location, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Undecided:
+    """An enclave about which something could not be told: a sentence without its full stop."""
+
+    enclave: str
+    reason: str
+    profiles: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Observation:
+    """What files say of the system, compared with one keystore. `paths`: of the files, as the user gave them.
+
+    `unused`: enclaves of which the files show no node, so that nothing of theirs was compared.
+    """
+
+    paths: tuple[str, ...]
+    missing: tuple[MissingGrant, ...]
+    denied: tuple[DeniedName, ...]
+    excess: tuple[ExcessGrant, ...]
+    unknown: tuple[UnknownEnclave, ...]
+    unresolved: tuple[Unresolved, ...]
+    undecided: tuple[Undecided, ...]
+    unused: tuple[str, ...]
+    variables: tuple[SetVariable, ...] = ()
+
+
+def observe(
+    intents: Sequence[Intent],
+    keystore: Keystore,
+    profiles: Sequence[Profile],
+    at: datetime,
+    accesses: AccessViews,
+    domain: int | None = None,
+) -> Observation:
+    """Compares graphs and launch files with the keystore, as the profiles read it at `at` (aware UTC).
+
+    `domain`: the one that the robots use; None: every one that a governance covers. Where anything in the files could
+    not be worked out, nothing is called excess.
+    """
+    kind = keystore.layout.kind
+    unresolved = tuple(each for intent in intents for each in intent.unresolved)
+    told = _Told(intents, kind)
+    deciders = Deciders(profiles, at, accesses, domain)
+    compared = [
+        _Comparison(enclave, told, deciders, complete=not unresolved)
+        for enclave in keystore.enclaves
+        if enclave.path in told.enclaves
+    ]
+    return Observation(
+        paths=tuple(intent.path for intent in intents),
+        missing=tuple(each for one in compared for each in one.missing()),
+        denied=tuple(each for one in compared for each in one.denied()),
+        excess=tuple(each for one in compared for each in one.excess()),
+        unknown=tuple(_unknown(intents, keystore)),
+        unresolved=unresolved,
+        undecided=tuple(each for one in compared for each in one.undecided()),
+        unused=tuple(enclave.path for enclave in keystore.enclaves if enclave.path not in told.enclaves),
+        variables=tuple(each for intent in intents for each in intent.variables),
+    )
+
+
+def _unknown(intents: Sequence[Intent], keystore: Keystore) -> Iterator[UnknownEnclave]:
+    """Not where the user gave the folder of one enclave: the others are elsewhere."""
+    kind = keystore.layout.kind
+    known = {enclave.path for enclave in keystore.enclaves}
+    if kind is LayoutKind.ENCLAVE:
+        return
+    for path, nodes in sorted(nodes_of(intents, kind).items()):
+        if path not in known:
+            names = tuple(dict.fromkeys(node.name for node in nodes))
+            yield UnknownEnclave(path=path, nodes=names, locations=tuple(node.location for node in nodes))
+
+
+class _Told:
+    """What the files say, by enclave."""
+
+    def __init__(self, intents: Sequence[Intent], kind: LayoutKind) -> None:
+        self.needs: dict[str, list[Need]] = {}
+        for need in needs(intents, kind):
+            self.needs.setdefault(need.enclave, []).append(need)
+        self.names: dict[str, list[UsedName]] = {}
+        for intent in intents:
+            for used in intent.names:
+                self.names.setdefault(enclave_of(used.enclave, used.node, kind), []).append(used)
+        self.nodes = {
+            path: tuple(dict.fromkeys(node.name for node in nodes)) for path, nodes in nodes_of(intents, kind).items()
+        }
+        graphs = [intent for intent in intents if intent.origin is Origin.GRAPH]
+        self.graphed = frozenset(nodes_of(graphs, kind))
+        self.enclaves = frozenset((*self.needs, *self.names, *self.nodes))
+
+
+class _Comparison:
+    """One enclave."""
+
+    def __init__(self, enclave: Enclave, told: _Told, deciders: Deciders, *, complete: bool) -> None:
+        self._enclave = enclave
+        self._deciders = deciders
+        self._needs = told.needs.get(enclave.path, [])
+        self._names = told.names.get(enclave.path, [])
+        self._nodes = told.nodes.get(enclave.path, ())
+        self._launched = enclave.path not in told.graphed
+        # A launch file without a remapping says nothing of the names that the nodes use.
+        says_names = bool(self._names) or any(not need.usual for need in self._needs)
+        self._complete = complete and bool(self._nodes) and (says_names or not self._launched)
+        file = enclave.permissions
+        listed = [(name.topic, name.partition) for name in _listed(file, file.grants)] if file is not None else []
+        needed = {channel for need in self._needs for channel in need.channels}
+        possible = {channel for used in self._names for each in usages(used.name) for channel in each}
+        points = [(topic, "") for _operation, topic in (*sorted(needed), *sorted(possible))]
+        self._rights = PointRights(enclave, (*points, *listed), deciders)
+        self._undecided: dict[str, list[str]] = {}
+
+    def missing(self) -> Iterator[MissingGrant]:
+        """What it needs and does not get."""
+        every = tuple(dict.fromkeys(channel for need in self._needs for channel in need.channels))
+        kinds = [  # most enclaves have all that they need: then one question is enough
+            (profile, names)
+            for profile, names in self._deciders.kinds
+            if self._rights.verdict(profile, every).ruling in (Ruling.DENY, Ruling.UNKNOWN)
+        ]
+        for need in self._needs if kinds else ():
+            denied: list[tuple[Verdict, tuple[str, ...]]] = []
+            for profile, names in kinds:
+                verdict = self._rights.verdict(profile, need.channels)
+                if verdict.ruling is Ruling.DENY:
+                    denied.append((verdict, names))
+                elif verdict.ruling is Ruling.UNKNOWN:
+                    self._note(verdict.reason, names)
+            if denied:
+                worst = min((verdict for verdict, _names in denied), key=lambda verdict: bool(verdict.domains))
+                yield MissingGrant(
+                    need=need,
+                    domains=worst.domains,
+                    reason=worst.reason,
+                    decides=worst.location,
+                    profiles=self._in_order(name for _verdict, names in denied for name in names),
+                )
+
+    def denied(self) -> Iterator[DeniedName]:
+        """The names that it uses and may do nothing with: neither in one direction, nor as any kind of name."""
+        for used in self._names:
+            denying: list[str] = []
+            for profile, names in self._deciders.kinds:
+                rulings = {self._rights.verdict(profile, channels).ruling for channels in usages(used.name)}
+                if rulings == {Ruling.DENY}:
+                    denying += names
+                elif rulings <= {Ruling.DENY, Ruling.UNKNOWN}:
+                    self._note(f"whether it may use {used.name} cannot be told", names)
+            if denying:
+                yield DeniedName(used=used, enclave=self._enclave.path, profiles=self._in_order(denying))
+
+    def excess(self) -> Iterator[ExcessGrant]:
+        """What it is granted and does not use, over all profiles."""
+        if not self._complete:
+            return
+        used = {channel for need in self._needs for channel in need.channels}
+        used |= {channel for name in self._names for each in usages(name.name) for channel in each}
+        usual = set(usual_channels(self._nodes))
+        names: dict[tuple[Operation, Point], GrantedName] = {}
+        endless: GrantedName | None = None
+        known: set[tuple[Operation, str]] = set()
+        allowing: list[str] = []
+        for profile, alike in self._deciders.kinds:
+            found = self._granted(profile)
+            known |= {(name.operation, name.topic) for name in found} - usual
+            more = [name for name in found if name.partition or (name.operation, name.topic) not in used | usual]
+            names.update({(name.operation, (name.topic, name.partition)): name for name in more})
+            wide = self._endless(profile, alike)
+            endless = endless or wide
+            if more or wide is not None:
+                allowing += alike
+        if allowing:
+            yield ExcessGrant(
+                enclave=self._enclave.path,
+                names=tuple(names.values()),
+                endless=endless,
+                used=len(known & used),
+                allowed=len(known),
+                profiles=self._in_order(allowing),
+                launched=self._launched,
+            )
+
+    def undecided(self) -> Iterator[Undecided]:
+        """What came to light on the way: ask last."""
+        for reason, names in self._undecided.items():
+            yield Undecided(enclave=self._enclave.path, reason=reason, profiles=self._in_order(names))
+
+    def _granted(self, profile: Profile) -> list[GrantedName]:
+        """The names that its grant lists and that it really allows."""
+        file, grant = self._enclave.permissions, self._rights.grant(profile)
+        if file is None or grant is None:
+            return []
+        return [
+            name
+            for name in _listed(file, (grant.grant,))
+            if self._rights.allows(profile, name.operation, (name.topic, name.partition))
+        ]
+
+    def _endless(self, profile: Profile, alike: tuple[str, ...]) -> GrantedName | None:
+        grant = self._rights.grant(profile)
+        if grant is None or not (grant.default_allow or _has_expressions(grant.grant)):
+            return None
+        try:
+            for operation in (Operation.PUBLISH, Operation.SUBSCRIBE):
+                found = self._rights.endless(profile, operation)
+                if found is not None:
+                    return GrantedName(operation=operation, topic=found[0], partition="", location=found[1])
+        except BudgetExceeded as exceeded:
+            self._note(exceeded.message.rstrip("."), alike)
+        return None
+
+    def _note(self, reason: str, names: Iterable[str]) -> None:
+        self._undecided.setdefault(reason, []).extend(names)
+
+    def _in_order(self, names: Iterable[str]) -> tuple[str, ...]:
+        """The names in the order of the profiles, each once."""
+        wanted = set(names)
+        return tuple(name for _profile, alike in self._deciders.kinds for name in alike if name in wanted)
+
+
+def _listed(file: PermissionsFile, grants: Iterable[Grant]) -> Iterator[GrantedName]:
+    """The single names in allow rules of the grants."""
+    for grant in grants:
+        for rule in grant.rules:
+            for criterion in rule.criteria if rule.allow else ():
+                for topic in filter(_is_name, criterion.topics):
+                    for partition in _partitions(criterion.partitions):
+                        yield GrantedName(
+                            operation=criterion.operation,
+                            topic=topic.text,
+                            partition=partition,
+                            location=Location(path=file.signed.file.place, line=topic.line),
+                        )
+
+
+def _partitions(partitions: Sequence[Text] | None) -> Sequence[str]:
+    return ("",) if partitions is None else [each.text for each in partitions if not each.text or _is_name(each)]
+
+
+def _is_name(text: Text) -> bool:
+    """Whether every implementation takes the expression for that one name."""
+    return bool(text.text) and WILDCARDS.isdisjoint(text.text) and "\\" not in text.text
+
+
+def _has_expressions(grant: Grant) -> bool:
+    return any(
+        not _is_name(topic)
+        for rule in grant.rules
+        if rule.allow
+        for criterion in rule.criteria
+        for topic in criterion.topics
+    )

@@ -1,0 +1,252 @@
+"""What enclaves let themselves do on names known beforehand, in every domain in which they start.
+
+One enclave at a time, over the expressions of its own documents: what others say does not decide what it does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import datetime
+from functools import cached_property
+
+from keystore_audit.dataclass import dataclass
+from keystore_audit.findings import Location
+from keystore_audit.intent.intent import Action
+from keystore_audit.keystore.keystore import Enclave
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.channels import Channels, Point, document_channels
+from keystore_audit.model.decision import LocalRights
+from keystore_audit.model.domains import contains
+from keystore_audit.model.intended.observed_needs import Channel
+from keystore_audit.model.names import dds_channels
+from keystore_audit.model.permission import bits
+from keystore_audit.model.profiles import Profile
+from keystore_audit.model.question import Ruling
+from keystore_audit.model.semantics import ReadGrant
+from keystore_audit.model.usability import Usabilities
+from keystore_audit.model.window import Window
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """What one kind of implementation says to channels all of which are needed.
+
+    `ruling`: ALLOW in every domain in which it starts, DENY in one of them, UNKNOWN; None where it starts in none.
+    `domains`: where it denies, in words, "" for everywhere. `reason`: a sentence without its full stop; `location`:
+    the line that decides.
+    """
+
+    ruling: Ruling | None
+    domains: str = ""
+    reason: str = ""
+    location: Location | None = None
+
+
+_NOWHERE = Verdict(ruling=None)
+_ALLOWED = Verdict(ruling=Ruling.ALLOW)
+
+
+class Deciders:
+    """The profiles by what they decide alike, and who starts where: shared by all enclaves of a keystore.
+
+    `domain`: the one that the robots use; None: every domain that an enclave's governance covers.
+    """
+
+    def __init__(
+        self, profiles: Sequence[Profile], at: datetime, accesses: AccessViews, domain: int | None = None
+    ) -> None:
+        self.at = at
+        self.accesses = accesses
+        self.domain = domain
+        self.rows = tuple(dict.fromkeys(accesses.row(profile.access) for profile in profiles))
+        kind_of = Usabilities(None, accesses).kind
+        kinds: dict[object, list[Profile]] = {}
+        for profile in profiles:
+            kinds.setdefault(kind_of(profile), []).append(profile)
+        self.kinds: tuple[tuple[Profile, tuple[str, ...]], ...] = tuple(
+            (alike[0], tuple(profile.name for profile in alike)) for alike in kinds.values()
+        )
+        """One profile of each kind, and the names of all."""
+        self._usabilities: dict[int, Usabilities] = {}
+
+    def usable(self, enclave: Enclave, domain: int, profile: Profile) -> bool | None:
+        """Whether a participant of the enclave is created there, None where that cannot be told."""
+        usabilities = self._usabilities.setdefault(domain, Usabilities(domain, self.accesses))
+        return usabilities.of(enclave, self.at, profile).usable
+
+
+class PointRights:
+    """The rights of one enclave on `points`, topics with their partitions.
+
+    What is needed are names of ROS 2, which are ASCII: no implementation doubts which expressions match them.
+    """
+
+    def __init__(self, enclave: Enclave, points: Iterable[Point], deciders: Deciders) -> None:
+        self._enclave = enclave
+        self._deciders = deciders
+        self._points = {point: number for number, point in enumerate(dict.fromkeys(points))}
+        self._channels = self._of_own_documents(tuple(self._points))
+        self._local = LocalRights(deciders.accesses, self._channels, deciders.at)
+        self._starts: dict[str, list[tuple[int, bool | None]]] = {}
+        self._allowed: dict[tuple[str, Operation], Mapping[int, int]] = {}
+        self._always: dict[tuple[str, Operation], int] = {}
+        self._ever: dict[tuple[str, Operation], int] = {}
+
+    def verdict(self, profile: Profile, needed: Sequence[Channel]) -> Verdict:
+        """Whether all of it may be done in the default partition."""
+        started = self._started(profile)
+        if not started:
+            return _NOWHERE
+        if any(usable is None for _domain, usable in started):
+            return Verdict(ruling=Ruling.UNKNOWN, reason="whether a participant starts cannot be told")
+        if all(self._everywhere(profile, operation) >> self._points[topic, ""] & 1 for operation, topic in needed):
+            return _ALLOWED
+        return self._denial(profile, needed)
+
+    def allows(self, profile: Profile, operation: Operation, point: Point) -> bool:
+        """Whether it is certainly allowed in some domain in which the enclave starts."""
+        return bool(self._somewhere(profile, operation) >> self._points[point] & 1)
+
+    def grant(self, profile: Profile) -> ReadGrant | None:
+        """The grant that decides."""
+        return self._local.grant(self._enclave, profile)
+
+    def endless(self, profile: Profile, operation: Operation) -> tuple[str, Location] | None:
+        """A name among infinitely many that the grant allows in some domain in which the enclave starts; and the line.
+
+        Raises errors.BudgetExceeded where the classes of its expressions are too many.
+        """
+        channels, local = self._classes
+        here = bits(
+            number
+            for number, channel in enumerate(channels.channels)
+            if channel.infinite
+            and any(
+                usable and contains(channels.domains[channel.domain].intervals, domain)
+                for domain, usable in self._started(profile)
+            )
+        )
+        place = self._enclave.permissions.signed.file.place if self._enclave.permissions else None
+        for step in local.steps(self._enclave, profile, operation):
+            found = step.channels & here
+            here &= ~step.channels
+            location = step.decision.location if found and step.allow else None
+            if location is not None and location.path == place:
+                ros = [n for n, channel in enumerate(channels.channels) if found >> n & 1 and channel.ros]
+                number = ros[0] if ros else found.bit_length() - 1
+                return channels.channels[number].topic, location
+        return None
+
+    @cached_property
+    def _classes(self) -> tuple[Channels, LocalRights]:
+        """All names, in classes."""
+        channels = self._of_own_documents(None)
+        return channels, LocalRights(self._deciders.accesses, channels, self._deciders.at)
+
+    def _of_own_documents(self, points: Sequence[Point] | None) -> Channels:
+        deciders = self._deciders
+        files = [file for file in (self._enclave.governance, self._enclave.permissions) if file is not None]
+        read = {row: [deciders.accesses.read(file, row) for file in files] for row in deciders.rows}
+        return document_channels(read, points)
+
+    def _governed(self, profile: Profile) -> Iterator[int]:
+        """The lowest domain of each class that the governance covers; 0 where it says nothing."""
+        accesses, governance = self._deciders.accesses, self._enclave.governance
+        read = accesses.read(governance, accesses.row(profile.access)) if governance is not None else None
+        if read is None or read.domain_rules is None:
+            yield 0
+            return
+        for atom in self._channels.domains:
+            lowest = atom.intervals[0][0]
+            if any(contains(rule.domains, lowest) for rule in read.domain_rules):
+                yield lowest
+
+    def _started(self, profile: Profile) -> Sequence[tuple[int, bool | None]]:
+        """The domains, one of each class, in which the enclave starts, or (None) may start for all we know."""
+        found = self._starts.get(profile.name)
+        if found is None:
+            deciders = self._deciders
+            domains = self._governed(profile) if deciders.domain is None else [deciders.domain]
+            asked = ((domain, deciders.usable(self._enclave, domain, profile)) for domain in domains)
+            found = self._starts[profile.name] = [(domain, usable) for domain, usable in asked if usable is not False]
+        return found
+
+    def _denial(self, profile: Profile, needed: Sequence[Channel]) -> Verdict:
+        """Where not all of it is allowed, and why."""
+        started = self._started(profile)
+        denied = [
+            (domain, operation, topic)
+            for domain, _usable in started
+            for operation, topic in needed
+            if not self._held(profile, operation)[domain] >> self._points[topic, ""] & 1
+        ]
+        domain, operation, topic = denied[0]
+        channel = self._channels.of_point(domain, self._points[topic, ""])
+        decision = self._local.decide(self._enclave, profile, operation, channel, (topic, ""))
+        which = f"{operation.value} {topic}: " if len(needed) > 1 else ""
+        where = dict.fromkeys(domain for domain, _operation, _topic in denied)
+        return Verdict(
+            ruling=Ruling.DENY,
+            domains="" if len(where) == len(started) else ", ".join(self._label(domain) for domain in where),
+            reason=which + decision.reason,
+            location=decision.location,
+        )
+
+    def _everywhere(self, profile: Profile, operation: Operation) -> int:
+        """The points on which it is allowed in every domain in which the enclave starts."""
+        key = (profile.name, operation)
+        if key not in self._always:
+            allowed = (1 << len(self._points)) - 1
+            for held in self._held(profile, operation).values():
+                allowed &= held
+            self._always[key] = allowed
+        return self._always[key]
+
+    def _somewhere(self, profile: Profile, operation: Operation) -> int:
+        """The points on which it is allowed in some domain in which the enclave certainly starts."""
+        key = (profile.name, operation)
+        if key not in self._ever:
+            held = self._held(profile, operation)
+            allowed = 0
+            for domain, usable in self._started(profile):
+                allowed |= held[domain] if usable else 0
+            self._ever[key] = allowed
+        return self._ever[key]
+
+    def _held(self, profile: Profile, operation: Operation) -> Mapping[int, int]:
+        """By domain: the points on which the operation is allowed, as a bit set."""
+        key = (profile.name, operation)
+        if key not in self._allowed:
+            channels = self._local.allowed(self._enclave, profile, operation)
+            self._allowed[key] = {
+                domain: Window(self._channels, domain, len(self._points)).of(channels)
+                for domain, _usable in self._started(profile)
+            }
+        return self._allowed[key]
+
+    def _label(self, domain: int) -> str:
+        return self._channels.domains[self._channels.domain_class(domain)].label
+
+
+def listed_usages(enclave: Enclave, name: str, deciders: Deciders) -> tuple[Action, ...]:
+    """What an enclave is granted to do with a ROS name by that name, under every profile under which it starts.
+
+    Expressions with wildcards do not count: they say nothing of what a node does.
+    """
+    listed = {
+        (criterion.operation, topic.text)
+        for grant in (enclave.permissions.grants if enclave.permissions else ())
+        for rule in grant.rules
+        if rule.allow
+        for criterion in rule.criteria
+        for topic in criterion.topics
+    }
+    wanted = {action: dds_channels(action.value, name) for action in Action}
+    rights = PointRights(enclave, ((topic, "") for channels in wanted.values() for _, topic in channels), deciders)
+    found = []
+    for action, channels in wanted.items():
+        rulings = {rights.verdict(profile, channels).ruling for profile, _names in deciders.kinds}
+        if listed.issuperset(channels) and rulings - {None} == {Ruling.ALLOW}:
+            found.append(action)
+    return tuple(found)

@@ -1,0 +1,1 @@
+"""How expressions match names: the languages of the implementations, as automata."""

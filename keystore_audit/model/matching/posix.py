@@ -1,0 +1,189 @@
+"""POSIX `fnmatch` patterns (IEEE 1003.2-1992, B.6; POSIX.1-2017, 2.13) as glibc reads them in the C locale.
+
+Where POSIX leaves a text open, glibc's answer follows from the flow of its code (posix/fnmatch_loop.c, read; measured
+on 2.36 by tests/oracles/fnmatch/test_libc.py). Those texts are reported as malformed: other implementations, musl and
+the DDS vendors' own, answer differently.
+
+Once a character is found to be in brackets, glibc looks for their end in another way than while it searches. Where the
+two differ (a `[=` that is no equivalence class, a range that ends in `[:` or `[=`) the end of the brackets hangs on the
+character, and newer releases may differ: such texts are reported as undefined.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+from keystore_audit.model.matching.tokens import NO_CHARACTER, CharSet, Reading, Single, Token, scanned
+
+_DIFFERENTLY: Final = "which implementations read differently"
+_NOTHING_CLOSES: Final = f"has a [ that nothing closes, {_DIFFERENTLY}"
+_EMPTY_RANGE: Final = "has a range in brackets that ends before it begins, which is empty or an error"
+_ODD_RANGE_END: Final = f"has a range in brackets that ends in [: or [=, {_DIFFERENTLY}"
+_ODD_CLASS: Final = f"has [: in brackets without a class name and :] after it, {_DIFFERENTLY}"
+_UNKNOWN_CLASS: Final = "names a character class that does not exist, so its brackets match nothing more"
+_ODD_EQUIVALENCE: Final = f"has [= in brackets without one character and =] after it, {_DIFFERENTLY}"
+_ODD_SYMBOL: Final = "has [. in brackets without one character and .] after it, so its brackets match nothing more"
+
+_UPPER: Final = (ord("A"), ord("Z"))
+_LOWER: Final = (ord("a"), ord("z"))
+_DIGIT: Final = (ord("0"), ord("9"))
+_CLASSES: Final[Mapping[str, tuple[tuple[int, int], ...]]] = {
+    # The C locale's (ISO C, 7.4.1): ASCII only.
+    "alnum": (_UPPER, _LOWER, _DIGIT),
+    "alpha": (_UPPER, _LOWER),
+    "blank": ((0x09, 0x09), (0x20, 0x20)),
+    "cntrl": ((0x01, 0x1F), (0x7F, 0x7F)),
+    "digit": (_DIGIT,),
+    "graph": ((0x21, 0x7E),),
+    "lower": (_LOWER,),
+    "print": ((0x20, 0x7E),),
+    "punct": ((0x21, 0x2F), (0x3A, 0x40), (0x5B, 0x60), (0x7B, 0x7E)),
+    "space": ((0x09, 0x0D), (0x20, 0x20)),
+    "upper": (_UPPER,),
+    "xdigit": (_DIGIT, (ord("A"), ord("F")), (ord("a"), ord("f"))),
+}
+_CLASS_NAME: Final = re.compile("[a-y]*:]")  # glibc takes no z for part of a class name
+_LONG_NAME: Final = re.compile("[a-y]{200}")  # glibc gives up on a long one, but how long it may be has changed
+_SPECIAL: Final = re.compile(r"[*?\[\\\0]")
+
+
+def parse_posix(text: str, *, escapes: bool) -> Reading:
+    """Read `text`. `escapes`: whether a backslash takes the next character's meaning away, as without FNM_NOESCAPE."""
+    if not _SPECIAL.search(text):
+        return Reading(tokens=text)
+    brackets = _Brackets(text, escapes=escapes)
+    tokens: list[Token] = []
+    malformed: str | None = None
+    for token, fault in scanned(text, brackets.read, escapes=escapes):
+        tokens.append(token)
+        malformed = malformed or fault
+    return Reading(tokens=tokens, malformed=malformed, undefined=brackets.undefined)
+
+
+class _Brackets:
+    """Reads bracket expressions of one text, each from behind its `[`, all of them in linear time."""
+
+    def __init__(self, text: str, *, escapes: bool) -> None:
+        self._text = text
+        self._escapes = escapes
+        # Places from which items run to the end of the text, so that `[[:alpha:][[:alpha:]…` is not scanned to its end
+        # for every `[`; and a place behind which no `]` follows. A text that may kill its brackets is always scanned.
+        self._unclosed: set[int] = set()
+        self._last_close = len(text) if text.endswith("-") or "[." in text else text.rfind("]")
+        self.undefined = False
+        self._begin(0)
+
+    def _begin(self, place: int) -> None:
+        self._place = place
+        self._ranges: list[tuple[int, int]] = []
+        self._fault: str | None = None
+        self._is_dead = False  # something was met after which glibc's brackets take no further character
+
+    def read(self, place: int) -> tuple[Single, int, str | None]:
+        """Return what the brackets take, the place behind their `]`, and what is malformed in them.
+
+        Where nothing closes them that is a plain `[` and `place` itself.
+        """
+        if place > self._last_close:
+            return "[", place, _NOTHING_CLOSES
+        negated = self._text.startswith(("!", "^"), place)
+        self._begin(place + 1 if negated else place)
+        visited: list[int] = []
+        while not visited or not self._text.startswith("]", self._place):  # a first `]` stands for itself
+            if self._place >= len(self._text) or self._place in self._unclosed:
+                self._unclosed.update(visited)
+                if self._is_dead:  # the whole expression is (or not: `[[-`); to read on could take quadratic time
+                    self.undefined = True
+                    return NO_CHARACTER, len(self._text), self._fault
+                return "[", place, self._fault or _NOTHING_CLOSES
+            visited.append(self._place)
+            self._item()
+        if self._is_dead and negated:
+            return NO_CHARACTER, self._place + 1, self._fault
+        return CharSet.of(self._ranges, negated=negated), self._place + 1, self._fault
+
+    def _item(self) -> None:
+        """Take one character, range, class or equivalence class."""
+        if self._text.startswith("[:", self._place) and self._class():
+            return
+        if self._text.startswith("[=", self._place) and self._equivalence():
+            return
+        is_symbol = self._text.startswith("[.", self._place)
+        begin = self._end_point()
+        if begin is None:
+            return
+        if not self._text.startswith("-", self._place):
+            self._add([(ord(begin), ord(begin))])
+        elif self._text.startswith("-]", self._place):
+            if not is_symbol:  # glibc forgets the symbol in `[[.a.]-]`
+                self._add([(ord(begin), ord(begin))])
+        else:
+            self._place += 1
+            self._range(begin)
+
+    def _range(self, begin: str) -> None:
+        if self._text.startswith(("[:", "[="), self._place):
+            self._malformed(_ODD_RANGE_END)
+            self.undefined = True
+        end = self._end_point()
+        if end is None:
+            return
+        if begin > end:
+            self._malformed(_EMPTY_RANGE)
+        self._add([(ord(begin), ord(end))])
+
+    def _class(self) -> bool:
+        name = _CLASS_NAME.match(self._text, self._place + 2)
+        self.undefined |= _LONG_NAME.match(self._text, self._place + 2) is not None
+        if name is None:
+            self._malformed(_ODD_CLASS)
+            return False
+        self._place = name.end()
+        ranges = _CLASSES.get(name.group()[:-2])
+        if ranges is None:
+            self._die(_UNKNOWN_CLASS)
+        else:
+            self._add(ranges)
+        return True
+
+    def _equivalence(self) -> bool:
+        """Take `[=a=]`: in the C locale a character is equivalent to itself only."""
+        if not self._text.startswith("=]", self._place + 3):
+            self._malformed(_ODD_EQUIVALENCE)
+            self.undefined = True
+            return False
+        member = ord(self._text[self._place + 2])
+        self._place += 5
+        self._add([(member, member)])
+        return True
+
+    def _end_point(self) -> str | None:
+        """Take one character, plain, escaped or as a collating symbol `[.a.]`; None where there is none."""
+        if self._text.startswith("[.", self._place):
+            close = self._text.find(".]", self._place + 2)
+            symbol = self._text[self._place + 2 : close] if close >= 0 else ""
+            self._place = close + 2 if close >= 0 else len(self._text)
+            if len(symbol) != 1:
+                self._die(_ODD_SYMBOL)
+                return None
+            return symbol
+        if self._escapes and self._text.startswith("\\", self._place):
+            self._place += 1
+        if self._place >= len(self._text):
+            self._die(_NOTHING_CLOSES)
+            return None
+        self._place += 1
+        return self._text[self._place - 1]
+
+    def _add(self, ranges: Iterable[tuple[int, int]]) -> None:
+        if not self._is_dead:
+            self._ranges.extend(ranges)
+
+    def _malformed(self, fault: str) -> None:
+        self._fault = self._fault or fault
+
+    def _die(self, fault: str) -> None:
+        self._is_dead = True
+        self._malformed(fault)

@@ -1,0 +1,232 @@
+"""Classes of ROS 2 names by which expressions match the DDS topics that are made of them.
+
+A service or an action is several DDS topics, each a prefix, the ROS name and a suffix (`names.dds_channels`). Whether
+it can be used hangs on all of them at once, so here the automaton of the expressions is walked with several names in
+step: one for every prefix, each over the same ROS name, and each with its suffix at the end. What decides about every
+one of the topics is then constant on a class, and one evaluation per class is exact for all ROS names.
+"""
+
+from __future__ import annotations
+
+import string
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final, NamedTuple
+
+from keystore_audit.dataclass import dataclass
+from keystore_audit.errors import AuditError
+from keystore_audit.intent.ros_names import is_ros_name
+from keystore_audit.model.expression import Pattern
+from keystore_audit.model.matching.alphabet import Alphabet, Budget
+from keystore_audit.model.matching.automaton import STATE_UNITS, Automaton
+from keystore_audit.model.matching.search import shortest_names
+from keystore_audit.model.matching.tokens import ANY_CHARACTER, CharSet, Token
+from keystore_audit.model.matching.universe import DEAD, ROS_SETS, ROS_SINGLES, Universe
+from keystore_audit.model.names import REPLY_PREFIX, REPLY_SUFFIX, REQUEST_PREFIX, REQUEST_SUFFIX
+
+DEFAULT_BUDGET: Final = 10_000
+"""States of the automaton and of its walks in step, together: about half a second. What people write needs 1,000."""
+
+_Set = frozenset[int]
+
+
+class Affix(NamedTuple):
+    """What a DDS topic has before and behind the ROS name: `rq` and `Request`."""
+
+    prefix: str
+    suffix: str
+
+    def topic(self, name: str) -> str:
+        """The DDS topic of the ROS name."""
+        return self.prefix + name + self.suffix
+
+    def name(self, topic: str) -> str | None:
+        """The ROS name that `topic` is made of, None where it is of none."""
+        end = len(topic) - len(self.suffix)
+        if not topic.startswith(self.prefix) or not topic.endswith(self.suffix):
+            return None
+        name = topic[len(self.prefix) : end] if end >= len(self.prefix) else ""
+        return name if is_ros_name(name) else None
+
+
+REQUEST: Final = Affix(REQUEST_PREFIX, REQUEST_SUFFIX)
+REPLY: Final = Affix(REPLY_PREFIX, REPLY_SUFFIX)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RosClass:
+    """All fully qualified ROS names with the same matches; `name` is a short one of them.
+
+    `members`: for each affix, the expressions (indices into what was classified) that match the topic.
+    """
+
+    name: str
+    members: tuple[frozenset[int], ...]
+
+
+def classify_ros_names(
+    patterns: Sequence[Pattern], affixes: Sequence[Affix], *, budget: int = DEFAULT_BUDGET
+) -> tuple[RosClass, ...]:
+    """Return the classes of all fully qualified ROS names, in the order of their names.
+
+    Every name that an expression without wildcards gives with one of the `affixes` is a class of its own. Raises
+    BudgetExceeded where the classes are too many; there is no partial answer.
+    """
+    return _Classification(patterns, affixes, budget).classes()
+
+
+class _Classification:
+    """The classes in the making."""
+
+    def __init__(self, patterns: Sequence[Pattern], affixes: Sequence[Affix], budget: int) -> None:
+        self._affixes = affixes
+        self._budget = Budget(
+            STATE_UNITS * budget,
+            f"{len(patterns)} expressions need more than {budget} states to be told apart over ROS names",
+        )
+        self._literals: dict[str, list[int]] = {}
+        wildcards: dict[tuple[Token, ...], list[int]] = {}
+        for number, pattern in enumerate(patterns):
+            if pattern.literal is None:
+                wildcards.setdefault(pattern.tokens, []).append(number)
+            else:
+                self._literals.setdefault(pattern.literal, []).append(number)
+        self._numbers = list(wildcards.values())
+        self._wildcards = [patterns[numbers[0]] for numbers in self._numbers]
+        alphabet = _alphabet(wildcards, self._budget)
+        automaton = Automaton(list(wildcards), alphabet, self._budget)
+        self._walk = _InStep(automaton, len(wildcards), affixes, self._budget)
+        self._universe = _full_names(alphabet)
+
+    def classes(self) -> tuple[RosClass, ...]:
+        """All classes."""
+        names = {affix.name(topic) for topic in self._literals for affix in self._affixes} - {None}
+        literal = {name: self._walk.of_name(name) for name in names if name is not None}
+        found = [RosClass(name=name, members=self._members(accepted, name)) for name, accepted in literal.items()]
+        for accepted, name in self._others(literal).items():
+            self._verify(name, accepted)
+            found.append(RosClass(name=name, members=self._members(accepted, None)))
+        return tuple(sorted(found, key=lambda each: each.name))
+
+    def _others(self, literal: Mapping[str, _Set]) -> dict[_Set, str]:
+        """The shortest name of every class that no literal is in.
+
+        A class whose shortest name is a literal may hold nothing else: it is searched again without those.
+        """
+        names = shortest_names(self._walk, self._universe, self._budget)
+        taken = {accepted for accepted, name in names.items() if name in literal}
+        if not taken:
+            return names
+        avoid = [name for name, accepted in literal.items() if accepted in taken]
+        again = shortest_names(self._walk, self._universe, self._budget, avoid=avoid, wanted=taken)
+        return {accepted: name for accepted, name in names.items() if accepted not in taken} | again
+
+    def _members(self, accepted: _Set, literal: str | None) -> tuple[_Set, ...]:
+        """By affix: the patterns that the numbers stand for, and those that are the topic itself."""
+        members: list[set[int]] = [set() for _ in self._affixes]
+        for number in accepted:
+            place, wildcard = divmod(number, len(self._wildcards))
+            members[place].update(self._numbers[wildcard])
+        if literal is not None:
+            for place, affix in enumerate(self._affixes):
+                members[place].update(self._literals.get(affix.topic(literal), ()))
+        return tuple(map(frozenset, members))
+
+    def _verify(self, name: str, accepted: _Set) -> None:
+        """Asks the patterns themselves; raises AuditError where they say something else than the automaton."""
+        self._budget.spend(len(self._wildcards) // 8)
+        for place, affix in enumerate(self._affixes):
+            topic = affix.topic(name)
+            for number, pattern in enumerate(self._wildcards, place * len(self._wildcards)):
+                if pattern.matches(topic) != (number in accepted):
+                    raise AuditError(
+                        f"keystore-audit contradicts itself about whether {pattern.text!r} matches {topic!r}; please "
+                        "report this"
+                    )
+
+
+class _InStep:
+    """The automaton, walked with one name for every affix: its states are tuples of states.
+
+    `accepts`: place of the affix × number of expressions + expression, for all that match at the end of the suffix.
+    """
+
+    def __init__(self, automaton: Automaton, expressions: int, affixes: Sequence[Affix], budget: Budget) -> None:
+        self._automaton = automaton
+        self._expressions = expressions
+        self._affixes = affixes
+        self._budget = budget
+        self.alphabet = automaton.alphabet
+        self.accepts: list[_Set] = []
+        self._states: list[tuple[int, ...]] = []
+        self._numbers: dict[tuple[int, ...], int] = {}
+        self._moves: dict[int, tuple[Mapping[int, int], int]] = {}
+        self._ends: dict[tuple[int, str], _Set] = {}
+        self._target(tuple(automaton.walk(affix.prefix) for affix in affixes))
+
+    def of_name(self, name: str) -> _Set:
+        """What `accepts` has for the name."""
+        return self._accepted(tuple(self._automaton.walk(affix.prefix + name) for affix in self._affixes))
+
+    def moves(self, state: int) -> tuple[Mapping[int, int], int]:
+        """The next state by character class, and that of every class that is not named."""
+        known = self._moves.get(state)
+        if known is None:
+            rows = [self._automaton.moves(each) for each in self._states[state]]
+            named = {number for by_class, _default in rows for number in by_class}
+            default = self._target(tuple(default for _by_class, default in rows))
+            targets = {
+                number: self._target(tuple(by_class.get(number, default) for by_class, default in rows))
+                for number in named
+            }
+            known = self._moves[state] = targets, default
+        return known
+
+    def _target(self, states: tuple[int, ...]) -> int:
+        number = self._numbers.get(states)
+        if number is None:
+            self._budget.spend(len(states))
+            number = self._numbers[states] = len(self._states)
+            self._states.append(states)
+            self.accepts.append(self._accepted(states))
+        return number
+
+    def _accepted(self, states: Iterable[int]) -> _Set:
+        return frozenset(
+            place * self._expressions + number
+            for place, (state, affix) in enumerate(zip(states, self._affixes, strict=True))
+            for number in self._at_end(state, affix.suffix)
+        )
+
+    def _at_end(self, state: int, suffix: str) -> _Set:
+        """The expressions that match where the suffix is read from the state on."""
+        known = self._ends.get((state, suffix))
+        if known is None:
+            at = state
+            for character in suffix:
+                by_class, default = self._automaton.moves(at)
+                at = by_class.get(self.alphabet.class_of(character), default)
+            known = self._ends[state, suffix] = self._automaton.accepts[at]
+        return known
+
+
+def _alphabet(expressions: Iterable[Sequence[Token]], budget: Budget) -> Alphabet:
+    tokens = {token for expression in expressions for token in expression}
+    singles = ROS_SINGLES.union(token for token in tokens if isinstance(token, str))
+    sets = {token for token in tokens if isinstance(token, CharSet)} - {ANY_CHARACTER}
+    return Alphabet(singles, [*ROS_SETS, *sorted(sets, key=lambda charset: charset.ranges)], budget)
+
+
+def _full_names(alphabet: Alphabet) -> Universe:
+    """Fully qualified ROS names (`names.is_ros_name`): behind nothing, behind a slash, within a token."""
+    slash = alphabet.class_of("/")
+    starts = {alphabet.class_of(character) for character in string.ascii_letters + "_"}
+    digits = {alphabet.class_of(character) for character in string.digits}
+    return Universe(
+        classes=sorted({slash} | starts | digits),
+        accepting=(False, False, True),
+        moves=(
+            ({slash: 1}, DEAD),
+            (dict.fromkeys(starts, 2), DEAD),
+            ({slash: 1, **dict.fromkeys(starts | digits, 2)}, DEAD),
+        ),
+    )

@@ -1,0 +1,264 @@
+"""Services and actions of which an enclave may use a part alone, so that they cannot work.
+
+What counts is what the enclave's own implementation lets it do, over all ROS names: in classes (`model.ros.classes`).
+Half of it has to come from an allow rule of the enclave's grant: what a governance leaves open to everybody, or a
+default allows, is no sign that the enclave was to have the service. ROS 2 endpoints are in the default partition.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import datetime
+from typing import Final, NamedTuple
+
+from keystore_audit.dataclass import dataclass
+from keystore_audit.errors import BudgetExceeded
+from keystore_audit.findings import Location
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.decision import LocalRights
+from keystore_audit.model.expression import Matcher
+from keystore_audit.model.meaning import Usability
+from keystore_audit.model.names import ACTION_PART, ACTION_SERVICES, ACTION_TOPICS
+from keystore_audit.model.permission import allowing, members
+from keystore_audit.model.profiles import Access, Local, Profile
+from keystore_audit.model.ros.channels import RosChannels, ros_channels
+from keystore_audit.model.ros.classes import REPLY, REQUEST, Affix
+from keystore_audit.model.ros.texts import DocumentLines, is_surely_whole
+
+_GOALS: Final = tuple(Affix("rq", f"{ACTION_PART}{service}Request") for service in ACTION_SERVICES)
+_ANSWERS: Final = tuple(Affix("rr", f"{ACTION_PART}{service}Reply") for service in ACTION_SERVICES)
+_TOPICS: Final = tuple(Affix("rt", ACTION_PART + topic) for topic in ACTION_TOPICS)
+_OF_ACTIONS: Final = tuple(f"rq?*{ACTION_PART}{service}Request" for service in ACTION_SERVICES)
+"""The requests that are parts of actions: as services they are not looked at."""
+
+PUBLISH, SUBSCRIBE = Operation.PUBLISH, Operation.SUBSCRIBE
+Role = tuple[tuple[Operation, Affix], ...]
+
+ROLES: Final[Mapping[str, Role]] = {
+    "request": ((PUBLISH, REQUEST), (SUBSCRIBE, REPLY)),
+    "reply": ((PUBLISH, REPLY), (SUBSCRIBE, REQUEST)),
+    "call": (
+        *((PUBLISH, affix) for affix in _GOALS),
+        *((SUBSCRIBE, affix) for affix in (*_ANSWERS, *_TOPICS)),
+    ),
+    "execute": (
+        *((PUBLISH, affix) for affix in (*_ANSWERS, *_TOPICS)),
+        *((SUBSCRIBE, affix) for affix in _GOALS),
+    ),
+}
+"""What each operation needs, as in `names.dds_channels`."""
+
+SERVICE_ROLES: Final = ("request", "reply")
+ACTION_ROLES: Final = ("call", "execute")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Half:
+    """An operation on a service or an action (`names.dds_channels`) of which the enclave may do a part.
+
+    `name`: a ROS name; `several`: others are like it. `has`, `lacks`: what is allowed by a rule, and what is refused,
+    on DDS topics. `location`: the line that allows the first of `has`. `profiles`: chosen ones for which it holds,
+    empty for all.
+    """
+
+    enclave: str
+    role: str
+    name: str
+    several: bool
+    has: tuple[tuple[Operation, str], ...]
+    lacks: tuple[tuple[Operation, str], ...]
+    location: Location
+    profiles: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Halves:
+    """All of a keystore. `unknown`: by path, enclaves whose names are of too many classes, and why."""
+
+    halves: tuple[Half, ...] = ()
+    unknown: tuple[tuple[Enclave, str], ...] = ()
+
+
+class _Reader(NamedTuple):
+    """Profiles that read this keystore's documents, and ask of their own endpoints, alike; `profile` is one of them."""
+
+    profile: Profile
+    row: Access
+    names: tuple[str, ...]
+
+
+def halves(
+    keystore: Keystore,
+    profiles: Sequence[Profile],
+    at: datetime,
+    accesses: AccessViews,
+    usability: Mapping[tuple[str, str], Usability],
+) -> Halves:
+    """Half services and actions of every enclave that starts, at `at` (aware UTC).
+
+    `usability`: by (enclave directory, profile name).
+    """
+    return _Search(profiles, at, accesses, usability).of(keystore.enclaves)
+
+
+class _Search:
+    """Looks at enclaves one by one; those with equal documents share what was found."""
+
+    def __init__(
+        self,
+        profiles: Sequence[Profile],
+        at: datetime,
+        accesses: AccessViews,
+        usability: Mapping[tuple[str, str], Usability],
+    ) -> None:
+        self._at = at
+        self._accesses = accesses
+        self._usability = usability
+        readers: dict[tuple[Access, Local], list[Profile]] = {}
+        for profile in profiles:
+            readers.setdefault((accesses.row(profile.access), profile.local), []).append(profile)
+        self._readers = [
+            _Reader(alike[0], row, tuple(profile.name for profile in alike)) for (row, _), alike in readers.items()
+        ]
+        self._rewinds = all(reader.row.matcher is not Matcher.OPENDDS for reader in self._readers)
+        self._known: dict[object, tuple[_Found, ...]] = {}
+
+    def of(self, enclaves: Iterable[Enclave]) -> Halves:
+        """All halves of these enclaves."""
+        found: list[Half] = []
+        unknown: list[tuple[Enclave, str]] = []
+        for enclave in enclaves:
+            document = enclave.permissions.permissions if enclave.permissions else None
+            if document is None or all(is_surely_whole(grant, rewinds=self._rewinds) for grant in document.grants):
+                continue
+            readers = [reader for reader in self._readers if self._starts(enclave, reader)]
+            try:
+                shared = self._shared(enclave, readers) if readers else ()
+            except BudgetExceeded as exceeded:
+                unknown.append((enclave, exceeded.message))
+                continue
+            found += _named(enclave, shared, sum(len(reader.names) for reader in readers))
+        return Halves(halves=tuple(found), unknown=tuple(unknown))
+
+    def _starts(self, enclave: Enclave, reader: _Reader) -> bool:
+        usability = self._usability.get((enclave.files.directory, reader.names[0]))
+        return usability is None or usability.usable is not False
+
+    def _shared(self, enclave: Enclave, readers: Sequence[_Reader]) -> tuple[_Found, ...]:
+        """What was found for an enclave with the same rules below the same governance."""
+        if enclave.permissions is None or enclave.governance is None:
+            return ()
+        rows = tuple(dict.fromkeys(reader.row for reader in readers))
+        read = [self._accesses.read(enclave.permissions, row).grants or () for row in rows]
+        key = (
+            enclave.governance.signed.file.place,
+            tuple(reader.names for reader in readers),
+            tuple((grant.rules, grant.default_allow) for grants in read for grant in grants),
+        )
+        if any(len(grants) != 1 for grants in read):  # which of them counts hangs on the enclave
+            return tuple(_compared(enclave, readers, self._accesses, self._at))
+        if key not in self._known:
+            self._known[key] = tuple(_compared(enclave, readers, self._accesses, self._at))
+        return self._known[key]
+
+
+_Part = tuple[tuple[Operation, Affix], ...]
+
+
+class _Found(NamedTuple):
+    """A half, but for the enclave."""
+
+    role: str
+    name: str
+    several: bool
+    has: _Part
+    lacks: _Part
+    names: tuple[str, ...]
+
+
+def _named(enclave: Enclave, shared: Iterable[_Found], profiles: int) -> Iterator[Half]:
+    lines = DocumentLines(enclave)
+    for found in shared:
+        has, lacks = (
+            tuple((operation, affix.topic(found.name)) for operation, affix in channels)
+            for channels in (found.has, found.lacks)
+        )
+        yield Half(
+            enclave=enclave.path,
+            role=found.role,
+            name=found.name,
+            several=found.several,
+            has=has,
+            lacks=lacks,
+            location=lines.of(*has[0]),
+            profiles=() if len(found.names) == profiles else found.names,
+        )
+
+
+def _compared(enclave: Enclave, readers: Sequence[_Reader], accesses: AccessViews, at: datetime) -> Iterator[_Found]:
+    """The halves of an enclave under all readers, equal ones together."""
+    files = [file for file in (enclave.permissions, enclave.governance) if file is not None]
+    read = {reader.row: [accesses.read(file, reader.row) for file in files] for reader in readers}
+    for roles, marks in ((SERVICE_ROLES, _OF_ACTIONS), (ACTION_ROLES, ())):
+        affixes = tuple(dict.fromkeys(affix for role in roles for _operation, affix in ROLES[role]))
+        channels = ros_channels(read, affixes, marks)
+        local = LocalRights(accesses, channels.channels, at)
+        together: dict[tuple[str, int, _Part, _Part], list[str]] = {}
+        for reader in readers:
+            rights = _Rights(local, enclave, reader.profile)
+            for role in roles:
+                for number, has, lacks in _halves_of(role, rights, channels):
+                    together.setdefault((role, number, has, lacks), []).extend(reader.names)
+        for (role, number, has, lacks), names in together.items():
+            name = channels.classes[number].name
+            chosen = tuple(dict.fromkeys(names))
+            yield _Found(role, name, not channels.is_literal(number), has, lacks, chosen)
+
+
+class _Rights:
+    """By operation: what the enclave's implementation allows, and what of it a rule of its grant allows."""
+
+    def __init__(self, local: LocalRights, enclave: Enclave, profile: Profile) -> None:
+        self.allowed: dict[Operation, int] = {}
+        self.granted: dict[Operation, int] = {}
+        for operation in (PUBLISH, SUBSCRIBE):
+            steps = list(local.steps(enclave, profile, operation))
+            self.allowed[operation] = allowing((step.channels, step.allow) for step in steps)
+            steps.pop()  # the default
+            self.granted[operation] = allowing((step.channels, step.allow) for step in steps if step.by_permissions)
+
+
+def _telling(role: str, channel: tuple[Operation, Affix], channels: RosChannels) -> int:
+    """The classes for which a right on the channel tells that the role was meant.
+
+    Only where an expression names services, and an action for one: `*` is about everything, `rq/arm/*Request` about
+    services, and `rt/arm/*` about topics. Who only reads the topics of an action watches.
+    """
+    operation, affix = channel
+    if role in SERVICE_ROLES:
+        return channels.naming(operation, affix, f"{affix.prefix}/")
+    if affix not in _TOPICS:
+        return channels.naming(operation, affix, ACTION_PART)
+    return channels.listed(operation, affix) if operation is PUBLISH else 0
+
+
+def _halves_of(role: str, rights: _Rights, channels: RosChannels) -> Iterator[tuple[int, _Part, _Part]]:
+    """The classes of which the enclave may do a part, in some domain."""
+    needed = ROLES[role]
+    topics = {(operation, affix): channels.of_affix(affix) for operation, affix in needed}
+    telling = {each: _telling(role, each, channels) for each in needed}
+    for start in channels.starts:
+        has_any, lacks_any = 0, 0
+        granted: dict[tuple[Operation, Affix], int] = {}
+        allowed: dict[tuple[Operation, Affix], int] = {}
+        for each in needed:
+            granted[each] = channels.by_class(rights.granted[each[0]], start, topics[each])
+            allowed[each] = channels.by_class(rights.allowed[each[0]], start, topics[each])
+            has_any |= granted[each] & telling[each]
+            lacks_any |= ~allowed[each]
+        for number in members(has_any & lacks_any & channels.unmarked):
+            has = tuple(each for each in needed if granted[each] >> number & 1)
+            lacks = tuple(each for each in needed if not allowed[each] >> number & 1)
+            yield number, has, lacks
