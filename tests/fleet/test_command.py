@@ -62,7 +62,7 @@ def test_a_report_of_each_and_a_summary_of_all(fleet: Path, tmp_path: Path) -> N
         assert "KA666" in {finding["code"] for finding in report["findings"]}
         assert (tmp_path / "out" / row["report"]).with_name("report.md").exists()
     assert page.splitlines()[-1] == "12 keystores: 0 incomplete, 12 fail, 0 pass; exit code 1"
-    assert "and 7 more" in page
+    assert "and 7 more" in " ".join(page.split())  # where lines end hangs on how long the paths are
     assert f"Weakened gate: --at {AT}.\n" in page
 
 
