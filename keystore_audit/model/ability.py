@@ -11,6 +11,7 @@ from typing import Final
 
 from keystore_audit.dataclass import replace
 from keystore_audit.errors import UsageError
+from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.channels import Channels, ReadRegion
 from keystore_audit.model.claim import Place
@@ -21,10 +22,11 @@ from keystore_audit.model.expression import Matcher
 from keystore_audit.model.globs import matching
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.named_enclaves import left_out
-from keystore_audit.model.profiles import VARIANTS, JoinCheck, Local, Profile
+from keystore_audit.model.profiles import VARIANTS, JoinCheck, Local, Profile, Trust
+from keystore_audit.model.revocation import list_dates
 from keystore_audit.model.semantics import DEFAULT_PARTITION, Area
 from keystore_audit.model.system import Reading, System
-from keystore_audit.model.usability import Usabilities, refusals_of_peer
+from keystore_audit.model.usability import Usabilities, may_refuse_peers, refusals_of_peer
 from keystore_audit.model.validity import SECOND
 from keystore_audit.model.views import TrustFiles, trust_files
 
@@ -121,8 +123,8 @@ def stopping(system: System, keystore: Keystore, usabilities: Usabilities | None
     return _among(system, paths)
 
 
-def with_refusals(system: System, keystore: Keystore, ends: Iterable[datetime | None]) -> System:
-    """With whom enclaves refuse at the audit instant, or at one of these, under some profile.
+def with_refusals(system: System, keystore: Keystore, ends: Collection[datetime]) -> System:
+    """With whom enclaves refuse under some profile, from the audit instant until the last of these.
 
     Realms come apart by that: two may trust alike, and read the same authorities in another order.
     """
@@ -130,21 +132,50 @@ def with_refusals(system: System, keystore: Keystore, ends: Iterable[datetime | 
     there = [(number[each.path], each) for each in keystore.enclaves if each.path in number]
     identities = [(system.enclaves[n].identity, each.identity) for n, each in there]
     known = {n: certificate for n, certificate in identities if n is not None and certificate is not None}
-    moments = {system.instants[system.now], *(end for end in ends if end is not None)}
     trusts = dict.fromkeys(VARIANTS[name].trust for name in system.profiles)
     enclaves, realms = list(system.enclaves), {realm: n for n, realm in enumerate(system.realms)}
-    refused: dict[TrustFiles, frozenset[int]] = {}
+    refused: dict[TrustFiles, list[tuple[int, frozenset[int]]]] = {}
     for n, enclave in there:
         files = trust_files(enclave)
         if files not in refused:
-            refused[files] = frozenset(
-                identity
-                for identity, certificate in known.items()
-                if any(any(refusals_of_peer(enclave, certificate, trust, at)) for trust in trusts for at in moments)
-            )
-        realm = replace(system.realms[enclaves[n].realm], refuses=refused[files])
+            asked = [trust for trust in trusts if may_refuse_peers(enclave, trust)]
+            refused[files] = list(_refused(enclave, known, asked, _moments(system, enclave, asked, ends)))
+        (_now, refuses), *later = refused[files]
+        realm = replace(system.realms[enclaves[n].realm], refuses=refuses, refuses_later=tuple(later))
         enclaves[n] = replace(enclaves[n], realm=realms.setdefault(realm, len(realms)))
     return replace(system, enclaves=tuple(enclaves), realms=tuple(realms))
+
+
+def _moments(
+    system: System, enclave: Enclave, trusts: Iterable[Trust], ends: Collection[datetime]
+) -> Iterator[tuple[int, datetime]]:
+    """Until the last of the ends: the moments (`permission.Permissions`) at which the enclave may refuse others."""
+    now = system.instants[system.now]
+    authorities = enclave.identity_ca.certificates if enclave.identity_ca is not None else ()
+    dates = {now, *ends, *(date for each in authorities for date in (each.not_before, each.not_after))}
+    dates.update(date for trust in trusts for date in list_dates(enclave, trust, now))
+    for number, instant in enumerate(system.instants):
+        if now <= instant <= max(ends) and instant in dates:
+            yield from ((2 * number + behind, instant + behind * SECOND) for behind in (0, 1))
+
+
+def _refused(
+    enclave: Enclave,
+    known: Mapping[int, Certificate],
+    trusts: Collection[Trust],
+    moments: Iterable[tuple[int, datetime]],
+) -> Iterator[tuple[int, frozenset[int]]]:
+    """Whom of those known the enclave refuses under some of the rows; and again at each moment that changes it."""
+    before: frozenset[int] | None = None
+    for moment, at in moments:
+        found = frozenset(
+            number
+            for number, certificate in (known.items() if trusts else ())
+            if any(any(refusals_of_peer(enclave, certificate, trust, at)) for trust in trusts)
+        )
+        if found != before:
+            yield moment, found
+        before = found
 
 
 def _starts(system: System, usable: Iterable[Usability]) -> bool:

@@ -58,6 +58,7 @@ class RealmView:
         self._number = realm
         self._realm = system.realms[realm].at(permissions.moment)
         self._permissions = permissions
+        self.refuses = self._realm.refuses
         governance = self._realm.governance
         self.open = governance is not None and system.documents[governance].opaque
         self._any_opaque = any(document.opaque for document in system.documents)

@@ -307,7 +307,8 @@ class _Resolution:
 
     def resolved(self, claims: Sequence[Claim]) -> System:
         """The system with the claims."""
-        ends = [claim.until for claim in claims if claim.kind is ClaimKind.ABLE]
+        now = self._system.instants[self._system.now]
+        ends = [claim.until or now for claim in claims if claim.kind is ClaimKind.ABLE]
         if ends:
             from keystore_audit.model.ability import with_refusals  # most settings claim none
 

@@ -98,7 +98,7 @@ class _Here:
             self._meant.setdefault(meaning(system.certificates[identity].label), []).append(identity)
         # Most realms differ in their governance alone.
         self._realms = list(
-            {(each.identity_ca, each.revoked, self._open(each)): each for each in system.realms}.values()
+            {(each.identity_ca, each.ever_revoked, self._open(each)): each for each in system.realms}.values()
         )
 
     def lacking(self, subject: str, named: set[int]) -> Sequence[RealmAtom]:
@@ -112,13 +112,13 @@ class _Here:
         return [realm for realm in self._realms if not any(self._introduced(realm, each) for each in having)]
 
     def _introduced(self, realm: RealmAtom, identity: int) -> bool:
-        """Whether the realm takes it for who it says it is, whatever the dates."""
+        """Whether the realm takes it for who it says it is, at each moment, whatever the dates of certificates."""
         if self._open(realm):
             return True
         certificates = self._system.certificates
         # (MUST) Where the list could not be read, everybody counts as revoked, and nobody is for certain.
         unread = self._system.reading is Reading.MUST and len(realm.revoked) == len(certificates)
-        revoked = frozenset[int]() if unread else realm.revoked
+        revoked = frozenset[int]() if unread else realm.ever_revoked
         vouching = certificates[identity].issuers & realm.identity_ca
         return identity not in revoked and any(certificates[number].authority for number in vouching)
 

@@ -205,8 +205,7 @@ class Flows:
     @cached_property
     def _own(self) -> list[OwnRights]:
         """By realm, what enclaves may do that use their own permissions documents alone."""
-        realms = zip(self._realms, self._system.realms, strict=True)
-        return [OwnRights(self._system, view, realm.refuses) for view, realm in realms]
+        return [OwnRights(self._system, view, view.refuses) for view in self._realms]
 
     @staticmethod
     def _forged(view: RealmView, enclave: int) -> int:

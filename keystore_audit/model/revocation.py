@@ -58,9 +58,9 @@ def identity_authorities(enclave: Enclave, trust: Trust) -> tuple[Certificate, .
 
 
 def list_dates(enclave: Enclave, trust: Trust, at: datetime) -> tuple[datetime, ...]:
-    """The instants from `at` on around which another one of several lists counts, where some list revokes anybody."""
+    """The instants from `at` on around which another one of several lists counts, or none of them."""
     lists = lists_read(enclave, trust)
-    if len(lists) < 2 or not any(each.revoked for each in lists):
+    if len(lists) < 2:
         return ()
     dates = {date for each in lists for date in (each.this_update, each.next_update) if date is not None}
     return tuple(sorted(date for date in dates if at <= date <= LAST))

@@ -80,6 +80,7 @@ class RealmAtom:
     `told`: what its members tell peers of their permissions CA, if they and their peers compare that: members of realms
     that tell different things refuse each other, unless one of them tells what the other wants to hear. None: unknown.
     `refuses`: certificates that members refuse although an identity CA vouches for them; for claims of ability alone.
+    `refuses_later`: from moments on at which these are others.
     """
 
     identity_ca: frozenset[int]
@@ -90,16 +91,25 @@ class RealmAtom:
     told: int | None = 0
     refuses: frozenset[int] = frozenset()
     revoked_later: tuple[tuple[int, frozenset[int]], ...] = ()
+    refuses_later: tuple[tuple[int, frozenset[int]], ...] = ()
 
     def at(self, moment: int) -> RealmAtom:
         """The same as it is then."""
-        revoked = [each for begin, each in self.revoked_later if begin <= moment]
-        return replace(self, revoked=revoked[-1], revoked_later=()) if revoked else self
+        if not (self.revoked_later or self.refuses_later):
+            return self
+        *_, revoked = self.revoked, *(each for begin, each in self.revoked_later if begin <= moment)
+        *_, refuses = self.refuses, *(each for begin, each in self.refuses_later if begin <= moment)
+        return replace(self, revoked=revoked, revoked_later=(), refuses=refuses, refuses_later=())
 
     @property
     def always_revoked(self) -> frozenset[int]:
         """Certificates that are revoked at each moment."""
         return self.revoked.intersection(*(each for _begin, each in self.revoked_later))
+
+    @property
+    def ever_revoked(self) -> frozenset[int]:
+        """Certificates that are revoked at some moment."""
+        return self.revoked.union(*(each for _begin, each in self.revoked_later))
 
     def talks_to(self, other: RealmAtom) -> bool:
         """Whether members of both may talk, as far as what they tell of their permissions CAs goes."""

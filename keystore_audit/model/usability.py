@@ -231,15 +231,20 @@ class Usabilities:
             yield from ((interval, rule) for rule in islice(covering, None if every else 1))
 
 
+def may_refuse_peers(enclave: Enclave, trust: Trust) -> bool:
+    """Whether the enclave may refuse anybody for whom an authority of its file vouches (`refusals_of_peer`)."""
+    file = enclave.identity_ca
+    return file is not None and (len(file.certificates) > 1 or bool(lists_read(enclave, trust)))
+
+
 def refusals_of_peer(enclave: Enclave, certificate: Certificate, trust: Trust, at: datetime) -> Iterator[str]:
     """Why the enclave refuses who has the certificate, whatever grants say: what it asks of its own when it starts."""
     file = enclave.identity_ca
-    if file is not None and (len(file.certificates) > 1 or lists_read(enclave, trust)):
-        yield from _chain_refusals(enclave, certificate, trust)
-        if not is_issued(file, certificate, trust, at):
-            yield "the identity CA certificate is outside its validity"
-        if lists_read(enclave, trust):
-            yield from _revocations_at(enclave, certificate, trust, at)
+    yield from _chain_refusals(enclave, certificate, trust)
+    if file is not None and is_issued(file, certificate, trust, None) and not is_issued(file, certificate, trust, at):
+        yield "the identity CA certificate is outside its validity"
+    if lists_read(enclave, trust):
+        yield from _revocations_at(enclave, certificate, trust, at)
 
 
 def _chain_refusals(enclave: Enclave, certificate: Certificate, trust: Trust) -> tuple[str, ...]:

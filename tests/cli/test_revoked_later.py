@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from cryptography.hazmat.primitives.serialization import Encoding
 
-from tests.cli.keystores import AT, answer, document_of, grant_of, rule, write_enclave
+from tests.cli.keystores import AT, answer, document_of, grant_of, properties, rule, write_enclave
 from tests.keystore.builder import END, GOVERNANCE, START, authority, certificate, crl
 
 UNTIL, THEN = "2027-06-30", "2027-06-29T12:00:00Z"
@@ -67,3 +67,19 @@ def test_what_holds_until_a_date_holds_then(end: datetime, days: int, spared: bo
 def test_both_engines_say_so(tmp_path: Path) -> None:
     root = written(tmp_path / "keys", SOON, 1, spared=True)
     assert statuses(root, AT, "both") == {"now": "holds", "later": "violated"}
+
+
+@pytest.mark.parametrize(("names", "status"), [('"/motor"', "violated"), ('"/motor", "/late"', "holds")])
+def test_who_is_revoked_before_its_grant_begins_is_somebody_else_then(names: str, status: str, tmp_path: Path) -> None:
+    """Whoever has the name by another certificate has the grant, which nobody here has at any moment."""
+    identity, permissions = authority("identityCA"), authority("permissionsCA")
+    begins = grant_of("/late", rule(("rt/a",))).replace("<not_before>2024-01", "<not_before>2027-03")
+    for number, (path, grant) in enumerate({"/motor": grant_of("/motor", rule(("rt/a",))), "/late": begins}.items()):
+        folder = tmp_path / "keys/enclaves" / path[1:]
+        own = certificate(path, identity, serial=100 + number)
+        write_enclave(folder, own, document_of(grant), identity, permissions, GOVERNANCE)
+        lists = [crl(identity, revoked, days=at) for revoked, at in (((), 0), ((101,), (SOON - START).days))]
+        (folder / "crl.pem").write_bytes(lists[0].public_bytes(Encoding.PEM))
+        (folder / "identity_ca.cert.pem").write_bytes(identity.pem + lists[1].public_bytes(Encoding.PEM))
+    settings = f'[[property]]\nname = "a"\nuntil = {UNTIL}\nonly_publish = {{ topic = "/a", enclaves = [{names}] }}\n'
+    assert properties(tmp_path / "keys", settings, "--profile", "fastdds-3.6")["a"]["status"] == status

@@ -265,6 +265,7 @@ class _Restriction:
             revoked=_among(realm.revoked, self._certificates),
             refuses=_among(realm.refuses, self._certificates),
             revoked_later=(),
+            refuses_later=(),
         )
 
     def _grant(self, grant: GrantAtom) -> GrantAtom:

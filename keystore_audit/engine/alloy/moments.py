@@ -1,6 +1,6 @@
 """The facts of a system at a later moment, for claims that must hold until a date.
 
-Of what a claim speaks of, dates change nothing but which grants are in force and who is revoked. So each choice is
+Of what a claim speaks of, dates change nothing but which grants are in force and who is refused. So each choice is
 asked about once, with static facts: a start of the Analyzer for each, but each as exact and as fast as the audit
 itself. (A moving clock in one temporal model costs a translation for each state of each trace that is tried.)
 """
@@ -22,7 +22,7 @@ _TICK: Final = timedelta(microseconds=1)
 
 def later(system: System, until: int) -> Iterator[int]:
     """Yield the moments after the audit instant, up to the instant `until`, at which other grants are in force, or
-    others are revoked.
+    others are revoked or refused.
 
     A moment is twice the index of an instant, plus one for the time between it and the next (as in
     `model.permission.Permissions`). Of several moments that are alike the first counts.
@@ -65,8 +65,9 @@ def every(system: System) -> System:
     return system
 
 
-def _in_force(system: System, moment: int) -> tuple[frozenset[int], ...]:
-    """Grants; and by realm, whom it does not take."""
+def _in_force(system: System, moment: int) -> tuple[object, ...]:
+    """Grants; and by realm, whom it does not take, and why."""
     grants = enumerate(system.grants)
     found = frozenset(number for number, grant in grants if 2 * grant.not_before <= moment <= 2 * grant.not_after)
-    return found, *(realm.at(moment).revoked for realm in system.realms)
+    realms = [realm.at(moment) for realm in system.realms]
+    return found, *((realm.revoked, realm.refuses) for realm in realms)

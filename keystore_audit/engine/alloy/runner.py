@@ -131,7 +131,8 @@ def _later(number: int, system: System) -> Iterator[_Case]:
     for count, moment in enumerate(moments.later(system, until)):
         if count == moments.MAX_MOMENTS:
             raise EngineOutOfScale(
-                f"Until the date of a claim, grants begin or end more than {moments.MAX_MOMENTS} times."
+                f"Until the date of a claim, grants begin or end, or others are refused, more than "
+                f"{moments.MAX_MOMENTS} times."
             )
         lasting = tuple(c for c in system.claims if c.until is not None and moment <= 2 * c.until)
         yield _Case.of(number, moments.at(replace(system, claims=lasting), moment), moment)
