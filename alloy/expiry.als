@@ -12,6 +12,8 @@
  * nothing: then no trace comes to its rest, there is none, and every check "holds". The commands that are written
  * have just as many.
  *
+ * Who is revoked stays so here, and nobody else is: of several revocation lists, those count that do at the audit.
+ *
  * Rights can end with time and begin with time: with a grant whose validity begins later, and with one that ends,
  * where it stood before a wider one and implementations skip grants out of date.
  */

@@ -241,6 +241,7 @@ def _then(system: System, answer: Answer) -> tuple[str, System]:
     if moment is None:
         moment = 2 * (answer.path[0].instant if answer.path else system.now)
     instant, after = divmod(moment, 2)
+    system = replace(system, realms=tuple(realm.at(moment) for realm in system.realms))
     if after:
         return f", after {_time(system, instant)}", _just_after(system, instant)
     return f", from {_time(system, instant)} on" if instant != system.now else "", replace(system, now=instant)

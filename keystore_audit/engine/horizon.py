@@ -87,8 +87,8 @@ def _moments(
     """Every boundary after `at`: as a moment of the system, as an instant, and when it may be at the earliest; in
     order.
 
-    Revocation lists have no instants in the system: they are void one second after nextUpdate. `local`: dates of grants
-    that some implementation reads in a zone that we do not know. `excluded`: ends of grants that some implementation
+    A revocation list alone has no instants in the system; it is void one second after nextUpdate. `local`: dates of
+    grants that some implementation reads in a zone that we do not know. `excluded`: ends of grants that some implementation
     counts no more at the end itself.
     """
     found: dict[datetime, int] = {}

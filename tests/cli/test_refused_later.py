@@ -62,6 +62,8 @@ LISTS = {
 def test_lists_of_the_others_authority(lists: str, later: str, tmp_path: Path) -> None:
     root = written(tmp_path / "keys", OTHER.pem + ONE.pem, LISTS[lists])
     assert statuses(root) == ["holds", "holds", later]
+    told = properties(root, SETTINGS, "--profile", "fastdds-3.6")["later"]["profiles"]["fastdds-3.6"]["counterexample"]
+    assert told is None if later == "holds" else "enclaves refuse identities of others" in told["text"]
 
 
 @pytest.mark.parametrize(("first", "later"), [(ONE, "holds"), (AGAIN[0], "violated")])

@@ -1,8 +1,9 @@
-"""Until when an audit holds: the dates of revocation lists, which no system has."""
+"""Until when an audit holds: the dates of revocation lists, which a system has of several alone."""
 
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
 from zoneinfo import ZoneInfo
@@ -11,9 +12,11 @@ import pytest
 from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
 from cryptography.x509 import load_pem_x509_certificate
 
+from keystore_audit.engine.native import NativeEngine
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
+from tests.engine.systems import TALKER, healthy
 from tests.keystore.builder import END, START, Signed, crl, signed_document, sros2
 
 
@@ -116,3 +119,12 @@ def test_a_date_that_is_read_in_the_robots_zone_is_named(tmp_path: Path) -> None
         )
         assert told is not None
         assert told[1] == who
+
+
+def test_whoever_is_revoked_later_changes_what_holds_then() -> None:
+    system, identity = healthy(), healthy().enclaves[TALKER].identity
+    assert identity is not None
+    then = 2 * system.now + 1
+    changing = [replace(realm, revoked_later=((then, frozenset({identity})),)) for realm in system.realms]
+    native = NativeEngine([replace(system, realms=tuple(changing))])
+    assert native.statuses(then) != native.statuses(2 * system.now) == NativeEngine([system]).statuses(then)

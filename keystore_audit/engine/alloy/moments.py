@@ -59,10 +59,14 @@ def at(system: System, moment: int) -> System:
 
 
 def every(system: System) -> System:
-    """Return the same system with an instant of its own between each two from the audit on, and after the last."""
+    """Return the same system with an instant of its own between each two from the audit on, and after the last.
+
+    Who is revoked or refused stays as it is at the audit.
+    """
+    realms = tuple(realm.at(2 * system.now) for realm in system.realms)
     for index in reversed(range(system.now, len(system.instants))):
-        system = replace(at(system, 2 * index + 1), now=system.now, realms=system.realms)
-    return system
+        system = replace(at(system, 2 * index + 1), now=system.now)
+    return replace(system, realms=realms)
 
 
 def _in_force(system: System, moment: int) -> tuple[object, ...]:
