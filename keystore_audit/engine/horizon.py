@@ -88,8 +88,8 @@ def _moments(
     order.
 
     A revocation list alone has no instants in the system; it is void one second after nextUpdate. `local`: dates of
-    grants that some implementation reads in a zone that we do not know. `excluded`: ends of grants that some implementation
-    counts no more at the end itself.
+    grants that some implementation reads in a zone that we do not know. `excluded`: ends of grants that some
+    implementation counts no more at the end itself.
     """
     found: dict[datetime, int] = {}
     earlier: dict[datetime, datetime] = {}
