@@ -57,7 +57,7 @@ def key_outside_dds_security(use: CertificateUse, context: Context) -> Iterator[
     """The identity's key is strong enough but of a kind that the specification does not name.
 
     Cyclone DDS takes RSA with 2,048 bits and any curve of 256 bits and refuses the rest; Fast DDS starts (measured).
-    High where a chosen profile of it refuses the enclave.
+    High where a chosen profile of Cyclone DDS refuses the enclave.
     """
     for certificate in use.in_use[:1]:
         if certificate.key_kind not in ("RSA 2048", "EC secp256r1") and not is_weak_kind(certificate.key_kind):

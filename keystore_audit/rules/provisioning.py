@@ -165,7 +165,9 @@ def identity_shared_by_robots(keystore: Keystore, context: Context) -> Iterator[
     inside = tuple(f"{path}/" for path in beside.apart)
     here = [loose for loose in beside.compared.keys if loose.key not in own and not loose.path.startswith(inside)]
     yield from _astray(keystore, [(loose, other) for loose in here for other in by_key[loose.key]])
-    yield from _lying_elsewhere(keystore, [(*own[loose.key], loose) for loose in beside.shared.keys])
+    yield from _lying_elsewhere(
+        keystore, [(*own[loose.key], loose) for loose in beside.shared.keys if loose.key in own]
+    )
 
 
 def _astray(keystore: Keystore, found: Sequence[tuple[LooseKey, Identity]]) -> Iterator[Violation]:

@@ -718,6 +718,24 @@ def test_a_key_that_comes_to_lie_there_behind_the_comparison_is_no_pass(
     assert answer("audit", one, two, "--engine", "native", "--at", INSTANT)[0] == 4
 
 
+def test_an_identity_that_goes_behind_the_comparison_is_no_fault(
+    fleet: Fleet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its key was found with another robot, and is nobody's here any more."""
+    import keystore_audit.fleet.run
+
+    one, two = fleet.robot(tmp_path / "one"), fleet.robot(tmp_path / "two", "/arm", "/leg")
+    shutil.copy(two / "enclaves/arm/key.pem", one / "spare.pem")
+    really = keystore_audit.fleet.run.carry_out
+
+    def later(task: Task) -> Audited:
+        shutil.rmtree(two / "enclaves/arm", ignore_errors=True)
+        return really(task)
+
+    monkeypatch.setattr(keystore_audit.fleet.run, "carry_out", later)
+    assert ["not those that were compared" in each.get("high", "") for each in shared(one, two)] == [False, True]
+
+
 def test_a_keystore_named_twice_shares_nothing_with_itself(fleet: Fleet, tmp_path: Path) -> None:
     one = fleet.robot(tmp_path / "one")
     assert shared(one, one / ".", one) == [{}, {}, {}]
