@@ -27,7 +27,7 @@ from keystore_audit.model.revocation import list_dates
 from keystore_audit.model.semantics import DEFAULT_PARTITION, Area
 from keystore_audit.model.system import Reading, System
 from keystore_audit.model.usability import Usabilities, may_refuse_peers, refusals_of_peer
-from keystore_audit.model.validity import SECOND
+from keystore_audit.model.validity import LAST, SECOND
 from keystore_audit.model.views import TrustFiles, trust_files
 
 MAX_PAIRS: Final = 10_000
@@ -123,8 +123,8 @@ def stopping(system: System, keystore: Keystore, usabilities: Usabilities | None
     return _among(system, paths)
 
 
-def with_refusals(system: System, keystore: Keystore, ends: Collection[datetime]) -> System:
-    """With whom enclaves refuse under some profile, from the audit instant until the last of these.
+def with_refusals(system: System, keystore: Keystore) -> System:
+    """With whom enclaves refuse under some profile, from the audit instant on.
 
     Realms come apart by that: two may trust alike, and read the same authorities in another order.
     """
@@ -139,23 +139,21 @@ def with_refusals(system: System, keystore: Keystore, ends: Collection[datetime]
         files = trust_files(enclave)
         if files not in refused:
             asked = [trust for trust in trusts if may_refuse_peers(enclave, trust)]
-            refused[files] = list(_refused(enclave, known, asked, _moments(system, enclave, asked, ends)))
+            refused[files] = list(_refused(enclave, known, asked, _moments(system, enclave, asked)))
         (_now, refuses), *later = refused[files]
         realm = replace(system.realms[enclaves[n].realm], refuses=refuses, refuses_later=tuple(later))
         enclaves[n] = replace(enclaves[n], realm=realms.setdefault(realm, len(realms)))
     return replace(system, enclaves=tuple(enclaves), realms=tuple(realms))
 
 
-def _moments(
-    system: System, enclave: Enclave, trusts: Iterable[Trust], ends: Collection[datetime]
-) -> Iterator[tuple[int, datetime]]:
-    """Until the last of the ends: the moments (`permission.Permissions`) at which the enclave may refuse others."""
+def _moments(system: System, enclave: Enclave, trusts: Iterable[Trust]) -> Iterator[tuple[int, datetime]]:
+    """From the audit's on: the moments (`permission.Permissions`) at which the enclave may come to refuse others."""
     now = system.instants[system.now]
     authorities = enclave.identity_ca.certificates if enclave.identity_ca is not None else ()
-    dates = {now, *ends, *(date for each in authorities for date in (each.not_before, each.not_after))}
+    dates = {now, *(date for each in authorities for date in (each.not_before, each.not_after))}
     dates.update(date for trust in trusts for date in list_dates(enclave, trust, now))
     for number, instant in enumerate(system.instants):
-        if now <= instant <= max(ends) and instant in dates:
+        if now <= instant <= LAST and instant in dates:
             yield from ((2 * number + behind, instant + behind * SECOND) for behind in (0, 1))
 
 

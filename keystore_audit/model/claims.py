@@ -307,12 +307,10 @@ class _Resolution:
 
     def resolved(self, claims: Sequence[Claim]) -> System:
         """The system with the claims."""
-        now = self._system.instants[self._system.now]
-        ends = [claim.until or now for claim in claims if claim.kind is ClaimKind.ABLE]
-        if ends:
+        if any(claim.kind is ClaimKind.ABLE for claim in claims):
             from keystore_audit.model.ability import with_refusals  # most settings claim none
 
-            self._system = with_refusals(self._system, self._keystore, ends)
+            self._system = with_refusals(self._system, self._keystore)
         return replace(self._system, claims=tuple(self._named(self._atom(claim)) for claim in claims))
 
     def _named(self, claim: ClaimAtom) -> ClaimAtom:

@@ -1,0 +1,88 @@
+"""What must be possible until a date, or as long as an audit is said to hold: lists and authorities leave gaps."""
+
+from __future__ import annotations
+
+import json
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cryptography.hazmat.primitives.serialization import Encoding
+
+from tests.cli.keystores import AT, answer, document_of, grant_of, rule, write_enclave
+from tests.keystore.builder import END, GOVERNANCE, START, Signed, authority, certificate, crl
+
+SOON, AGAIN, THEN = (datetime(2027, 1, day, tzinfo=timezone.utc) for day in (1, 15, 10))
+CLAIMS = {"now": None, "soon": "2026-12-24", "later": "2027-06-30"}
+HOLDS = dict.fromkeys(CLAIMS, "holds")
+SAFE = "2027-01-01T00:00:01Z"
+
+A, B = authority("identityCA"), authority("otherCA")
+ENDING, RENEWED = authority("otherCA", end=SOON, key=B.key), authority("otherCA", start=AGAIN, key=B.key)
+
+
+def lists(issuer: Signed, *, gap: bool) -> bytes:
+    ends = [crl(issuer, end=SOON), crl(issuer, days=((AGAIN if gap else SOON) - START).days)]
+    return b"".join(each.public_bytes(Encoding.PEM) for each in ends)
+
+
+def forever(issuer: Signed) -> bytes:
+    return crl(issuer, end=END).public_bytes(Encoding.PEM)
+
+
+def written(root: Path, motors_authorities: bytes, motors_list: bytes) -> Path:
+    """The identity of the button is of the authority B, that of the motor of A."""
+    permissions = authority("permissionsCA")
+    for path, own in (("/button", B), ("/motor", A)):
+        folder = root / "enclaves" / path[1:]
+        document = document_of(grant_of(path, rule(("rt/stop",), ("rt/stop",))))
+        write_enclave(folder, certificate(path, own), document, own, permissions, GOVERNANCE)
+        (folder / "identity_ca.cert.pem").write_bytes(B.pem + A.pem)
+    (folder / "identity_ca.cert.pem").write_bytes(motors_authorities)
+    if motors_list:
+        (folder / "crl.pem").write_bytes(motors_list)
+    return root
+
+
+def audited(root: Path, at: str, engine: str = "native", claims: tuple[str, ...] = tuple(CLAIMS)) -> dict[str, Any]:
+    settings = root.parent / "settings.toml"
+    able = 'able = { from = "/button", to = "/motor" }\n'
+    until = {name: "" if CLAIMS[name] is None else f"until = {CLAIMS[name]}\n" for name in claims}
+    text = "".join(f'[[property]]\nname = "{name}"\n{until[name]}{able}' for name in claims)
+    settings.write_text(text, "utf-8")
+    words = ("--engine", engine, "--profile", "fastdds-3.6", "--at", at, "--settings", settings, "-f", "json")
+    found: dict[str, Any] = json.loads(answer("audit", root, *words)[1])
+    return found
+
+
+def statuses(found: dict[str, Any]) -> dict[str, str]:
+    return {each["id"]: each["status"] for each in found["properties"] if each["id"] in CLAIMS}
+
+
+@pytest.mark.parametrize(
+    ("authorities", "listed", "gap"),
+    [
+        (A.pem + B.pem + lists(B, gap=False), forever(A), False),
+        (A.pem + B.pem + lists(B, gap=True), forever(A), True),  # it has no list of the button's authority then
+        (A.pem + B.pem + lists(A, gap=True) + forever(B), b"", True),  # nor of its own: it does not start
+        (A.pem + B.pem, b"", False),
+        (A.pem + ENDING.pem + RENEWED.pem, b"", True),
+    ],
+)
+def test_what_is_possible_until_a_date_is_possible_at_each_instant(
+    authorities: bytes, listed: bytes, gap: bool, tmp_path: Path
+) -> None:
+    root = written(tmp_path / "keys", authorities, listed)
+    assert statuses(audited(root, AT)) == HOLDS | ({"later": "violated"} if gap else {})
+    assert statuses(audited(root, f"{THEN:%Y-%m-%d}T00:00:00Z"))["now"] == ("violated" if gap else "holds")
+    alone = audited(root, AT, claims=("now",))
+    assert statuses(alone) == {"now": "holds"}
+    assert (alone["safe_until"] == SAFE) is gap
+
+
+@pytest.mark.alloy
+@pytest.mark.xdist_group("alloy")
+def test_both_engines_say_so(tmp_path: Path) -> None:
+    root = written(tmp_path / "keys", A.pem + ENDING.pem + RENEWED.pem, b"")
+    assert statuses(audited(root, AT, "both")) == HOLDS | {"later": "violated"}
