@@ -57,8 +57,11 @@ _LATER: Final = re.compile(r"""sleep [0-9.]+ ?(?:;|&&) ?(?:exec )?(["']?)\$0\1 (
 _UNSET: Final = r"(?:\bunset\b|(?:^|\s)-u|--unset)[^;&|]*"
 """What takes back the variables that are named behind it: a shell's own word, and options of env."""
 
-_CLEAN: Final = re.compile(r"\benv\s+(?:-u\s+\S+\s+|-(?!u\s)\S+\s+){0,9}?(?:-[a-z]*i|-|--ignore-environment)\s")
-"""What takes back all."""
+_CLEAN: Final = re.compile(
+    r"\benv\s+(?:(?:-[0v]*[uC]|--unset|--chdir)\s+\S+\s+|-(?![0v]*[uC]\s|-unset\s|-chdir\s)\S+\s+){0,9}?"
+    r"(?:-[0v]*i\S*|-|--ignore-e[a-z]*)\s"
+)
+"""What takes back all: options of one letter may stand together, and long ones may be cut short."""
 
 
 def replaced(

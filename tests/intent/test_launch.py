@@ -254,6 +254,10 @@ def test_a_process_that_may_be_a_node_has_what_is_set_for_it(
         ("sudo -u robot run; echo ROS_SECURITY_STRATEGY", {}),
         ("env -i ROS_DOMAIN_ID=3 run", {**CLEAN, "DOMAIN_ID": "3"}),
         ("/usr/bin/env -u A - run", CLEAN),
+        ("env -v0iu A run", CLEAN),
+        ("env -C /tmp --unset A -i run", CLEAN),
+        ("env --ignore-env run", CLEAN),
+        ("env -u i run; env -C i run; env --ignore-signal run", {}),
         ("env A=b bash -i -c run; sed -i s/a/b/ file", {}),
     ],
 )
