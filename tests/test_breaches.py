@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from keystore_audit.engine import breaches
-from tests.cli.keystores import AT, answer, keystore, rule
+from tests.cli.keystores import AT, answer, document_of, grant_of, keystore, rule, signed_keystore
 from tests.keystore.builder import GOVERNANCE
 
 PROPERTIES = {
@@ -104,6 +104,34 @@ def test_what_others_of_the_ca_may_is_another_violation_where_anybody_may(
         root = keystore(tmp_path / str(len(prints)), BEFORE, governance=governance)
         prints.append(audited(root, "--settings", settings, "--profile", "cyclonedds-11")[1]["x"]["fingerprint"])
     assert prints[0] != prints[1]
+
+
+VALID = b"<not_before>2024-01-01T00:00:00</not_before><not_after>2034-01-01T00:00:00</not_after>"
+LATE = {
+    "no_flow": VALID.replace(b"2024", b"2028"),  # it begins
+    "able": VALID.replace(b"2034", b"2028"),  # it ends
+}
+
+
+@pytest.mark.parametrize("kind", ["no_flow", "able"])
+def test_what_is_accepted_of_a_later_day_is_not_accepted_of_today(kind: str, tmp_path: Path) -> None:
+    settings = tmp_path / "keystore-audit.toml"
+    asked = f'{kind} = {{ from = "/talker", to = "/motor" }}'
+    settings.write_text(f'[[property]]\nname = "x"\nuntil = 2030-01-01\n{asked}\n', "utf-8")
+    topic = {"no_flow": "rt/cmd", "able": "rt/other"}[kind]  # what violates it today
+
+    def fingerprint(name: str, topic: str, validity: bytes) -> str:
+        rights = {"/talker": rule((topic,)), "/motor": rule((), ("rt/cmd",))}
+        documents = {path: document_of(grant_of(path, text)) for path, text in rights.items()}
+        documents["/talker"] = documents["/talker"].replace(VALID, validity)
+        root = signed_keystore(tmp_path / name, documents)
+        found = audited(root, "--settings", settings, "--profile", "spec")[1]["x"]["fingerprint"]
+        assert isinstance(found, str)
+        return found
+
+    later = fingerprint("later", "rt/cmd", LATE[kind])
+    assert fingerprint("another_day", "rt/cmd", LATE[kind].replace(b"2028", b"2029")) == later
+    assert fingerprint("today", topic, VALID) != later
 
 
 def test_a_weaker_attacker_is_another_violation(tmp_path: Path) -> None:

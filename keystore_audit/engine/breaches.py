@@ -75,7 +75,10 @@ def _under_profiles(number: int, result: AssertedResult, systems: Sequence[Syste
 
 
 def _breaches(system: System, claim: ClaimAtom, budget: _Budget) -> Iterator[str]:
-    """What violates the claim at some moment until its end."""
+    """What violates the claim now, and what else at some moment until its end.
+
+    Who accepts what comes later has not accepted that it comes now.
+    """
     first = 2 * system.now
     last = first if claim.until is None else max(first, 2 * claim.until)
     names = {number: channel.topic for number, channel in enumerate(system.channels)} | dict(claim.names)
@@ -83,7 +86,8 @@ def _breaches(system: System, claim: ClaimAtom, budget: _Budget) -> Iterator[str
     each = len(system.enclaves) if claim.kind is ClaimKind.NO_FLOW else 1
     budget.take(len(sources) * len(targets) * each * (last - first + 1))
     decisions = Decisions(system)
-    for moment in range(first, last + 1):
+
+    def at(moment: int, claim: ClaimAtom) -> Iterator[str]:
         asked = claims_at(system, moment, decisions)
         if claim.kind is ClaimKind.NO_FLOW:
             yield from _flows(system, asked, claim, names, product(sources, targets))
@@ -93,6 +97,12 @@ def _breaches(system: System, claim: ClaimAtom, budget: _Budget) -> Iterator[str
         else:
             for witness, _path in asked.violations(claim):
                 yield told(system, names, witness) + ("\0anybody" if asked.by_anybody(claim, witness) else "")
+
+    starting = replace(claim, through=claim.through - claim.stopping)
+    now = set(islice(at(first, starting), MAX_BREACHES + 1))
+    yield from now
+    for moment in range(first + 1, last + 1):
+        yield from (f"later: {each}" for each in at(moment, claim) if each not in now)
 
 
 def _each(system: System, names: _Names, place: Place) -> list[Place]:

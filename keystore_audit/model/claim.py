@@ -59,6 +59,7 @@ class ClaimAtom:
     implementation starts them, where some peers do not let them in. `names`: by channel of its places that stands for
     several names, in order, what these are. `pairs`: (able) from which place data must get to which, each of these; one
     with nothing in it is an enclave that could not be read. Empty: from some of `source` to some of `target`.
+    `stopping`: (able) those of `through` that start at the audit instant, and not at each until the last.
     """
 
     id: str
@@ -73,6 +74,7 @@ class ClaimAtom:
     starts: frozenset[tuple[int, int]] = frozenset()
     names: tuple[tuple[int, str], ...] = ()
     pairs: tuple[tuple[Place, Place], ...] = ()
+    stopping: frozenset[int] = frozenset()
 
     def each_pair(self) -> Iterator[ClaimAtom]:
         """The same claim of each pair by itself; who may not be passed is no place either, so that it is cut off."""

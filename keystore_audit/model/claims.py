@@ -298,12 +298,14 @@ class _Resolution:
 
         return unusable(self._system, self._channels, self._keystore, self._usabilities, self._domain)
 
-    def _away(self, until: datetime | None) -> frozenset[int]:
-        """Enclaves that take no part in what a claim of ability asks for until then."""
+    def _away(self, until: datetime | None) -> tuple[frozenset[int], frozenset[int]]:
+        """Enclaves that take no part in what a claim of ability asks for; and who else at some instant until then."""
         from keystore_audit.model.ability import stopped, stopping  # most settings claim none
 
         now = stopped(self._system, self._keystore, self._usability) | at_large(self._system)
-        return now if until is None else now | stopping(self._system, self._keystore, self._usabilities, until)
+        if until is None:
+            return now, frozenset()
+        return now, stopping(self._system, self._keystore, self._usabilities, until) - now
 
     def resolved(self, claims: Sequence[Claim]) -> System:
         """The system with the claims."""
@@ -328,7 +330,8 @@ class _Resolution:
 
     def _atom(self, claim: Claim) -> ClaimAtom:
         able = claim.kind is ClaimKind.ABLE
-        away = self._away(claim.until) if able else frozenset()  # these are no places and no ways
+        now, later = self._away(claim.until) if able else (frozenset[int](), frozenset[int]())
+        away = now | later  # these are no places and no ways
         left_out = frozenset() if claim.include_ambient else self._channels.regions[named(AMBIENT)]
         return ClaimAtom(
             id=claim.id,
@@ -342,6 +345,7 @@ class _Resolution:
             location=claim.location,
             starts=self._starts(claim) if claim.kind is ClaimKind.SEPARATE_DOMAINS else frozenset(),
             pairs=self._pairs(claim) if able else (),
+            stopping=later,
         )
 
     def _pairs(self, claim: Claim) -> tuple[tuple[Place, Place], ...]:

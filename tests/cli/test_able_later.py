@@ -39,9 +39,10 @@ def written(root: Path, motors_authorities: bytes, motors_list: bytes) -> Path:
         document = document_of(grant_of(path, rule(("rt/stop",), ("rt/stop",))))
         write_enclave(folder, certificate(path, own), document, own, permissions, GOVERNANCE)
         (folder / "identity_ca.cert.pem").write_bytes(B.pem + A.pem)
-    (folder / "identity_ca.cert.pem").write_bytes(motors_authorities)
+    motor = root / "enclaves/motor"
+    (motor / "identity_ca.cert.pem").write_bytes(motors_authorities)
     if motors_list:
-        (folder / "crl.pem").write_bytes(motors_list)
+        (motor / "crl.pem").write_bytes(motors_list)
     return root
 
 

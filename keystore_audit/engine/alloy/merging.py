@@ -287,6 +287,7 @@ class _Restriction:
             target=self._place(claim.target),
             through=_among(claim.through, self._enclaves),
             left_out=self._named(claim.left_out),
+            stopping=frozenset(),
             starts=frozenset((self._enclaves[e], domain) for e, domain in claim.starts if e in self._enclaves),
             pairs=tuple(
                 (self._place(one), self._place(other))
