@@ -119,8 +119,8 @@ def compared_of(keystore: Keystore) -> Compared:
     return Compared(identities=_known(found), keys=_loose(keystore.root, keystore.identities.loose))
 
 
-def _loose(root: str, places: Mapping[str, str]) -> tuple[LooseKey, ...]:
-    return tuple(LooseKey(root=root, path=places[key], key=key) for key in sorted(places))
+def _loose(root: str, places: Mapping[str, Iterable[str]]) -> tuple[LooseKey, ...]:
+    return tuple(LooseKey(root=root, path=place, key=key) for key in sorted(places) for place in places[key])
 
 
 def _known(found: Iterable[Identity | None]) -> tuple[Identity, ...]:

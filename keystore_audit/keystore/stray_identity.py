@@ -6,7 +6,7 @@ and keys are taken from wherever they stand: files that are parsed for something
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from typing import Final
 
@@ -53,7 +53,7 @@ class StrayIdentities:
     keyless: tuple[Certificate, ...] = ()
     locked: tuple[File, ...] = ()
     unread: tuple[File, ...] = ()
-    loose: Mapping[str, str] = field(default_factory=dict)
+    loose: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     @property
     def possible(self) -> tuple[StrayIdentity, ...]:
@@ -127,7 +127,7 @@ def read_stray_identities(root: Root, carried: Carried, unread: Iterable[File]) 
             StrayIdentity(certificate=each, key=keys.places[each.key]) for each in strays if each.key in keys.places
         ),
         copies=tuple(
-            replace(each, path=keys.elsewhere[each.key], line=1)
+            replace(each, path=keys.elsewhere[each.key][0], line=1)
             for each in carried.identities
             if each.key in keys.elsewhere
         ),
@@ -143,17 +143,17 @@ def own_places(enclaves: Iterable[EnclaveFiles]) -> frozenset[str]:
     return frozenset(place for each in enclaves for file in each.files.values() for place in (file.path, file.place))
 
 
-def loose_keys(root: Root, enclaves: Iterable[EnclaveFiles]) -> dict[str, str]:
-    """Private keys in files of no enclave, in whatever form: the public half, and the first place.
+def loose_keys(root: Root, enclaves: Iterable[EnclaveFiles]) -> dict[str, list[str]]:
+    """Private keys in files of no enclave, in whatever form: the public half, and each place.
 
     Every file has been read.
     """
     own = own_places(enclaves)
-    found: dict[str, str] = {}
+    found: dict[str, list[str]] = {}
     for file in root.holding_private_keys():
         if file.place not in own and file.status is Status.PRESENT:
             for public in read_held_keys(root.unsealed(file)).keys:
-                found.setdefault(public, file.place)
+                found.setdefault(public, []).append(file.place)
     return found
 
 
@@ -166,7 +166,7 @@ class _Keys:
 
     def __init__(self, root: Root, carried: Carried, unread: Iterable[File]) -> None:
         self.places: dict[str, str] = {}
-        self.elsewhere: dict[str, str] = {}
+        self.elsewhere: dict[str, list[str]] = {}
         self._own_places = carried.own_places
         self.unread: list[File] = []
         self._locked: dict[str, File] = {}
@@ -208,7 +208,7 @@ class _Keys:
         for public in held.keys:
             self.places.setdefault(public, file.place)
             if file.place not in self._own_places:
-                self.elsewhere.setdefault(public, file.place)
+                self.elsewhere.setdefault(public, []).append(file.place)
         if held.sealed:
             self.unread.append(replace(file, detail="is a PKCS #12 file, made for a certificate with its key"))
         elif held.locked:

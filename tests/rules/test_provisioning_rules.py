@@ -699,7 +699,12 @@ def test_the_key_of_another_robot_in_a_file_of_no_enclave_is_told_in_both(
 
 def test_the_keys_of_a_keystore_in_a_keystore_are_its_own(fleet: Fleet, tmp_path: Path) -> None:
     outer = fleet.robot(tmp_path / "one")
-    assert shared(outer, fleet.robot(outer / "spare", "/arm")) == [{}, {}]
+    inner = fleet.robot(outer / "spare", "/arm")
+    assert shared(outer, inner) == [{}, {}]
+    for name in ("early.pem", "unused.pem"):  # before and behind its own, by name
+        shutil.copy(inner / "enclaves/arm/key.pem", outer / name)
+        assert [list(each) for each in shared(outer, inner)] == [["high"], ["high"]]
+        (outer / name).unlink()
 
 
 def test_a_key_that_comes_to_lie_there_behind_the_comparison_is_no_pass(
