@@ -61,25 +61,32 @@ def statuses(found: dict[str, Any]) -> dict[str, str]:
     return {each["id"]: each["status"] for each in found["properties"] if each["id"] in CLAIMS}
 
 
+REFUSED = "enclaves refuse identities of others"
+
+
 @pytest.mark.parametrize(
-    ("authorities", "listed", "gap"),
+    ("authorities", "listed", "told"),
     [
-        (A.pem + B.pem + lists(B, gap=False), forever(A), False),
-        (A.pem + B.pem + lists(B, gap=True), forever(A), True),  # it has no list of the button's authority then
-        (A.pem + B.pem + lists(A, gap=True) + forever(B), b"", True),  # nor of its own: it does not start
-        (A.pem + B.pem, b"", False),
-        (A.pem + ENDING.pem + RENEWED.pem, b"", True),
+        (A.pem + B.pem + lists(B, gap=False), forever(A), ""),
+        (A.pem + B.pem + crl(B, end=SOON).public_bytes(Encoding.PEM), forever(A), REFUSED),
+        (A.pem + B.pem + lists(B, gap=True), forever(A), REFUSED),  # it has no list of the button's authority then
+        (A.pem + B.pem + lists(A, gap=True) + forever(B), b"", "Nothing gets there"),  # nor of its own: it does not start
+        (A.pem + B.pem, b"", ""),
+        (A.pem + ENDING.pem + RENEWED.pem, b"", REFUSED),
     ],
 )
 def test_what_is_possible_until_a_date_is_possible_at_each_instant(
-    authorities: bytes, listed: bytes, gap: bool, tmp_path: Path
+    authorities: bytes, listed: bytes, told: str, tmp_path: Path
 ) -> None:
     root = written(tmp_path / "keys", authorities, listed)
-    assert statuses(audited(root, AT)) == HOLDS | ({"later": "violated"} if gap else {})
-    assert statuses(audited(root, f"{THEN:%Y-%m-%d}T00:00:00Z"))["now"] == ("violated" if gap else "holds")
+    found = audited(root, AT)
+    assert statuses(found) == HOLDS | ({"later": "violated"} if told else {})
+    later = next(each for each in found["properties"] if each["id"] == "later")["profiles"]["fastdds-3.6"]
+    assert told in (later["counterexample"] or {"text": ""})["text"]
+    assert statuses(audited(root, f"{THEN:%Y-%m-%d}T00:00:00Z"))["now"] == ("violated" if told else "holds")
     alone = audited(root, AT, claims=("now",))
     assert statuses(alone) == {"now": "holds"}
-    assert (alone["safe_until"] == SAFE) is gap
+    assert (alone["safe_until"] == SAFE) is bool(told)
 
 
 @pytest.mark.alloy
