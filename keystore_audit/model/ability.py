@@ -13,6 +13,7 @@ from keystore_audit.dataclass import replace
 from keystore_audit.errors import UsageError
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.layout import Role
 from keystore_audit.model.channels import Channels, ReadRegion
 from keystore_audit.model.claim import Place
 from keystore_audit.model.claims import Claim, Globs, named
@@ -28,7 +29,6 @@ from keystore_audit.model.semantics import DEFAULT_PARTITION, Area
 from keystore_audit.model.system import Reading, System
 from keystore_audit.model.usability import Usabilities, may_refuse_peers, refusals_of_peer
 from keystore_audit.model.validity import LAST, SECOND
-from keystore_audit.model.views import TrustFiles, trust_files
 
 MAX_PAIRS: Final = 10_000
 """Pairs of places of one claim: some ten seconds."""
@@ -134,9 +134,10 @@ def with_refusals(system: System, keystore: Keystore) -> System:
     known = {n: certificate for n, certificate in identities if n is not None and certificate is not None}
     trusts = dict.fromkeys(VARIANTS[name].trust for name in system.profiles)
     enclaves, realms = list(system.enclaves), {realm: n for n, realm in enumerate(system.realms)}
-    refused: dict[TrustFiles, list[tuple[int, frozenset[int]]]] = {}
+    refused: dict[object, list[tuple[int, frozenset[int]]]] = {}
     for n, enclave in there:
-        files = trust_files(enclave)
+        file, crl = enclave.identity_ca, enclave.files.files[Role.CRL]
+        files = file and file.file.sha256, crl.sha256, crl.status  # of copies one is asked
         if files not in refused:
             asked = [trust for trust in trusts if may_refuse_peers(enclave, trust)]
             refused[files] = list(_refused(enclave, known, asked, _moments(system, enclave, asked)))
@@ -152,6 +153,7 @@ def _moments(system: System, enclave: Enclave, trusts: Iterable[Trust]) -> Itera
     authorities = enclave.identity_ca.certificates if enclave.identity_ca is not None else ()
     dates = {now, *(date for each in authorities for date in (each.not_before, each.not_after))}
     dates.update(date for trust in trusts for date in list_dates(enclave, trust, now))
+    last = max(ends)
     for number, instant in enumerate(system.instants):
         if now <= instant <= LAST and instant in dates:
             yield from ((2 * number + behind, instant + behind * SECOND) for behind in (0, 1))
