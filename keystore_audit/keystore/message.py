@@ -62,7 +62,7 @@ def may_be_message(data: bytes) -> bool:
 def concealed(data: bytes, written: Iterable[bytes], encoded: Iterable[bytes]) -> str:
     """How `data` holds a signed message that OpenSSL does not read in this form, words; "" if it holds none.
 
-    `written`: the texts with PEM that stand in it in other forms. `encoded`: the structures that do in base64, but for
+    `written`: the texts with PEM that stand in it in other forms. `encoded`: signed data that does in base64, but for
     the signature within a message. Anybody can give a message another form, since the signature is not over the form:
     below other text it only has to be cut out, and what is in PEM or DER needs a header. Certificates in such a form,
     which nobody signed, are none.

@@ -93,7 +93,9 @@ def look(content: bytes) -> Traces:
     others = [*texts(content, BLOCK)]
     # The signature within a message is base64, too.
     encoded = [*(structures_in_base64(content, _is_key_or_certificate) if is_message else in_base64(content))]
-    how = concealed(content, others, encoded)
+    # By itself: in a list of names and values, a certificate may be read on into what stands behind it.
+    signed = () if is_message else structures_in_base64(content, is_signed_data)
+    how = concealed(content, others, signed)
     written = (content, *others)
     secret = any(_KEY in text for text in written) or _MICROSOFT.match(content) is not None
     certified = any(word in text for text in written for word in _ARMOUR)

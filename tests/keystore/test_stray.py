@@ -283,6 +283,12 @@ CONCEALED: dict[str, Callable[[bytes], bytes]] = {
     "base64 of text behind other bytes": lambda message: encodebytes(b"x\n" + message),
     "base64 of PEM": lambda message: encodebytes(by_openssl(message, "-outform", "PEM")),
     "base64 of DER": lambda message: b"p7s: " + b64encode(by_openssl(message, "-outform", "DER")),
+    "base64 of DER behind a certificate's": lambda message: (
+        b"cert "
+        + b64encode(bytes.fromhex("30820200308201a0a003020102") + bytes(512))
+        + b"\np7s "
+        + b64encode(by_openssl(message, "-outform", "DER"))
+    ),
     "base64 of BER": lambda message: b64encode(loosened(by_openssl(message, "-outform", "DER"))),
     "UTF-16": lambda message: message.decode().encode("utf-16"),
     "a hyphen": lambda message: by_openssl(message, "-outform", "PEM").replace(b"\n-----END", b"\n-A\n-----END"),
