@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import timedelta
 from itertools import permutations
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.comparison.change import Comparison, Direction, FailOn
 from keystore_audit.model.comparison.compare import compare
 from keystore_audit.model.profiles import VARIANTS, resolve
-from tests.keystore.builder import crl
+from tests.keystore.builder import START, crl
 from tests.model.comparing import AT, authority, mirrored, shapes
 from tests.model.single_changes import BASE, EVERYBODY
 
@@ -79,6 +80,24 @@ def test_what_is_taken_back_is_told_under_those_that_look_there(old: str, new: s
         others = {name for name in VARIANTS if refused(old, name) is refused(new, name) is False}
         assert not {name for each in revocations for name in each.profiles} & others
     assert {each.enclaves for each in revocations} <= {EVERYBODY}
+
+
+def test_who_is_on_a_list_that_counts_later_is_compared(tmp_path: Path) -> None:
+    """Of two in force the newer one counts, which has not begun; then the old ones are void, save one."""
+    beyond = (AT - START).days + 30
+
+    def lists(*later: int, until: int = 3650) -> Lists:
+        first = crl(IDENTITY, (STOLEN,), end=START + timedelta(days=beyond + 20)).public_bytes(Encoding.PEM)
+        end = START + timedelta(days=until)
+        return {"crl.pem": first, "CA": crl(IDENTITY, later, days=beyond, end=end).public_bytes(Encoding.PEM)}
+
+    (change,) = told(lists(STOLEN), lists(), tmp_path / "spared", "fastdds-3.6").changes
+    assert (change.kind, change.direction) == ("revocation", Direction.GAINED)
+    (change,) = told(lists(), lists(STOLEN), tmp_path / "taken", "fastdds-3.6").changes
+    assert (change.kind, change.direction) == ("revocation", Direction.LOST)
+    (change,) = told(lists(STOLEN), lists(STOLEN, until=beyond + 25), tmp_path / "void", "fastdds-3.6").changes
+    assert (change.kind, change.direction) == ("revocation", Direction.CHANGED)
+    assert not told(lists(), lists(), tmp_path / "same", "fastdds-3.6").changes
 
 
 def test_a_list_that_moves_into_the_ca_file_lets_the_identity_in_again(tmp_path: Path) -> None:

@@ -13,7 +13,8 @@ from keystore_audit.model.comparison.change import Aspect, Direction, direction_
 from keystore_audit.model.comparison.facts import Fact, Placed, dated
 from keystore_audit.model.comparison.sides import Sides
 from keystore_audit.model.profiles import Trust
-from keystore_audit.model.revocation import identity_authorities, list_looked_up, list_unread, lists_read
+from keystore_audit.model.revocation import ends_of_lists, identity_authorities, list_looked_up, list_unread, lists_read
+from keystore_audit.model.validity import SECOND
 
 _Label = tuple[str, str]
 """An authority by its subject and key; without the key where one keystore alone has it."""
@@ -53,7 +54,8 @@ def revocation_facts(old: Enclave, new: Enclave, sides: Sides) -> Iterator[Place
             continue
         row = profile.trust.revocation, profile.trust.first_authority_only
         if row not in known:
-            known[row] = list(dict.fromkeys(_facts(*_read(old, new, profile.trust, sides.at), sides.at)))
+            now = dict.fromkeys(_facts(*_read(old, new, profile.trust, sides.at), sides.at))
+            known[row] = list(now) or list(_later(old, new, profile.trust, sides.at))
         for placed in known[row]:
             found.setdefault(placed, []).append(profile.name)
     for (fact, one, other), profiles in found.items():
@@ -79,6 +81,34 @@ def _read(old: Enclave, new: Enclave, trust: Trust, at: datetime) -> tuple[_Side
         }
         sides.append(_Side(lists=lists, used=used))
     return sides[0], sides[1]
+
+
+def _later(old: Enclave, new: Enclave, trust: Trust, at: datetime) -> Iterator[Placed]:
+    """What is refused first, of lists that begin or end, that was not, and the other way round.
+
+    A void list refuses everybody: where one keystore alone has none in force, that is a matter of dates.
+    """
+    for date in sorted({date for each in (old, new) for date in ends_of_lists(each, trust, at)}):
+        for moment in (date, date + SECOND):
+            one, other = _read(old, new, trust, moment)
+            since = f"from {moment:%Y-%m-%dT%H:%M:%SZ} on"
+            labels = [label for label in one.used if label in other.used]
+            valid = {label: [_in_force(side.used[label], moment) for side in (one, other)] for label in labels}
+            found = [
+                fact._replace(what=f"its revocation lists take back others {since}")
+                for fact in _taken_back(one, other, [label for label in labels if all(valid[label])])
+            ]
+            if not found and any(any(each) and not all(each) for each in valid.values()):
+                found.append(
+                    Fact("revocation", Direction.CHANGED, f"its revocation lists in force are others {since}", ())
+                )
+            if found:
+                yield from ((fact, one.place, other.place) for fact in found)
+                return
+
+
+def _in_force(used: RevocationList | None, at: datetime) -> bool:
+    return used is not None and used.this_update <= at and (used.next_update is None or at <= used.next_update)
 
 
 def _facts(old: _Side, new: _Side, at: datetime) -> Iterator[Placed]:
