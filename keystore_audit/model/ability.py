@@ -153,7 +153,6 @@ def _moments(system: System, enclave: Enclave, trusts: Iterable[Trust]) -> Itera
     authorities = enclave.identity_ca.certificates if enclave.identity_ca is not None else ()
     dates = {now, *(date for each in authorities for date in (each.not_before, each.not_after))}
     dates.update(date for trust in trusts for date in list_dates(enclave, trust, now))
-    last = max(ends)
     for number, instant in enumerate(system.instants):
         if now <= instant <= LAST and instant in dates:
             yield from ((2 * number + behind, instant + behind * SECOND) for behind in (0, 1))

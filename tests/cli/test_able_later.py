@@ -70,7 +70,7 @@ REFUSED = "enclaves refuse identities of others"
         (A.pem + B.pem + lists(B, gap=False), forever(A), ""),
         (A.pem + B.pem + crl(B, end=SOON).public_bytes(Encoding.PEM), forever(A), REFUSED),
         (A.pem + B.pem + lists(B, gap=True), forever(A), REFUSED),  # it has no list of the button's authority then
-        (A.pem + B.pem + lists(A, gap=True) + forever(B), b"", "Nothing gets there"),  # nor of its own: it does not start
+        (A.pem + B.pem + lists(A, gap=True) + forever(B), b"", "Nothing gets there"),  # nor of its own
         (A.pem + B.pem, b"", ""),
         (A.pem + ENDING.pem + RENEWED.pem, b"", REFUSED),
     ],
