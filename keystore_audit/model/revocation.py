@@ -59,9 +59,12 @@ def identity_authorities(enclave: Enclave, trust: Trust) -> tuple[Certificate, .
 
 def list_dates(enclave: Enclave, trust: Trust, at: datetime) -> tuple[datetime, ...]:
     """The instants from `at` on around which another one of several lists counts, or none of them."""
+    return ends_of_lists(enclave, trust, at) if len(lists_read(enclave, trust)) > 1 else ()
+
+
+def ends_of_lists(enclave: Enclave, trust: Trust, at: datetime) -> tuple[datetime, ...]:
+    """The instants from `at` on at which a list begins or ends."""
     lists = lists_read(enclave, trust)
-    if len(lists) < 2:
-        return ()
     dates = {date for each in lists for date in (each.this_update, each.next_update) if date is not None}
     return tuple(sorted(date for date in dates if at <= date <= LAST))
 
