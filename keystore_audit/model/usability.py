@@ -288,8 +288,10 @@ def _refusals_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:
     file = dated.identity_ca
     if certificate is not None and file is not None:
         verified = file.first if trust.strict_authorities else None  # when the file is loaded (`sight.strict_refusal`)
-        if not is_issued(file, certificate, trust, at) or (verified is not None and not in_force(verified, at)):
+        if not is_issued(file, certificate, trust, at):
             yield "the identity CA certificate is outside its validity"
+        elif verified is not None and not in_force(verified, at):
+            yield f"it does not load {file.file.place}: its first certificate is outside its validity"
     authority = dated.permissions_ca
     if authority is not None and not in_force(authority, at):
         yield "the permissions CA certificate is outside its validity"
