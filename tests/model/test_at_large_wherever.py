@@ -38,7 +38,7 @@ STRANGE = DER.replace(b"\xa0\x03\x02\x01\x02", b"\xa0\x03\x02\x01\x09", 1)
 """Of a version that there is not."""
 LINES = ADMIN.pem.splitlines(keepends=True)
 ODD = (sum(len(line.strip().rstrip(b"=")) for line in LINES[1:-1]) - 1) % 4 or 4
-UNDERLINED = ADMIN.pem.replace(LINES[2][:ODD], b"_" * ODD)
+UNDERLINED = b"".join([*LINES[:2], b"_" * ODD, LINES[2][ODD:], *LINES[3:]])
 """Other characters instead of some, so that one of base64 is too many."""
 TRUSTED = ADMIN.pem.replace(b" CERTIFICATE", b" TRUSTED CERTIFICATE")
 LARGE = b"# \n" * (MAX_FILE_BYTES // 3 + 1)
