@@ -134,10 +134,11 @@ def list_looked_up(authority: Certificate, lists: Iterable[RevocationList], at: 
 
 def _chosen(lists: Iterable[RevocationList], at: datetime) -> RevocationList | None:
     """One in force goes before others, then the newest, then the first."""
-    return max(lists, key=lambda each: (_in_force(each, at), each.this_update), default=None)
+    return max(lists, key=lambda each: (list_in_force(each, at), each.this_update), default=None)
 
 
-def _in_force(revocations: RevocationList, at: datetime) -> bool:
+def list_in_force(revocations: RevocationList, at: datetime) -> bool:
+    """Whether the instant is between thisUpdate and nextUpdate."""
     return revocations.this_update <= at and (revocations.next_update is None or at <= revocations.next_update)
 
 

@@ -13,8 +13,16 @@ from keystore_audit.model.comparison.change import Aspect, Direction, direction_
 from keystore_audit.model.comparison.facts import Fact, Placed, dated
 from keystore_audit.model.comparison.sides import Sides
 from keystore_audit.model.profiles import Trust
-from keystore_audit.model.revocation import ends_of_lists, identity_authorities, list_looked_up, list_unread, lists_read
+from keystore_audit.model.revocation import (
+    ends_of_lists,
+    identity_authorities,
+    list_in_force,
+    list_looked_up,
+    list_unread,
+    lists_read,
+)
 from keystore_audit.model.validity import SECOND
+from keystore_audit.text import instant
 
 _Label = tuple[str, str]
 """An authority by its subject and key; without the key where one keystore alone has it."""
@@ -91,9 +99,12 @@ def _later(old: Enclave, new: Enclave, trust: Trust, at: datetime) -> Iterator[P
     for date in sorted({date for each in (old, new) for date in ends_of_lists(each, trust, at)}):
         for moment in (date, date + SECOND):
             one, other = _read(old, new, trust, moment)
-            since = f"from {moment:%Y-%m-%dT%H:%M:%SZ} on"
+            since = f"from {instant(moment)} on"
             labels = [label for label in one.used if label in other.used]
-            valid = {label: [_in_force(side.used[label], moment) for side in (one, other)] for label in labels}
+            valid: dict[_Label, list[bool]] = {}
+            for label in labels:
+                used = one.used[label], other.used[label]
+                valid[label] = [each is not None and list_in_force(each, moment) for each in used]
             found = [
                 fact._replace(what=f"its revocation lists take back others {since}")
                 for fact in _taken_back(one, other, [label for label in labels if all(valid[label])])
@@ -105,10 +116,6 @@ def _later(old: Enclave, new: Enclave, trust: Trust, at: datetime) -> Iterator[P
             if found:
                 yield from ((fact, one.place, other.place) for fact in found)
                 return
-
-
-def _in_force(used: RevocationList | None, at: datetime) -> bool:
-    return used is not None and used.this_update <= at and (used.next_update is None or at <= used.next_update)
 
 
 def _facts(old: _Side, new: _Side, at: datetime) -> Iterator[Placed]:
