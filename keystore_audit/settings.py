@@ -24,8 +24,6 @@ from keystore_audit.settings_labels import read_labels, read_single_writers
 from keystore_audit.settings_table import OUTSIDER, Table, globs, read_table
 from keystore_audit.suppressions import MAX_DAYS, Acceptance
 
-FILE_NAME: Final = "keystore-audit.toml"
-
 MAX_BYTES: Final = 1_000_000
 """A settings file is written by people."""
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from datetime import datetime
 from typing import TYPE_CHECKING, Any, Final
 
 import click
@@ -26,16 +25,11 @@ MAX_WIDTH: Final = 200
 @click.command("access", cls=once.Command, short_help="Show who may do what: enclaves and topics.")
 @click.argument("keystore", metavar="KEYSTORE", type=opt.keystore_path)
 @opt.format_option("How the table is written.", *FORMATS)
-@click.option(
-    "--domain",
-    type=opt.Number(0, opt.LAST_DOMAIN),
-    metavar="N",
-    help="In which domain (default: the lowest that a governance covers).",
-)
+@opt.domain_option("In which domain (default: the lowest that a governance covers).")
 @opt.profile_option
 @opt.at_option
 @opt.time_zone_option
-@opt.verbose_option("Say where a fault is.")
+@opt.verbose_option()
 def command(keystore: str, **given: Any) -> int:
     """Show who may do what in KEYSTORE: its enclaves and all topics, for each implementation.
 
@@ -46,16 +40,8 @@ def command(keystore: str, **given: Any) -> int:
       4   something is unknown
     """  # noqa: D301 - click's mark for lines that stay as they are
     from keystore_audit.access import read_access_table
-    from keystore_audit.model.profiles import resolve
 
-    at: datetime | None = given["at"]
-    table = read_access_table(
-        keystore,
-        profiles=resolve(given["profiles"]),
-        at=at or opt.now(),
-        zone=given["time_zone"],
-        domain=given["domain"],
-    )
+    table = read_access_table(keystore, **opt.reading(given), domain=given["domain"])
     output.write_stdout(_rendered(table, given["form"]))
     return EXIT_INCOMPLETE if table.has_unknown else 0
 

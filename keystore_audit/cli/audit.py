@@ -41,15 +41,7 @@ MAX_JOBS: Final = 1024
     context_settings={"show_default": True},
 )
 @click.argument("keystores", metavar="KEYSTORE...", nargs=-1, required=True, type=opt.keystore_path)
-@click.option(
-    "-f",
-    "--format",
-    "kind",
-    type=opt.one_of(*formats.FORMATS),
-    default="text",
-    metavar="[" + "|".join(formats.FORMATS) + "]",
-    help="The report on standard output.",
-)
+@opt.choice("-f", "--format", "kind", words=formats.FORMATS, default="text", help="The report on standard output.")
 @click.option(
     "-o",
     "--output",
@@ -73,19 +65,11 @@ MAX_JOBS: Final = 1024
     metavar="dask://HOST:PORT",
     help="Hand the keystores to the workers of this Dask scheduler.",
 )
-@click.option(
-    "--fail-on",
-    type=opt.one_of(*SEVERITIES, NEVER),
-    default="high",
-    metavar="[" + "|".join((*SEVERITIES, NEVER)) + "]",
-    help="The least severity that makes the exit code 1.",
+@opt.choice(
+    "--fail-on", words=(*SEVERITIES, NEVER), default="high", help="The least severity that makes the exit code 1."
 )
-@click.option(
-    "--min-severity",
-    type=opt.one_of(*SEVERITIES),
-    default="info",
-    metavar="[" + "|".join(SEVERITIES) + "]",
-    help="Hide findings below it in text; the exit code stays.",
+@opt.choice(
+    "--min-severity", words=SEVERITIES, default="info", help="Hide findings below it in text; the exit code stays."
 )
 @opt.interpretation_options
 @opt.observation_options
@@ -96,31 +80,19 @@ MAX_JOBS: Final = 1024
     metavar="DAYS",
     help="Report what expires in the days to come.",
 )
-@click.option(
+@opt.file(
     "--env",
     "environment",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
     help="The variables that the robots start with (NAME=VALUE): security, middleware, domain.",
 )
-@click.option(
-    "--policy",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Compare what is granted with this SROS2 policy, both ways.",
+@opt.file("--policy", help="Compare what is granted with this SROS2 policy, both ways.")
+@opt.file(
+    "--policy-include", metavar="DIR", help="The policy may include files from below DIR (default: from beside it)."
 )
-@click.option(
-    "--policy-include",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    help="The policy may include files from below DIR (default: from beside it).",
-)
-@click.option(
+@opt.file(
     "--alloy-property",
     "alloy_properties",
-    type=click.Path(path_type=Path),
     multiple=True,
-    metavar="FILE",
     help="Properties of your own in Alloy, which Alloy alone decides (repeatable).",
 )
 @settings.option
@@ -132,19 +104,16 @@ MAX_JOBS: Final = 1024
 @click.option(
     "--ignore", type=opt.rule_code, multiple=True, metavar="CODE", help="Not this rule or family (repeatable)."
 )
-@click.option(
+@opt.choice(
     "--engine",
-    type=opt.one_of(*ENGINES),
+    words=ENGINES,
     default="auto",
-    metavar="[auto|both|alloy|native]",
     help="Who decides the properties; auto: both, native alone where Alloy cannot be had.",
 )
 @opt.alloy_options
 @click.option("-q", "--quiet", is_flag=True, help="Only the verdict and the findings that decided it (text).")
 @opt.verbose_option("Every rule's outcome too (text); on stderr, how long each stage took.", to_command=True)
-@click.option(
-    "--color", type=opt.one_of(*COLORS), default="auto", metavar="[auto|always|never]", help="Colour on a terminal."
-)
+@opt.choice("--color", words=COLORS, default="auto", help="Colour on a terminal.")
 def command(keystores: tuple[str, ...], **given: Any) -> int:
     """Audit each KEYSTORE directory and report what its signed artifacts really allow.
 

@@ -75,22 +75,15 @@ def command(ctx: click.Context) -> None:
 
 @command.command("create", short_help="Accept what an audit finds now.", context_settings={"show_default": True})
 @click.argument("keystore", metavar="KEYSTORE", type=opt.keystore_path)
-@click.option(
-    "-o", "--output", "file", type=click.Path(path_type=Path), required=True, metavar="FILE", help="The new baseline."
-)
+@opt.file("-o", "--output", "file", required=True, help="The new baseline.")
 @click.option("--reason", type=_words(MAX_REASON), required=True, metavar="TEXT", help="Why they are accepted.")
 @click.option("--owner", type=_words(MAX_OWNER), required=True, metavar="NAME", help="Who answers for that.")
 @click.option("--until", type=_day, required=True, metavar="DAY", help="Their last day (UTC), 180 days off at most.")
-@click.option(
-    "--min-severity",
-    "least",
-    type=opt.one_of(*audit.SEVERITIES),
-    default="info",
-    metavar="[" + "|".join(audit.SEVERITIES) + "]",
-    help="The least severity that is accepted.",
+@opt.choice(
+    "--min-severity", "least", words=audit.SEVERITIES, default="info", help="The least severity that is accepted."
 )
 @audit_options
-@opt.verbose_option("Say where a fault is.")
+@opt.verbose_option()
 def create_command(keystore: str, file: Path, reason: str, owner: str, until: date, least: str, **given: Any) -> int:
     """Accept every finding of an audit of KEYSTORE, each by its fingerprint.
 
@@ -132,7 +125,7 @@ def create_command(keystore: str, file: Path, reason: str, owner: str, until: da
 @click.argument("file", metavar="FILE", type=click.Path(path_type=Path))
 @click.argument("keystore", metavar="KEYSTORE", type=opt.keystore_path)
 @audit_options
-@opt.verbose_option("Say where a fault is.")
+@opt.verbose_option()
 def prune_command(file: Path, keystore: str, **given: Any) -> int:
     """Drop the entries of FILE that have ended, or that accept nothing in an audit of KEYSTORE, and say which.
 

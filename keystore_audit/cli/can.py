@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Collection, Iterator, Sequence
-from datetime import datetime
 from typing import TYPE_CHECKING, Any, Final
 
 import click
@@ -27,30 +26,19 @@ EXPECTED: Final = ("allow", "deny")
 @click.command("can", cls=once.Command, short_help="Say whether an enclave may do something, and which line decides.")
 @click.argument("keystore", metavar="KEYSTORE", type=opt.keystore_path)
 @click.argument("words", metavar="[ENCLAVE OPERATION NAME]", nargs=-1)
-@click.option(
-    "--kind",
-    type=opt.one_of(*KINDS),
-    default="ros",
-    metavar="[ros|dds]",
-    show_default=True,
-    help="What NAME is: of ROS, as /chatter, or of a DDS topic, as rt/chatter.",
+@opt.choice(
+    "--kind", words=KINDS, default="ros", help="What NAME is: of ROS, as /chatter, or of a DDS topic, as rt/chatter."
 )
-@click.option(
-    "--domain",
-    type=opt.Number(0, opt.LAST_DOMAIN),
-    metavar="N",
-    help="In which domain (default: 0).",
-)
+@opt.domain_option("In which domain (default: 0).")
 @click.option("--partition", default="", metavar="NAME", help="In which partition (default: the one without a name).")
 @opt.profile_option
 @opt.at_option
 @opt.time_zone_option
 @opt.format_option("How the answer is written.", "text", "json")
 @click.option("--effective", is_flag=True, help="The exit code is about what peers accept, not about own checks.")
-@click.option(
+@opt.choice(
     "--expect",
-    type=opt.one_of(*EXPECTED),
-    metavar="[allow|deny]",
+    words=EXPECTED,
     help="Exit with 0 only if every answer is this (deny: of each topic that it would send on).",
 )
 @click.option(
@@ -59,7 +47,7 @@ EXPECTED: Final = ("allow", "deny")
     metavar="FILE",
     help="Queries, one a line: enclave, operation, DDS name [, domain [, partition]], with tabs between; - for stdin.",
 )
-@opt.verbose_option("Say where a fault is.")
+@opt.verbose_option()
 def command(keystore: str, words: tuple[str, ...], **given: Any) -> int:
     """Say whether ENCLAVE may do OPERATION on NAME, under each profile, and which line decides.
 
@@ -146,10 +134,8 @@ def _questions(enclave: str, operation: str, name: str, given: dict[str, Any]) -
 
 def _access(keystore: str, questions: Sequence[Question], given: dict[str, Any]) -> Access:
     from keystore_audit.access import Access
-    from keystore_audit.model.profiles import resolve
 
-    at: datetime | None = given["at"]
-    return Access(keystore, questions, profiles=resolve(given["profiles"]), at=at or opt.now(), zone=given["time_zone"])
+    return Access(keystore, questions, **opt.reading(given))
 
 
 def _exit_code(answers: Collection[Answer], *, effective: bool, expected: str | None) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -24,14 +23,7 @@ FAIL_ON: Final = ("gained", "any", "none")
 @click.command("diff", cls=once.Command, short_help="Say what changed in meaning between two keystores.")
 @click.argument("old", metavar="OLD", type=opt.keystore_path)
 @click.argument("new", metavar="NEW", type=opt.keystore_path)
-@click.option(
-    "--fail-on",
-    type=opt.one_of(*FAIL_ON),
-    default="gained",
-    show_default=True,
-    metavar="[gained|any|none]",
-    help="Which changes make the exit code 1.",
-)
+@opt.choice("--fail-on", words=FAIL_ON, default="gained", help="Which changes make the exit code 1.")
 @click.option(
     "--label",
     "labels",
@@ -39,10 +31,10 @@ FAIL_ON: Final = ("gained", "any", "none")
     metavar="LABEL",
     help="A change fails only where it is about something with this label of the settings; repeatable.",
 )
-@click.option("--settings", type=click.Path(path_type=Path), metavar="FILE", help="What --label refers to.")
+@opt.file("--settings", help="What --label refers to.")
 @opt.interpretation_options
 @opt.format_option("How the changes are written.", *FORMATS)
-@opt.verbose_option("Say where a fault is.")
+@opt.verbose_option()
 def command(old: str, new: str, **given: Any) -> int:
     """Say what changed in meaning from the keystore OLD to the keystore NEW.
 
@@ -63,15 +55,11 @@ def command(old: str, new: str, **given: Any) -> int:
     """  # noqa: D301 - click's mark for lines that stay as they are
     from keystore_audit.diff import compare_keystores
     from keystore_audit.model.comparison.change import FailOn
-    from keystore_audit.model.profiles import resolve
 
-    at: datetime | None = given["at"]
     comparison = compare_keystores(
         old,
         new,
-        profiles=resolve(given["profiles"]),
-        at=at or opt.now(),
-        zone=given["time_zone"],
+        **opt.reading(given),
         domain=given["domain"],
         labels=_labels(given["labels"], given["settings"], (old, new)),
     )

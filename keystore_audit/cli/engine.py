@@ -21,15 +21,8 @@ from keystore_audit.text import terminal
     invoke_without_command=True,
     subcommand_metavar="[install]",
 )
-@click.option(
-    "--alloy-jar",
-    type=opt.jar_file,
-    envvar="KEYSTORE_AUDIT_ALLOY_JAR",
-    show_envvar=True,
-    metavar="FILE",
-    help="Ask about this jar.",
-)
-@opt.verbose_option("Say where a fault is.")
+@opt.alloy_jar("Ask about this jar.")
+@opt.verbose_option()
 @click.pass_context
 def command(context: click.Context, alloy_jar: Path | None) -> int:
     """Say which engines there are; nothing is fetched.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from datetime import datetime
 from typing import TYPE_CHECKING, Any, Final
 
 import click
@@ -15,6 +14,7 @@ from keystore_audit.text import instant
 
 if TYPE_CHECKING:
     from keystore_audit.flow import FlowAnswer
+    from keystore_audit.properties.property import Status
 
 ATTACKERS: Final = ("honest", "source", "relays")
 ENGINES: Final = ("native", "auto", "both", "alloy")
@@ -30,10 +30,9 @@ ENGINES: Final = ("native", "auto", "both", "alloy")
     metavar="[ENCLAVE|identity-ca|permissions-ca]",
     help="Say instead what whoever holds this private key can do and reach.",
 )
-@click.option(
+@opt.choice(
     "--attacker",
-    type=opt.one_of(*ATTACKERS),
-    metavar="[honest|source|relays]",
+    words=ATTACKERS,
     help="Who attacks: nobody, the source, or all on the way (default: each in turn; from outsider not nobody).",
 )
 @click.option(
@@ -46,17 +45,10 @@ ENGINES: Final = ("native", "auto", "both", "alloy")
 @opt.profile_option
 @opt.at_option
 @opt.time_zone_option
-@click.option(
-    "--engine",
-    type=opt.one_of(*ENGINES),
-    default="native",
-    show_default=True,
-    metavar="[native|auto|both|alloy]",
-    help="Who decides.",
-)
+@opt.choice("--engine", words=ENGINES, default="native", help="Who decides.")
 @opt.alloy_options
 @opt.format_option("How the answer is written.", "text", "json")
-@opt.verbose_option("Say where a fault is.")
+@opt.verbose_option()
 def command(keystore: str, source: str | None, target: str | None, **given: Any) -> int:
     """Say whether anything can get from FROM to TO, whatever the nodes do, and how; or what a stolen key opens.
 
@@ -82,10 +74,7 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
     from keystore_audit.aside import processors
     from keystore_audit.flow import Engines, FlowQuestion, find_flow
     from keystore_audit.model.claim import Attacker
-    from keystore_audit.model.profiles import resolve
-    from keystore_audit.properties.property import Status
 
-    at: datetime | None = given["at"]
     question = FlowQuestion(
         source=source,
         target=target,
@@ -96,16 +85,14 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
     answer = find_flow(
         keystore,
         question,
-        profiles=resolve(given["profiles"]),
-        at=at or opt.now(),
-        zone=given["time_zone"],
+        **opt.reading(given),
         engines=Engines(
             choice=given["engine"], jar=given["alloy_jar"], offline=given["offline"], timeout=given["timeout"]
         ),
         aside=processors() > 1,
     )
     output.write_stdout(_rendered(answer, given["form"]))
-    return {Status.HOLDS: 0, Status.VIOLATED: 1, Status.UNKNOWN: EXIT_INCOMPLETE}[answer.status]
+    return _exit_code(answer.status)
 
 
 def _stolen_key(keystore: str, given: Mapping[str, Any]) -> int:
@@ -117,16 +104,9 @@ def _stolen_key(keystore: str, given: Mapping[str, Any]) -> int:
     if given["engine"] not in ("native", "auto"):
         raise click.UsageError("--from-compromised is worked out natively: no other engine decides it.")
     from keystore_audit.compromise import find_blast_radius
-    from keystore_audit.model.profiles import resolve
-    from keystore_audit.properties.property import Status
 
     answer = find_blast_radius(
-        keystore,
-        given["compromised"],
-        profiles=resolve(given["profiles"]),
-        at=given["at"] or opt.now(),
-        zone=given["time_zone"],
-        include_ambient=given["include_ambient"],
+        keystore, given["compromised"], **opt.reading(given), include_ambient=given["include_ambient"]
     )
     if given["form"] == "json":
         from keystore_audit.report import compromise_json
@@ -136,7 +116,11 @@ def _stolen_key(keystore: str, given: Mapping[str, Any]) -> int:
         from keystore_audit.report import compromise_text
 
         output.write_stdout(compromise_text.text(answer))
-    return {Status.HOLDS: 0, Status.VIOLATED: 1, Status.UNKNOWN: EXIT_INCOMPLETE}[answer.status]
+    return _exit_code(answer.status)
+
+
+def _exit_code(status: Status) -> int:
+    return {"holds": 0, "violated": 1}.get(status.value, EXIT_INCOMPLETE)
 
 
 def _rendered(answer: FlowAnswer, kind: str) -> str:

@@ -33,21 +33,14 @@ if TYPE_CHECKING:
 )
 @opt.interpretation_options
 @opt.observation_options
-@click.option(
-    "--policy",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="An SROS2 policy: the nodes that it is about, and what they are to do.",
-)
-@click.option(
+@opt.file("--policy", help="An SROS2 policy: the nodes that it is about, and what they are to do.")
+@opt.file(
     "--alloy-property",
     "alloy_properties",
-    type=click.Path(path_type=Path),
     multiple=True,
-    metavar="FILE",
     help="Properties of your own in Alloy, to stand beside the model (repeatable).",
 )
-@opt.verbose_option("Say where a fault is.")
+@opt.verbose_option()
 def command(
     keystore: str,
     directory: Path,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from datetime import datetime, timezone
 from difflib import get_close_matches
 from pathlib import Path
@@ -74,15 +74,6 @@ class Number(click.IntRange):
     """A whole number within bounds."""
 
     name = "whole number"
-
-
-jar_file: Final = click.Path(exists=True, dir_okay=False, path_type=Path)
-"""A jar that is named has to be there: a misspelt one would leave the properties to one engine."""
-
-
-def one_of(*words: str) -> Word:
-    """Return a type that takes one of `words`; a wrong one is answered with the nearest."""
-    return Word(words)
 
 
 def profile_name(value: str) -> str:
@@ -167,7 +158,29 @@ def _be_verbose(ctx: click.Context, _param: click.Parameter, value: bool) -> boo
     return value
 
 
-def verbose_option(text: str, *, to_command: bool = False) -> Callable[[F], F]:
+def choice(*names: str, words: Sequence[str], **more: Any) -> Callable[[F], F]:
+    """Return an option that takes one of `words`; a wrong one is answered with the nearest."""
+    return click.option(*names, type=Word(tuple(words)), metavar=f"[{'|'.join(words)}]", show_default=True, **more)
+
+
+def file(*names: str, metavar: str = "FILE", **more: Any) -> Callable[[F], F]:
+    """Return an option that names a file or directory, whatever is there."""
+    return click.option(*names, type=click.Path(path_type=Path), metavar=metavar, **more)
+
+
+def alloy_jar(text: str) -> Callable[[F], F]:
+    """Return the option `--alloy-jar`; the jar has to be there: a misspelt one would leave properties to one engine."""
+    return click.option(
+        "--alloy-jar",
+        type=click.Path(exists=True, dir_okay=False, path_type=Path),
+        envvar="KEYSTORE_AUDIT_ALLOY_JAR",
+        show_envvar=True,
+        metavar="FILE",
+        help=text,
+    )
+
+
+def verbose_option(text: str = "Say where a fault is.", *, to_command: bool = False) -> Callable[[F], F]:
     """Return the option `-v`, known to whoever reports a fault, and to the command itself if wanted."""
     return click.option(
         "-v", "--verbose", is_flag=True, is_eager=True, callback=_be_verbose, expose_value=to_command, help=text
@@ -197,51 +210,46 @@ time_zone_option = click.option(
 
 def format_option(text: str, *words: str) -> Callable[[F], F]:
     """How an answer is written: as the first of `words`, if nobody says otherwise."""
-    return click.option(
-        "-f",
-        "--format",
-        "form",
-        type=one_of(*words),
-        default=words[0],
-        show_default=True,
-        metavar=f"[{'|'.join(words)}]",
-        help=text,
-    )
+    return choice("-f", "--format", "form", words=words, default=words[0], help=text)
 
 
-domain_option = click.option(
-    "--domain",
-    type=Number(0, LAST_DOMAIN),
-    metavar="N",
-    help="The DDS domain the robots use (default: any of 0 to 232).",
+def domain_option(text: str) -> Callable[[F], F]:
+    """Return the option `--domain`."""
+    return click.option("--domain", type=Number(0, LAST_DOMAIN), metavar="N", help=text)
+
+
+def _together(*options: Callable[[F], F]) -> Callable[[F], F]:
+    """Return what adds all the options, in the order of the help."""
+
+    def add(command: F) -> F:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return add
+
+
+interpretation_options: Final = _together(
+    at_option,
+    time_zone_option,
+    profile_option,
+    domain_option("The DDS domain the robots use (default: any of 0 to 232)."),
 )
+"""Those that decide what a keystore means."""
+
+alloy_options: Final = _together(
+    click.option("--offline", is_flag=True, help="Never fetch the Alloy Analyzer."),
+    alloy_jar("Use this jar of the Alloy Analyzer."),
+    click.option("--timeout", type=seconds, default=120, metavar="SECONDS", help="The longest that Alloy may take."),
+)
+"""Those that say where the Alloy Analyzer is, and how long it may take."""
 
 
-def interpretation_options(command: F) -> F:
-    """Add the options that decide what a keystore means."""
-    for option in (domain_option, profile_option, time_zone_option, at_option):
-        command = option(command)
-    return command
+def reading(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what `--profile`, `--at` and `--time-zone` mean, as whoever reads a keystore takes them."""
+    from keystore_audit.model.profiles import resolve
 
-
-def alloy_options(command: F) -> F:
-    """Add the options that say where the Alloy Analyzer is, and how long it may take."""
-    for option in (
-        click.option(
-            "--timeout", type=seconds, default=120, metavar="SECONDS", help="The longest that Alloy may take."
-        ),
-        click.option(
-            "--alloy-jar",
-            type=jar_file,
-            envvar="KEYSTORE_AUDIT_ALLOY_JAR",
-            show_envvar=True,
-            metavar="FILE",
-            help="Use this jar of the Alloy Analyzer.",
-        ),
-        click.option("--offline", is_flag=True, help="Never fetch the Alloy Analyzer."),
-    ):
-        command = option(command)
-    return command
+    return {"profiles": resolve(given["profiles"]), "at": given["at"] or now(), "zone": given["time_zone"]}
 
 
 def launch_argument(value: str) -> tuple[str, str]:
@@ -258,37 +266,24 @@ def check_launch_arguments(arguments: Collection[object], launches: Collection[P
         raise click.UsageError("--launch-argument is for the files that --launch names.")
 
 
-def observation_options(command: F) -> F:
-    """Add the options that name graphs and launch files."""
-    file = click.Path(path_type=Path)
-    for option in (
-        click.option(
-            "--launch-argument",
-            "launch_arguments",
-            type=launch_argument,
-            multiple=True,
-            metavar="NAME:=VALUE",
-            help="Give an argument of the launch files its value (repeatable).",
-        ),
-        click.option(
-            "--launch",
-            "launches",
-            type=file,
-            multiple=True,
-            metavar="FILE",
-            help="A launch file, read and never run: the nodes that will use the keystore (repeatable).",
-        ),
-        click.option(
-            "--graph",
-            "graphs",
-            type=file,
-            multiple=True,
-            metavar="FILE",
-            help="A ROS graph in JSON: the nodes that use the keystore (repeatable).",
-        ),
-    ):
-        command = option(command)
-    return command
+observation_options: Final = _together(
+    file("--graph", "graphs", multiple=True, help="A ROS graph in JSON: the nodes that use the keystore (repeatable)."),
+    file(
+        "--launch",
+        "launches",
+        multiple=True,
+        help="A launch file, read and never run: the nodes that will use the keystore (repeatable).",
+    ),
+    click.option(
+        "--launch-argument",
+        "launch_arguments",
+        type=launch_argument,
+        multiple=True,
+        metavar="NAME:=VALUE",
+        help="Give an argument of the launch files its value (repeatable).",
+    ),
+)
+"""Those that name graphs and launch files."""
 
 
 def use_color(choice: str, *, terminal: bool) -> bool:

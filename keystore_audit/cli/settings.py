@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from keystore_audit.ci import in_ci
+from keystore_audit.cli import options as opt
 
 if TYPE_CHECKING:
     from keystore_audit.settings import Baseline, Settings
@@ -20,19 +21,14 @@ STATEMENTS: Final = ("statement", "svr")
 FILE_NAME: Final = "keystore-audit.toml"
 """What is read from the working directory where no file is named."""
 
-option = click.option(
+option = opt.file(
     "--settings",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
     help=f"What is asserted of the keystore (else ./{FILE_NAME}, save in CI, with --deployed and for statements).",
 )
 
 
-baseline_option = click.option(
-    "--baseline",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Findings that are accepted one by one, as `keystore-audit baseline create` writes them.",
+baseline_option = opt.file(
+    "--baseline", help="Findings that are accepted one by one, as `keystore-audit baseline create` writes them."
 )
 
 

@@ -25,40 +25,31 @@ FILE_NAME: Final = "permissions.xml"
 @click.command("suggest", cls=once.Command, short_help="Print the least policy for what was observed or launched.")
 @click.argument("keystore", metavar="KEYSTORE", type=opt.keystore_path)
 @opt.observation_options
-@click.option(
-    "--policy",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="An SROS2 policy: what its author means the nodes to do.",
-)
-@click.option(
+@opt.file("--policy", help="An SROS2 policy: what its author means the nodes to do.")
+@opt.file(
     "--policy-include",
     "include",
-    type=click.Path(path_type=Path),
     metavar="DIR",
     help="Where the policy may include files from, and from below (default: its own directory).",
 )
-@click.option(
+@opt.choice(
     "--as",
     "form",
-    type=opt.one_of(POLICY, PERMISSIONS),
+    words=(POLICY, PERMISSIONS),
     default=POLICY,
-    show_default=True,
-    metavar="[policy|permissions]",
     help="An SROS2 policy, or permissions ready to be signed.",
 )
 @click.option("--enclave", metavar="PATH", help="Only this enclave.")
 @click.option("--no-usual", is_flag=True, help="Leave out what every node has: log, parameters, type description.")
-@click.option(
+@opt.file(
     "-o",
     "--output",
     "place",
-    type=click.Path(path_type=Path),
     metavar="FILE|DIR",
     help="Write it there: a file, or for permissions of several enclaves a directory.",
 )
 @opt.interpretation_options
-@opt.verbose_option("Say where a fault is.")
+@opt.verbose_option()
 def command(keystore: str, **given: Any) -> int:
     """Print the least SROS2 policy for what graphs, launch files or a policy say of the nodes of KEYSTORE.
 
@@ -87,7 +78,6 @@ def command(keystore: str, **given: Any) -> int:
 
 
 def _suggester(keystore: str, given: dict[str, Any]) -> Suggester:
-    from keystore_audit.model.profiles import resolve
     from keystore_audit.suggest import Sources, Suggester
 
     sources = Sources(
@@ -100,9 +90,7 @@ def _suggester(keystore: str, given: dict[str, Any]) -> Suggester:
     return Suggester(
         keystore,
         sources,
-        profiles=resolve(given["profiles"]),
-        at=given["at"] or opt.now(),
-        zone=given["time_zone"],
+        **opt.reading(given),
         domain=given["domain"],
     )
 
