@@ -18,7 +18,7 @@ from keystore_audit.model.intended.wiring import wiring
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import system_documents
 from keystore_audit.model.places import NamedPlace
-from keystore_audit.model.profiles import resolve
+from keystore_audit.model.profiles import Profile
 from keystore_audit.model.usability import Usabilities
 
 
@@ -26,25 +26,25 @@ def export_model(
     path: str | os.PathLike[str],
     directory: Path,
     *,
+    profiles: Sequence[Profile],
     at: datetime,
-    profiles: Sequence[str] = (),
+    zone: ZoneInfo | None = None,
     domain: int | None = None,
-    time_zone: ZoneInfo | None = None,
     intents: Sequence[Intent] = (),
     files: Sequence[UserFile] = (),
 ) -> None:
     """Writes the Alloy model of the keystore into `directory`, ready for the Alloy Analyzer.
 
     `intents`: which nodes will use it. `files`: properties of users, to stand beside it. Raises errors.NothingToAudit,
-    errors.UsageError (unknown profile, directory not writable, names that two files give) or errors.BudgetExceeded.
+    errors.UsageError (names that two files give) or errors.BudgetExceeded.
     """
     places = [place for file in files for place in file.places]
     beside = _beside(files, places)
     keystore = read_keystore(path)
     nodes = wiring(intents, keystore.layout.kind)
-    accesses = AccessViews(system_documents(keystore), at, time_zone)
+    accesses = AccessViews(system_documents(keystore), at, zone)
     usabilities = Usabilities(domain, accesses)
-    meaning = interpret(keystore, resolve(profiles), at, accesses, usabilities, places=places, nodes=nodes)
+    meaning = interpret(keystore, profiles, at, accesses, usabilities, places=places, nodes=nodes)
     if meaning.over_budget is not None:
         raise BudgetExceeded(meaning.over_budget)
     write_model(meaning.systems, directory, beside)

@@ -11,7 +11,8 @@ from zoneinfo import ZoneInfo
 
 from keystore_audit.dataclass import dataclass, field
 from keystore_audit.errors import UsageError
-from keystore_audit.intent.intent import Action, Intent
+from keystore_audit.intent.intent import Action
+from keystore_audit.intent.observed import read_observed
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.governance import DomainRange, Text
 from keystore_audit.keystore.keystore import Enclave, Keystore, read_keystore
@@ -73,7 +74,9 @@ class Suggester:
         zone: ZoneInfo | None = None,
         domain: int | None = None,
     ) -> None:
-        self._intents = tuple(_read(sources))
+        self._intents = read_observed(
+            sources.graphs, sources.launches, sources.launch_arguments, sources.policy, sources.include
+        )
         self._keystore: Keystore = read_keystore(path)
         self._enclaves = {enclave.path: enclave for enclave in reversed(self._keystore.enclaves)}
         accesses = AccessViews(system_documents(self._keystore), at, zone)
@@ -116,22 +119,6 @@ class Suggester:
         highest = max((each.high for each in ranges if each.high is not None), default=0)
         last = max(LAST_DOMAIN, highest)
         return tuple(DomainRange(low=low, high=min(high, last), line=None) for low, high in covered(ranges))
-
-
-def _read(sources: Sources) -> Iterator[Intent]:
-    """What the files say; a reader is imported where there is something to read."""
-    if sources.graphs:
-        from keystore_audit.intent.graph import read_graph
-
-        yield from map(read_graph, sources.graphs)
-    if sources.launches:
-        from keystore_audit.intent.launch import read_launch
-
-        yield from (read_launch(path, sources.launch_arguments, None) for path in sources.launches)
-    if sources.policy is not None:
-        from keystore_audit.intent.policy import read_policy
-
-        yield read_policy(sources.policy, sources.include).intent
 
 
 def _grant(policy: EnclavePolicy, certificate: Certificate, domains: tuple[DomainRange, ...]) -> Grant:

@@ -33,6 +33,7 @@ from keystore_audit.intent.launch_nodes import Nodes
 from keystore_audit.intent.launch_scope import GlobalRemap, Scope
 from keystore_audit.intent.ros_names import ROOT
 from keystore_audit.intent.source import Directory, Source, Unreadable, read_source, shown
+from keystore_audit.keystore.root import Root
 
 MAX_ACTIONS: Final = 10_000
 """Actions followed, those of included files each time: 5,000 nodes in their groups."""
@@ -55,18 +56,18 @@ MAX_REMAPS: Final = 32
 _FORMS: Final = {".xml": "xml", ".yaml": "yaml", ".yml": "yaml", ".py": "python"}
 
 
-def read_launch(path: Path, arguments: Mapping[str, str], include: Path | None = None) -> Intent:
+def read_launch(path: Path, arguments: Mapping[str, str]) -> Intent:
     """Read the launch file at `path`, with values for its arguments, as `--launch-argument` gives them.
 
-    `include`: the directory below which files may be included (None: the one that the launch file is in). Raises
-    UsageError, naming file and line, for what is no launch file or larger than the limits.
+    It may include what is below its own directory. Raises UsageError, naming file and line, for what is no launch file
+    or larger than the limits.
     """
     source = read_source(path)
     form = _form(source)
     if form is None:
         raise source.malformed(None, "expected a launch file that ends in .xml, .yaml, .yml or .py")
-    with Directory.open(include, source, path) as directory:
-        launch = _Launch(directory)
+    with Root.open(source.directory) as root:
+        launch = _Launch(Directory(path, source, root))
         launch.file(source, form, Scope(arguments=dict(arguments)), 1)
         return launch.nodes.intent(launch.files)
 
@@ -193,13 +194,12 @@ class _Launch:
         return None
 
     def _remap(self, action: SetRemap, scope: Scope, source: Source) -> None:
-        origin, target = scope.known(action.remap.source, source), scope.known(action.remap.target, source)
-        unknown = target if isinstance(target, Unknown) else origin
-        if isinstance(unknown, Unknown) or not isinstance(target, str):
-            said = f"A remapping for all nodes of the group depends on {_reason(unknown)}."
+        known = scope.remapped(action.remap, source)
+        if isinstance(known, Unknown):
+            said = f"A remapping for all nodes of the group depends on {known.reason}."
             self.nodes.unresolved(source.location(action.line), said)
             return
-        remap = GlobalRemap(line=action.remap.line, file=source, source=unknown, target=target)
+        remap = GlobalRemap(line=action.remap.line, file=source, source=known[0], target=known[1])
         scope.remaps.append(remap)
         self.nodes.remap(remap)
 
@@ -247,7 +247,3 @@ class _Launch:
             self.nodes.unresolved(location, said)
             return
         self.file(included, form, scope, nesting + 1)
-
-
-def _reason(value: str | Unknown) -> str:
-    return value.reason if isinstance(value, Unknown) else value

@@ -123,7 +123,7 @@ class Nodes:
         )
         location = source.location(action.line)
         for unknown in command.unknown:
-            self._not_known(location, "a remapping of a node", unknown)
+            self._not_known(location, "A remapping of a node", unknown)
         node = self._node(action.names, command, scope, source, action.kind)
         variables = started_with(action, scope, source)
         enclave = _enclave(command, variables)
@@ -200,12 +200,11 @@ class Nodes:
         namespace = scope.below(names.namespace, source)
         rules = [(names.line, rule) for rule in command.rules]
         for remap in names.remaps:
-            origin, target = scope.known(remap.source, source), scope.known(remap.target, source)
-            if isinstance(origin, str) and isinstance(target, str):
-                rules.append((remap.line, Rule(node="", source=origin, target=target)))
+            known = scope.remapped(remap, source)
+            if isinstance(known, Unknown):
+                self._not_known(source.location(remap.line), "A remapping of a node", known)
             else:
-                unknown = target if isinstance(target, Unknown) else origin
-                self._not_known(source.location(remap.line), "a remapping of a node", unknown)
+                rules.append((remap.line, Rule(node="", source=known[0], target=known[1])))
         mine = [(line, rule) for line, rule in rules if rule.node in ("", name)]
         if len(mine) < len(rules) and not isinstance(name, str):
             self.unresolved(location, "A remapping is for nodes of one name, and the name of this one is not known.")
@@ -234,7 +233,7 @@ class Nodes:
         if self._count > MAX_NODES:
             raise node.file.malformed(node.location.line, f"more than {MAX_NODES} nodes, which are not followed")
         if isinstance(enclave, Unknown):
-            self._not_known(node.location, "the enclave of a node", enclave)
+            self._not_known(node.location, "The enclave of a node", enclave)
             return
         self._enclaves.setdefault(enclave, node.location)
         full = node.full_name
@@ -243,9 +242,8 @@ class Nodes:
             self._offers(node, enclave, full)
         elif node.name is None:
             self.unresolved(node.location, "The program chooses the name of this node; what is below it is not known.")
-        else:
-            unknown = node.name if isinstance(node.name, Unknown) else node.namespace
-            self._not_known(node.location, "the name of a node", unknown)
+        elif isinstance(unknown := node.name if isinstance(node.name, Unknown) else node.namespace, Unknown):
+            self._not_known(node.location, "The name of a node", unknown)
         self._uses(node, enclave)
 
     def _offers(self, node: _Node, enclave: str, full: str) -> None:
@@ -311,9 +309,8 @@ class Nodes:
         known = "which is not started here" if not found else "of which there are several"
         return Unknown(reason=f"the container {shown(target)}, {known}")
 
-    def _not_known(self, location: Location, what: str, unknown: Unknown | str | None) -> None:
-        reason = unknown.reason if isinstance(unknown, Unknown) else "what the file does not say"
-        self.unresolved(location, f"{what[0].upper()}{what[1:]} depends on {reason}.")
+    def _not_known(self, location: Location, what: str, unknown: Unknown) -> None:
+        self.unresolved(location, f"{what} depends on {unknown.reason}.")
 
     def _no_name(self, location: Location, target: str) -> None:
         said = f"The name {shown(target)} of a remapping cannot be worked out, or is none that a node can use."

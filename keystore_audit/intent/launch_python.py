@@ -149,27 +149,20 @@ class _Statements:
 
     def _expression(self, statement: ast.Expr) -> None:
         """A statement that is an expression: a docstring, or a list that grows."""
-        node = statement.value
-        if isinstance(node, ast.Constant):
-            return
-        called = node.func if isinstance(node, ast.Call) else None
-        held = self._expressions.value(called.value) if isinstance(called, ast.Attribute) else None
-        if (
-            not isinstance(held, Growing)
-            or not isinstance(node, ast.Call)
-            or not isinstance(called, ast.Attribute)
-            or len(node.args) != 1
-            or node.keywords
-        ):
-            self._not_followed(statement)
-            return
-        added = self._expressions.part(self._expressions.value(node.args[0]), statement.lineno)
-        if called.attr in _ADD_ONE:
-            self._add(held, (added,), statement)
-        elif called.attr == "extend" and isinstance(added, Items):
-            self._add(held, added.items, statement)
-        else:
-            self._not_followed(statement)
+        match statement.value:
+            case ast.Constant():
+                return
+            case ast.Call(ast.Attribute(holder, method), arguments, keywords):
+                held = self._expressions.value(holder)
+                if isinstance(held, Growing) and len(arguments) == 1 and not keywords:
+                    added = self._expressions.part(self._expressions.value(arguments[0]), statement.lineno)
+                    if method in _ADD_ONE:
+                        self._add(held, (added,), statement)
+                        return
+                    if method == "extend" and isinstance(added, Items):
+                        self._add(held, added.items, statement)
+                        return
+        self._not_followed(statement)
 
     def _not_followed(self, statement: ast.stmt) -> None:
         """Note a statement; nothing that it may set or change is known from here on."""
@@ -197,13 +190,7 @@ class _Statements:
 
 def _is_main(statement: ast.stmt) -> bool:
     """Whether it is `if __name__ == "__main__":`, which is never so when launch loads the file."""
-    test = statement.test if isinstance(statement, ast.If) and not statement.orelse else None
-    return (
-        isinstance(test, ast.Compare)
-        and isinstance(test.left, ast.Name)
-        and test.left.id == "__name__"
-        and len(test.ops) == 1
-        and isinstance(test.ops[0], ast.Eq)
-        and isinstance(test.comparators[0], ast.Constant)
-        and test.comparators[0].value == "__main__"
-    )
+    match statement:
+        case ast.If(ast.Compare(ast.Name("__name__"), [ast.Eq()], [ast.Constant("__main__")]), orelse=[]):
+            return True
+    return False

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Final
 
 from keystore_audit.dataclass import dataclass, field
-from keystore_audit.intent.launch_actions import Comparison, Condition, Reference, Text, Unknown, Variable
+from keystore_audit.intent.launch_actions import Comparison, Condition, Reference, Remap, Text, Unknown, Variable
 from keystore_audit.intent.ros_names import ROOT, joined
 from keystore_audit.intent.source import Source, shown
 
@@ -85,6 +85,13 @@ class Scope:
             return self.text(text, source)
         except Unresolvable as error:
             return Unknown(reason=str(error))
+
+    def remapped(self, remap: Remap, source: Source) -> tuple[str, str] | Unknown:
+        """The names that a remapping is from and to, or why one of them cannot be told."""
+        origin, target = self.known(remap.source, source), self.known(remap.target, source)
+        if isinstance(target, Unknown):
+            return target
+        return origin if isinstance(origin, Unknown) else (origin, target)
 
     def _reference(self, reference: Reference, source: Source, depth: int) -> str:
         if reference.variable is Variable.DIRECTORY:

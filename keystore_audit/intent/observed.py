@@ -1,4 +1,4 @@
-"""Graphs and launch files together: what users name of the system as it runs or will run."""
+"""Graphs and launch files, and policies, together: what users name of the system as it runs or will run."""
 
 from __future__ import annotations
 
@@ -8,8 +8,17 @@ from pathlib import Path
 from keystore_audit.intent.intent import Intent
 
 
-def read_observed(graphs: Sequence[Path], launches: Sequence[Path], arguments: Mapping[str, str]) -> tuple[Intent, ...]:
-    """What the files show; `arguments`: values of arguments of the launch files. Raises UsageError for what is none."""
+def read_observed(
+    graphs: Sequence[Path],
+    launches: Sequence[Path],
+    arguments: Mapping[str, str],
+    policy: Path | None = None,
+    include: Path | None = None,
+) -> tuple[Intent, ...]:
+    """What the files show; `arguments`: values of arguments of the launch files. Raises UsageError for what is none.
+
+    `policy`: what its author means counts, too; it may include files from below `include` (None: its own directory).
+    """
     intents: list[Intent] = []
     if graphs:  # an audit without them needs no reader of theirs
         from keystore_audit.intent.graph import read_graph
@@ -18,5 +27,9 @@ def read_observed(graphs: Sequence[Path], launches: Sequence[Path], arguments: M
     if launches:
         from keystore_audit.intent.launch import read_launch
 
-        intents += (read_launch(path, arguments, None) for path in launches)
+        intents += (read_launch(path, arguments) for path in launches)
+    if policy is not None:
+        from keystore_audit.intent.policy import read_policy
+
+        intents.append(read_policy(policy, include).intent)
     return tuple(intents)

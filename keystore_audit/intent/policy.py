@@ -19,7 +19,7 @@ from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
 from keystore_audit.given import GivenFile
 from keystore_audit.intent.intent import Action, IntendedNode, IntendedRight, Intent, Origin
-from keystore_audit.intent.xinclude import Expanded, expand, malformed
+from keystore_audit.intent.xinclude import QUOTED, Expanded, expand, malformed, shown
 from keystore_audit.keystore.document import elements, joined
 from keystore_audit.resources import schemas
 from keystore_audit.text import shorten
@@ -33,7 +33,6 @@ MAX_NAME: Final = 1024
 _FORMS: Final = {OLD: "profiles", CURRENT: "enclaves"}
 """The one element that a policy of the version holds."""
 
-_QUOTED: Final = 120
 _PRINTABLE: Final = re.compile(r"[!-~]+")
 _YAML: Final = re.compile(r"(?:\s*#[^\n]*\n|\s)*(?:---|[\w-]+\s*:)", re.ASCII)
 
@@ -115,7 +114,7 @@ class _Reader:
             path = self._name(element, "path")
             if not path.startswith("/"):
                 raise self._malformed(
-                    element, f"expected the path of an enclave such as '/talker', found {_shown(path)}"
+                    element, f"expected the path of an enclave such as '/talker', found {shown(path)}"
                 )
             again = self._seen.get(path)
             for profiles in elements(element):
@@ -169,8 +168,8 @@ class _Reader:
         policies have `~x` where later ones have `~/x`; `~/x`, of which Dashing made `//`, is read as Eloquent does.
         """
         text = joined(entry)
-        if not text or len(text) > MAX_NAME or _PRINTABLE.fullmatch(text) is None:
-            raise self._malformed(entry, f"expected a name without blanks in ASCII, found {_shown(text)}")
+        if not _is_plain(text):
+            raise self._malformed(entry, f"expected a name without blanks in ASCII, found {shown(text)}")
         if text.startswith("/"):
             return text
         if text.startswith("~"):
@@ -181,17 +180,21 @@ class _Reader:
     def _namespace(self, profile: etree._Element) -> str:
         namespace = str(profile.get("ns", ""))
         if namespace and (not namespace.startswith("/") or _PRINTABLE.fullmatch(namespace) is None):
-            raise self._malformed(profile, f"expected an absolute namespace, found ns {_shown(namespace)}")
+            raise self._malformed(profile, f"expected an absolute namespace, found ns {shown(namespace)}")
         return namespace
 
     def _name(self, element: etree._Element, attribute: str) -> str:
         text = str(element.get(attribute, ""))
-        if not text or len(text) > MAX_NAME or _PRINTABLE.fullmatch(text) is None:
-            raise self._malformed(element, f"expected a {attribute} without blanks in ASCII, found {_shown(text)}")
+        if not _is_plain(text):
+            raise self._malformed(element, f"expected a {attribute} without blanks in ASCII, found {shown(text)}")
         return text
 
     def _malformed(self, element: etree._Element, detail: str) -> UsageError:
         return malformed(self._expanded.location(element), detail)
+
+
+def _is_plain(name: str) -> bool:
+    return len(name) <= MAX_NAME and _PRINTABLE.fullmatch(name) is not None
 
 
 def _qualified(namespace: str, name: str) -> str:
@@ -205,7 +208,7 @@ def _validate(expanded: Expanded) -> None:
         return
     log: Any = schema.error_log  # the stubs do not know what is in it
     for entry in log:
-        detail = shorten(str(entry.message).rstrip("."), 4 * _QUOTED)
+        detail = shorten(str(entry.message).rstrip("."), 4 * QUOTED)
         raise malformed(expanded.location(_at(expanded.root, entry.path)), f"this is no SROS2 policy: {detail}")
     raise malformed(expanded.location(expanded.root), "this is no SROS2 policy")
 
@@ -238,7 +241,3 @@ def _yaml(path: str | os.PathLike[str]) -> UsageError | None:
         return None
     form = "policies in YAML, which Ardent and Bouncy had, are not supported"
     return UsageError(f"{name}: expected an SROS2 policy in XML (Crystal and later): {form}.")
-
-
-def _shown(text: str) -> str:
-    return f"'{shorten(text, _QUOTED)}'"

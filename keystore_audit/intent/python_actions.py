@@ -115,21 +115,24 @@ def actions_of(value: Value, line: int) -> Iterator[Action]:
 
 def _substitution(call: Call) -> Value:
     """A substitution whose value may be worked out."""
+    return TextValue(text=_substituted(call), plain=False)
+
+
+def _substituted(call: Call) -> Text:
     if call.name == "TextSubstitution":
-        return TextValue(text=call.text("text"), plain=False)
-    if call.name in ("ThisLaunchFileDir", "ThisLaunchFile"):
-        if call.name == "ThisLaunchFile":
-            return TextValue(text=(Unknown(reason="the path of the launch file"),), plain=False)
-        return TextValue(text=(Reference(variable=Variable.DIRECTORY),), plain=False)
+        return call.text("text")
+    if call.name == "ThisLaunchFile":
+        return (Unknown(reason="the path of the launch file"),)
+    if call.name == "ThisLaunchFileDir":
+        return (Reference(variable=Variable.DIRECTORY),)
     if call.name == "PathJoinSubstitution":
-        joined: list[Text] = [text_of(value) for value in call.listed("substitutions", 0)]
-        parts = [part for number, text in enumerate(joined) for part in ((*(("/",) if number else ()), *text))]
-        return TextValue(text=bounded(parts), plain=False)
-    variable = Variable.ARGUMENT if call.name == "LaunchConfiguration" else Variable.ENVIRONMENT
-    keyword = "variable_name" if call.name == "LaunchConfiguration" else "name"
-    default = call.optional("default", 1 if variable is Variable.ARGUMENT else None, "default_value")
-    reference = Reference(variable=variable, name=call.text(keyword, 0), default=default)
-    return TextValue(text=(reference,), plain=False)
+        parts = [part for value in call.listed("substitutions", 0) for part in ("/", *text_of(value))]
+        return bounded(parts[1:])
+    if call.name == "LaunchConfiguration":
+        default = call.optional("default", 1, "default_value")
+        return (Reference(variable=Variable.ARGUMENT, name=call.text("variable_name", 0), default=default),)
+    default = call.optional("default", other="default_value")
+    return (Reference(variable=Variable.ENVIRONMENT, name=call.text("name", 0), default=default),)
 
 
 def _comparison(call: Call) -> Value:

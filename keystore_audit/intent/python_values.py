@@ -30,12 +30,6 @@ class TextValue:
     text: Text
     plain: bool = True
 
-    @property
-    def literal(self) -> str | None:
-        """The string, if it is one without anything to be worked out."""
-        known = self.plain and all(isinstance(part, str) for part in self.text)
-        return "".join(str(part) for part in self.text) if known else None
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plain:

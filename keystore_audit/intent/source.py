@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import posixpath
 from pathlib import Path
-from types import TracebackType
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
@@ -80,36 +79,13 @@ def read_source(path: Path) -> Source:
 
 
 class Directory:
-    """The directory below which files may be included; a context manager, since it keeps a descriptor."""
+    """The directory of a file that the user named, below which others may be included."""
 
-    def __init__(self, given: str, real: str, root: Root) -> None:
-        """Take over an open `root`; use `Directory.open`."""
-        self._given = given
-        self._real = real
+    def __init__(self, given: Path, source: Source, root: Root) -> None:
+        """Take the open `root` of the directory that `source` is in, which the user named `given`."""
+        self._given = os.path.dirname(given)
+        self._real = source.directory
         self._root = root
-
-    @classmethod
-    def open(cls, directory: Path | None, source: Source, given: Path) -> Directory:
-        """Open `directory`, or where there is none the one that `source` is in, which the user named `given`.
-
-        Raises UsageError if it is no directory that can be read.
-        """
-        name = os.path.dirname(os.fspath(given)) if directory is None else os.fspath(directory)
-        try:
-            real = source.directory if directory is None else os.path.realpath(name)
-            return cls(name, real, Root.open(real))
-        except (NothingToAudit, ValueError):
-            raise UsageError(f"{percent_path(name)}: expected a directory that can be read, found none.") from None
-
-    def __enter__(self) -> Directory:
-        """Return the directory itself."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close it."""
-        self._root.close()
 
     def included(self, path: str) -> Source:
         """Read the file at `path`, absolute or relative to this directory.

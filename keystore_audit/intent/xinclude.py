@@ -42,7 +42,9 @@ NAMESPACES: Final = ("http://www.w3.org/2001/XInclude", "http://www.w3.org/2003/
 
 BASE: Final = "{http://www.w3.org/XML/1998/namespace}base"
 
-_QUOTED: Final = 120
+QUOTED: Final = 120
+"""Characters of a text from a file that a message quotes."""
+
 _POINTER: Final = re.compile(r"xpointer\(\s*((?:/(?:[A-Za-z_][\w.-]*|\*))+)\s*\)", re.ASCII)
 _SCHEME: Final = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 _ATTRIBUTES: Final = frozenset({"href", "xpointer", "parse", BASE})
@@ -140,7 +142,7 @@ class _Expansion:
         try:
             root = parse_unsigned(file.content)
         except Malformed as error:
-            raise malformed(Location(path=asked.path, line=error.line), shorten(error.detail, 4 * _QUOTED)) from None
+            raise malformed(Location(path=asked.path, line=error.line), shorten(error.detail, 4 * QUOTED)) from None
         for element in root.iter(etree.Element):
             element.attrib.pop(BASE, "")  # ours says which file an element is from; theirs has no meaning to sros2
         return root
@@ -170,7 +172,7 @@ class _Expansion:
             raise malformed(location, f"inclusions more than {MAX_NESTING} deep, which are not followed")
         relative = posixpath.normpath(posixpath.join(posixpath.dirname(within[-1]), href))
         if relative in within or relative == self._name:
-            raise malformed(location, f"{_shown(href)} includes itself")
+            raise malformed(location, f"{shown(href)} includes itself")
         root, size = self._document(relative, href, location)
         self._bytes += size
         if self._bytes > MAX_BYTES:
@@ -200,10 +202,10 @@ class _Expansion:
         if relative not in self._documents:
             below = os.path.relpath(os.path.join(self._home, relative), self._inside)
             if below.split("/", 1)[0] == "..":
-                raise malformed(location, f"{_shown(href)} leads out of {percent_path(self._inside)}; it was not read")
+                raise malformed(location, f"{shown(href)} leads out of {percent_path(self._inside)}; it was not read")
             file = self._root.file(below)
             if file.status is not Status.PRESENT:
-                raise malformed(location, f"{_shown(href)} cannot be put in: {_reason(file)}")
+                raise malformed(location, f"{shown(href)} cannot be put in: {_reason(file)}")
             asked = Location(path=self._files[self._number(relative)])
             self._documents[relative] = self._parsed(file, asked), len(file.content or b"")
         return self._documents[relative]
@@ -213,21 +215,21 @@ def _asked(include: etree._Element, location: Location) -> tuple[str, tuple[str,
     """The relative path and the steps of the pointer that an inclusion names."""
     unknown = [str(name) for name in include.attrib if name not in _ATTRIBUTES]
     if unknown:
-        raise malformed(location, f"expected href and xpointer, found {_shown(unknown[0])}")
+        raise malformed(location, f"expected href and xpointer, found {shown(unknown[0])}")
     if include.get("parse", "xml") != "xml":
-        raise malformed(location, "expected XML to put in, found parse=" + _shown(str(include.get("parse"))))
+        raise malformed(location, "expected XML to put in, found parse=" + shown(str(include.get("parse"))))
     if any(isinstance(child.tag, str) for child in include):
         raise malformed(location, "an xi:fallback is not read: what is included has to be there")
     href = unquote(str(include.get("href", "")))
     if not href or "\0" in href or href.startswith("/") or "#" in href or _SCHEME.match(href):
-        raise malformed(location, f"expected the relative path of a file, found href {_shown(href)}")
+        raise malformed(location, f"expected the relative path of a file, found href {shown(href)}")
     pointer = include.get("xpointer")
     if pointer is None:
         return href, None
     match = _POINTER.fullmatch(str(pointer).strip())
     if match is None:
         expected = "expected a path of child elements such as xpointer(/profile/*)"
-        raise malformed(location, f"{expected}, found {_shown(str(pointer))}")
+        raise malformed(location, f"{expected}, found {shown(str(pointer))}")
     return href, tuple(match[1].split("/")[1:])
 
 
@@ -260,5 +262,6 @@ def _reason(file: File) -> str:
     }.get(file.status, file.detail or "it cannot be read")
 
 
-def _shown(text: str) -> str:
-    return f"'{shorten(text, _QUOTED)}'"
+def shown(text: str) -> str:
+    """A text from a file as messages quote it."""
+    return f"'{shorten(text, QUOTED)}'"

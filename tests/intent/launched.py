@@ -9,13 +9,13 @@ from keystore_audit.intent.intent import Intent
 from keystore_audit.intent.launch import read_launch
 
 
-def launch(folder: Path, text: str, form: str = "xml", include: Path | None = None, **arguments: str) -> Intent:
+def launch(folder: Path, text: str, form: str = "xml", **arguments: str) -> Intent:
     """Read `text` as a launch file; XML gets its root element, Python its function."""
     if form == "xml":
         text = f"<launch>{text}</launch>"
     path = folder / f"some.launch.{form}"
     path.write_text(textwrap.dedent(text), "utf-8")
-    return read_launch(path, arguments, include)
+    return read_launch(path, arguments)
 
 
 def described(text: str) -> str:

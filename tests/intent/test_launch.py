@@ -490,18 +490,6 @@ def test_no_file_outside_is_ever_read(file: str, said: str, tmp_path: Path) -> N
         assert nodes(intent) == {("/", "/x"), ("/", "/after")}
 
 
-def test_the_include_directory_can_be_another(tmp_path: Path) -> None:
-    main, shared = tmp_path / "main", tmp_path / "shared"
-    main.mkdir()
-    shared.mkdir()
-    (shared / "x.launch.xml").write_text('<launch><node pkg="p" exec="e" name="x"/></launch>', "utf-8")
-    text = '<include file="x.launch.xml"/>'
-    assert nodes(launch(main, text, include=shared)) == {("/", "/x")}
-    assert nodes(launch(main, text)) == set()
-    with pytest.raises(UsageError, match="expected a directory"):
-        launch(main, text, include=tmp_path / "none")
-
-
 def test_an_argument_of_an_include_is_set_only_before_its_default(tmp_path: Path) -> None:
     inside = '<arg name="who" default="x"/><node pkg="p" exec="e" name="$(var who)"/>'
     assert nodes(include(tmp_path, "sub/other.launch.xml", inside)) == {("/", "/x"), ("/", "/after")}

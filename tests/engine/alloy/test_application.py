@@ -160,7 +160,7 @@ def test_users_files_speak_of_nodes_where_there_are_some(tmp_path: Path) -> None
 
 def test_the_exported_model_has_the_nodes(tmp_path: Path) -> None:
     graph = read_graph(SAMPLES / "graphs" / "vehicle-missing-grant.graph.json")
-    export_model(SAMPLES / "healthy" / "vehicle", tmp_path / "m", at=AT, profiles=("spec",), intents=[graph])
+    export_model(SAMPLES / "healthy" / "vehicle", tmp_path / "m", at=AT, profiles=resolve(("spec",)), intents=[graph])
     found = outcomes(tmp_path / "m", {}, MAIN)
     assert [name for name in ASSERTIONS if found[name]] == ["NodesHaveTheRightsThatTheyNeed", "WiredFlowsArePermitted"]
     assert "| `N0_" in (tmp_path / "m" / "README.md").read_text()
