@@ -18,6 +18,7 @@ from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
 from keystore_audit.given import GivenFile
+from keystore_audit.keystore.document import MAX_DOMAIN
 
 MAX_BYTES: Final = 1024 * 1024
 
@@ -93,7 +94,7 @@ class Environment:
         if not text:
             return 0
         number = int(text) if re.fullmatch(r"[0-9]{1,9}", text) else -1
-        return number if 0 <= number <= 232 else None
+        return number if 0 <= number <= MAX_DOMAIN else None
 
 
 def read_environment(path: Path) -> Environment:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from typing import Any, Final
+from collections.abc import Callable, Iterator
+from typing import Any, Final, TypeVar
 
 from lxml import etree
 
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.smime import SignedDocument
-from keystore_audit.keystore.xml import MAX_DEFECTS, read_xml
+from keystore_audit.keystore.xml import MAX_DEFECTS, read_xml, source_line
 from keystore_audit.keystore.xsd import Grammar, validate
+
+T = TypeVar("T")
 
 MAX_DOMAIN: Final = 232
 """The largest domain whose UDP ports exist (DDSI-RTPS 2.5, 9.6.2.3: 7400 + 250 × domain + 11 + 2 × participant)."""
@@ -51,10 +53,10 @@ class Document:
         """Everything out of order in the XML, in the order found."""
         return tuple(self._defects)
 
-    @property
-    def opaque(self) -> bool:
-        """Whether the document has no meaning that we can tell."""
-        return self.root is None or any(defect.kind.opaque for defect in self._defects)
+    def meaning(self, read: Callable[[Document, etree._Element], T]) -> T | None:
+        """What `read` makes of the root; None where the document has no meaning that we can tell."""
+        found = None if self.root is None else read(self, self.root)
+        return None if any(defect.kind.opaque for defect in self._defects) else found
 
     def line(self, element: etree._Element) -> int | None:
         """The line of the file at which the element stands."""
@@ -65,8 +67,7 @@ class Document:
         """Note that the value of `element` is not one that DDS-Security gives a meaning to."""
         self._invalid += 1
         if self._invalid <= MAX_DEFECTS:
-            path = self.signed.file.place
-            self._defects.append(Defect(kind=kind, path=path, line=self.line(element), detail=detail))
+            self._defects.append(self.signed.defect(kind, source_line(element), detail))
 
     def text(self, element: etree._Element, *, may_be_empty: bool = False) -> str:
         """The text of a leaf element, the pieces around comments joined as the schema does."""

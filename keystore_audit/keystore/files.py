@@ -23,12 +23,7 @@ class Status(str, Enum):
     @property
     def unknown(self) -> bool:
         """Whether a robot might read something here that we did not."""
-        return self is not Status.PRESENT and self in (
-            Status.OUTSIDE,
-            Status.SPECIAL,
-            Status.TOO_LARGE,
-            Status.UNREADABLE,
-        )
+        return self in (Status.OUTSIDE, Status.SPECIAL, Status.TOO_LARGE, Status.UNREADABLE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -113,12 +113,8 @@ def read_governance(file: File, candidates: Sequence[Certificate]) -> Governance
     installation lacks its schemas.
     """
     document = Document(read_signed(file, candidates), Grammar.GOVERNANCE)
-    governance = None if document.root is None else _governance(document, document.root)
-    return GovernanceFile(
-        signed=document.signed,
-        governance=None if document.opaque else governance,
-        defects=document.defects,
-    )
+    governance = document.meaning(_governance)
+    return GovernanceFile(signed=document.signed, governance=governance, defects=document.defects)
 
 
 def _governance(document: Document, root: etree._Element) -> Governance:

@@ -98,12 +98,8 @@ def read_permissions(file: File, candidates: Sequence[Certificate]) -> Permissio
     installation lacks its schemas.
     """
     document = Document(read_signed(file, candidates), Grammar.PERMISSIONS)
-    permissions = None if document.root is None else _permissions(document, document.root)
-    return PermissionsFile(
-        signed=document.signed,
-        permissions=None if document.opaque else permissions,
-        defects=document.defects,
-    )
+    permissions = document.meaning(_permissions)
+    return PermissionsFile(signed=document.signed, permissions=permissions, defects=document.defects)
 
 
 def _permissions(document: Document, root: etree._Element) -> Permissions:

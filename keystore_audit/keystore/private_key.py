@@ -86,19 +86,14 @@ def read_private_key(file: File) -> PrivateKey:
     further = tuple(_other(each, look=number < MAX_OTHER_KEYS) for number, each in enumerate(others))
     if block.encrypted:
         detail = "expected a key without a password, found an encrypted one; ROS 2 hands over no password"
-        return _with(_unread(sealed, Kind.KEY_ENCRYPTED, block.line, detail), second, further)
-    key = _public_half(block)
-    if key is None:
+        first = _unread(sealed, Kind.KEY_ENCRYPTED, block.line, detail)
+    elif (key := _public_half(block)) is None:
         detail = f"expected a private key in DER, found other bytes in the block {block.label}"
-        return _with(_unread(sealed, Kind.KEY_UNREADABLE, block.line, detail), second, further)
-    return PrivateKey(
-        file=sealed,
-        key=public_key.identity(key),
-        key_kind=public_key.kind(key),
-        encrypted=False,
-        defects=second,
-        others=further,
-    )
+        first = _unread(sealed, Kind.KEY_UNREADABLE, block.line, detail)
+    else:
+        identity, kind = public_key.identity(key), public_key.kind(key)
+        first = PrivateKey(file=sealed, key=identity, key_kind=kind, encrypted=False, defects=())
+    return replace(first, defects=first.defects + second, others=further) if further else first
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,10 +126,6 @@ def read_held_keys(file: File) -> HeldKeys:
     read = [_public_half(block) for block in blocks[:MAX_HELD_KEYS] if block.der != b""]  # else a text about keys
     keys = dict.fromkeys(public_key.identity(key) for key in read if key is not None)
     return HeldKeys(keys=tuple(keys), locked=None in read or len(blocks) > MAX_HELD_KEYS)
-
-
-def _with(unread: PrivateKey, second: tuple[Defect, ...], others: tuple[OtherKey, ...]) -> PrivateKey:
-    return replace(unread, defects=unread.defects + second, others=others) if others else unread
 
 
 def _first_key(content: bytes) -> Block | Problem:

@@ -101,12 +101,12 @@ class Root:
 
     def file(self, relative: bytes | str) -> File:
         """Read what is at `relative`. Never raises: a File that is not PRESENT says why."""
-        key = relative if isinstance(relative, bytes) else os.fsencode(relative)
+        key = os.fsencode(relative)
         return self._files.get(key) or self._files.setdefault(key, self._file(key, keep=True))
 
     def sealed(self, relative: bytes | str) -> File:
         """Read and hash like `file`, but keep and hand out no content: for what nobody parses."""
-        key = relative if isinstance(relative, bytes) else os.fsencode(relative)
+        key = os.fsencode(relative)
         found = self._sealed.get(key)
         if found is None:
             read = self._files.get(key) or self._file(key, keep=False, needed=False)
@@ -115,7 +115,7 @@ class Root:
 
     def secret(self, relative: bytes | str) -> File:
         """Read like `sealed`, with the content held back here for `unsealed`: private keys."""
-        key = relative if isinstance(relative, bytes) else os.fsencode(relative)
+        key = os.fsencode(relative)
         file = self._file(key, keep=False)
         if file.content is not None and file.sha256 is not None:
             self._secrets[file.sha256] = file.content
@@ -164,7 +164,7 @@ class Root:
 
     def entries(self, relative: bytes | str) -> Listing:
         """List the directory at `relative` (`b""`: the root itself), links not followed. Never raises."""
-        key = relative if isinstance(relative, bytes) else os.fsencode(relative)
+        key = os.fsencode(relative)
         found = self._listings.get(key)
         if found is None:
             found = self._listings[key] = self._list(key)

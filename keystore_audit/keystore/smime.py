@@ -73,6 +73,10 @@ class SignedDocument:
             return None
         return self.first_line + content_line - 1
 
+    def defect(self, kind: Kind, content_line: int | None, detail: str) -> Defect:
+        """A defect in the signed XML."""
+        return Defect(kind=kind, path=self.file.place, line=self.line(content_line), detail=detail)
+
 
 class Candidates(Sequence[Certificate]):
     """Certificates that may have signed, found by signer identifier and by key without looking at each.

@@ -170,8 +170,7 @@ class _Reading:
 
     def add(self, kind: Kind, line: int | None, detail: str) -> None:
         if len(self._defects) < MAX_DEFECTS:
-            path = self._signed.file.place
-            self._defects.append(Defect(kind=kind, path=path, line=self._signed.line(line), detail=detail))
+            self._defects.append(self._signed.defect(kind, line, detail))
 
     @property
     def full(self) -> bool:
@@ -382,8 +381,7 @@ REPEATABLE: Final = frozenset(
 def duplicates(root: etree._Element, signed: SignedDocument) -> tuple[Defect, ...]:
     """Elements that may stand once and stand twice: Cyclone DDS takes the last or merges them, Fast DDS the first."""
     return tuple(
-        Defect(kind=Kind.XML_AMBIGUOUS, path=signed.file.place, line=signed.line(line), detail=detail)
-        for line, detail in _duplicates(root.iter(etree.Element))
+        signed.defect(Kind.XML_AMBIGUOUS, line, detail) for line, detail in _duplicates(root.iter(etree.Element))
     )[:MAX_DEFECTS]
 
 

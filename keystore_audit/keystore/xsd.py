@@ -54,23 +54,15 @@ def validate(root: etree._Element, grammar: Grammar, signed: SignedDocument) -> 
         return ()
     log: Any = current.error_log  # the stubs do not know what is in it
     messages: list[tuple[int, str]] = [(error.line, error.message) for error in log]
-    path = signed.file.place
     if _schema(_OLD, grammar).validate(root):
         detail = f"{grammar.value} of DDS-Security 1.0 (20160303), which readers of 1.1 refuse or read as they like"
-        line = signed.line(messages[0][0])
-        return (
-            Defect(
-                kind=Kind.DDS_SECURITY_1_0,
-                path=path,
-                line=line,
-                detail=shorten(f"{detail}: {messages[0][1]}", MAX_DETAIL),
-            ),
-        )
+        line, message = messages[0]
+        return (signed.defect(Kind.DDS_SECURITY_1_0, line, shorten(f"{detail}: {message}", MAX_DETAIL)),)
     explained: list[tuple[int | None, str]] = []
     if signed.content is not None and len(signed.content) <= MAX_EXPLAINED_BYTES:
         explained = _explained(root, grammar)
     failures = [
-        Defect(kind=Kind.SCHEMA_INVALID, path=path, line=signed.line(line), detail=shorten(detail, MAX_DETAIL))
+        signed.defect(Kind.SCHEMA_INVALID, line, shorten(detail, MAX_DETAIL))
         for line, detail in explained or messages[:MAX_DEFECTS]
     ]
     return (*failures, *duplicates(root, signed), *_rules_without_domains(root, signed), *_empty(root, signed))
@@ -80,12 +72,7 @@ def _rules_without_domains(root: etree._Element, signed: SignedDocument) -> Iter
     """Rules that crash Cyclone DDS (measured, 0.10.2), in the order of the document."""
     for rule in itertools.islice(root.iter("allow_rule", "deny_rule"), MAX_DEFECTS):
         if rule.find("domains") is None:
-            yield Defect(
-                kind=Kind.RULE_WITHOUT_DOMAINS,
-                path=signed.file.place,
-                line=signed.line(source_line(rule)),
-                detail=f"<{rule.tag!s}> has no <domains>",
-            )
+            yield signed.defect(Kind.RULE_WITHOUT_DOMAINS, source_line(rule), f"<{rule.tag!s}> has no <domains>")
 
 
 def _empty(root: etree._Element, signed: SignedDocument) -> Iterator[Defect]:
@@ -93,12 +80,7 @@ def _empty(root: etree._Element, signed: SignedDocument) -> Iterator[Defect]:
     dates = itertools.islice(root.iter("not_before", "not_after"), MAX_DEFECTS)
     for element in [root, *dates] if len(root) == 0 else dates:
         if len(element) == 0 and not (element.text or "").strip():
-            yield Defect(
-                kind=Kind.EMPTY_ELEMENT,
-                path=signed.file.place,
-                line=signed.line(source_line(element)),
-                detail=f"<{element.tag!s}> is empty",
-            )
+            yield signed.defect(Kind.EMPTY_ELEMENT, source_line(element), f"<{element.tag!s}> is empty")
 
 
 @lru_cache(maxsize=4)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from keystore_audit.keystore.document import MAX_DOMAIN
 from keystore_audit.keystore.governance import DomainRange
 from keystore_audit.model.profiles.access import OpenRange
 from keystore_audit.model.system import DomainAtom
 
-HIGHEST_DOMAIN = 232
-"""RTPS 2.5, 9.6.2.3: with the default port numbers no UDP port is left above domain 232."""
+HIGHEST_DOMAIN = MAX_DOMAIN
 
 Interval = tuple[int, int]
 
