@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable, Iterable, Mapping
-from typing import Final
+from typing import Any, Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.intent.launch_actions import (
@@ -78,19 +78,19 @@ class _Entities:
         read = _READERS.get(entity.kind)
         if read is None:
             said = f"the element {shown(entity.kind)} is not read; it may start nodes or change their names"
-            return Unread(line=entity.line, conditions=self._conditions(entity), reason=said)
+            return Unread(**self._where(entity), reason=said)
         return read(self, entity)
 
     def declare(self, entity: Entity) -> Action:
         """An `<arg>` of the file."""
         default = self._optional(entity, "default")
         name = self._text(entity, "name")
-        return Declare(line=entity.line, conditions=self._conditions(entity), name=name, default=default)
+        return Declare(**self._where(entity), name=name, default=default)
 
     def let(self, entity: Entity) -> Action:
         """A `<let>`."""
         name, value = self._text(entity, "name"), self._text(entity, "value")
-        return Assign(line=entity.line, conditions=self._conditions(entity), name=name, value=value)
+        return Assign(**self._where(entity), name=name, value=value)
 
     def set_env(self, entity: Entity) -> Action:
         """A `<set_env>`, or an `<append_env>`, which adds to what nobody knows."""
@@ -98,12 +98,11 @@ class _Entities:
         if entity.kind == "append_env":
             value = (Unknown(reason="an environment variable that is added to"),)
         name = self._text(entity, "name")
-        return AssignEnvironment(line=entity.line, conditions=self._conditions(entity), name=name, value=value)
+        return AssignEnvironment(**self._where(entity), name=name, value=value)
 
     def replace_env(self, entity: Entity) -> Action:
         """A `<rep_env>`, or a `<reset_env>` or `<pop_env>`, which bring earlier variables back."""
-        values, conditions = self._values(entity.called("env")), self._conditions(entity)
-        return replaced(values, line=entity.line, conditions=conditions, earlier=entity.kind != "rep_env")
+        return replaced(self._values(entity.called("env")), **self._where(entity), earlier=entity.kind != "rep_env")
 
     def nothing(self, entity: Entity) -> Action:
         """A `<push_env>`, which changes no variable."""
@@ -112,18 +111,17 @@ class _Entities:
     def push_namespace(self, entity: Entity) -> Action:
         """A `<push_ros_namespace>`."""
         namespace = self._text(entity, "namespace")
-        return PushNamespace(line=entity.line, conditions=self._conditions(entity), namespace=namespace)
+        return PushNamespace(**self._where(entity), namespace=namespace)
 
     def set_remap(self, entity: Entity) -> Action:
         """A `<set_remap>`."""
-        return SetRemap(line=entity.line, conditions=self._conditions(entity), remap=self._remap(entity))
+        return SetRemap(**self._where(entity), remap=self._remap(entity))
 
     def group(self, entity: Entity) -> Action:
         """A `<group>`."""
         inner = tuple(child for child in entity.children if child.kind != "keep")
         return Group(
-            line=entity.line,
-            conditions=self._conditions(entity),
+            **self._where(entity),
             actions=self.all(inner),
             scoped=self._switch(entity, "scoped"),
             forwarding=self._switch(entity, "forwarding"),
@@ -132,24 +130,19 @@ class _Entities:
 
     def timer(self, entity: Entity) -> Action:
         """A `<timer>`: what happens later changes nothing for what stands behind it."""
-        return Group(line=entity.line, conditions=self._conditions(entity), actions=self.all(entity.children))
+        return Group(**self._where(entity), actions=self.all(entity.children))
 
     def include(self, entity: Entity) -> Action:
         """An `<include>`, with `<arg>` or `<let>` for its arguments."""
-        return Include(
-            line=entity.line,
-            conditions=self._conditions(entity),
-            path=self._text(entity, "file"),
-            arguments=self._values(entity.called("arg", "let")),
-        )
+        path, arguments = self._text(entity, "file"), self._values(entity.called("arg", "let"))
+        return Include(**self._where(entity), path=path, arguments=arguments)
 
     def node(self, entity: Entity) -> Action:
         """A `<node>`, `<lifecycle_node>` or `<node_container>`."""
         self._text(entity, "exec")
         kind = {"lifecycle_node": NodeKind.LIFECYCLE, "node_container": NodeKind.CONTAINER}.get(entity.kind)
         return StartNode(
-            line=entity.line,
-            conditions=self._conditions(entity),
+            **self._where(entity),
             kind=kind or NodeKind.PLAIN,
             names=self._names(entity),
             arguments=self._words(entity, "args"),
@@ -163,15 +156,12 @@ class _Entities:
         """A `<load_composable_node>`."""
         target = self._text(entity, "target")
         components = self._components(entity)
-        return LoadComponents(
-            line=entity.line, conditions=self._conditions(entity), target=target, components=components
-        )
+        return LoadComponents(**self._where(entity), target=target, components=components)
 
     def process(self, entity: Entity) -> Action:
         """An `<executable>`."""
         return StartProcess(
-            line=entity.line,
-            conditions=self._conditions(entity),
+            **self._where(entity),
             command=(self._optional(entity, "cmd") or (),),
             environment=self._values(entity.called("env")),
             prefix=self._optional(entity, "launch-prefix"),
@@ -198,6 +188,10 @@ class _Entities:
 
     def _values(self, entities: Iterable[Entity]) -> tuple[tuple[Text, Text], ...]:
         return tuple((self._text(entity, "name"), self._text(entity, "value")) for entity in entities)
+
+    def _where(self, entity: Entity) -> dict[str, Any]:
+        """What every action has: its line and conditions."""
+        return {"line": entity.line, "conditions": self._conditions(entity)}
 
     def _conditions(self, entity: Entity) -> tuple[Condition, ...]:
         found = ((self._optional(entity, key), key == "unless") for key in ("if", "unless"))

@@ -94,6 +94,11 @@ class Call:
             return (value.condition,)
         return (Condition(text=text_of(value)),)
 
+    @property
+    def where(self) -> dict[str, Any]:
+        """What every action has: its line and condition."""
+        return {"line": self.line, "conditions": self.conditions}
+
     def switch(self, keyword: str) -> bool:
         """An argument that is True unless it says False."""
         return self.get(keyword) != Plain(value=False)
@@ -213,8 +218,7 @@ def _node(call: Call) -> Value:
     ros_arguments, unknown_ros = _words(call, "ros_arguments")
     names = _names(call)
     start = StartNode(
-        line=call.line,
-        conditions=call.conditions,
+        **call.where,
         kind=kind or NodeKind.PLAIN,
         names=names,
         arguments=arguments,
@@ -237,27 +241,21 @@ def _with(action: Action, more: tuple[Action, ...]) -> Action:
 def _on_exit(call: Call) -> tuple[Action, ...]:
     """What comes when a process has ended, which changes nothing for what stands behind it."""
     actions = tuple(actions_of(call.get("on_exit"), call.line))
-    return (Group(line=call.line, conditions=call.conditions, actions=actions),) if actions else ()
+    return (Group(**call.where, actions=actions),) if actions else ()
 
 
 def _load(call: Call) -> Value:
     target = call.get("target_container")
     name = target.name if isinstance(target, ActionValue) else text_of(target)
     components, unread = _components(call.listed("composable_node_descriptions"), call.line)
-    load = LoadComponents(
-        line=call.line,
-        conditions=call.conditions,
-        target=name or (Unknown(reason="a container without a name"),),
-        components=components,
-    )
-    return ActionValue(action=_with(load, unread))
+    known = name or (Unknown(reason="a container without a name"),)
+    return ActionValue(action=_with(LoadComponents(**call.where, target=known, components=components), unread))
 
 
 def _group(call: Call) -> Value:
     actions = tuple(actions_of(call.get("actions", 0), call.line))
     group = Group(
-        line=call.line,
-        conditions=call.conditions,
+        **call.where,
         actions=actions,
         scoped=call.switch("scoped"),
         forwarding=call.switch("forwarding"),
@@ -269,7 +267,7 @@ def _group(call: Call) -> Value:
 def _later(call: Call) -> Value:
     """A timer: its actions come later, and change nothing for what stands behind it."""
     actions = tuple(actions_of(call.get("actions", 1 if call.name == "TimerAction" else None), call.line))
-    return ActionValue(action=Group(line=call.line, conditions=call.conditions, actions=actions))
+    return ActionValue(action=Group(**call.where, actions=actions))
 
 
 def _handler(call: Call) -> Value:
@@ -283,18 +281,13 @@ def _register(call: Call) -> Value:
     handler = call.get("event_handler", 0)
     unread = Unread(line=call.line, reason="an event handler that is not read may start nodes")
     actions = handler.actions if isinstance(handler, HandlerValue) else (unread,)
-    return ActionValue(action=Group(line=call.line, conditions=call.conditions, actions=actions))
+    return ActionValue(action=Group(**call.where, actions=actions))
 
 
 def _include(call: Call) -> Value:
     source = call.get("launch_description_source", 0)
-    include = Include(
-        line=call.line,
-        conditions=call.conditions,
-        path=text_of(source),
-        arguments=_mapping(call.get("launch_arguments")),
-    )
-    return ActionValue(action=include)
+    arguments = _mapping(call.get("launch_arguments"))
+    return ActionValue(action=Include(**call.where, path=text_of(source), arguments=arguments))
 
 
 def _source(call: Call) -> Value:
@@ -308,25 +301,24 @@ def _description(call: Call) -> Value:
 
 
 def _set(call: Call) -> Value:
-    line, conditions = call.line, call.conditions
     action: Action
     if call.name == "DeclareLaunchArgument":
         default = call.optional("default_value", 1)
-        action = Declare(line=line, conditions=conditions, name=call.text("name", 0), default=default)
+        action = Declare(**call.where, name=call.text("name", 0), default=default)
     elif call.name == "SetLaunchConfiguration":
-        action = Assign(line=line, conditions=conditions, name=call.text("name", 0), value=call.text("value", 1))
+        action = Assign(**call.where, name=call.text("name", 0), value=call.text("value", 1))
     elif call.name == "UnsetLaunchConfiguration":
-        action = Assign(line=line, conditions=conditions, name=call.text("name", 0), value=None)
+        action = Assign(**call.where, name=call.text("name", 0), value=None)
     elif call.name.endswith("EnvironmentVariable"):
         added: Text = (Unknown(reason="an environment variable that is added to"),)
         values = {"Set": call.text("value", 1), "Unset": None, "Append": added}
         value = values[call.name.removesuffix("EnvironmentVariable")]
-        action = AssignEnvironment(line=line, conditions=conditions, name=call.text("name", 0), value=value)
+        action = AssignEnvironment(**call.where, name=call.text("name", 0), value=value)
     elif call.name == "SetRemap":
-        remap = Remap(line=line, source=call.text("src", 0), target=call.text("dst", 1))
-        action = SetRemap(line=line, conditions=conditions, remap=remap)
+        remap = Remap(line=call.line, source=call.text("src", 0), target=call.text("dst", 1))
+        action = SetRemap(**call.where, remap=remap)
     else:
-        action = PushNamespace(line=line, conditions=conditions, namespace=call.text("namespace", 0))
+        action = PushNamespace(**call.where, namespace=call.text("namespace", 0))
     return ActionValue(action=action)
 
 
@@ -334,7 +326,7 @@ def _environment(call: Call) -> Value:
     """All variables are replaced, by those that are named or by earlier ones."""
     earlier = call.name != "ReplaceEnvironmentVariables"
     values = _mapping(call.get("environment", 0))
-    return ActionValue(action=replaced(values, line=call.line, conditions=call.conditions, earlier=earlier))
+    return ActionValue(action=replaced(values, **call.where, earlier=earlier))
 
 
 def _inert(call: Call) -> Value:
@@ -352,7 +344,7 @@ def _process(call: Call) -> Value:
 
 def _function(call: Call) -> Value:
     reason = "a function runs here, which is not called; it may start nodes or change their names"
-    return ActionValue(action=Unread(line=call.line, conditions=call.conditions, reason=reason))
+    return ActionValue(action=Unread(**call.where, reason=reason))
 
 
 def _component(call: Call) -> Value:
