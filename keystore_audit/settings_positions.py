@@ -6,13 +6,9 @@ For documents that a parser has taken already: nothing is checked here. Compared
 from __future__ import annotations
 
 import re
-import sys
 from typing import Final, NamedTuple
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from keystore_audit import toml
 
 Path = tuple[str | int, ...]
 """Keys and indices from the root to a value."""
@@ -101,7 +97,7 @@ class _Scan:
                 match = _STRING.match(self._text, self._at)
                 if match is None:
                     raise AssertionError("a key of a valid document is not found")
-                keys.append((tomllib.loads(f"key = {match[0]}")["key"], position))
+                keys.append((toml.loads(f"key = {match[0]}")["key"], position))
             self._at = match.end()
             self._skip(_SPACES)
             if not self._text.startswith(".", self._at):

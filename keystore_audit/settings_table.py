@@ -7,24 +7,19 @@ from __future__ import annotations
 
 import os
 import re
-import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from datetime import date, datetime, time, timezone
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
+from keystore_audit import toml
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
 from keystore_audit.given import GivenFile
 from keystore_audit.model.claims import Globs
 from keystore_audit.settings_positions import Path as KeyPath
 from keystore_audit.settings_positions import Position, positions
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 _WHERE: Final = re.compile(r" \(at line (\d+), column (\d+)\)$")
 OUTSIDER: Final = "outsider"
@@ -82,7 +77,7 @@ class File:
             raise UsageError(f"{path}:{line}: this is not UTF-8.") from error
         text = text.replace("\r\n", "\n")
         try:
-            self.values: Mapping[str, Any] = tomllib.loads(text)
+            self.values: Mapping[str, Any] = toml.loads(text)
             self._positions = positions(text)
         except (ValueError, RecursionError) as error:  # ValueError: integers of thousands of digits too
             message = str(error) or "too deeply nested"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections import Counter
 from dataclasses import replace
 from datetime import date
@@ -16,7 +15,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from keystore_audit import resources
+from keystore_audit import resources, toml
 from keystore_audit.baseline import create, prune, written
 from keystore_audit.cli import audit as command_line
 from keystore_audit.findings import Location, Severity
@@ -31,11 +30,6 @@ from keystore_audit.text import terminal
 from tests.cli.keystores import answer
 from tests.test_samples import SAMPLES, as_built, name
 from tools.samples.expectation import with_engine
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 UNTIL = date(2027, 3, 31)
 
@@ -99,7 +93,7 @@ def test_what_is_written_is_what_is_read(tmp_path: Path, entries: list[Acceptanc
     assert told == [f"until = {entry.until.isoformat()}" for entry in read]
     assert written(reversed(entries)) == path.read_text("utf-8"), "another order, and other bytes"
     assert written(read) == path.read_text("utf-8")
-    _validator().validate(json.loads(json.dumps(tomllib.loads(path.read_text("utf-8")), default=str)))
+    _validator().validate(json.loads(json.dumps(toml.loads(path.read_text("utf-8")), default=str)))
 
 
 @cache
@@ -126,7 +120,7 @@ DIVERSE = (
 
 
 def given_options(expectation: Path, keystore: Path) -> Options:
-    expected = tomllib.loads(expectation.read_text("utf-8"))
+    expected = toml.loads(expectation.read_text("utf-8"))
     words = [*with_engine(expected["options"]), "--at", expected["at"], str(keystore)]
     return command_line.chosen(command_line.command.make_context("audit", words).params, [str(keystore)])
 

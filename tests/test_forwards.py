@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import sys
 from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
@@ -12,7 +11,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from keystore_audit import resources
+from keystore_audit import resources, toml
 from keystore_audit.engine.alloy.user_file import read_user_files
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Severity
@@ -28,11 +27,6 @@ from tools.samples.certificates import Certificate
 from tools.samples.documents import DISCOVERY, Criterion, Grant, Permissions, Rule
 from tools.samples.keys import Key
 from tools.samples.store import write
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 SAMPLES = Path(__file__).resolve().parents[1] / "sample_keystores"
 TURTLESIM, JOYSTICK = SAMPLES / "flows/turtlesim_healthy", SAMPLES / "flows/turtlesim_joystick"
@@ -89,7 +83,7 @@ deterministic = {{ low = "/move_turtle", high = "topic:/low_priority" }}
     assert one.forwards == (first, second)
     assert (two.statement, two.high, two.forwards) == ("Mine.", Globs(topics=("rt/low_priority",)), (first,))
     assert one.meaning != two.meaning
-    assert list(schema().iter_errors(tomllib.loads(text))) == []
+    assert list(schema().iter_errors(toml.loads(text))) == []
 
 
 @pytest.mark.parametrize(

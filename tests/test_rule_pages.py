@@ -4,23 +4,18 @@ from __future__ import annotations
 
 import re
 import shlex
-import sys
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
 import pytest
 
+from keystore_audit import toml
 from keystore_audit.properties import BY_ID
 from tests.cli.keystores import answer
 from tests.samples.test_build import MADE_BY_FAULTS
 from tests.test_samples import SAMPLES
 from tools import rule_pages
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 
 @cache
@@ -57,7 +52,7 @@ def test_the_commands_of_a_page_find_what_it_says(code: str, monkeypatch: pytest
     assert len(commands) == 2
     for line in commands:
         words = shlex.split(line)
-        expected = tomllib.loads(Path(f"{words[0]}.toml").read_text("utf-8"))
+        expected = toml.loads(Path(f"{words[0]}.toml").read_text("utf-8"))
         exit_code, text = answer("audit", *words, "--engine", "native")
         assert exit_code == expected["exit_code"]
         assert (f"{code} " in text) is (words[0].endswith("/bad") or code in " ".join(expected["findings"]))

@@ -11,14 +11,10 @@ from typing import Any
 
 import pytest
 
+from keystore_audit import toml
 from keystore_audit.cli.program import run as program
 from tools.samples.expectation import finding_line, with_engine
 from tools.samples.store import copy_with_modes
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 ROOT = Path(__file__).parent.parent
 SAMPLES = ROOT / "sample_keystores"
@@ -31,7 +27,7 @@ def name(path: Path) -> str:
 
 def as_built(expectation: Path, target: Path) -> tuple[Path, dict[str, Any]]:
     """A copy with the modes that the sample was built with, which git does not keep, and what is expected of it."""
-    expected = tomllib.loads(expectation.read_text("utf-8"))
+    expected = toml.loads(expectation.read_text("utf-8"))
     copy_with_modes(expectation.with_suffix(""), target, int(expected["key_mode"], 8))
     return target, expected
 
@@ -80,7 +76,7 @@ def test_a_sample_gives_exactly_its_findings(expectation: Path, tmp_path: Path, 
 
 
 def has_options(expectation: Path) -> bool:
-    return bool(tomllib.loads(expectation.read_text("utf-8"))["options"])
+    return bool(toml.loads(expectation.read_text("utf-8"))["options"])
 
 
 WITH_ALLOY = [

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from datetime import date, datetime, timezone
 from pathlib import Path
 from typing import Any
@@ -11,16 +10,11 @@ from typing import Any
 import jsonschema
 import pytest
 
-from keystore_audit import resources
+from keystore_audit import resources, toml
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Severity
 from keystore_audit.settings import read_baseline, read_settings
 from tests.test_suppressions import ENTRY, PLACED, PRINT, WHY, file
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 
 def test_every_key_is_read(tmp_path: Path) -> None:
@@ -126,10 +120,10 @@ def test_the_schemas_refuse_what_is_refused() -> None:
         schema = json.loads((resources.schemas() / f"{name}.schema.json").read_text())
         jsonschema.Draft202012Validator.check_schema(schema)
         validator = jsonschema.Draft202012Validator(schema)
-        assert [error.message for error in validator.iter_errors(_plain(tomllib.loads(good)))] == []
+        assert [error.message for error in validator.iter_errors(_plain(toml.loads(good)))] == []
         for text, _where, what in wrong:
             if not what.startswith(NOT_OF_THE_SCHEMA) and "12:00" not in text:
-                assert not validator.is_valid(_plain(tomllib.loads(text))), text
+                assert not validator.is_valid(_plain(toml.loads(text))), text
 
 
 def _plain(value: Any) -> Any:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import shutil
-import sys
 from collections.abc import Callable
 from datetime import datetime, timezone
 from functools import lru_cache
@@ -20,7 +19,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from keystore_audit import resources
+from keystore_audit import resources, toml
 from keystore_audit.access import Access
 from keystore_audit.cli.program import run
 from keystore_audit.errors import EXIT_INCOMPLETE
@@ -28,11 +27,6 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.profiles import DEFAULT, VARIANTS, resolve
 from keystore_audit.model.question import Question
 from tests.cli.keystores import AT, answer, keystore, rule
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
 EXPECTATIONS = sorted(path for path in SAMPLES.rglob("*.toml") if path.with_suffix("").is_dir())
@@ -44,7 +38,7 @@ def name(path: Path) -> str:
 
 
 def instant(expectation: Path) -> str:
-    at: str = tomllib.loads(expectation.read_text("utf-8"))["at"]
+    at: str = toml.loads(expectation.read_text("utf-8"))["at"]
     return at
 
 

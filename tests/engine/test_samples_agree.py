@@ -6,7 +6,6 @@ tests/test_samples.py asks the whole program about some families with both; here
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import datetime
@@ -14,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from keystore_audit import toml
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import NothingToAudit
 from keystore_audit.keystore.keystore import read_keystore
@@ -27,11 +27,6 @@ from keystore_audit.properties import PROPERTIES
 from tests.engine.alloy_batch import compare_batch
 from tests.engine.test_agreement import holding
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
-
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
 _WORDS = re.compile(r"label=(?:'[^']*'|\"[^\"]*\")|location=Location\([^)]*\)|topic='[^']*'")
 
@@ -42,7 +37,7 @@ def systems() -> Iterator[tuple[str, System]]:
     for description in sorted(SAMPLES.rglob("*.toml")):
         if not description.with_suffix("").is_dir():
             continue  # settings
-        at = datetime.fromisoformat(tomllib.loads(description.read_text())["at"].replace("Z", "+00:00"))
+        at = datetime.fromisoformat(toml.loads(description.read_text())["at"].replace("Z", "+00:00"))
         try:
             keystore = read_keystore(description.with_suffix(""))
         except NothingToAudit:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 
 import pytest
 
+from keystore_audit import toml
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.inventory import documents_of
@@ -19,11 +19,6 @@ from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.system import Reading
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.views import Kind
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
 STORES = sorted(
@@ -56,7 +51,7 @@ def builder_of(store: Path, at: datetime) -> tuple[SystemBuilder, Callable[[str]
 
 @pytest.mark.parametrize("store", STORES, ids=lambda store: str(store.relative_to(SAMPLES)))
 def test_what_one_system_stands_for_is_equal(store: Path) -> None:
-    about = tomllib.loads(store.with_suffix(".toml").read_text(encoding="utf-8"))
+    about = toml.loads(store.with_suffix(".toml").read_text(encoding="utf-8"))
     builder, alone = builder_of(store, datetime.fromisoformat(about["at"].replace("Z", "+00:00")))
     kinds = builder.kinds()
     assert sorted(name for names in kinds.values() for name in names) == sorted(VARIANTS)

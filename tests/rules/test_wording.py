@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import json
-import sys
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from keystore_audit import toml
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.rules.wording import defective
 from keystore_audit.text import counted
 from tests.cli.keystores import answer
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 SAMPLES = Path(__file__).parents[2] / "sample_keystores"
 
@@ -27,7 +22,7 @@ SAMPLES = Path(__file__).parents[2] / "sample_keystores"
 def found(code: str) -> dict[str, Any]:
     """The finding of the rule in its own sample."""
     (root,) = SAMPLES.glob(f"rules/{code}-*/bad")
-    expected = tomllib.loads(root.with_suffix(".toml").read_text("utf-8"))
+    expected = toml.loads(root.with_suffix(".toml").read_text("utf-8"))
     options = [str(SAMPLES / word) if (SAMPLES / word).is_file() else word for word in expected["options"]]
     _exit_code, report = answer(
         "audit", root, "--engine", "native", "--format", "json", "--at", expected["at"], *options

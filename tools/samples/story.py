@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from .store import Store, Tree
+from keystore_audit import toml
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from .store import Store, Tree
 
 AT = "2026-11-21T12:00:00Z"
 """The audit instant unless a story says otherwise: the stock samples were made three weeks before."""
@@ -89,7 +85,7 @@ def description_of(sample: Path) -> Path:
 def read_description(sample: Path) -> dict[str, Any]:
     """The fields of the `.toml` beside `sample`; empty where there is none."""
     path = description_of(sample)
-    return tomllib.loads(path.read_text("utf-8")) if path.is_file() else {}
+    return toml.loads(path.read_text("utf-8")) if path.is_file() else {}
 
 
 def _toml(value: object) -> str:

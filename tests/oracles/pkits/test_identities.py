@@ -8,7 +8,6 @@ sections reach which implementation.
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
@@ -17,20 +16,16 @@ from typing import Any
 
 import pytest
 
+from keystore_audit import toml
 from tests.oracles.pkits import paths, suite
 from tests.oracles.pkits.audited import REFUSALS, objections
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 pytestmark = pytest.mark.xdist_group("pkits")  # every trial is made once
 
 AT = datetime(2020, 1, 1, tzinfo=timezone.utc)
 """PKITS certificates are valid from 2010 to 2030, but for those whose validity is the test."""
 
-LISTED: dict[str, list[dict[str, Any]]] = tomllib.loads((Path(__file__).parent / "deviations.toml").read_text("utf-8"))
+LISTED: dict[str, list[dict[str, Any]]] = toml.loads((Path(__file__).parent / "deviations.toml").read_text("utf-8"))
 STRICTER = LISTED["stricter"]
 
 

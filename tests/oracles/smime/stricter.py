@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from keystore_audit import toml
 
 Reason = tuple[str, str]
 """Kind of a defect, and what it says: `comparison.said`."""
@@ -19,7 +15,7 @@ Reason = tuple[str, str]
 @lru_cache(maxsize=1)
 def listed() -> Mapping[Reason, frozenset[str]]:
     """The named cases of each reason; none where only random mutations show it."""
-    data = tomllib.loads((Path(__file__).parent / "stricter.toml").read_text(encoding="utf-8"))
+    data = toml.loads((Path(__file__).parent / "stricter.toml").read_text(encoding="utf-8"))
     found = {}
     for entry in data["class"]:
         assert entry["reason"], entry

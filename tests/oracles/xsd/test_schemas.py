@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -15,17 +14,13 @@ import xmlschema
 from hypothesis import given, settings
 from lxml import etree
 
+from keystore_audit import toml
 from keystore_audit.keystore.xsd import Grammar
 from keystore_audit.resources import schemas
 from tests.keystore.builder import GOVERNANCE
 from tests.keystore.documents import ARDENT_GOVERNANCE, CRYSTAL_PERMISSIONS, EVERYTHING_ALLOWED
 from tests.oracles.xsd.grammar import is_valid
 from tests.strategies.documents import Tree, changed, documents, single_changes, valid
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 SHARED = Path(__file__).resolve().parents[4] / "shared/reference/xsd"
 """The published schemas, which a user's clone does not have."""
@@ -72,7 +67,7 @@ class Difference:
 
 DIFFERENCES = [
     Difference(**entry)
-    for entry in tomllib.loads((Path(__file__).parent / "differences.toml").read_text("utf-8"))["difference"]
+    for entry in toml.loads((Path(__file__).parent / "differences.toml").read_text("utf-8"))["difference"]
 ]
 
 Validator = Callable[[etree._Element], bool]
