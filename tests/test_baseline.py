@@ -6,16 +6,14 @@ import json
 from collections import Counter
 from dataclasses import replace
 from datetime import date
-from functools import cache
 from pathlib import Path
 from typing import Any
 
-import jsonschema
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from keystore_audit import resources, toml
+from keystore_audit import toml
 from keystore_audit.baseline import create, prune, written
 from keystore_audit.cli import audit as command_line
 from keystore_audit.findings import Location, Severity
@@ -28,6 +26,7 @@ from keystore_audit.settings import Baseline, read_baseline
 from keystore_audit.suppressions import Acceptance, Fate, acceptable, accepted, uses
 from keystore_audit.text import terminal
 from tests.cli.keystores import answer
+from tests.settings_files import plain, schema
 from tests.test_samples import SAMPLES, as_built, name
 from tools.samples.expectation import with_engine
 
@@ -82,23 +81,18 @@ def test_what_is_written_is_what_is_read(tmp_path: Path, entries: list[Acceptanc
     path.write_text(written(entries), "utf-8")
     read = read_baseline(path).acceptances
 
-    def plain(some: Any) -> list[Acceptance]:
+    def placeless(some: Any) -> list[Acceptance]:
         bare = [replace(entry, location=Location(path=""), place="", until_place="") for entry in some]
         return sorted(bare, key=lambda entry: str(entry.fingerprint))
 
-    assert plain(read) == plain(entries)
+    assert placeless(read) == placeless(entries)
     assert [f"{path}:{entry.location.line}:1" for entry in read] == [entry.place for entry in read]
     lines = path.read_text("utf-8").split("\n")
     told = [lines[int(entry.until_place.split(":")[-2]) - 1] for entry in read]
     assert told == [f"until = {entry.until.isoformat()}" for entry in read]
     assert written(reversed(entries)) == path.read_text("utf-8"), "another order, and other bytes"
     assert written(read) == path.read_text("utf-8")
-    _validator().validate(json.loads(json.dumps(toml.loads(path.read_text("utf-8")), default=str)))
-
-
-@cache
-def _validator() -> jsonschema.protocols.Validator:
-    return jsonschema.Draft202012Validator(json.loads((resources.schemas() / "baseline.schema.json").read_text()))
+    schema("baseline").validate(plain(path.read_text("utf-8")))
 
 
 # Of samples

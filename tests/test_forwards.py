@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
 
-import jsonschema
 import pytest
 
-from keystore_audit import resources, toml
+from keystore_audit import toml
 from keystore_audit.engine.alloy.user_file import read_user_files
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Severity
@@ -20,8 +18,8 @@ from keystore_audit.model.claims import Globs
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
-from keystore_audit.settings import Settings, read_settings
 from tests.model.comparing import Member, Store, criterion, domain_rule, governance, grant, permissions, rule
+from tests.settings_files import read, schema, wrong
 from tools.samples.base import IDENTITY_CA, LISTENER, TALKER, TWO
 from tools.samples.certificates import Certificate
 from tools.samples.documents import DISCOVERY, Criterion, Grant, Permissions, Rule
@@ -44,16 +42,6 @@ MOVED = '[[property]]\nname = "moved"\ndeterministic = { low = "/move_turtle" }\
 def asked(low: str, high: str = "") -> str:
     besides = f', high = "{high}"' if high else ""
     return f'[[property]]\nname = "moved"\ndeterministic = {{ low = "{low}"{besides} }}\n'
-
-
-def read(tmp_path: Path, text: str) -> Settings:
-    file = tmp_path / "keystore-audit.toml"
-    file.write_text(text, "utf-8")
-    return read_settings(file)
-
-
-def schema() -> jsonschema.Draft202012Validator:
-    return jsonschema.Draft202012Validator(json.loads((resources.schemas() / "settings.schema.json").read_text()))
 
 
 def test_forwards_and_claims_are_read(tmp_path: Path) -> None:
@@ -110,9 +98,7 @@ deterministic = {{ low = "/move_turtle", high = "topic:/low_priority" }}
     ],
 )
 def test_what_is_wrong_is_said_with_line_and_column(tmp_path: Path, text: str, where: str, what: str) -> None:
-    with pytest.raises(UsageError) as caught:
-        read(tmp_path, text)
-    said = caught.value.message.removeprefix(str(tmp_path / "keystore-audit.toml"))
+    said = wrong(tmp_path, text)
     assert said.startswith(f"{where}: ")
     assert what in said
 

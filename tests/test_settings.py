@@ -8,39 +8,26 @@ import string
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any
 
-import jsonschema
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from keystore_audit import resources, toml
+from keystore_audit import toml
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Severity
 from keystore_audit.model.claim import Attacker, ClaimKind
 from keystore_audit.model.claims import Claim, Globs
 from keystore_audit.settings import read_settings
 from keystore_audit.settings_positions import Position, positions
+from tests.settings_files import plain, read, schema, wrong
 
 HEAD = '[[property]]\nname = "a"\n'
 SAMPLES = Path(__file__).resolve().parents[1] / "sample_keystores"
 
 
 def claims(tmp_path: Path, text: str) -> tuple[Claim, ...]:
-    file = tmp_path / "keystore-audit.toml"
-    file.write_text(text, "utf-8")
-    return read_settings(file).claims
-
-
-def wrong(tmp_path: Path, text: str | bytes) -> str:
-    """What is said, after the file's path."""
-    file = tmp_path / "keystore-audit.toml"
-    file.write_bytes(text.encode() if isinstance(text, str) else text)
-    with pytest.raises(UsageError) as caught:
-        read_settings(file)
-    assert caught.value.message.startswith(str(file))
-    return caught.value.message.removeprefix(str(file))
+    return read(tmp_path, text).claims
 
 
 @pytest.mark.parametrize(("said", "told"), [("No", "No."), ("No. ", "No."), ("Never!", "Never!"), ("Why?", "Why?")])
@@ -153,13 +140,11 @@ def test_settings_inside_of_the_keystore_are_refused_also_over_a_link(tmp_path: 
 
 
 def test_the_schema_takes_what_is_taken_and_refuses_what_is_refused(tmp_path: Path) -> None:
-    schema = json.loads((resources.schemas() / "settings.schema.json").read_text())
-    jsonschema.Draft202012Validator.check_schema(schema)
-    validator = jsonschema.Draft202012Validator(schema)
+    validator = schema()
     for file in sorted((SAMPLES / "settings").glob("*.toml")):
         settings = read_settings(file)
         assert settings.claims or settings.declared.claims
-        assert [error.message for error in validator.iter_errors(_plain(toml.loads(file.read_text())))] == []
+        assert [error.message for error in validator.iter_errors(plain(file.read_text()))] == []
     for text in (
         HEAD,
         "[[propertty]]\n",
@@ -169,16 +154,7 @@ def test_the_schema_takes_what_is_taken_and_refuses_what_is_refused(tmp_path: Pa
         f'{HEAD}only_publish = {{ topic = "/a", enclaves = "a" }}\n',
     ):
         assert wrong(tmp_path, text)
-        assert not validator.is_valid(_plain(toml.loads(text))), text
-
-
-def _plain(value: Any) -> Any:
-    """TOML in the types of JSON."""
-    if isinstance(value, Mapping):
-        return {key: _plain(one) for key, one in value.items()}
-    if isinstance(value, list):
-        return [_plain(one) for one in value]
-    return value if isinstance(value, str | int | float | bool) else value.isoformat()
+        assert not validator.is_valid(plain(text)), text
 
 
 KEYS = st.text(alphabet=string.ascii_letters + string.digits + "-_", min_size=1, max_size=3) | st.text(max_size=3)

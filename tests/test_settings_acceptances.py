@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from datetime import date, datetime, timezone
 from pathlib import Path
 from typing import Any
 
-import jsonschema
 import pytest
 
-from keystore_audit import resources, toml
-from keystore_audit.errors import UsageError
+from keystore_audit import toml
 from keystore_audit.findings import Severity
-from keystore_audit.settings import read_baseline, read_settings
-from tests.test_suppressions import ENTRY, PLACED, PRINT, WHY, file
+from keystore_audit.settings import read_baseline
+from tests.settings_files import read, schema, wrong
+from tests.test_suppressions import ENTRY, PLACED, PRINT, WHY
 
 
 def test_every_key_is_read(tmp_path: Path) -> None:
@@ -27,7 +25,7 @@ severity = "critical"
 profiles = ["spec", "fastdds-3.6"]
 causes = ["{PRINT}"]
 {WHY}"""
-    settings = read_settings(file(tmp_path, text))
+    settings = read(tmp_path, text)
     placed, printed = settings.acceptances
     assert settings.max_suppression_days == 400
     assert (placed.code, placed.where, placed.fingerprint, placed.severity) == ("KA205", ("/talker",), None, None)
@@ -74,10 +72,7 @@ WRONG = [
 
 @pytest.mark.parametrize(("text", "where", "what"), WRONG)
 def test_what_is_wrong_is_said_with_line_and_column(tmp_path: Path, text: str, where: str, what: str) -> None:
-    path = file(tmp_path, text)
-    with pytest.raises(UsageError) as caught:
-        read_settings(path)
-    said = caught.value.message.removeprefix(str(path))
+    said = wrong(tmp_path, text)
     assert said.startswith(where)
     assert what in said
 
@@ -96,10 +91,7 @@ WRONG_ENTRIES = [
 
 @pytest.mark.parametrize(("text", "where", "what"), WRONG_ENTRIES)
 def test_what_is_wrong_with_a_baseline_too(tmp_path: Path, text: str, where: str, what: str) -> None:
-    path = file(tmp_path, text, "baseline.toml")
-    with pytest.raises(UsageError) as caught:
-        read_baseline(path)
-    said = caught.value.message.removeprefix(str(path))
+    said = wrong(tmp_path, text, read_baseline)
     assert said.startswith(where)
     assert what in said
 
@@ -116,12 +108,10 @@ NOT_OF_THE_SCHEMA = (
 
 
 def test_the_schemas_refuse_what_is_refused() -> None:
-    for name, good, wrong in (("settings", PLACED, WRONG), ("baseline", ENTRY, WRONG_ENTRIES)):
-        schema = json.loads((resources.schemas() / f"{name}.schema.json").read_text())
-        jsonschema.Draft202012Validator.check_schema(schema)
-        validator = jsonschema.Draft202012Validator(schema)
+    for name, good, bad in (("settings", PLACED, WRONG), ("baseline", ENTRY, WRONG_ENTRIES)):
+        validator = schema(name)
         assert [error.message for error in validator.iter_errors(_plain(toml.loads(good)))] == []
-        for text, _where, what in wrong:
+        for text, _where, what in bad:
             if not what.startswith(NOT_OF_THE_SCHEMA) and "12:00" not in text:
                 assert not validator.is_valid(_plain(toml.loads(text))), text
 

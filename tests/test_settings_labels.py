@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
-import jsonschema
 import pytest
 
-from keystore_audit import resources, toml
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Severity
 from keystore_audit.model.claim import Attacker, ClaimKind
-from keystore_audit.settings import Settings, read_settings
 from tests.cli.test_flow import SAMPLES, audit
+from tests.settings_files import plain, read, schema, wrong
 
 LIMITS = '[[label]]\nlabel = "driving"\ntopics = "/motor*"\n[[label]]\nlabel = "entertainment"\ntopics = "/*_limit"\n'
 ALIKE = """
@@ -42,16 +39,6 @@ enclaves = "/infotainment"
 label = "driving"
 enclaves = "/motor"
 """
-
-
-def read(tmp_path: Path, text: str) -> Settings:
-    file = tmp_path / "keystore-audit.toml"
-    file.write_text(text, "utf-8")
-    return read_settings(file)
-
-
-def schema() -> jsonschema.Draft202012Validator:
-    return jsonschema.Draft202012Validator(json.loads((resources.schemas() / "settings.schema.json").read_text()))
 
 
 FULL = """
@@ -103,9 +90,7 @@ def test_everything_is_read(tmp_path: Path) -> None:
     writers = [claim for claim in settings.claims if claim.kind is ClaimKind.ONLY_PUBLISH]
     assert [claim.id for claim in writers] == ["single-writer-cmd-vel", "single-writer-dds-rq-addrequest"]
     assert [claim.target.topics for claim in writers] == [("rt/cmd_vel",), ("rq/addRequest",)]
-    plain = toml.loads(FULL)
-    plain["lattice"]["until"] = "2027-01-01"
-    assert [error.message for error in schema().iter_errors(plain)] == []
+    assert [error.message for error in schema().iter_errors(plain(FULL))] == []
 
 
 def test_categories_and_orders(tmp_path: Path) -> None:
@@ -115,14 +100,14 @@ def test_categories_and_orders(tmp_path: Path) -> None:
     assert labels is not None
     assert set(labels.pairs()) == {("camera, map", "no category")}
     assert {claim.labels.id for claim in labels.claims() if claim.labels} == {"label-camera-and-map-to-no-category"}
-    assert schema().is_valid(toml.loads(sets + marks))
+    assert schema().is_valid(plain(sets + marks))
     order = '[lattice]\norder = { low = [], high = ["low"], apart = [] }\n'
     labels = read(tmp_path, order + TWO + '[[label]]\nlabel = "apart"\ntopics = "/x"\n').labels
     assert labels is not None
     assert set(labels.pairs()) == {
         ("high", "low"), ("low", "apart"), ("apart", "low"), ("high", "apart"), ("apart", "high")
     }  # fmt: skip
-    assert schema().is_valid(toml.loads(order + TWO))
+    assert schema().is_valid(plain(order + TWO))
 
 
 @pytest.mark.parametrize(
@@ -153,16 +138,14 @@ def test_categories_and_orders(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_wrong_is_said_with_line_and_column(tmp_path: Path, text: str, where: str, what: str) -> None:
-    with pytest.raises(UsageError) as caught:
-        read(tmp_path, text)
-    said = caught.value.message.removeprefix(str(tmp_path / "keystore-audit.toml"))
+    said = wrong(tmp_path, text)
     assert said.startswith(f"{where}: ")
     assert what in said
 
 
 @pytest.mark.parametrize("text", [TWO, f'{LEVELS}categories = ["a"]\n{TWO}', '[[endorser]]\nenclaves = "/a"\n'])
 def test_the_schema_refuses_it_too(text: str) -> None:
-    assert not schema().is_valid(toml.loads(text))
+    assert not schema().is_valid(plain(text))
 
 
 def test_a_property_may_not_have_the_name_of_what_labels_make(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from junitparser import JUnitXml
 from keystore_audit.cli.formats import FORMATS
 from keystore_audit.text import markdown
 from tests.cli.keystores import answer
+from tests.settings_files import file
 from tests.test_samples import SAMPLES, as_built
 from tools.samples.base import TWO
 from tools.samples.documents import DomainRule, Governance, TopicRule
@@ -28,12 +29,6 @@ PLACED = f'[[suppression]]\ncode = "KA205"\nwhere = "/talker"\n{WHY}'
 ENTRY = f'[[accepted]]\ncode = "KA205"\nfingerprint = "{PRINT}"\nseverity = "low"\n{WHY}'
 TALKER = "rules/KA909-suppression-expired/bad"
 """Its findings: KA205 (medium) and KA513 (low) of the talker."""
-
-
-def file(folder: Path, text: str, name: str = "keystore-audit.toml") -> Path:
-    path = folder / name
-    path.write_text(text, "utf-8")
-    return path
 
 
 @pytest.fixture
