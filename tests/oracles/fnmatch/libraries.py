@@ -60,3 +60,7 @@ def ask(pattern: Pattern, names: Sequence[str]) -> Column:
         return [wild_match(name, elsewhere, True, True) for name in octets]
     fnmatch, flags = _fnmatch(), FLAGS[pattern.matcher]
     return [fnmatch(text, name, flags) == 0 for name in octets]
+
+
+def ask_all(patterns: Sequence[Pattern], names: Sequence[str]) -> list[Column]:
+    return [ask(pattern, names) for pattern in patterns]

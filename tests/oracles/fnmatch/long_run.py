@@ -4,16 +4,11 @@ from __future__ import annotations
 
 import argparse
 import random
-from collections.abc import Sequence
 
-from keystore_audit.model.expression import Matcher, Pattern
+from keystore_audit.model.expression import Matcher
 from tests.oracles.fnmatch.brute_force import assert_classes_are_exact
 from tests.oracles.fnmatch.corpus import pattern_set
-from tests.oracles.fnmatch.libraries import FLAGS, Column, ask
-
-
-def ask_all(patterns: Sequence[Pattern], names: Sequence[str]) -> list[Column]:
-    return [ask(pattern, names) for pattern in patterns]
+from tests.oracles.fnmatch.libraries import FLAGS, ask_all
 
 
 def main() -> None:

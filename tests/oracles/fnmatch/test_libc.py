@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Sequence
 
 import pytest
 
-from keystore_audit.model.expression import Matcher, Pattern
+from keystore_audit.model.expression import Matcher
 from tests.oracles.fnmatch.brute_force import assert_classes_are_exact
 from tests.oracles.fnmatch.corpus import BRACKET_NAMES, meant, pattern_set
-from tests.oracles.fnmatch.libraries import Column, ask
+from tests.oracles.fnmatch.libraries import ask, ask_all
 
 BOTH = (Matcher.POSIX, Matcher.POSIX_NOESCAPE)
 CHECKS = 260_000
 """Of a name and a set of expressions; for two seeds and two matchers more than a million."""
-
-
-def ask_all(patterns: Sequence[Pattern], names: Sequence[str]) -> list[Column]:
-    return [ask(pattern, names) for pattern in patterns]
 
 
 @pytest.mark.slow

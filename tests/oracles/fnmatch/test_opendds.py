@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Sequence
 
 import pytest
 
-from keystore_audit.model.expression import Matcher, Pattern, parse
+from keystore_audit.model.expression import Matcher, parse
 from tests.oracles.fnmatch.brute_force import assert_classes_are_exact
 from tests.oracles.fnmatch.corpus import BRACKET_NAMES, meant, pattern_set
-from tests.oracles.fnmatch.libraries import Column, ask
-
-
-def ask_all(patterns: Sequence[Pattern], names: Sequence[str]) -> list[Column]:
-    return [ask(pattern, names) for pattern in patterns]
+from tests.oracles.fnmatch.libraries import ask, ask_all
 
 
 @pytest.mark.slow

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from itertools import zip_longest
 
 import pytest
@@ -13,20 +13,12 @@ from tests.oracles.fnmatch.brute_force import assert_classes_are_exact
 from tests.oracles.fnmatch.corpus import BRACKET_NAMES, meant, pattern_set, short_names
 from tests.oracles.fnmatch.libraries import Column, ask
 from tests.oracles.fnmatch.plugin import ask_two
-from tests.oracles.xml.parsers import require_measured_versions
-from tests.oracles.xml.plugins import Plugin, both
+from tests.oracles.xml.plugins import Plugin
 
 pytestmark = pytest.mark.xdist_group("fnmatch-plugins")
 
 PLAIN_NAMES = [*short_names("ab/]", 3), *short_names("-^!:.", 2), "abcab", "a1"]
 """Without wildcards: Fast DDS takes the topic for the pattern too."""
-
-
-@pytest.fixture(scope="module")
-def plugins(oracle: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Plugin]]:
-    require_measured_versions(oracle)
-    with both(oracle, tmp_path_factory.mktemp("plugins")) as running:
-        yield running
 
 
 @pytest.mark.parametrize(

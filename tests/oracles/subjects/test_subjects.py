@@ -7,7 +7,7 @@ with real certificates and signatures. The comparison of Fast DDS since 2.14 and
 from __future__ import annotations
 
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from html import escape
 from pathlib import Path
 
@@ -23,8 +23,7 @@ from keystore_audit.model.subject import names, printed, same_meaning
 from tests.keystore.builder import certificate, evidence
 from tests.keystore.documents import PERMISSIONS
 from tests.oracles.xml.ours import DocumentKind
-from tests.oracles.xml.parsers import require_measured_versions
-from tests.oracles.xml.plugins import Plugin, both
+from tests.oracles.xml.plugins import Plugin
 
 pytestmark = pytest.mark.xdist_group("xml-oracle")
 
@@ -56,13 +55,6 @@ GRANTS = (
 )
 
 MEASURED = {"cyclone": SubjectComparison.CYCLONEDDS, "fastdds": SubjectComparison.FASTDDS_ORDERED}
-
-
-@pytest.fixture(scope="module")
-def plugins(oracle: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Plugin]]:
-    require_measured_versions(oracle)
-    with both(oracle, tmp_path_factory.mktemp("plugins")) as running:
-        yield running
 
 
 def named(attributes: tuple[tuple[x509.ObjectIdentifier, str], ...]) -> x509.Name:

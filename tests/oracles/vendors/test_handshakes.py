@@ -5,7 +5,6 @@ Keys of some kinds sign nothing in it, and permissions may be too large for its 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,21 +15,12 @@ from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.ability import sent, talks
 from keystore_audit.model.profiles import VARIANTS
 from tests.keystore.builder import PrivateKey, certificate
-from tests.oracles.vendors.pairs import PATIENCE, Pairs, Side, pairs
+from tests.oracles.vendors.pairs import PATIENCE, Pairs, Side
 from tests.oracles.vendors.pairs_case import CAS, PLAIN_FIRST, PLAIN_SECOND
 from tests.oracles.vendors.pairs_material import EVERYTHING, Enclave, grant, permissions
 from tests.oracles.vendors.remote_ours import PROFILES
-from tests.oracles.xml.parsers import require_measured_versions
 
 pytestmark = pytest.mark.xdist_group("vendors-pairs")  # the programs are compiled once
-
-
-@pytest.fixture(scope="module")
-def vendors(oracle: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Pairs]]:
-    """Both vendors' programs, where they are those that the profiles speak of."""
-    require_measured_versions(oracle)
-    with pairs(oracle, tmp_path_factory.mktemp("programs")) as both:
-        yield both
 
 
 def of(key: PrivateKey) -> Enclave:

@@ -2,27 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from keystore_audit.model.question import Ruling
-from tests.oracles.vendors.pairs import Pairs, pairs
+from tests.oracles.vendors.pairs import Pairs
 from tests.oracles.vendors.pairs_case import KEYSTORE
 from tests.oracles.vendors.pairs_measured import CASES, measured, outcomes
 from tests.oracles.vendors.remote_ours import answers
-from tests.oracles.xml.parsers import require_measured_versions
 
 pytestmark = pytest.mark.xdist_group("vendors-pairs")  # the programs are compiled once
-
-
-@pytest.fixture(scope="module")
-def vendors(oracle: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Pairs]]:
-    """Both vendors' programs, where they are those of the table."""
-    require_measured_versions(oracle)
-    with pairs(oracle, tmp_path_factory.mktemp("programs")) as both:
-        yield both
 
 
 def test_every_pair_was_measured_once() -> None:

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import pytest
 
 from keystore_audit.model.question import Ruling
-from tests.oracles.vendors.pairs import PATIENCE, Pairs, pairs
+from tests.oracles.vendors.pairs import PATIENCE, Pairs
 from tests.oracles.vendors.remote import ENDPOINTS_OF_A_PAIR, Remote, random_remote
 from tests.oracles.vendors.remote_ours import effective
 from tests.oracles.vendors.remote_reference import accepted_by_cyclone, accepted_by_fastdds
-from tests.oracles.xml.parsers import require_measured_versions
 
 pytestmark = pytest.mark.xdist_group("vendors-pairs")  # every keystore is asked about once
 
@@ -24,14 +23,6 @@ _REFERENCES = {"cyclone": accepted_by_cyclone, "fastdds": accepted_by_fastdds}
 
 Accepted = Mapping[int, tuple[bool, ...]]
 """By seed, which of the second side's endpoints the first one accepted."""
-
-
-@pytest.fixture(scope="module")
-def vendors(oracle: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Pairs]]:
-    """Both vendors' programs, where they are those that the profiles speak of."""
-    require_measured_versions(oracle)
-    with pairs(oracle, tmp_path_factory.mktemp("programs")) as both:
-        yield both
 
 
 @pytest.fixture(scope="module", params=["cyclone", "fastdds"])

@@ -7,7 +7,6 @@ Cyclone DDS 0.10 decides by the letter of DDS-Security 1.1, 9.4.1.2 and 9.4.1.3;
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -26,21 +25,13 @@ from tests.oracles.xml.corpus import DOCUMENTS, kind_of
 from tests.oracles.xml.decisions import by_fastdds, by_the_letter, holds, joins
 from tests.oracles.xml.measure import DECIDED, MEASURED, TOPICS, decided
 from tests.oracles.xml.mutation import documents
-from tests.oracles.xml.parsers import require_measured_versions
-from tests.oracles.xml.plugins import Plugin, both
+from tests.oracles.xml.plugins import Plugin
 from tools.samples.expectation import audit_directory
 
 pytestmark = pytest.mark.xdist_group("xml-oracle")
 
 LARGEST_DOMAIN = 230
 """Of Cyclone DDS 0.10: a larger one and the file is refused."""
-
-
-@pytest.fixture(scope="module")
-def plugins(oracle: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Plugin]]:
-    require_measured_versions(oracle)
-    with both(oracle, tmp_path_factory.mktemp("plugins")) as running:
-        yield running
 
 
 @pytest.mark.parametrize("vendor", ["cyclone", "fastdds"])
