@@ -166,6 +166,8 @@ class Lines:
         """What of partitions is read differently, where that is the cause."""
         if before.access.partitions is PartitionReading.CRITERION_DEFAULT:
             return Cause.DENY_WITHOUT_PARTITION
+        if before.access.partitions is PartitionReading.CRITERION_NAMED:
+            return Cause.OTHER
         if decider.ruling is True:
             return Cause.CROSSED_PARTITIONS
         line = decider.location.line if decider.location is not None else None

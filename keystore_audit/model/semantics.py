@@ -192,12 +192,25 @@ def _everywhere(topics: tuple[str, ...]) -> Region:
 
 
 def _by_criterion(rule: Rule, operation: Operation, reading: PartitionReading) -> Region:
-    everywhere = not rule.allow and reading is PartitionReading.CRITERION
-    return tuple(
-        Area(_texts(criterion.topics), _partitions(criterion, everywhere=everywhere))
-        for criterion in rule.criteria
-        if criterion.operation is operation
-    )
+    everywhere = not rule.allow and reading is not PartitionReading.CRITERION_DEFAULT
+    found = []
+    for criterion in rule.criteria:
+        if criterion.operation is operation:
+            partitions = _partitions(criterion, everywhere=everywhere)
+            if partitions is not None and reading is PartitionReading.CRITERION_NAMED:
+                partitions = _named(partitions, allow=rule.allow)
+            found.append(Area(_texts(criterion.topics), partitions))
+    return tuple(found)
+
+
+def _named(partitions: tuple[str, ...], *, allow: bool) -> tuple[str, ...]:
+    """With the default partition, or (of a denial) without it, which an expression of stars alone matches too.
+
+    That of endpoints without a name: with an empty name they may do less, nowhere more.
+    """
+    if allow:
+        return tuple(dict.fromkeys((*partitions, *DEFAULT_PARTITION)))
+    return tuple(text if text.strip("*") else f"?{text}" for text in partitions if text)
 
 
 def _by_rule(rule: Rule, operation: Operation) -> Region:

@@ -1,4 +1,4 @@
-"""On OpenDDS access control is off where any matching rule of the governance has it off, not the first alone."""
+"""What OpenDDS alone does: access control is off where any matching rule of the governance has it off, and more."""
 
 from __future__ import annotations
 
@@ -92,3 +92,20 @@ def test_opendds_lets_a_grant_out_of_date_join(
         asked = Asked(governance(domain_rule(topics=topics)), tmp_path / name, profile, own)
         assert (asked.conceded, asked.allowed) == (writes, name == "loose")
         assert asked.starts is (expected and name == "loose"), "OpenDDS starts where some topic has none"
+
+
+@pytest.mark.parametrize(("profile", "expected"), [("opendds", True), ("spec", False), ("cyclonedds-11", False)])
+def test_no_partition_is_in_any_list_of_an_allow_rule_and_in_none_of_a_deny_rule(
+    profile: str, expected: bool, tmp_path: Path
+) -> None:
+    """Permissions.cpp of OpenDDS, Action::partitions_match: of an endpoint without names none is looked up."""
+    by, everywhere = governance(domain_rule()), criterion("publish", "rt/a")
+    elsewhere = rule(criterion("publish", "rt/a", partitions=("secret",)))
+    own = permissions(grant("/e", elsewhere))
+    asked = Asked(by, tmp_path / "allow", profile, own)
+    assert (asked.allowed, asked.conceded) == (expected, expected)
+    for name, partitions, allowed in (("all", ("*",), expected), ("stars", ("**", ""), expected), ("none", (), False)):
+        denial = rule(criterion("publish", "rt/a", partitions=partitions), allow=False)
+        own = permissions(grant("/e", denial, rule(everywhere)))
+        asked = Asked(by, tmp_path / name, profile, own)
+        assert (asked.allowed, asked.conceded) == (allowed, allowed)

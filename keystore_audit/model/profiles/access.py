@@ -26,12 +26,15 @@ class PartitionReading(str, Enum):
     """Where the partitions of a rule count.
 
     CRITERION: each criterion has its own (DDS-Security 1.1, 9.4.1.3.2.3), a deny rule without any denies in all.
+    CRITERION_NAMED: the same, but an endpoint without any name of a partition, in the default one, is in those of every
+    allow rule and of no deny rule that lists some.
     CRITERION_DEFAULT: the same, and a deny rule without any denies in the default partition alone. RULE: the first rule
     whose topics match decides; those of all its criteria of the kind count for all its topics, and outside of them, and
     anywhere in a deny rule, it denies.
     """
 
     CRITERION = "criterion"
+    CRITERION_NAMED = "criterion, of endpoints that name a partition"
     CRITERION_DEFAULT = "criterion, default partition where a deny rule has none"
     RULE = "rule"
 

@@ -144,6 +144,7 @@ _OPENDDS_ACCESS: Final = replace(
     matcher=Matcher.OPENDDS,
     matches_octets=True,
     dates=DateReading.OPENDDS,
+    partitions=PartitionReading.CRITERION_NAMED,
     relay=RelayReading.NOTHING,
     skips_grants_out_of_date=False,
     joins_out_of_date=True,
