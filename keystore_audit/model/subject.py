@@ -8,16 +8,18 @@ writes; they differ about order, blanks, quotes, escapes, repeated attributes an
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import lru_cache, partial
 from itertools import chain
-from typing import Final, Protocol
+from typing import Final
 
 from cryptography import x509
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.certificate import Certificate
+from keystore_audit.model.opendds_subject import oneline, relative_names
 from keystore_audit.model.profiles import SubjectComparison
+from keystore_audit.model.subject_types import SHORT_NAMES, Subject, typed
 
 TOKENWISE: Final = frozenset({SubjectComparison.CYCLONEDDS, SubjectComparison.CYCLONEDDS_TRIMMED})
 """Comparisons by parts of names: a text names each subject that is made of some of its own."""
@@ -37,49 +39,8 @@ _CYCLONEDDS_DELIMITERS: Final = str.maketrans("/|", ",,")
 _PLAIN: Final = re.compile(r"CN=(?:/[A-Za-z0-9_]+){1,19}")
 """Subjects as sros2 writes them: each names itself for everybody, and for all but Cyclone DDS nothing else."""
 
-_SHORT_NAMES: Final[Mapping[str, str]] = {
-    # OpenSSL's short names (crypto/objects/objects.txt) of what stands in subjects; cryptography knows nine of them.
-    "2.5.4.3": "CN",
-    "2.5.4.4": "SN",
-    "2.5.4.5": "serialNumber",
-    "2.5.4.6": "C",
-    "2.5.4.7": "L",
-    "2.5.4.8": "ST",
-    "2.5.4.9": "street",
-    "2.5.4.10": "O",
-    "2.5.4.11": "OU",
-    "2.5.4.12": "title",
-    "2.5.4.17": "postalCode",
-    "2.5.4.41": "name",
-    "2.5.4.42": "GN",
-    "2.5.4.43": "initials",
-    "2.5.4.44": "generationQualifier",
-    "2.5.4.46": "dnQualifier",
-    "2.5.4.65": "pseudonym",
-    "0.9.2342.19200300.100.1.1": "UID",
-    "0.9.2342.19200300.100.1.25": "DC",
-    "1.2.840.113549.1.9.1": "emailAddress",
-}
-
-OBJECT_IDENTIFIERS: Final[Mapping[str, x509.ObjectIdentifier]] = {
-    name: x509.ObjectIdentifier(number) for number, name in _SHORT_NAMES.items()
-}
-"""By OpenSSL's short names."""
-
 Attributes = tuple[tuple[str, str], ...]
 """Types and values, in order."""
-
-
-class Subject(Hashable, Protocol):
-    """Whom a certificate is about, as `Certificate` has it; the certificate need not be here."""
-
-    @property
-    def subject(self) -> str:
-        """As RFC 4514 writes it."""
-
-    @property
-    def subject_name(self) -> x509.Name:
-        """Its attributes."""
 
 
 def matching(
@@ -131,11 +92,16 @@ def _compared(
     """By the comparison itself, for the certificates `numbers`."""
     by_attribute = _BY_ATTRIBUTE.get(comparison)
     if by_attribute is None:
-        key = _ordered if comparison is SubjectComparison.FASTDDS_ORDERED else _distinguished
+        ordered = comparison is SubjectComparison.FASTDDS_ORDERED
         found: dict[object, set[int]] = {}
         for number in numbers:
-            found.setdefault(key(_printed(certificates[number], escape_non_ascii=False)), set()).add(number)
-        return {text: frozenset(found.get(key(text), ())) for text in subjects}
+            each = certificates[number]
+            own = _ordered(_printed(each, escape_non_ascii=False)) if ordered else relative_names(oneline(each))
+            found.setdefault(own, set()).add(number)
+        found[None] = set()  # what is no name names nobody
+        return {
+            text: frozenset(found.get(_ordered(text) if ordered else relative_names(text), ())) for text in subjects
+        }
     printed_names = [
         _printed(certificates[number], escape_non_ascii=by_attribute.escape_non_ascii) for number in numbers
     ]
@@ -154,7 +120,7 @@ def names(subject: str, certificate: Certificate, comparison: SubjectComparison)
 def is_printable(certificate: Certificate) -> bool:
     """Whether `printed` knows how OpenSSL prints the subject: every attribute a string of a type in its table."""
     return all(
-        each.oid.dotted_string in _SHORT_NAMES and isinstance(each.value, str) for each in certificate.subject_name
+        each.oid.dotted_string in SHORT_NAMES and isinstance(each.value, str) for each in certificate.subject_name
     )
 
 
@@ -182,9 +148,8 @@ def printed(certificate: Subject, *, escape_non_ascii: bool) -> str:
 
 
 def _attribute(attribute: x509.NameAttribute[str | bytes], *, escape: bool) -> str:
-    kind = attribute.oid.dotted_string
-    value = attribute.value if isinstance(attribute.value, str) else "#" + attribute.value.hex().upper()
-    return f"{_SHORT_NAMES.get(kind, kind)}={escaped(value, escape=escape)}"
+    kind, value = typed(attribute)
+    return f"{kind}={escaped(value, escape=escape)}"
 
 
 def escaped(value: str, *, escape: bool = False) -> str:
@@ -233,7 +198,7 @@ def _trimmed(piece: str) -> str:
 
 
 def _distinguished(text: str) -> tuple[frozenset[tuple[str, str]], ...] | str:
-    """OpenDDS: relative names in order, each a set of attributes, blanks off and escapes resolved (read only)."""
+    """Relative names in order, each a set of attributes, blanks off and quotes and escapes resolved; else the text."""
     relative = []
     for rdn in split(text, ","):
         attributes = [each.partition("=") for each in split(rdn, "+")]

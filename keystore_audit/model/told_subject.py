@@ -15,7 +15,8 @@ from cryptography import x509
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.model.subject import OBJECT_IDENTIFIERS, escaped, matching, split, unescaped
+from keystore_audit.model.subject import escaped, matching, split, unescaped
+from keystore_audit.model.subject_types import OBJECT_IDENTIFIERS
 from keystore_audit.model.system import System
 
 Meaning = object

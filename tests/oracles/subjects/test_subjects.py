@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import Callable
+from functools import partial
 from html import escape
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.keystore.certificate import Certificate
+from keystore_audit.model.opendds_subject import oneline
 from keystore_audit.model.profiles import SubjectComparison
 from keystore_audit.model.subject import names, printed, same_meaning
 from tests.keystore.builder import certificate, evidence
@@ -141,20 +143,51 @@ ODD = '/a ,+"\\<>;#= ä\t'
 """Characters that RFC 2253 escapes, and some that it does not."""
 
 
-@pytest.mark.parametrize("escape_non_ascii", [True, False])
-@pytest.mark.parametrize("title", [*SUBJECTS, "odd", "blanks", "hash"])
+PRINTED: dict[str, Callable[[Certificate], str]] = {
+    "RFC2253": partial(printed, escape_non_ascii=True),
+    "RFC2253,-esc_msb": partial(printed, escape_non_ascii=False),
+    "oneline": oneline,
+}
+
+
+@pytest.mark.parametrize("options", PRINTED)
+@pytest.mark.parametrize("title", [*SUBJECTS, "odd", "blanks", "hash", "backslash"])
 def test_names_are_printed_as_openssl_prints_them(
-    oracle: Callable[[str], str], tmp_path: Path, title: str, escape_non_ascii: bool
+    oracle: Callable[[str], str], tmp_path: Path, title: str, options: str
 ) -> None:
-    others = {"odd": ((CN, ODD), (OU, "x")), "blanks": ((CN, " x "),), "hash": ((CN, "#x"),)}
+    others = {
+        "odd": ((CN, ODD), (OU, "x")),
+        "blanks": ((CN, " x "),),
+        "hash": ((CN, "#x"),),
+        "backslash": ((CN, "\\"),),
+    }
     made = certificate(named(others.get(title) or SUBJECTS[title]))
     (tmp_path / "cert.pem").write_bytes(made.pem)
-    options = "RFC2253" if escape_non_ascii else "RFC2253,-esc_msb"
     command = [oracle("openssl"), "x509", "-noout", "-subject", "-nameopt", options, "-in", str(tmp_path / "cert.pem")]
     said = subprocess.run(command, capture_output=True, check=True).stdout.decode()
-    assert printed(evidence(made), escape_non_ascii=escape_non_ascii) == said.removeprefix("subject=").removesuffix(
-        "\n"
-    )
+    assert PRINTED[options](evidence(made)) == said.removeprefix("subject=").removesuffix("\n")
+
+
+@pytest.mark.parametrize(
+    ("subject", "grant", "expected"),
+    [
+        (((ORG, "Org"), (CN, "/talker")), "O=Org,CN=/talker", True),
+        (((ORG, "Org"), (CN, "/talker")), "O = Org, CN = /talker", True),
+        (((ORG, "Org"), (CN, "/talker")), "CN=/talker,O=Org", False),
+        (((CN, "/talker"),), 'CN="/talker"', False),
+        (((CN, "/talker"),), "CN=/talker,", False),
+        (((CN, "/talker"),), "/CN=/talker", False),
+        (((CN, "talker"),), "/CN=talker", True),
+        (((CN, "/a,b"),), "CN=/a\\,b", False),
+        (((CN, "/a=b"),), "CN=/a\\=b", True),
+        (((CN, "/tälker"),), "CN=/tälker", False),
+        (((CN, "/tälker"),), "CN=/t\\C3\\A4lker", True),
+        (((CN, '/tal"ker'),), 'CN=/tal"ker', True),
+    ],
+)
+def test_opendds(subject: tuple[tuple[x509.ObjectIdentifier, str], ...], grant: str, expected: bool) -> None:
+    """Read in SubjectName.cpp; a certificate's is in its own order (Certificate.h, XN_FLAG_ONELINE)."""
+    assert names(grant, evidence(certificate(named(subject))), SubjectComparison.OPENDDS) is expected
 
 
 @pytest.mark.parametrize("title", SUBJECTS)
