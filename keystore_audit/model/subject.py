@@ -31,6 +31,8 @@ counts as naming every certificate that an index cannot rule out."""
 _FASTDDS_MAX_ATTRIBUTES: Final = 20
 """Attributes of a name that Fast DDS keeps (DistinguishedName.h, MAX_VALUES_)."""
 
+_FASTDDS_MAX_OCTETS: Final = 1024
+
 CYCLONEDDS_MAX_ATTRIBUTES: Final = 20
 """Attributes of a grant's subject that Cyclone DDS keeps (ac_check_subjects_are_equal)."""
 
@@ -126,7 +128,7 @@ def is_printable(certificate: Certificate) -> bool:
 
 def same_meaning(subject: str, certificate: Certificate) -> bool:
     """Whether the text means the certificate's subject: the same attributes in whatever order and spelling."""
-    text, own = _distinguished(subject), _distinguished(_printed(certificate, escape_non_ascii=False))
+    text, own = _distinguished(subject), _distinguished(printed(certificate, escape_non_ascii=False))
     if isinstance(text, str) or isinstance(own, str):
         return text == own
     return sorted(map(sorted, text)) == sorted(map(sorted, own))
@@ -171,7 +173,11 @@ def escaped(value: str, *, escape: bool = False) -> str:
 
 @lru_cache(maxsize=32_768)
 def _printed(certificate: Subject, *, escape_non_ascii: bool) -> str:
-    return printed(certificate, escape_non_ascii=escape_non_ascii)
+    """As an implementation keeps it: Fast DDS, which leaves UTF-8, what fits into its buffer (PKIDH.cpp; measured)."""
+    whole = printed(certificate, escape_non_ascii=escape_non_ascii)
+    if escape_non_ascii or len(whole) <= _FASTDDS_MAX_OCTETS // 4:
+        return whole
+    return whole.encode("utf-8", "surrogatepass")[:_FASTDDS_MAX_OCTETS].decode("utf-8", "backslashreplace")
 
 
 def _ordered(text: str) -> tuple[str, ...]:
@@ -276,7 +282,8 @@ class _Index:
         if names is None:
             # The first of each type in the text; an empty type stands for what nothing names.
             first = frozenset(each for each in dict(reversed(attributes)).items() if each[0])
-            kept = len(attributes) <= CYCLONEDDS_MAX_ATTRIBUTES
+            pieces = filter(None, text.translate(_CYCLONEDDS_DELIMITERS).split(","))
+            kept = len(list(pieces)) <= CYCLONEDDS_MAX_ATTRIBUTES
             return frozenset(number for number in candidates if kept and self._sets[number] <= first)
         return frozenset(number for number in candidates if names(attributes, self._certificates[number]))
 

@@ -44,7 +44,9 @@ SUBJECTS: dict[str, tuple[tuple[x509.ObjectIdentifier, str], ...]] = {
     "no slash": ((CN, "talker"),),
     "mail address": ((CN, "/t"), (NameOID.EMAIL_ADDRESS, "a@b")),
     "equals sign": ((CN, "/a=b"),),
+    "more than 1,024 octets": (*((OU, f"{number:02}" + "u" * 60) for number in range(20)), (CN, "/talker")),
 }
+_LONG = ",".join(["CN=/talker", *(f"OU={number:02}" + "u" * 60 for number in reversed(range(20)))])
 
 GRANTS = (
     *("CN=/talker", "CN=/talker/arm", "CN=/arm/talker", "CN = /talker", "CN=/talker,", "CN=/talker,O=Extra"),
@@ -53,7 +55,7 @@ GRANTS = (
     *("CN=/t\\C3\\A4lker", "CN=/a\\,b", "CN=/a,b", "CN=/talker/", "CN=/a//b", "CN=/a/b", 'CN=/tal\\"ker'),
     *('CN=/tal"ker', "CN=/talker,foo", "CN=/talker|x", "CN=,talker=", "talker=,CN=", "emailAddress=a@b,CN=/t"),
     *("CN=/t,emailAddress=a@b", "1.2.840.113549.1.9.1=a@b,CN=/t", "CN=/a=b", "CN=/a\\=b", "cn=/talker", "CN=/TALKER"),
-    "CN=/talker,,O=x",
+    *("CN=/talker,,O=x", "CN=/talker" + "," * 25, "CN=/talker," + "x=1," * 19, _LONG, _LONG[:1024], _LONG[:1023]),
 )
 
 MEASURED = {"cyclone": SubjectComparison.CYCLONEDDS, "fastdds": SubjectComparison.FASTDDS_ORDERED}
