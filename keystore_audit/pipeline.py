@@ -39,6 +39,7 @@ from keystore_audit.report.content import (
     EnclaveEntry,
     Report,
     Scope,
+    assumed_of,
 )
 from keystore_audit.report.not_checked import unread, untested
 from keystore_audit.rules import RULES
@@ -264,7 +265,7 @@ def _report(
             *passed_over(options, context.profiles, context.environment),
             *accepted_by(judgement.findings),
         ),
-        assumptions=(*ASSUMPTIONS, *_in_zone(options)),
+        assumptions=(*ASSUMPTIONS, *assumed_of(each.name for each in context.profiles), *_in_zone(options)),
         engines=context.engines,
         engines_agree=agree if len(answered) > 1 else None,
         enclaves=_enclaves(context),

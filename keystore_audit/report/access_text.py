@@ -16,6 +16,7 @@ from keystore_audit.model.access_table import AccessTable, Group
 from keystore_audit.report.access_differences import differences, peers
 from keystore_audit.report.access_matrix import Matrix, matrices, shown_name
 from keystore_audit.report.access_words import protection_words
+from keystore_audit.report.content import assumed_of
 from keystore_audit.text import counted, shorten, terminal
 
 ASSUMED: Final = "ROS_SECURITY_ENABLE=true and ROS_SECURITY_STRATEGY=Enforce on every robot."
@@ -61,7 +62,8 @@ def text(table: AccessTable, width: int) -> str:
     enclaves = len(table.groups[-1].enclaves)
     where = shorten(table.root, MAX_ROOT)
     sheet.put(f"Who may do what in {where} ({counted(enclaves, 'enclave')}), domain {table.domain}")
-    sheet.put(f"Assumed: {ASSUMED}")
+    for assumption in (ASSUMED, *assumed_of(name for group in table.groups for name in group.profiles)):
+        sheet.put(f"Assumed: {assumption}")
     *others, main = table.groups
     rows = decision_rows(table, main)
     for group in others:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import datetime
 from enum import Enum
 from typing import TYPE_CHECKING, Final
@@ -11,6 +11,7 @@ from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Finding, Outcome, Severity
 from keystore_audit.given import GivenFile
 from keystore_audit.model.meaning import Usability
+from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.properties.result import EngineRun, EngineStatus, PropertyResult
 
 if TYPE_CHECKING:  # most reports draw nothing
@@ -28,6 +29,18 @@ ASSUMPTIONS: Final = (
     ),
 )
 """What every verdict rests on; said first in every report."""
+
+
+def assumed_of(profiles: Iterable[str]) -> Iterator[str]:
+    """What verdicts rest on beside, under some of these profiles."""
+    trusting = [name for name in profiles if name in VARIANTS and VARIANTS[name].trust.trusts_declarations]
+    if trusting:
+        yield (
+            f"Under {', '.join(trusting)}, nobody who was taken over leaves out of what it announces that its "
+            "endpoints are under access control: Cyclone DDS asks for no permissions then, so that it publishes and "
+            "subscribes everything in the domains that it may join (measured on 0.10.2)."
+        )
+
 
 NOT_CHECKED: Final = (
     (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from textwrap import fill
 from typing import Final
 
@@ -11,6 +11,7 @@ from keystore_audit.model.claim import Attacker
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus, ProfileResult
+from keystore_audit.report.content import assumed_of
 from keystore_audit.text import terminal
 
 WIDTH: Final = 80
@@ -26,7 +27,7 @@ _ASSUMED: Final = {
 
 def text(
     title: str,
-    results: Iterable[tuple[Attacker, AssertedResult]],
+    results: Sequence[tuple[Attacker, AssertedResult]],
     engines: Sequence[EngineRun],
     doubts: Sequence[Location],
     *,
@@ -47,6 +48,8 @@ def text(
             if answer.counterexample is not None:
                 lines += _path(answer.counterexample, shown, certain=answer.status is Status.VIOLATED)
     lines.append("")
+    profiles = (name for attacker, result in results if attacker is not Attacker.HONEST for name in result.profiles)
+    lines += [_wrapped(f"Assumed: {each}", first="", rest="") for each in assumed_of(dict.fromkeys(profiles))]
     if unknown and doubts:
         more = f" and {len(doubts) - MAX_DOUBTS} more" if len(doubts) > MAX_DOUBTS else ""
         places = ", ".join(place.path for place in doubts[:MAX_DOUBTS])

@@ -30,6 +30,7 @@ _SPEC: Final = Trust(
     identity_keys=None,
     compares_key=True,
     compares_permissions_ca=False,
+    trusts_declarations=False,
 )
 """DDS-Security 1.1: each certificate of a CA file is an anchor (9.3.1.1), it signs documents itself (9.4.1.1)."""
 
@@ -50,6 +51,7 @@ _FASTDDS: Final = Trust(
     identity_keys=None,
     compares_key=True,
     compares_permissions_ca=True,
+    trusts_declarations=False,
 )
 _FASTDDS_2_6: Final = replace(_FASTDDS, subjects=SubjectComparison.FASTDDS_ORDERED)
 _FASTDDS_UNPINNED: Final = replace(_FASTDDS_2_6, pins_signer=False, strict_authorities=False)
@@ -69,6 +71,7 @@ _CYCLONEDDS_11: Final = Trust(
     identity_keys=frozenset({"RSA 2048", "EC secp256r1", "EC secp256k1", "EC brainpoolP256r1"}),
     compares_key=False,
     compares_permissions_ca=False,
+    trusts_declarations=True,
 )
 _CYCLONEDDS_0_10: Final = replace(
     _CYCLONEDDS_11, pins_signer=False, checks_permissions_ca=True, subjects=SubjectComparison.CYCLONEDDS
@@ -79,6 +82,7 @@ _OPENDDS: Final = replace(
     revocation=RevocationLists.NONE,
     subjects=SubjectComparison.OPENDDS,
     identity_keys=None,
+    trusts_declarations=False,
 )
 
 _SPEC_ACCESS: Final = Access(
