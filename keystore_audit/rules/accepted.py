@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, Final
+from typing import Final
 
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.wording import MAX_QUOTED, places
 from keystore_audit.suppressions import Fate, FileOfUses, Use
 from keystore_audit.text import shorten
@@ -80,7 +80,3 @@ def _lines(uses: Sequence[Use]) -> tuple[Location, ...]:
         replace(use.acceptance.location, message=shorten(f"{use.acceptance.what}: {use.why}", MAX_QUOTED))
         for use in uses
     )
-
-
-ACCEPTED: tuple[Rule[Any], ...] = (suppression_expired, suppression_unused)
-"""Rules about accepted findings."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.public_key import is_weak_algorithm, is_weak_kind
@@ -11,7 +10,7 @@ from keystore_audit.rules.certificate import ISSUE_AGAIN, at, remedy, what
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.identity import is_identity
 from keystore_audit.rules.private_key import ANEW
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import CertificateUse
 
 
@@ -95,6 +94,3 @@ def weak_signature_algorithm(use: CertificateUse, _context: Context) -> Iterator
                 "ecdsa-with-SHA256."
             )
             yield at(use, certificate, message, remedy=remedy(use))
-
-
-ALGORITHM: tuple[Rule[Any], ...] = (weak_key, key_outside_dds_security, weak_signature_algorithm)

@@ -8,7 +8,7 @@ denial is void to the specification.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, Final
+from typing import Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind, Point
@@ -16,7 +16,7 @@ from keystore_audit.model.names import ros_name
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, PermissionsUse, speaks
 from keystore_audit.rules.wording import VERBS, listed, more_like, places, quoted, sole
 
@@ -290,13 +290,3 @@ def _as_in(anomaly: Anomaly) -> str:
     if anomaly.point is None:
         return ""
     return f" ({quoted(anomaly.subject)} may not {right(anomaly.point)} without it either)"
-
-
-ANOMALY: tuple[Rule[Any], ...] = (
-    rule_unreachable,
-    expression_unreachable,
-    rule_redundant,
-    rules_correlated,
-    rule_generalised,
-    rule_same_as_default,
-)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, Final
+from typing import Final
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.permissions import Operation
@@ -14,7 +14,7 @@ from keystore_audit.rules.anomaly import folded, named, odd
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import CORRECT
 from keystore_audit.rules.permissions import WRITE_AGAIN
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks
 from keystore_audit.rules.wording import MAX_LISTED, listed, more_like, quoted, sole
 
@@ -248,14 +248,3 @@ def domain_rule_shadowed(use: GovernanceUse, context: Context) -> Iterator[Viola
         ),
         "the rule that applies instead",
     )
-
-
-ANOMALY_NAMES: tuple[Rule[Any], ...] = (
-    topic_rule_shadowed,
-    domain_rule_shadowed,
-    rule_in_no_governed_domain,
-    expression_matches_nothing,
-    expression_matches_no_ros_name,
-    grant_without_counterpart,
-    rules_not_compared,
-)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Severity
@@ -11,7 +10,7 @@ from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AlloyResult, AssertedResult
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.formal import steps
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.wording import quoted
 
 
@@ -75,6 +74,3 @@ def breach(breaches: tuple[str, ...] | None, context: Context) -> str:
     An example is told, and another one may be worse; so nobody accepts a property's violation whatever comes.
     """
     return context.keystore.digest if breaches is None else "\0".join(breaches)
-
-
-ASSERTED: tuple[Rule[Any], ...] = (asserted_property_violated, asserted_alloy_property_violated)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final
 
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
@@ -21,7 +21,7 @@ from keystore_audit.properties.result import (
 )
 from keystore_audit.rules.commands import SIGN_PERMISSIONS
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import Crash
 from keystore_audit.rules.wording import MAX_LISTED, listed, places, sentence
 
@@ -292,15 +292,3 @@ def topic_classes_over_budget(_keystore: Keystore, context: Context) -> Iterator
         yield Violation(
             message=f"No right could be decided: {sentence(context.meaning.over_budget)}.", locations=(), undecided=True
         )
-
-
-AUDIT: tuple[Rule[Any], ...] = (
-    undecided,
-    engine_missing,
-    engine_failed,
-    engines_disagree,
-    rule_crashed,
-    property_undecided,
-    engine_out_of_scale,
-    topic_classes_over_budget,
-)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import Any, Final
+from typing import Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.certificate import CertificateFile
@@ -14,7 +14,7 @@ from keystore_audit.rules.acceptance import pinned, unpinned
 from keystore_audit.rules.certificate import RENEW_AUTHORITY, at, what
 from keystore_audit.rules.commands import MAKE_PERMISSIONS_CA, SIGN_GOVERNANCE, SIGN_PERMISSIONS, UNREVIEWED
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import CertificateUse
 from keystore_audit.rules.wording import implementations, listed, located, paths, places, quoted, sole
 
@@ -144,6 +144,3 @@ def enclaves_trust_different_cas(keystore: Keystore, _context: Context) -> Itera
                 locations=places(Location(path=file.file.place) for group in reversed(groups) for _, file in group),
                 key=_trusting((role.value, keys, [enclave for enclave, _ in group]) for keys, group in trusted.items()),
             )
-
-
-AUTHORITY: tuple[Rule[Any], ...] = (authority_not_a_ca, one_ca_for_both_roles, enclaves_trust_different_cas)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.governance import Text
@@ -14,7 +13,7 @@ from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.rules.acceptance import FAST_DDS
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import SIGN_AGAIN, WRITE_AGAIN, about
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import PermissionsUse, speaks
 from keystore_audit.rules.wording import either, listed, places, quoted, sole
 
@@ -131,6 +130,3 @@ def allow_everything_permissions(use: PermissionsUse, _context: Context) -> Iter
                 "nodes use."
             )
             yield about(use, grant, grant.line, message)
-
-
-BREADTH: tuple[Rule[Any], ...] = (default_allow, wildcard_grant, allow_everything_permissions)

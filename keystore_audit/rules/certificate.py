@@ -15,7 +15,7 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.rules.commands import CREATE_ENCLAVE, ISSUE_IDENTITY, RENEW_CA
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import CertificateUse
 from keystore_audit.rules.wording import defective, either, listed, located, of_kinds, paths, quoted, sole
 from keystore_audit.text import instant
@@ -270,14 +270,3 @@ def irregular_serial_number(use: CertificateUse, _context: Context) -> Iterator[
             got = f"{octets} octets" if certificate.serial > 0 else "a number that is not positive"
             message = f"{what(use, certificate)} has an irregular serial number: got {got}, expected 1 to 20 octets."
             yield at(use, certificate, message, remedy=remedy(use))
-
-
-CERTIFICATE: tuple[Rule[Any], ...] = (
-    certificate_unreadable,
-    certificate_file_holds_more,
-    certificate_expired,
-    certificate_not_yet_valid,
-    certificate_expires_soon,
-    unknown_critical_extension,
-    irregular_serial_number,
-)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.model.ability import sent
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import in_document
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, PermissionsUse
 
 _CRASHES: Final = "whoever reads it, the enclave or a peer, crashes, and one signed file stops a robot."
@@ -101,6 +101,3 @@ def permissions_too_large(use: PermissionsUse, context: Context) -> Iterator[Vio
                 profiles=unfit,
                 key="",
             )
-
-
-CRASHES: tuple[Rule[Any], ...] = (empty_topic_expression, rule_without_domains, empty_element, permissions_too_large)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.permissions import Criterion, Grant
 from keystore_audit.keystore.permissions import Rule as PermissionsRule
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN, about
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import PermissionsUse, speaks
 from keystore_audit.rules.wording import listed, quoted
 
@@ -49,7 +48,3 @@ def _tagged(use: PermissionsUse) -> Iterator[tuple[Grant, PermissionsRule, Crite
     for grant in use.document.grants:
         for each in grant.rules:
             yield from ((grant, each, criterion) for criterion in each.criteria if criterion.data_tags)
-
-
-DATA_TAGS: tuple[Rule[Any], ...] = (data_tags_ignored,)
-"""What is limited to data tags."""

@@ -9,7 +9,7 @@ with one bound (KA419, KA515) unless they let somebody do more.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from typing import Any, Final
+from typing import Final
 
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
@@ -22,7 +22,7 @@ from keystore_audit.model.substitution import Cause
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import CORRECT
 from keystore_audit.rules.permissions import WRITE_AGAIN
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.wording import VERBS, either, listed, located, places, quoted
 
 MEASURED: Final = "measured on Fast DDS 2.9.1 and Cyclone DDS 0.10.2, others as docs/profiles.md tells"
@@ -322,14 +322,3 @@ def decided_differently(_keystore: Keystore, context: Context) -> Iterator[Viola
             locations=(found[0].location,),
             undecided=True,
         )
-
-
-DIVERGENCE: tuple[Rule[Any], ...] = (
-    rule_of_another_domain,
-    join_checked_differently,
-    starts_in_ungoverned_domain,
-    date_read_differently,
-    range_lets_more,
-    any_governance_rule_counts,
-    decided_differently,
-)

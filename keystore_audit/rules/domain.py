@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.governance import DomainRange
@@ -12,7 +12,7 @@ from keystore_audit.model.domains import HIGHEST_DOMAIN, covered, describe
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import CORRECT
 from keystore_audit.rules.permissions import WRITE_AGAIN, about
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks
 from keystore_audit.rules.wording import sole
 
@@ -176,11 +176,3 @@ def rule_domain_range_open(use: PermissionsUse, _context: Context) -> Iterator[V
                     )
                     severity = Severity.CRITICAL if crashes else None
                     yield about(use, grant, domains.line, message, key=key, severity=severity)
-
-
-DOMAIN: tuple[Rule[Any], ...] = (
-    domain_range_open,
-    domain_above_230,
-    grant_outside_governance_domains,
-    rule_domain_range_open,
-)

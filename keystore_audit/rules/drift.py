@@ -7,7 +7,7 @@ date, in no governed domain or refused is said by the rules about permissions.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
@@ -17,7 +17,7 @@ from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.names import ros_name
 from keystore_audit.rules.commands import CREATE_ENCLAVE, CREATE_PERMISSION
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.wording import MAX_QUOTED, VERBS, listed, places, quoted
 from keystore_audit.text import shorten
 
@@ -289,14 +289,3 @@ def policy_not_enforced_by_permissions(_keystore: Keystore, context: Context) ->
             message="No enclave has a permissions.p7s, so nothing here enforces the policy, and it was not compared.",
             locations=(Location(path=context.drift.policy.path, beside=True),),
         )
-
-
-DRIFT: tuple[Rule[Any], ...] = (
-    policy_right_not_granted,
-    right_beyond_policy,
-    policy_profiles_lost,
-    policy_enclave_missing,
-    enclave_not_in_policy,
-    drift_undecided,
-    policy_not_enforced_by_permissions,
-)

@@ -7,14 +7,13 @@ undecided as long as some implementation may take the document.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import Any
 
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.model.trust import Verdict
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.signature import SIGN_AGAIN
 from keystore_audit.rules.subjects import SignedUse
 from keystore_audit.rules.wording import defective, of_kinds
@@ -239,19 +238,3 @@ def unsupported_signature_algorithm(use: SignedUse, _context: Context) -> Iterat
 def no_signer(use: SignedUse, _context: Context) -> Iterator[Violation]:
     """The message has the form of a signed one and no signature in it: every implementation refuses it."""
     yield from _has(use, "every implementation refuses it.", Kind.NO_SIGNER)
-
-
-ENVELOPE: tuple[Rule[Any], ...] = (
-    not_smime,
-    malformed_smime,
-    cms_not_strict,
-    no_text_plain_header,
-    unsigned_text,
-    weak_digest,
-    several_signers,
-    opaque_message,
-    two_contents,
-    no_signed_attributes,
-    unsupported_signature_algorithm,
-    no_signer,
-)

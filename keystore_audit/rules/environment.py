@@ -21,7 +21,7 @@ from keystore_audit.intent.environment import (
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.profiles import DISTRIBUTIONS, MIDDLEWARE, running
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.wording import quoted
 
 RCL: Final = "rcl, security.c (read); ROS 2 design, DDS-Security integration"
@@ -230,15 +230,3 @@ def distribution_not_modelled(_keystore: Keystore, context: Context) -> Iterator
             f"{DISTRIBUTION} is {quoted(name)}, whose releases of DDS implementations are not known here: {what}.",
             undecided=not chosen,
         )
-
-
-ENVIRONMENT: tuple[Rule[Any], ...] = (
-    security_not_enabled,
-    security_not_enforced,
-    override_names_no_enclave,
-    override_for_every_process,
-    no_keystore_named,
-    domain_id_invalid,
-    middleware_not_modelled,
-    distribution_not_modelled,
-)

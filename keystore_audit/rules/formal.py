@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.properties import access_control, authentication, encryption, flow
@@ -13,7 +12,7 @@ from keystore_audit.properties.result import PropertyResult
 from keystore_audit.rules.certificate import ISSUE_AGAIN
 from keystore_audit.rules.commands import SIGN_DOCUMENT
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.wording import MAX_QUOTED, places
 from keystore_audit.text import shorten
 
@@ -363,25 +362,3 @@ def no_enclave_bridges_domains(result: PropertyResult, _context: Context) -> Ite
     that no document tells apart count as one here: a rule for all of them is rule-domain-range-open.
     """
     return _violated(result)
-
-
-FORMAL: tuple[Rule[Any], ...] = (
-    only_authenticated_participants_join,
-    identities_chain_to_the_identity_ca,
-    documents_signed_by_the_permissions_ca,
-    no_identity_serves_two_enclaves,
-    no_enclave_grants_itself_rights,
-    one_ca_for_one_role,
-    no_subject_serves_two_enclaves,
-    outsiders_cannot_read,
-    outsiders_cannot_learn_names,
-    outsiders_cannot_inject,
-    outsiders_cannot_replay,
-    outsiders_cannot_forge_liveliness,
-    grants_are_enforced,
-    nobody_writes_without_a_grant,
-    nobody_reads_without_a_grant,
-    readers_cannot_forge,
-    relays_cannot_read,
-    no_enclave_bridges_domains,
-)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator
 from functools import lru_cache
-from typing import Any, Final
+from typing import Final
 
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
@@ -21,7 +21,7 @@ from keystore_audit.model.names import DISCOVERY_TOPIC
 from keystore_audit.rules.commands import DEEPER, LINK_GOVERNANCE, SIGN_GOVERNANCE
 from keystore_audit.rules.contents import signed_bytes, told
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, speaks
 from keystore_audit.rules.wording import defective, of_kinds, paths, places, quoted, sole
 
@@ -340,16 +340,3 @@ def dds_security_1_0_document(use: DocumentUse, _context: Context) -> Iterator[V
     It lacks what 1.1 demands, so that implementations of today refuse it; it is read here in its own terms.
     """
     yield from defective(of_kinds(use.document.defects, Kind.DDS_SECURITY_1_0), use.enclaves)
-
-
-GOVERNANCE: tuple[Rule[Any], ...] = (
-    governance_schema_invalid,
-    governance_ambiguous,
-    unauthenticated_participants_allowed,
-    join_access_control_off,
-    read_access_control_off,
-    write_access_control_off,
-    governances_differ,
-    topics_without_rule,
-    dds_security_1_0_document,
-)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any, Final
+from typing import Final
 
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
@@ -20,7 +20,7 @@ from keystore_audit.rules.acceptance import FAST_DDS
 from keystore_audit.rules.certificate import ISSUE_AGAIN, RENEW_AUTHORITY, has_usual_subject, usual_subject, what
 from keystore_audit.rules.commands import CREATE_PERMISSION, SIGN_PERMISSIONS
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import CertificateUse
 from keystore_audit.rules.who_takes import Taken
 from keystore_audit.rules.wording import implementations, located, paths, places, quoted, sole
@@ -369,15 +369,3 @@ def _rights(
         each.certificate.sha256: tuple(replace(place, message="what lets it in") for place in each.rights)
         for each in found
     }
-
-
-IDENTITY: tuple[Rule[Any], ...] = (
-    certificate_outlives_its_ca,
-    not_issued_by_identity_ca,
-    identity_refused_by_implementations,
-    identity_without_subject,
-    identity_key_certified_again,
-    identity_shared_by_enclaves,
-    subject_differs_from_enclave,
-    subject_shared_by_certificates,
-)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Severity
@@ -12,7 +11,7 @@ from keystore_audit.properties.property import Status
 from keystore_audit.rules.asserted import breach
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.formal import steps
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.wording import quoted
 
 
@@ -43,6 +42,3 @@ def label_flow_violated(result: LabelResult, context: Context) -> Iterator[Viola
         key=f"{result.prop.id}\0{result.meaning}\0{breach(result.breaches, context)}",
         properties=(result.prop.id,),
     )
-
-
-LABELS: tuple[Rule[Any], ...] = (label_flow_violated,)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.files import File, Status
@@ -16,12 +16,10 @@ from keystore_audit.rules.context import Context
 from keystore_audit.rules.missing_files import (
     RUN_TIME_FILES,
     about,
-    dangling_link,
     file_name,
     in_state,
-    required_file_missing,
 )
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse
 from keystore_audit.rules.wording import listed, paths, quoted, sole
 
@@ -298,20 +296,3 @@ def deprecated_layout(keystore: Keystore, _context: Context) -> Iterator[Violati
             locations=(Location(path="."),),
             key="\n".join([keystore.layout.kind.value, *(enclave.path for enclave in keystore.enclaves)]),
         )
-
-
-LAYOUT: tuple[Rule[Any], ...] = (
-    required_file_missing,
-    dangling_link,
-    link_leaves_keystore,
-    directory_link_not_followed,
-    not_a_regular_file,
-    file_too_large,
-    unreadable,
-    unsigned_document_differs,
-    pkcs11_reference,
-    incomplete_keystore,
-    enclave_name_not_ros,
-    enclave_names_differ_by_case,
-    deprecated_layout,
-)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from difflib import get_close_matches
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
@@ -20,7 +20,7 @@ from keystore_audit.model.profiles import MIDDLEWARE
 from keystore_audit.rules.commands import CREATE_ENCLAVE
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.wording import VERBS, listed, more_like, places, quoted, sentence
 from keystore_audit.text import counted
 
@@ -360,13 +360,3 @@ def _is_granted(enclave: Enclave, domain: int, context: Context) -> bool:
         grant.default_allow or _covers([rule for rule in grant.rules if rule.allow], domain, context)
         for grant in permissions.grants
     )
-
-
-OBSERVED: tuple[Rule[Any], ...] = (
-    missing_grant,
-    excess_grant,
-    node_in_unknown_enclave,
-    used_name_without_right,
-    observation_incomplete,
-    launch_changes_security,
-)

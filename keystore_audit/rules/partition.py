@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.governance import Text
@@ -18,7 +18,7 @@ from keystore_audit.model.profiles.access import PartitionReading
 from keystore_audit.model.semantics import DEFAULT_PARTITION
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN, about
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import PermissionsUse, speaks
 from keystore_audit.rules.wording import quoted
 
@@ -144,7 +144,3 @@ def _reading(*, listed: bool) -> tuple[str, ...]:
     """Profiles under which a denial holds where it lists partitions in those alone, else in the default one alone."""
     readings = set(PartitionReading) - {PartitionReading.RULE} if listed else {PartitionReading.CRITERION_DEFAULT}
     return tuple(name for name, profile in VARIANTS.items() if profile.access.partitions in readings)
-
-
-PARTITION: tuple[Rule[Any], ...] = (partition_evaded,)
-"""What partitions that are patterns get around."""

@@ -21,7 +21,7 @@ from keystore_audit.rules.contents import dated
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.effect import instant_of
 from keystore_audit.rules.governance import AMBIGUOUS, DIFFER, in_document
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import PermissionsUse, speaks
 from keystore_audit.rules.unnamed import unnamed
 from keystore_audit.rules.wording import defective, listed, located, places, quoted, sole
@@ -301,13 +301,3 @@ def grant_without_allow_rule(use: PermissionsUse, context: Context) -> Iterator[
                 "participant, and others do where nothing else lets it join."
             )
             yield about(use, grant, grant.line, message, severity=severity)
-
-
-PERMISSIONS: tuple[Rule[Any], ...] = (
-    permissions_schema_invalid,
-    permissions_ambiguous,
-    no_grant_for_certificate,
-    second_grant_for_subject,
-    grants_for_other_subjects,
-    grant_without_allow_rule,
-)

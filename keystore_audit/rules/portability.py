@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.governance import Text
@@ -14,7 +14,7 @@ from keystore_audit.model.validity import read_date
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.effect import instant_of
 from keystore_audit.rules.permissions import WRITE_AGAIN
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks
 from keystore_audit.rules.wording import implementations, more_like, places, quoted, sole
 
@@ -142,6 +142,3 @@ def _words(date: Text, reading: DateReading) -> str:
         return "long past"
     shown = taken.instant.replace(tzinfo=None).isoformat(timespec="seconds")
     return f"{shown} in the robot's zone" if taken.local else f"{shown}Z"
-
-
-PORTABILITY: tuple[Rule[Any], ...] = (expression_malformed, date_not_portable)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any, Final
+from typing import Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.certificate import Certificate
@@ -23,7 +23,7 @@ from keystore_audit.rules.commands import (
     UNREVIEWED,
 )
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.wording import defective, listed, located, of_kinds, quoted
 
 _OTHERS: Final = 0o077
@@ -336,14 +336,3 @@ def private_key_encrypted(enclave: Enclave, _context: Context) -> Iterator[Viola
             locations=(Location(path=enclave.key.file.place, line=defects[0].line if defects else None),),
             enclave=enclave.path,
         )
-
-
-PRIVATE_KEY: tuple[Rule[Any], ...] = (
-    private_key_where_robots_have_it,
-    private_key_readable_by_others,
-    ca_private_key_in_tree,
-    ca_key_readable_by_others,
-    key_does_not_match_certificate,
-    private_key_unreadable,
-    private_key_encrypted,
-)

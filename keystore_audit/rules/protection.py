@@ -7,14 +7,14 @@ writer, for those that may read it; data its payload, for those that may read it
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final
 
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.governance import DomainRule, ProtectionKind, TopicRule
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import CORRECT, domain_rules, topic_rules, violates
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import GovernanceUse, speaks
 
 
@@ -314,17 +314,3 @@ def unauthenticated_with_rtps_protection(use: GovernanceUse, _context: Context) 
                 "each other: Fast DDS from 2.6.5 and 2.10.2 on does not start.",
             )
             yield replace(found, profiles=_REFUSE_CONTRADICTION)
-
-
-PROTECTION: tuple[Rule[Any], ...] = (
-    rtps_protection_none,
-    rtps_protection_sign_only,
-    discovery_unprotected,
-    liveliness_unprotected,
-    metadata_protection_none,
-    payload_in_clear,
-    payload_open_to_insiders,
-    samples_unauthenticated,
-    data_protection_none,
-    unauthenticated_with_rtps_protection,
-)

@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from datetime import datetime, timedelta
 from os.path import abspath, basename, relpath
-from typing import Any, Final
+from typing import Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.certificate import Certificate
@@ -16,7 +16,7 @@ from keystore_audit.rules.certificate import ISSUE_AGAIN
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.effect import instant_of
 from keystore_audit.rules.permissions import own_grants
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import permissions_uses
 from keystore_audit.rules.wording import listed, located, places, quoted
 from keystore_audit.text import counted, instant
@@ -264,11 +264,3 @@ def certificate_older_than_permissions(keystore: Keystore, _context: Context) ->
             key="\n".join(sorted(f"{each} {issued} {signed}" for each, (issued, signed, _place) in later.items())),
             enclave=path if len(later) == 1 else None,
         )
-
-
-PROVISIONING: tuple[Rule[Any], ...] = (
-    provisioning_leftover,
-    long_validity,
-    identity_shared_by_robots,
-    certificate_older_than_permissions,
-)

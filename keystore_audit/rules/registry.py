@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from inspect import cleandoc
-from typing import Generic, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 from keystore_audit.dataclass import dataclass, field
 from keystore_audit.findings import Location, Severity
@@ -76,7 +76,8 @@ class Rule(Generic[S]):
         return self.code[:3]
 
 
-_CODES: set[str] = set()
+REGISTERED: Final[dict[str, Rule[Any]]] = {}
+"""Every rule whose module was imported, by code and by name."""
 
 
 def rule(
@@ -97,12 +98,11 @@ def rule(
     """
 
     def register(check: Callable[[S, Context], Iterator[Violation]]) -> Rule[S]:
-        if code in _CODES or name in _CODES:
+        if code in REGISTERED or name in REGISTERED:
             raise ValueError(f"rule {code} {name} is registered twice")
         if not check.__doc__:
             raise ValueError(f"rule {code} {name} has no docstring")
-        _CODES.update((code, name))
-        return Rule(
+        made = Rule(
             code=code,
             name=name,
             severity=severity,
@@ -114,5 +114,7 @@ def rule(
             check=check,
             applies=applies,
         )
+        REGISTERED[code] = REGISTERED[name] = made
+        return made
 
     return register

@@ -18,7 +18,7 @@ from keystore_audit.rules.acceptance import FAST_DDS
 from keystore_audit.rules.certificate import ISSUE_AGAIN
 from keystore_audit.rules.commands import REVOKE, SIGN_LIST, START_LIST
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import RevocationUse, revocation_uses
 from keystore_audit.rules.wording import (
     defective,
@@ -305,12 +305,3 @@ def revocation_without_effect(use: RevocationUse, _context: Context) -> Iterator
                 enclave=sole(use.enclaves),
                 key=" ".join([revocations.issuer, *(f"{serial:X}" for serial in unheard)]),
             )
-
-
-REVOCATION: tuple[Rule[Any], ...] = (
-    identity_revoked,
-    crl_invalid,
-    crl_stale,
-    crl_not_everywhere,
-    revocation_without_effect,
-)

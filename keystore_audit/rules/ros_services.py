@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, Final
+from typing import Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
@@ -12,7 +12,7 @@ from keystore_audit.model.ros.halves import ACTION_ROLES, SERVICE_ROLES, Half
 from keystore_audit.model.ros.services import Reach, Rivals
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.wording import VERBS, listed, located, places
 
 _PERMISSIONS_XSL: Final = "ros2/sros2, policy/templates/dds/permissions.xsl (the DDS topics of a service and an action)"
@@ -217,12 +217,3 @@ def _whole(service: str) -> str:
     """The service, or the action that it is a part of."""
     action, part, _ = service.partition(ACTION_PART)
     return f"the action {action}" if part else service
-
-
-ROS_SERVICES: tuple[Rule[Any], ...] = (
-    half_service,
-    half_action,
-    parameter_services_of_others,
-    lifecycle_services_of_others,
-    service_served_by_several,
-)

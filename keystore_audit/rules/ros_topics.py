@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.keystore import Keystore
@@ -13,7 +13,7 @@ from keystore_audit.model.ros.action_topics import ActionPattern
 from keystore_audit.rules.commands import CREATE_PERMISSION
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.wording import VERBS, listed, places, quoted
 
 _DOES: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "read"}
@@ -86,6 +86,3 @@ def missing_usual_topics(_keystore: Keystore, context: Context) -> Iterator[Viol
 
 def _name(topic: str) -> str:
     return topic if not topic.startswith("rt/") else ros_name(topic).partition(" ")[0]
-
-
-ROS_TOPICS: tuple[Rule[Any], ...] = (wildcard_grants_actions, missing_usual_topics)

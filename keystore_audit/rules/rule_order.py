@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.keystore import Keystore
@@ -11,7 +11,7 @@ from keystore_audit.model.substitution import Cause
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.divergence import MEASURED, said
 from keystore_audit.rules.permissions import WRITE_AGAIN
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 
 _NO_DENIAL: Final = (
     "Take the deny rule out, since what no rule allows is denied by every implementation, and name the topics and "
@@ -146,14 +146,3 @@ def expression_read_differently(_keystore: Keystore, context: Context) -> Iterat
     names, not by the text; names beyond ASCII are matched by character here and by octet on Cyclone DDS.
     """
     yield from said(context, "An expression matches different names", Cause.EXPRESSION)
-
-
-RULE_ORDER: tuple[Rule[Any], ...] = (
-    deny_rule_with_partitions,
-    deny_rule_without_partitions,
-    partitions_of_several_criteria,
-    later_rule_for_other_partitions,
-    deny_rule_blocks_topic,
-    relay_read_differently,
-    expression_read_differently,
-)

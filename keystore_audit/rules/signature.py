@@ -22,7 +22,7 @@ from keystore_audit.rules.acceptance import SPEC, accepting
 from keystore_audit.rules.commands import CREATE_PERMISSION, SIGN_DOCUMENT
 from keystore_audit.rules.contents import signed_bytes
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, SignedUse
 from keystore_audit.rules.wording import implementations, located, of_kinds, paths, places, quoted, sole
 
@@ -325,12 +325,3 @@ def signer_refused_by_implementations(use: DocumentUse, context: Context) -> Ite
             key=f"refused {' '.join(profile.name for profile in VARIANTS.values() if profile in refusing)}",
             explains=frozenset({_SIGNED}) if {*refusing} & {*context.profiles} else frozenset(),
         )
-
-
-SIGNATURE: tuple[Rule[Any], ...] = (
-    signer_not_permissions_ca,
-    signed_by_an_identity,
-    signature_invalid,
-    signed_by_renewed_ca,
-    signer_refused_by_implementations,
-)

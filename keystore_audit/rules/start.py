@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.rules.certificate import ISSUE_AGAIN, RENEW_AUTHORITY
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import Refusal
 from keystore_audit.rules.wording import implementations
 
@@ -40,6 +39,3 @@ def enclave_does_not_start(refusal: Refusal, _context: Context) -> Iterator[Viol
             profiles=names,
             key="\0".join(reasons),
         )
-
-
-START: tuple[Rule[Any], ...] = (enclave_does_not_start,)

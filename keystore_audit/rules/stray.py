@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from typing import Any, Final
+from typing import Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Kind
@@ -22,7 +22,7 @@ from keystore_audit.model.stray_identity import Admitted, admitted
 from keystore_audit.model.surplus import StrayGrant, stray_grants
 from keystore_audit.model.trust import Verdict, envelope
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import stray_uses
 from keystore_audit.rules.who_takes import Taken
 from keystore_audit.rules.wording import VERBS, listed, located, more_like, of_kinds, places, quoted, sentence
@@ -340,13 +340,3 @@ def keystore_inside_keystore(keystore: Keystore, context: Context) -> Iterator[V
             undecided=any(each.startable and each.path not in apart for each in nested),
             key="\n".join(folders),
         )
-
-
-STRAY: tuple[Rule[Any], ...] = (
-    several_permissions_for_subject,
-    signed_governance_at_large,
-    signed_document_without_effect,
-    document_at_large_unread,
-    identity_outside_enclaves,
-    keystore_inside_keystore,
-)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from datetime import datetime
 from functools import lru_cache
-from typing import Any, Final
+from typing import Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.certificate import Certificate
@@ -16,7 +16,7 @@ from keystore_audit.model.profiles import VARIANTS, Profile, SubjectComparison
 from keystore_audit.model.subject import matching, same_meaning
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import PermissionsUse, permissions_uses
 from keystore_audit.rules.wording import implementations, located, places, quoted
 
@@ -132,6 +132,3 @@ def subject_read_differently(keystore: Keystore, context: Context) -> Iterator[V
 
 def _places(use: PermissionsUse, grant: Grant, certificate: Certificate) -> tuple[Location, ...]:
     return places((use.at(grant.subject_name.line), located(certificate, "the identity")))
-
-
-SUBJECT_NAMES: tuple[Rule[Any], ...] = (grant_names_another_subject, subject_read_differently)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from datetime import datetime
-from typing import Any
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.permissions import Grant
@@ -12,7 +11,7 @@ from keystore_audit.rules.contents import dated
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.effect import instant_of
 from keystore_audit.rules.permissions import WRITE_AGAIN, about, own_grants
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import PermissionsUse, speaks
 from keystore_audit.rules.wording import quoted
 from keystore_audit.text import instant
@@ -139,12 +138,3 @@ def validity_inverted(use: PermissionsUse, _context: Context) -> Iterator[Violat
         if start > end:
             message = f"{_whose(grant)} begins at {instant(start)} and ends before that, at {instant(end)}."
             yield about(use, grant, grant.not_before.line, message, key=dated(grant))
-
-
-VALIDITY: tuple[Rule[Any], ...] = (
-    grant_expired,
-    grant_not_yet_valid,
-    grant_expires_soon,
-    grant_outlives_certificate,
-    validity_inverted,
-)

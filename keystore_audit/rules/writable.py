@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import Any, Final
+from typing import Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.wording import listed, places
 from keystore_audit.text import counted
 
@@ -89,6 +89,3 @@ def _found(files: Iterable[File], called: tuple[str, str], so: str, severity: Se
             key="\n".join(f"{place} {mode}" for place, mode in sorted(modes.items())),
             contents=False,
         )
-
-
-WRITABLE: tuple[Rule[Any], ...] = (writable_by_others,)

@@ -15,10 +15,7 @@ from keystore_audit.model.divergence import divergences
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.meaning import Divergence
 from keystore_audit.model.profiles import DEFAULT, VARIANTS, Profile
-from keystore_audit.rules.divergence import DIVERGENCE
 from keystore_audit.rules.judge import judge
-from keystore_audit.rules.portability import PORTABILITY
-from keystore_audit.rules.rule_order import RULE_ORDER
 from tests.rules.evidence import (
     AT,
     allow,
@@ -28,11 +25,12 @@ from tests.rules.evidence import (
     keystore,
     meaning,
     permissions,
+    rules_of,
     text,
 )
 
 P7S = "enclaves/talker/permissions.p7s"
-OWN = (*DIVERGENCE, *RULE_ORDER, *PORTABILITY)
+OWN = rules_of("divergence", "rule_order", "portability")
 Domains = tuple[tuple[int | None, int | None], ...]
 Listed = Sequence[tuple[Sequence[str], Sequence[str] | None]]
 """Criteria: topics, and partitions if any are listed."""

@@ -40,7 +40,7 @@ from keystore_audit.keystore.private_key import PrivateKey
 from keystore_audit.keystore.smime import Signature, SignedDocument
 from keystore_audit.model.meaning import Doubt, Meaning
 from keystore_audit.model.profiles import DEFAULT, VARIANTS
-from keystore_audit.rules import RULES
+from keystore_audit.rules import RULES, registry
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import Judgement, judge
 
@@ -428,6 +428,11 @@ def context(store: Keystore | None = None, **more: Any) -> Context:
         **more,
     }
     return Context(**more)
+
+
+def rules_of(*modules: str) -> list[registry.Rule[Any]]:
+    """The rules that stand in these modules."""
+    return [rule for rule in RULES if rule.check.__module__.rpartition(".")[2] in modules]
 
 
 def judged(store: Keystore | None = None, **more: Any) -> Judgement:

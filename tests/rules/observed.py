@@ -22,9 +22,8 @@ from keystore_audit.model.intended.observed_needs import Usual, usual_rights
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.rules.judge import Judgement, judge
-from keystore_audit.rules.observed import OBSERVED
 from tests.rules.divergent import chosen
-from tests.rules.evidence import AT, allow, context, enclave, grant, keystore, permissions
+from tests.rules.evidence import AT, allow, context, enclave, grant, keystore, permissions, rules_of
 
 FILE = "robot.graph.json"
 DISCOVERY = allow(["ros_discovery_info"], ["ros_discovery_info"])
@@ -117,7 +116,7 @@ def observed(store: Keystore, *intents: Intent, names: tuple[str, ...] = (), dom
 
 def judged(store: Keystore, *intents: Intent, names: tuple[str, ...] = (), domain: int | None = None) -> Judgement:
     found = observed(store, *intents, names=names, domain=domain)
-    return judge(context(store, profiles=chosen(*names), observed=found), OBSERVED)
+    return judge(context(store, profiles=chosen(*names), observed=found), rules_of("observed"))
 
 
 def spoken(store: Keystore, *intents: Intent, **more: Any) -> tuple[Finding, ...]:

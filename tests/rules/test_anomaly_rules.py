@@ -14,8 +14,6 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.anomalies.find import anomalies
 from keystore_audit.model.divergence import divergences
 from keystore_audit.model.profiles import DEFAULT
-from keystore_audit.rules.anomaly import ANOMALY
-from keystore_audit.rules.anomaly_names import ANOMALY_NAMES
 from keystore_audit.rules.judge import judge
 from tests.rules.divergent import chosen, ruled, talking, views
 from tests.rules.evidence import (
@@ -30,10 +28,11 @@ from tests.rules.evidence import (
     keystore,
     meaning,
     permissions,
+    rules_of,
     topic_rule,
 )
 
-OWN = (*ANOMALY, *ANOMALY_NAMES)
+OWN = rules_of("anomaly", "anomaly_names")
 SIGNED = {"metadata_protection_kind": ProtectionKind.SIGN}
 ARM, SECRET = allow(["rt/arm/*"]), allow(["rt/arm/secret"], allows=False)
 WORDS = [f"rt/*{word}*" for word in ("arm", "base", "camera", "door", "elbow", "finger", "gear", "hand", "imu")]

@@ -9,14 +9,13 @@ import pytest
 from keystore_audit.findings import Finding, Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Rule
-from keystore_audit.rules.data_tags import DATA_TAGS
 from keystore_audit.rules.judge import judge
 from tests.rules.divergent import ruled, talking
-from tests.rules.evidence import context
+from tests.rules.evidence import context, rules_of
 
 
 def spoken(store: Keystore) -> tuple[Finding, ...]:
-    return judge(context(store), DATA_TAGS).findings
+    return judge(context(store), rules_of("data_tags")).findings
 
 
 def tagged(rule: Rule) -> Rule:

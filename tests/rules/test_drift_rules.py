@@ -11,11 +11,10 @@ from keystore_audit.findings import Finding, Result, Severity
 from keystore_audit.intent.policy import Policy, read_policy
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.rules.drift import DRIFT
 from keystore_audit.rules.judge import Judgement, judge
 from tests.model.drifting import compared
 from tests.rules.divergent import chosen, ruled
-from tests.rules.evidence import allow, context, defect, enclave, grant, healthy, keystore, permissions, text
+from tests.rules.evidence import allow, context, defect, enclave, grant, healthy, keystore, permissions, rules_of, text
 
 POLICIES = Path(__file__).resolve().parents[2] / "sample_keystores/policies"
 P7S = "enclaves/talker/permissions.p7s"
@@ -58,7 +57,7 @@ def policy(name: str) -> Policy:
 def judged(store: Keystore, meant: Policy | str, *profiles: str, domain: int | None = None) -> Judgement:
     said = policy(meant) if isinstance(meant, str) else meant
     about = context(store, profiles=chosen(*profiles), drift=compared(said, store, *profiles, domain=domain))
-    return judge(about, DRIFT)
+    return judge(about, rules_of("drift"))
 
 
 def spoken(store: Keystore, meant: Policy | str, *profiles: str) -> tuple[Finding, ...]:
@@ -90,7 +89,7 @@ def test_an_unnamed_enclave_weighs_as_much_as_what_it_may_do(held: Any, severity
 
 def test_without_drift_or_policy_nothing_is_said() -> None:
     assert spoken(granted(CHATTER), TALKER) == ()
-    outcomes = judge(context(healthy()), DRIFT).outcomes
+    outcomes = judge(context(healthy()), rules_of("drift")).outcomes
     assert {outcome.outcome for outcome in outcomes} == {Result.NOT_APPLICABLE}
 
 

@@ -8,9 +8,8 @@ from keystore_audit.findings import Finding, Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Rule
 from keystore_audit.rules.judge import judge
-from keystore_audit.rules.partition import PARTITION
 from tests.rules.divergent import Listed, ruled, talking
-from tests.rules.evidence import context
+from tests.rules.evidence import context, rules_of
 
 MAP = ("rt/map",)
 
@@ -20,7 +19,7 @@ def at(*partitions: str) -> Listed:
 
 
 def spoken(store: Keystore) -> tuple[Finding, ...]:
-    return judge(context(store), PARTITION).findings
+    return judge(context(store), rules_of("partition")).findings
 
 
 def denied(*partitions: str) -> Rule:

@@ -12,8 +12,6 @@ from keystore_audit.keystore.permissions import Rule
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.rules.judge import judge
-from keystore_audit.rules.ros_services import ROS_SERVICES
-from keystore_audit.rules.ros_topics import ROS_TOPICS
 from tests.rules.divergent import chosen, ruled, views
 from tests.rules.evidence import (
     AT,
@@ -25,10 +23,11 @@ from tests.rules.evidence import (
     grant,
     keystore,
     permissions,
+    rules_of,
     topic_rule,
 )
 
-OWN = (*ROS_SERVICES, *ROS_TOPICS)
+OWN = rules_of("ros_services", "ros_topics")
 DISCOVERY = allow(["ros_discovery_info"], ["ros_discovery_info"])
 STOCK = ["rt/*", "rq/*Request", "rr/*Reply"]
 SET, SET_REPLY = "rq/arm/set_parametersRequest", "rr/arm/set_parametersReply"
