@@ -105,6 +105,11 @@ class GovernanceFile:
     defects: tuple[Defect, ...]
     """Of the XML; those of the envelope are in `signed`."""
 
+    @property
+    def domain_rules(self) -> tuple[DomainRule, ...]:
+        """Those of the content, none where it has no single meaning."""
+        return self.governance.domain_rules if self.governance is not None else ()
+
 
 def read_governance(file: File, candidates: Sequence[Certificate]) -> GovernanceFile:
     """Read a governance document and find who signed it (`smime.read_signed`).

@@ -14,12 +14,12 @@ from typing import Final
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.model.domains import covered
 from keystore_audit.model.meaning import Divergence, Example
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.substitution import Cause
 from keystore_audit.rules.context import Context
+from keystore_audit.rules.domain import allowed_domains, governed_domains, meet
 from keystore_audit.rules.governance import CORRECT
 from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Violation, rule
@@ -141,19 +141,14 @@ def _names(profiles: Collection[str]) -> str:
 def _without_a_domain(context: Context) -> Iterator[str]:
     """Enclaves whose grant has no allow rule, or none for a governed domain: KA514 and KA508 say so."""
     for enclave in context.keystore.enclaves:
-        governance = enclave.governance.governance if enclave.governance else None
-        permissions = enclave.permissions.permissions if enclave.permissions else None
-        first = enclave.identity
-        if governance is None or permissions is None or first is None:
+        governance, permissions, first = enclave.governance, enclave.permissions, enclave.identity
+        if governance is None or governance.governance is None or permissions is None or first is None:
             continue
         own = next((grant for grant in permissions.grants if grant.subject_name.text == first.subject), None)
-        if own is None:
-            continue
-        allowed = [ids for permission_rule in own.rules if permission_rule.allow for ids in permission_rule.domains]
-        governed = covered(ids for domain_rule in governance.domain_rules for ids in domain_rule.domains)
-        meets = any(low <= upper and lower <= high for low, high in governed for lower, upper in covered(allowed))
-        if not allowed or not (meets or own.default_allow):
-            yield enclave.path
+        if own is not None:
+            allowed = allowed_domains(own)
+            if not allowed or not (own.default_allow or meet(allowed, governed_domains(governance))):
+                yield enclave.path
 
 
 @rule(

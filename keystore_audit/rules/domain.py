@@ -2,19 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Final
 
 from keystore_audit.findings import Location, Severity
-from keystore_audit.keystore.governance import DomainRange
+from keystore_audit.keystore.governance import DomainRange, GovernanceFile
 from keystore_audit.keystore.permissions import Grant
-from keystore_audit.model.domains import HIGHEST_DOMAIN, covered, describe
+from keystore_audit.model.domains import HIGHEST_DOMAIN, covered, describe, domain_bits
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import CORRECT
 from keystore_audit.rules.permissions import WRITE_AGAIN, about
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks
 from keystore_audit.rules.wording import sole
+
+
+def governed_domains(file: GovernanceFile) -> list[DomainRange]:
+    """What the domain rules of a governance name."""
+    return [domains for domain_rule in file.domain_rules for domains in domain_rule.domains]
+
+
+def allowed_domains(grant: Grant) -> list[DomainRange]:
+    """What the allow rules of a grant name."""
+    return [domains for permission_rule in grant.rules if permission_rule.allow for domains in permission_rule.domains]
+
+
+def meet(some: Iterable[DomainRange], others: Iterable[DomainRange]) -> bool:
+    """Whether they share a domain."""
+    return bool(domain_bits(covered(some)) & domain_bits(covered(others)))
 
 
 def _open_range(domains: DomainRange) -> str | None:
@@ -40,16 +55,15 @@ def _open_range(domains: DomainRange) -> str | None:
 )
 def domain_range_open(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
     """An <id_range> lacks <min> or <max>, and implementations read different domains in it (measured)."""
-    for domain_rule in use.document.governance.domain_rules if use.document.governance else ():
-        for domains in domain_rule.domains:
-            why = _open_range(domains)
-            if why is not None:
-                yield Violation(
-                    message=f"{why}.",
-                    locations=(use.at(domains.line),),
-                    enclave=sole(use.enclaves),
-                    key=f"{domains.low} {domains.high}",
-                )
+    for domains in governed_domains(use.document):
+        why = _open_range(domains)
+        if why is not None:
+            yield Violation(
+                message=f"{why}.",
+                locations=(use.at(domains.line),),
+                enclave=sole(use.enclaves),
+                key=f"{domains.low} {domains.high}",
+            )
 
 
 CYCLONE_HIGHEST_DOMAIN: Final = 230
@@ -90,19 +104,12 @@ def domain_above_230(use: DocumentUse, context: Context) -> Iterator[Violation]:
 
 def _ranges(use: DocumentUse) -> Iterator[DomainRange]:
     """Every range of domains of the document."""
-    if isinstance(use, GovernanceUse) and use.document.governance is not None:
-        for domain_rule in use.document.governance.domain_rules:
-            yield from domain_rule.domains
+    if isinstance(use, GovernanceUse):
+        yield from governed_domains(use.document)
     if isinstance(use, PermissionsUse):
         for grant in use.document.grants:
             for permission_rule in grant.rules:
                 yield from permission_rule.domains
-
-
-def _meet(one: DomainRange, other: DomainRange) -> bool:
-    """Whether the ranges share a domain; an absent bound is none (`model.domains.covered`)."""
-    low = max(one.low or 0, other.low or 0)
-    return low <= min((HIGHEST_DOMAIN, *(high for high in (one.high, other.high) if high is not None)))
 
 
 @rule(
@@ -125,24 +132,18 @@ def grant_outside_governance_domains(use: PermissionsUse, _context: Context) -> 
     for grant in use.document.grants:
         grants.setdefault(grant.subject_name.text, grant)
     for enclave in use.enclaves:
-        governance = enclave.governance.governance if enclave.governance else None
-        first = enclave.identity
+        file, first = enclave.governance, enclave.identity
         own = grants.get(first.subject) if first is not None else None
-        if governance is None or own is None or own.default_allow:
+        if file is None or file.governance is None or own is None or own.default_allow:
             continue
-        governed = [ids for domain_rule in governance.domain_rules for ids in domain_rule.domains]
-        allowed = [ids for permission_rule in own.rules if permission_rule.allow for ids in permission_rule.domains]
-        if allowed and not any(_meet(one, other) for one in governed for other in allowed):
+        governed, allowed = governed_domains(file), allowed_domains(own)
+        if allowed and not meet(governed, allowed):
             yield Violation(
                 message=f"The grant of {enclave.path} allows domain {describe(covered(allowed))}, its governance "
                 f"covers {describe(covered(governed))}: it can take part in none.",
                 locations=(
                     use.at(own.line),
-                    Location(
-                        path=enclave.governance.signed.file.place if enclave.governance else "",
-                        line=governance.line,
-                        message="the governance",
-                    ),
+                    Location(path=file.signed.file.place, line=file.governance.line, message="the governance"),
                 ),
                 enclave=enclave.path,
                 key=own.subject_name.text,

@@ -127,6 +127,6 @@ class Effects:
     @cached_property
     def _governed(self) -> int:
         """The domains that a governance covers which an enclave carries and somebody may take."""
-        taken = (use.document.governance for use in governance_uses(self._keystore) if use.may_be_taken)
-        rules = (rule for governance in taken if governance is not None for rule in governance.domain_rules)
+        taken = (use.document for use in governance_uses(self._keystore) if use.may_be_taken)
+        rules = (rule for document in taken for rule in document.domain_rules)
         return union(domain_bits(covered(rule.domains)) for rule in rules)

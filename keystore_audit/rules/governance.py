@@ -16,7 +16,7 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.governance import DomainRule, GovernanceFile, TopicRule
 from keystore_audit.keystore.keystore import Enclave, Keystore
-from keystore_audit.model.domains import covered, describe
+from keystore_audit.model.domains import covered, describe, domain_bits
 from keystore_audit.model.names import DISCOVERY_TOPIC
 from keystore_audit.rules.commands import DEEPER, LINK_GOVERNANCE, SIGN_GOVERNANCE
 from keystore_audit.rules.contents import signed_bytes, told
@@ -47,11 +47,10 @@ def domain_rules(use: GovernanceUse) -> tuple[DomainRule, ...]:
 
 @lru_cache(maxsize=256)  # a dozen rules ask, about the few documents of one audit
 def _deciding(file: GovernanceFile) -> tuple[DomainRule, ...]:
-    rules = file.governance.domain_rules if file.governance else ()
     deciding: list[DomainRule] = []
     taken = 0  # domains of the rules so far, as bits: a hostile document has thousands of rules
-    for domain_rule in rules:
-        cover = sum((2 << high) - (1 << low) for low, high in covered(domain_rule.domains))
+    for domain_rule in file.domain_rules:
+        cover = domain_bits(covered(domain_rule.domains))
         if cover & ~taken or not cover:
             deciding.append(domain_rule)
         taken |= cover
@@ -78,7 +77,7 @@ def _earlier(file: GovernanceFile) -> dict[int, str]:
     """
     found: dict[int, str] = {}
     domains = hashlib.sha256()
-    for domain_rule in file.governance.domain_rules if file.governance else ():
+    for domain_rule in file.domain_rules:
         found[id(domain_rule)] = domains.hexdigest()
         topics = domains.copy()
         for topic_rule in domain_rule.topic_rules:
@@ -292,7 +291,7 @@ def _meaning(file: GovernanceFile) -> object:
     """What the document says, without lines and layout; its bytes where it has no single meaning."""
     if file.governance is None:
         return signed_bytes(file.signed)
-    return tuple((covered(each.domains), told(replace(each, domains=()))) for each in file.governance.domain_rules)
+    return tuple((covered(each.domains), told(replace(each, domains=()))) for each in file.domain_rules)
 
 
 @rule(

@@ -32,8 +32,8 @@ def _spoken(use: DocumentUse, context: Context, cause: Cause) -> frozenset[int |
 
 def _expressions(use: DocumentUse, but: frozenset[int | None]) -> Iterator[Text]:
     """Every expression of the document, save those of rules at the lines `but`."""
-    if isinstance(use, GovernanceUse) and use.document.governance is not None:
-        for domain_rule in use.document.governance.domain_rules:
+    if isinstance(use, GovernanceUse):
+        for domain_rule in use.document.domain_rules:
             yield from (topic.expression for topic in domain_rule.topic_rules if topic.line not in but)
     if isinstance(use, PermissionsUse):
         for grant in use.document.grants:
