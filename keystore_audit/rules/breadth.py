@@ -10,7 +10,6 @@ from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.coverage import TOPICS, WILDCARDS, allows_everything, covering, has_wildcard
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.rules.acceptance import FAST_DDS
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import SIGN_AGAIN, WRITE_AGAIN, about
 from keystore_audit.rules.registry import Violation, rule
@@ -52,8 +51,8 @@ def default_allow(use: PermissionsUse, _context: Context) -> Iterator[Violation]
                 "(Fast DDS denies it all the same)."
             )
             line = grant.default_line if grant.default_line is not None else grant.line
-            others = tuple(name for name in VARIANTS if name not in FAST_DDS)
-            yield about(use, grant, line, message, profiles=others)
+            honouring = tuple(name for name, profile in VARIANTS.items() if profile.access.honours_default)
+            yield about(use, grant, line, message, profiles=honouring)
 
 
 @rule(

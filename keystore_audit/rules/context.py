@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from datetime import datetime, timedelta
 from typing import TYPE_CHECKING
 
@@ -47,6 +47,15 @@ class Context:
     observed: Observation | None = None
     acceptances: tuple[Acceptance, ...] = ()
     """Findings that settings and a baseline accept, in the order in which they are looked for."""
+
+    def chose(self, profiles: Iterable[Profile]) -> bool:
+        """Whether some of them are among the chosen ones."""
+        return not {*self.profiles}.isdisjoint(profiles)
+
+    def unless_all(self, names: Collection[str]) -> tuple[str, ...]:
+        """Those of the chosen profiles with these names; none where it is all of them, as violations have it."""
+        found = tuple(profile.name for profile in self.profiles if profile.name in names)
+        return () if len(found) == len(self.profiles) else found
 
     def refused(self, enclaves: Iterable[Enclave], vendor: str = "") -> bool:
         """Whether one of them does not start under a chosen profile (of this vendor), whatever the reason."""

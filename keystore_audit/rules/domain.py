@@ -9,6 +9,7 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.governance import DomainRange, GovernanceFile
 from keystore_audit.keystore.permissions import Grant
 from keystore_audit.model.domains import HIGHEST_DOMAIN, covered, describe, domain_bits
+from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import CORRECT
 from keystore_audit.rules.permissions import WRITE_AGAIN, about
@@ -66,7 +67,8 @@ def domain_range_open(use: GovernanceUse, _context: Context) -> Iterator[Violati
             )
 
 
-CYCLONE_HIGHEST_DOMAIN: Final = 230
+_LIMITED: Final = tuple(profile for profile in VARIANTS.values() if profile.access.highest_domain is not None)
+_HIGHEST: Final = min(filter(None, (profile.access.highest_domain for profile in _LIMITED)))
 """Cyclone DDS, access_control_parser.c: it refuses the whole document above it (measured)."""
 
 
@@ -88,16 +90,14 @@ def domain_above_230(use: DocumentUse, context: Context) -> Iterator[Violation]:
     """
     for domains in _ranges(use):
         highest = max(domains.low or 0, domains.high or 0)
-        if highest > CYCLONE_HIGHEST_DOMAIN:
-            refusing = ("cyclonedds-0.10", "cyclonedds-11")
-            chosen = {profile.name for profile in context.profiles} & {*refusing}
+        if highest > _HIGHEST:
             yield Violation(
-                message=f"Domain {highest}, expected at most {CYCLONE_HIGHEST_DOMAIN} (ports end at {HIGHEST_DOMAIN}): "
+                message=f"Domain {highest}, expected at most {_HIGHEST} (ports end at {HIGHEST_DOMAIN}): "
                 "Cyclone DDS refuses the whole document.",
                 locations=(use.at(domains.line),),
                 enclave=sole(use.enclaves),
-                severity=Severity.HIGH if chosen else None,
-                profiles=refusing if highest <= HIGHEST_DOMAIN else (),
+                severity=Severity.HIGH if context.chose(_LIMITED) else None,
+                profiles=tuple(profile.name for profile in _LIMITED) if highest <= HIGHEST_DOMAIN else (),
                 key=f"{domains.low} {domains.high}",
             )
 

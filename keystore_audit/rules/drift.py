@@ -34,9 +34,11 @@ def _is_given(_keystore: Keystore, context: Context) -> bool:
     return context.drift is not None
 
 
-def _drift(context: Context) -> Drift | None:
-    """What was compared; nothing is said of permissions that nobody asks."""
-    return None if context.drift is None or context.drift.unenforced else context.drift
+def _drift(context: Context) -> Drift:
+    """What was compared; only rules that apply ask for it."""
+    if context.drift is None:
+        raise ValueError("no policy was given")
+    return context.drift
 
 
 def _alike(rights: Iterable[DriftedRight]) -> Iterator[list[DriftedRight]]:
@@ -72,8 +74,7 @@ def policy_right_not_granted(_keystore: Keystore, context: Context) -> Iterator[
     names, in the domains that governance and grant have in common (or `--domain`); whether a node ever uses the name
     cannot be known.
     """
-    drift = _drift(context)
-    for found in drift.enclaves if drift is not None else ():
+    for found in _drift(context).enclaves:
         for rights in _alike(found.lacking.rights):
             yield Violation(
                 message=_lacking_message(found, rights),
@@ -126,8 +127,7 @@ def right_beyond_policy(_keystore: Keystore, context: Context) -> Iterator[Viola
     High where an expression gives infinitely many. Looked at are the enclave's own permissions and every other document
     in the keystore that names it and that a peer may take, since an enclave can present it.
     """
-    drift = _drift(context)
-    for found in drift.enclaves if drift is not None else ():
+    for found in _drift(context).enclaves:
         for rights in _alike(found.exceeding.rights):
             whose = "its permissions" if found.own else f"{quoted(found.document)}, which it can present,"
             verb = "let" if found.own else "lets"
@@ -168,7 +168,7 @@ def policy_profiles_lost(_keystore: Keystore, context: Context) -> Iterator[Viol
     several <enclave> elements with one path it translates the first alone. The nodes of the others have no rights.
     """
     by_enclave: dict[str, list[Profiles]] = {}
-    for profiles in context.drift.lost if context.drift is not None else ():
+    for profiles in _drift(context).lost:
         by_enclave.setdefault(profiles.enclave, []).append(profiles)
     for enclave, lost in by_enclave.items():
         nodes = listed(dict.fromkeys(node.name for profiles in lost for node in profiles.nodes))
@@ -194,7 +194,7 @@ def policy_enclave_missing(_keystore: Keystore, context: Context) -> Iterator[Vi
 
     A keystore of one robot of many, with the policy of all of them, has this finding rightly.
     """
-    missing = context.drift.missing if context.drift is not None else ()
+    missing = _drift(context).missing
     if missing:
         yield Violation(
             message=f"The policy speaks of {listed(each.enclave for each in missing)}, expected in the keystore: "
@@ -221,7 +221,7 @@ def enclave_not_in_policy(_keystore: Keystore, context: Context) -> Iterator[Vio
     permissions cannot be read.
     """
     alike: dict[Severity, list[Enclave]] = {}
-    for enclave in context.drift.unnamed if context.drift is not None else ():
+    for enclave in _drift(context).unnamed:
         alike.setdefault(_weight(enclave), []).append(enclave)
     for severity, unnamed in alike.items():
         yield Violation(
@@ -258,7 +258,7 @@ def _weight(enclave: Enclave) -> Severity:
 )
 def drift_undecided(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """What an enclave is granted, or what the policy means, cannot be told: it may be more or less than was meant."""
-    for doubt in context.drift.undecided if context.drift is not None else ():
+    for doubt in _drift(context).undecided:
         yield Violation(
             message=f"Whether {doubt.enclave} is granted what the policy says cannot be told "
             f"({shorten(doubt.reason, MAX_QUOTED)}).",
@@ -284,8 +284,9 @@ def policy_not_enforced_by_permissions(_keystore: Keystore, context: Context) ->
     rmw_zenoh takes identities from the enclaves and never reads permissions; what its nodes may do stands in its own
     configuration, which is not in the keystore.
     """
-    if context.drift is not None and context.drift.unenforced:
+    drift = _drift(context)
+    if drift.unenforced:
         yield Violation(
             message="No enclave has a permissions.p7s, so nothing here enforces the policy, and it was not compared.",
-            locations=(Location(path=context.drift.policy.path, beside=True),),
+            locations=(Location(path=drift.policy.path, beside=True),),
         )

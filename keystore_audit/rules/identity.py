@@ -158,7 +158,7 @@ def identity_refused_by_implementations(use: CertificateUse, context: Context) -
                 Location(path=file.file.place, line=1, message="the identity CA"),
             ),
             enclave=enclave.path,
-            severity=None if {*refusing} & {*context.profiles} else Severity.MEDIUM,
+            severity=None if context.chose(refusing) else Severity.MEDIUM,
             profiles=tuple(profile.name for profile in refusing),
             key=certificate.sha256,
             explains=frozenset({"identities-chain-to-the-identity-ca"}),

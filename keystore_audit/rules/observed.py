@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, Final
 
@@ -55,12 +55,6 @@ def _observes(_keystore: Keystore, context: Context) -> bool:
 def _beside(location: Location, message: str = "") -> Location:
     """A place in a graph or a launch file, which is not the keystore's."""
     return replace(location, beside=True, message=message or location.message)
-
-
-def _profiles(names: Collection[str], context: Context) -> tuple[str, ...]:
-    """In the order of those that were asked about; none where it holds for all."""
-    found = tuple(profile.name for profile in context.profiles if profile.name in names)
-    return () if len(found) == len(context.profiles) else found
 
 
 @rule(
@@ -118,7 +112,7 @@ def _missing(message: str, group: Sequence[MissingGrant], context: Context) -> V
         locations=places((*deciding[:1], *needed, *deciding[1:])),
         enclave=group[0].need.enclave,
         severity=Severity.MEDIUM if all(each.domains for each in group) else None,
-        profiles=_profiles(names, context),
+        profiles=context.unless_all(names),
         key="\n".join(sorted(_right(each.need) for each in group)),
     )
 
@@ -140,17 +134,14 @@ def excess_grant(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     where a launch file names nothing that an enclave's nodes use.
     """
     for excess in _seen(context).excess:
+        names = [*excess.names, *filter(None, (excess.endless,))]
         yield Violation(
             message=_excess(excess, _seen(context)),
-            locations=places(each.location for each in (*excess.names, *_given(excess.endless))),
+            locations=places(each.location for each in names),
             enclave=excess.enclave,
-            profiles=_profiles(excess.profiles, context),
-            key="\n".join(sorted({_granted(name) for name in (*excess.names, *_given(excess.endless))})),
+            profiles=context.unless_all(excess.profiles),
+            key="\n".join(sorted({_granted(name) for name in names})),
         )
-
-
-def _given(name: GrantedName | None) -> tuple[GrantedName, ...]:
-    return () if name is None else (name,)
 
 
 def _excess(excess: ExcessGrant, observation: Observation) -> str:
@@ -227,7 +218,7 @@ def used_name_without_right(_keystore: Keystore, context: Context) -> Iterator[V
             "answer, call or execute it.",
             locations=places(_beside(denied.used.location) for denied in group),
             enclave=enclave,
-            profiles=_profiles(group[0].profiles, context),
+            profiles=context.unless_all(group[0].profiles),
             key=name,
         )
 
@@ -256,7 +247,7 @@ def observation_incomplete(_keystore: Keystore, context: Context) -> Iterator[Vi
             message=f"{sentence(found[0].message)}{more_like(found)}. Nodes may need more than "
             f"{quoted(path)} shows, so that no grant is called an excess.",
             locations=places(found),
-            key=_reasons(place.message for place in found),
+            key="\n".join(sorted({place.message for place in found})),
         )
     for undecided in _seen(context).undecided:
         yield Violation(
@@ -264,14 +255,10 @@ def observation_incomplete(_keystore: Keystore, context: Context) -> Iterator[Vi
             f"need: {undecided.reason}.",
             locations=(),
             enclave=undecided.enclave,
-            profiles=_profiles(undecided.profiles, context),
+            profiles=context.unless_all(undecided.profiles),
             undecided=True,
             key=undecided.reason,
         )
-
-
-def _reasons(messages: Iterable[str]) -> str:
-    return "\n".join(sorted(set(messages)))
 
 
 @rule(

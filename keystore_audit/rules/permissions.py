@@ -135,7 +135,7 @@ def no_grant_for_certificate(use: PermissionsUse, context: Context) -> Iterator[
             message=f"No grant names the identity of {enclave.path}: {wanted}.",
             locations=(use.at(line), located(first, "the identity")),
             enclave=enclave.path,
-            severity=None if {*missing} & {*context.profiles} else Severity.LOW,
+            severity=None if context.chose(missing) else Severity.LOW,
             profiles=tuple(profile.name for profile in missing) if naming else (),
             key=first.subject,
             remedy=remedy,

@@ -12,6 +12,7 @@ from typing import Final
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.governance import DomainRule, ProtectionKind, TopicRule
+from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import CORRECT, domain_rules, topic_rules, violates
 from keystore_audit.rules.registry import Violation, rule
@@ -283,7 +284,9 @@ def data_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Viol
             )
 
 
-_REFUSE_CONTRADICTION: Final = ("fastdds-2.6", "fastdds-2.14", "fastdds-3.2", "fastdds-3.6")
+_REFUSE_CONTRADICTION: Final = tuple(
+    name for name, profile in VARIANTS.items() if profile.access.refuses_unauthenticated_with_rtps
+)
 
 
 @rule(

@@ -316,12 +316,14 @@ def signer_refused_by_implementations(use: DocumentUse, context: Context) -> Ite
     refusing = [profile for profiles in refusals.values() for profile in profiles]
     if refusing:
         reasons = "; ".join(f"{implementations(profiles)}: {why}" for why, profiles in refusals.items())
+        chosen = context.chose(refusing)
+        names = tuple(profile.name for profile in VARIANTS.values() if profile in refusing)
         yield Violation(
             message=f"{use.signed.file.place} is refused ({reasons}).",
             locations=(use.at(1),),
             enclave=sole(use.enclaves),
-            severity=None if {*refusing} & {*context.profiles} else Severity.LOW,
-            profiles=tuple(profile.name for profile in VARIANTS.values() if profile in refusing),
-            key=f"refused {' '.join(profile.name for profile in VARIANTS.values() if profile in refusing)}",
-            explains=frozenset({_SIGNED}) if {*refusing} & {*context.profiles} else frozenset(),
+            severity=None if chosen else Severity.LOW,
+            profiles=names,
+            key=f"refused {' '.join(names)}",
+            explains=frozenset({_SIGNED} if chosen else ()),
         )

@@ -90,13 +90,12 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
         first, surplus = wider[0], wider[0].surplus
         right = f"{VERBS[surplus.operation]} {quoted(surplus.topic)} in {surplus.domains}" if surplus else ""
         profiles = {name for grant in wider for name in grant.profiles}
-        every = len(profiles) == len(context.profiles)
         yield Violation(
             message=f"{first.document} is validly signed and in force, and lets {first.enclave} {right}, which its own "
             f"permissions do not: peers take it{more_like(wider)}.",
             locations=places(grant.location for grant in wider),
             enclave=first.enclave if len({grant.enclave for grant in wider}) == 1 else None,
-            profiles=() if every else tuple(p.name for p in context.profiles if p.name in profiles),
+            profiles=context.unless_all(profiles),
             key="\0".join(
                 (
                     f"wider {_contents(keystore, {grant.document for grant in wider})}",

@@ -94,7 +94,7 @@ def grant_names_another_subject(keystore: Keystore, context: Context) -> Iterato
             message=f"The grant of {quoted(grant.subject_name.text)} names {quoted(certificate.subject)} too, for "
             f"{implementations(naming)}: {whoever} has its rights.",
             locations=_places(use, grant, certificate),
-            severity=None if {*naming} & {*context.profiles} else Severity.HIGH,
+            severity=None if context.chose(naming) else Severity.HIGH,
             profiles=tuple(profile.name for profile in naming),
             key=f"{grant.subject_name.text}\0{certificate.subject}",
         )
@@ -124,7 +124,7 @@ def subject_read_differently(keystore: Keystore, context: Context) -> Iterator[V
             message=f"The grant of {quoted(grant.subject_name.text)} does not name {quoted(certificate.subject)} for "
             f"{implementations(missing)}, though it means that subject.",
             locations=_places(use, grant, certificate),
-            severity=None if {*missing} & {*context.profiles} else Severity.LOW,
+            severity=None if context.chose(missing) else Severity.LOW,
             profiles=tuple(profile.name for profile in missing),
             key=f"{grant.subject_name.text}\0{certificate.subject}",
         )
