@@ -50,22 +50,21 @@ def _spoken(use: DocumentUse, context: Context) -> set[int | None]:
 def folded(
     use: DocumentUse,
     found: Iterable[Anomaly],
-    severity: Callable[[Anomaly], Severity | None],
     says: Callable[[Sequence[Anomaly]], str],
     other: str = "",
 ) -> Iterator[Violation]:
-    """One violation for all anomalies of one severity (None: the rule's), each a location; `other` names the second."""
-    by_severity: dict[Severity | None, list[Anomaly]] = {}
+    """One violation for all serious anomalies, one for all others, each a location; `other` names the second."""
+    by_seriousness: dict[bool, list[Anomaly]] = {}
     for anomaly in found:
-        by_severity.setdefault(severity(anomaly), []).append(anomaly)
-    for each, alike in by_severity.items():
+        by_seriousness.setdefault(anomaly.serious, []).append(anomaly)
+    for serious, alike in by_seriousness.items():
         named = {name for anomaly in alike for name in anomaly.profiles}
         everywhere = any(not anomaly.profiles for anomaly in alike)
         yield Violation(
             message=says(alike),
             locations=places(_locations(use, alike, other)),
             enclave=sole(use.enclaves),
-            severity=each,
+            severity=Severity.HIGH if serious else None,
             profiles=() if everywhere else tuple(name for name in VARIANTS if name in named),
             # What is odd is part of it: another rule is not hidden by one that was accepted before.
             key="\n".join(sorted({f"{anomaly.subject} {anomaly.key}" for anomaly in alike})),
@@ -97,10 +96,6 @@ def _decided(anomaly: Anomaly, *, allowed: bool) -> str:
     return f"{quoted(anomaly.subject)} {may} {right(anomaly.point)}" if anomaly.point is not None else ""
 
 
-def _void_is_high(anomaly: Anomaly) -> Severity | None:
-    return Severity.HIGH if anomaly.serious else None
-
-
 @rule(
     "KA617",
     "rule-unreachable",
@@ -119,7 +114,6 @@ def rule_unreachable(use: PermissionsUse, context: Context) -> Iterator[Violatio
     yield from folded(
         use,
         odd(use, context, AnomalyKind.UNREACHABLE),
-        _void_is_high,
         lambda found: (
             f"{named(found[0])}{more_like(found)} never decides, since earlier rules match all of it: "
             f"{_decided(found[0], allowed=not found[0].allow)}."
@@ -146,7 +140,6 @@ def expression_unreachable(use: PermissionsUse, context: Context) -> Iterator[Vi
     yield from folded(
         use,
         odd(use, context, AnomalyKind.EXPRESSION_UNREACHABLE),
-        _void_is_high,
         lambda found: (
             f"{quoted(found[0].texts[0])}{more_like(found)} in {_a_rule(found[0])} never decides, since earlier rules "
             f"match all of it: {_decided(found[0], allowed=not found[0].allow)}."
@@ -178,7 +171,6 @@ def rule_redundant(use: PermissionsUse, context: Context) -> Iterator[Violation]
     yield from folded(
         use,
         odd(use, context, AnomalyKind.REDUNDANT),
-        lambda _: None,
         lambda found: (
             f"{named(found[0])}{more_like(found)} changes nothing, since another rule decides the same: "
             f"{_decided(found[0], allowed=found[0].allow)} with or without it."
@@ -205,7 +197,6 @@ def rules_correlated(use: PermissionsUse, context: Context) -> Iterator[Violatio
     yield from folded(
         use,
         odd(use, context, AnomalyKind.CORRELATED),
-        lambda _: None,
         lambda found: (
             f"{_opposed(found[0])}{more_like(found)} share names, and the earlier decides: "
             f"{_decided(found[0], allowed=found[0].allow)}."
@@ -236,7 +227,6 @@ def rule_generalised(use: PermissionsUse, context: Context) -> Iterator[Violatio
     yield from folded(
         use,
         odd(use, context, AnomalyKind.GENERALISED),
-        lambda _: None,
         lambda found: (
             f"{quoted(found[0].texts[0])}{more_like(found)} is {'allowed' if found[0].allow else 'denied'} as an "
             f"exception to {quoted(found[0].other_text)}: {_decided(found[0], allowed=found[0].allow)}."
@@ -278,7 +268,6 @@ def rule_same_as_default(use: PermissionsUse, context: Context) -> Iterator[Viol
             and anomaly.line not in spoken
             and not nothing.issuperset(anomaly.texts)
         ),
-        lambda _: None,
         lambda found: (
             f"{named(found[0])}{more_like(found)} changes nothing: the default is DENY, and no other rule is about "
             f"it{_as_in(found[0])}."

@@ -12,22 +12,14 @@ from keystore_audit.model.names import ros_name
 from keystore_audit.model.substitution import Cause
 from keystore_audit.rules.anomaly import folded, named, odd
 from keystore_audit.rules.context import Context
+from keystore_audit.rules.divergence import spoken_of
 from keystore_audit.rules.governance import CORRECT
 from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Violation, rule
-from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks
+from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks, taken
 from keystore_audit.rules.wording import MAX_LISTED, listed, more_like, quoted, sole
 
 _EXPRESSIONS: Final = "DDS-Security 1.1, 9.4.1.2.6 and 9.4.1.3.2.3 (expressions as of POSIX fnmatch)"
-
-
-def _said_of(use: DocumentUse, context: Context, cause: Cause) -> frozenset[int | None]:
-    """The lines of the document of which a divergence of the cause speaks."""
-    return frozenset(
-        divergence.location.line
-        for divergence in context.meaning.divergences
-        if divergence.cause is cause and divergence.location.path == use.signed.file.place
-    )
 
 
 @rule(
@@ -45,11 +37,10 @@ def rule_in_no_governed_domain(use: PermissionsUse, context: Context) -> Iterato
     Of a grant none of whose allow rules is for a governed domain, grant-outside-governance-domains speaks; where Fast
     DDS applies the rule to a governed domain all the same and that changes something, rule-of-another-domain does.
     """
-    spoken = _said_of(use, context, Cause.RULE_DOMAINS)
+    spoken = spoken_of(use, context, Cause.RULE_DOMAINS)
     yield from folded(
         use,
         (each for each in odd(use, context, AnomalyKind.UNGOVERNED_DOMAIN) if each.line not in spoken),
-        lambda _: None,
         lambda found: (
             f"{named(found[0])}{more_like(found)} is for domain {found[0].other_text}, which no governance of the "
             "keystore covers: nobody can take part in it."
@@ -75,7 +66,6 @@ def expression_matches_nothing(use: PermissionsUse, context: Context) -> Iterato
     yield from folded(
         use,
         odd(use, context, AnomalyKind.MATCHES_NOTHING),
-        lambda anomaly: Severity.HIGH if anomaly.serious else None,
         lambda found: (
             f"The expression {quoted(found[0].texts[0])}{more_like(found)} matches no topic of ROS 2, as every "
             f"implementation reads it: nothing is {'allowed' if found[0].allow else 'denied'} by it."
@@ -102,7 +92,6 @@ def expression_matches_no_ros_name(use: PermissionsUse, context: Context) -> Ite
     yield from folded(
         use,
         odd(use, context, AnomalyKind.NOT_ROS),
-        lambda anomaly: Severity.HIGH if anomaly.serious else None,
         _not_ros,
     )
 
@@ -134,7 +123,7 @@ def grant_without_counterpart(use: PermissionsUse, context: Context) -> Iterator
     topics that a governance does not control. A keystore of one enclave has its peers elsewhere; of several, too, some
     may be elsewhere.
     """
-    yield from folded(use, odd(use, context, AnomalyKind.NO_COUNTERPART), lambda _: None, _without_counterpart)
+    yield from folded(use, odd(use, context, AnomalyKind.NO_COUNTERPART), _without_counterpart)
 
 
 def _without_counterpart(found: Sequence[Anomaly]) -> str:
@@ -162,7 +151,7 @@ def _topics(names: Sequence[str]) -> str:
     on=DocumentUse,
     clause="docs/model.md, anomalies of rules",
     remedy="Write fewer expressions with several wildcards and fewer rules; look at each of the rules until then.",
-    applies=lambda use, _context: use.may_be_taken,
+    applies=taken,
 )
 def rules_not_compared(use: DocumentUse, context: Context) -> Iterator[Violation]:
     """There is too much in the document to find all rules that never decide, overlap or change nothing.
@@ -207,7 +196,6 @@ def topic_rule_shadowed(use: GovernanceUse, context: Context) -> Iterator[Violat
     yield from folded(
         use,
         odd(use, context, AnomalyKind.TOPIC_RULE_SHADOWED),
-        lambda anomaly: Severity.HIGH if anomaly.serious else None,
         _topics_shadowed,
         "the rule that applies instead",
     )
@@ -241,7 +229,6 @@ def domain_rule_shadowed(use: GovernanceUse, context: Context) -> Iterator[Viola
     yield from folded(
         use,
         odd(use, context, AnomalyKind.DOMAIN_RULE_SHADOWED),
-        lambda anomaly: Severity.HIGH if anomaly.serious else None,
         lambda found: (
             f"The rule for domain {found[0].other_text}{more_like(found)} protects nothing: an earlier one covers it"
             f"{', which protects less' if found[0].serious else ''}."

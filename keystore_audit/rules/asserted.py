@@ -6,10 +6,9 @@ from collections.abc import Iterator
 
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Severity
-from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AlloyResult, AssertedResult
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.formal import steps
+from keystore_audit.rules.formal import steps, violated
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.wording import quoted
 
@@ -51,17 +50,17 @@ def asserted_alloy_property_violated(result: AlloyResult, context: Context) -> I
 
 def _violated(result: AssertedResult | AlloyResult, breached_by: str) -> Iterator[Violation]:
     """A violation where it does not hold under some profile, with an example."""
-    answers = {name: answer for name, answer in result.profiles.items() if answer.status is Status.VIOLATED}
-    if not answers:
+    violating = violated(result)
+    if violating is None:
         return
-    example = next((a.counterexample for a in answers.values() if a.counterexample is not None), None)
+    profiles, example = violating
     said = f"{quoted(result.prop.id)} is violated. Asserted: {result.prop.statement}"
     found = f"Found: {example.text}" if example and example.text else ""
     yield Violation(
         message=" ".join(filter(None, (said, found, result.beside))),
         locations=(replace(result.location, message="asserted here"), *(steps(example) if example else ())),
         severity=result.severity,
-        profiles=() if len(answers) == len(result.profiles) else tuple(answers),
+        profiles=profiles,
         key=f"{result.prop.id}\0{result.meaning}\0{breached_by}",
         contents=False,
         properties=(result.prop.id,),

@@ -23,6 +23,7 @@ from keystore_audit.rules.domain import allowed_domains, governed_domains, meet
 from keystore_audit.rules.governance import CORRECT
 from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.subjects import DocumentUse
 from keystore_audit.rules.wording import VERBS, either, listed, located, places, quoted
 
 MEASURED: Final = "measured on Fast DDS 2.9.1 and Cyclone DDS 0.10.2, others as docs/profiles.md tells"
@@ -35,6 +36,15 @@ def _of(context: Context, *causes: Cause) -> Iterator[list[Divergence]]:
         if divergence.cause in causes:
             by_document.setdefault(divergence.location.path, []).append(divergence)
     yield from by_document.values()
+
+
+def spoken_of(use: DocumentUse, context: Context, cause: Cause) -> frozenset[int | None]:
+    """The lines of a document of which a divergence of the cause speaks."""
+    return frozenset(
+        divergence.location.line
+        for divergence in context.meaning.divergences
+        if divergence.cause is cause and divergence.location.path == use.signed.file.place
+    )
 
 
 def said(context: Context, why: str, *causes: Cause) -> Iterator[Violation]:

@@ -14,7 +14,7 @@ from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import CORRECT
 from keystore_audit.rules.permissions import WRITE_AGAIN, about
 from keystore_audit.rules.registry import Violation, rule
-from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks
+from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks, taken
 from keystore_audit.rules.wording import sole
 
 
@@ -79,7 +79,7 @@ _HIGHEST: Final = min(filter(None, (profile.access.highest_domain for profile in
     on=DocumentUse,
     clause="RTPS 2.5, 9.6.2.3 (ports of a domain); measured on Cyclone DDS",
     remedy="Use domain ids up to 230 and sign the document again with the permissions CA.",
-    applies=lambda use, _context: use.may_be_taken,
+    applies=taken,
     stops=True,
 )
 def domain_above_230(use: DocumentUse, context: Context) -> Iterator[Violation]:

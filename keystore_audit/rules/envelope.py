@@ -19,17 +19,11 @@ from keystore_audit.rules.subjects import SignedUse
 from keystore_audit.rules.wording import defective, of_kinds
 
 
-def _has(use: SignedUse, says: str, *kinds: Kind) -> Iterable[Violation]:
+def _has(use: SignedUse, says: str, *kinds: Kind, opens: bool = False) -> Iterable[Violation]:
+    """`opens`: it is undecided, unless something else makes every implementation refuse the document."""
     if not use.signed.defects:
         return ()
-    return defective(of_kinds(use.signed.defects, *kinds), use.enclaves, says)
-
-
-def _leaves_open(use: SignedUse, says: str, *kinds: Kind) -> Iterable[Violation]:
-    """As `_has`; undecided unless something else makes every implementation refuse the document."""
-    if not use.signed.defects:
-        return ()
-    undecided = use.envelope.verdict is Verdict.UNKNOWN
+    undecided = opens and use.envelope.verdict is Verdict.UNKNOWN
     return defective(of_kinds(use.signed.defects, *kinds), use.enclaves, says, undecided=undecided)
 
 
@@ -63,7 +57,7 @@ def malformed_smime(use: SignedUse, _context: Context) -> Iterator[Violation]:
     OpenSSL, which all measured implementations use, takes some such messages. Which part a robot reads is not guessed
     here, so that the meaning is unknown.
     """
-    yield from _leaves_open(use, "what a robot makes of it is unknown.", Kind.MIME_MALFORMED)
+    yield from _has(use, "what a robot makes of it is unknown.", Kind.MIME_MALFORMED, opens=True)
 
 
 @rule(
@@ -81,9 +75,8 @@ def cms_not_strict(use: SignedUse, _context: Context) -> Iterator[Violation]:
     OpenSSL takes BER and bytes behind the end. What two parsers may read differently is not interpreted here, so that
     the meaning is unknown.
     """
-    yield from _leaves_open(
-        use, "it is not interpreted here, since parsers may read it differently.", Kind.CMS_NOT_DER, Kind.CMS_MALFORMED
-    )
+    says = "it is not interpreted here, since parsers may read it differently."
+    yield from _has(use, says, Kind.CMS_NOT_DER, Kind.CMS_MALFORMED, opens=True)
 
 
 @rule(
@@ -189,7 +182,7 @@ def two_contents(use: SignedUse, _context: Context) -> Iterator[Violation]:
 
     Which one counts depends on who reads; OpenSSL takes such a message (measured).
     """
-    yield from _leaves_open(use, "which of the two counts depends on who reads.", Kind.TWO_CONTENTS)
+    yield from _has(use, "which of the two counts depends on who reads.", Kind.TWO_CONTENTS, opens=True)
 
 
 @rule(
@@ -222,7 +215,7 @@ def unsupported_signature_algorithm(use: SignedUse, _context: Context) -> Iterat
 
     OpenSSL may verify it, so that its worth is unknown.
     """
-    yield from _leaves_open(use, "whether it is valid is unknown.", Kind.UNSUPPORTED_ALGORITHM)
+    yield from _has(use, "whether it is valid is unknown.", Kind.UNSUPPORTED_ALGORITHM, opens=True)
 
 
 @rule(

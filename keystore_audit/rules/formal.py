@@ -2,35 +2,50 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.properties import access_control, authentication, encryption, flow
 from keystore_audit.properties.counterexample import Counterexample, Step
-from keystore_audit.properties.property import Status
+from keystore_audit.properties.property import Property, Status
 from keystore_audit.properties.result import PropertyResult
 from keystore_audit.rules.certificate import ISSUE_AGAIN
 from keystore_audit.rules.commands import SIGN_DOCUMENT
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.registry import Rule, Violation, rule
 from keystore_audit.rules.wording import MAX_QUOTED, places
 from keystore_audit.text import shorten
 
 _SIGN_AGAIN = "Then sign the governance again with the permissions CA."
 
 
-def _violated(result: PropertyResult) -> Iterator[Violation]:
-    """The property's counterexample, for the profiles under which it is violated for certain."""
+def violated(result: PropertyResult) -> tuple[tuple[str, ...], Counterexample | None] | None:
+    """The profiles under which it is violated for certain, none where it is all, with an example; None: it is not."""
     answers = {name: answer for name, answer in result.profiles.items() if answer.status is Status.VIOLATED}
     if not answers:
-        return
+        return None
     example = next((a.counterexample for a in answers.values() if a.counterexample is not None), None)
+    return () if len(answers) == len(result.profiles) else tuple(answers), example
+
+
+def _decided(
+    code: str, prop: Property, severity: Severity, *, remedy: str
+) -> Callable[[Callable[[PropertyResult, Context], Iterator[Violation]]], Rule[PropertyResult]]:
+    """Registers the rule of a property: it has the property's id and clause."""
+    return rule(code, prop.id, severity, on=PropertyResult, clause=prop.clause, remedy=remedy)
+
+
+def _violated(result: PropertyResult) -> Iterator[Violation]:
+    found = violated(result)
+    if found is None:
+        return
+    profiles, example = found
     enclaves = {step.enclave for step in example.steps if step.enclave is not None} if example else set()
     yield Violation(
         message=example.text if example else f"This is violated, and no example was given: {result.prop.statement}",
         locations=steps(example) if example else (),
         enclave=enclaves.pop() if len(enclaves) == 1 else None,
-        profiles=() if len(answers) == len(result.profiles) else tuple(answers),
+        profiles=profiles,
         key=result.prop.id,
     )
 
@@ -38,11 +53,7 @@ def _violated(result: PropertyResult) -> Iterator[Violation]:
 def steps(example: Counterexample) -> tuple[Location, ...]:
     """The lines that make the counterexample possible, each with what it is about."""
     return places(
-        Location(
-            path=step.path,
-            line=step.line,
-            message=shorten(_words(step), 2 * MAX_QUOTED),
-        )
+        Location(path=step.path, line=step.line, message=shorten(_words(step), 2 * MAX_QUOTED))
         for step in example.steps
         if step.path is not None
     )
@@ -56,12 +67,10 @@ def _words(step: Step) -> str:
     return ": ".join(word for word in told if word is not None)
 
 
-@rule(
+@_decided(
     "KA701",
-    "only-authenticated-participants-join",
+    authentication.ONLY_AUTHENTICATED_JOIN,
     Severity.HIGH,
-    on=PropertyResult,
-    clause=authentication.ONLY_AUTHENTICATED_JOIN.clause,
     remedy=f"Set <allow_unauthenticated_participants> to false. {_SIGN_AGAIN}",
 )
 def only_authenticated_participants_join(result: PropertyResult, _context: Context) -> Iterator[Violation]:
@@ -73,12 +82,10 @@ def only_authenticated_participants_join(result: PropertyResult, _context: Conte
     return _violated(result)
 
 
-@rule(
+@_decided(
     "KA702",
-    "identities-chain-to-the-identity-ca",
+    authentication.IDENTITIES_CHAIN,
     Severity.HIGH,
-    on=PropertyResult,
-    clause=authentication.IDENTITIES_CHAIN.clause,
     remedy=f"Issue the identity again under the identity CA that the enclaves carry. {ISSUE_AGAIN}",
 )
 def identities_chain_to_the_identity_ca(result: PropertyResult, _context: Context) -> Iterator[Violation]:
@@ -90,12 +97,10 @@ def identities_chain_to_the_identity_ca(result: PropertyResult, _context: Contex
     return _violated(result)
 
 
-@rule(
+@_decided(
     "KA703",
-    "documents-signed-by-the-permissions-ca",
+    authentication.DOCUMENTS_SIGNED,
     Severity.CRITICAL,
-    on=PropertyResult,
-    clause=authentication.DOCUMENTS_SIGNED.clause,
     remedy=f"Sign the document again with the permissions CA's own key: {SIGN_DOCUMENT}.",
 )
 def documents_signed_by_the_permissions_ca(result: PropertyResult, _context: Context) -> Iterator[Violation]:
@@ -107,12 +112,10 @@ def documents_signed_by_the_permissions_ca(result: PropertyResult, _context: Con
     return _violated(result)
 
 
-@rule(
+@_decided(
     "KA704",
-    "no-identity-serves-two-enclaves",
+    authentication.NO_SHARED_IDENTITY,
     Severity.HIGH,
-    on=PropertyResult,
-    clause=authentication.NO_SHARED_IDENTITY.clause,
     remedy=f"Give each enclave a key and certificate of its own. {ISSUE_AGAIN}",
 )
 def no_identity_serves_two_enclaves(result: PropertyResult, _context: Context) -> Iterator[Violation]:
@@ -124,12 +127,10 @@ def no_identity_serves_two_enclaves(result: PropertyResult, _context: Context) -
     return _violated(result)
 
 
-@rule(
+@_decided(
     "KA705",
-    "no-enclave-grants-itself-rights",
+    authentication.NO_SELF_GRANTED_RIGHTS,
     Severity.HIGH,
-    on=PropertyResult,
-    clause=authentication.NO_SELF_GRANTED_RIGHTS.clause,
     remedy="Use separate authorities for identities and permissions, and implementations that pin the signer.",
 )
 def no_enclave_grants_itself_rights(result: PropertyResult, _context: Context) -> Iterator[Violation]:
@@ -141,12 +142,10 @@ def no_enclave_grants_itself_rights(result: PropertyResult, _context: Context) -
     return _violated(result)
 
 
-@rule(
+@_decided(
     "KA706",
-    "one-ca-for-one-role",
+    authentication.ONE_CA_FOR_ONE_ROLE,
     Severity.MEDIUM,
-    on=PropertyResult,
-    clause=authentication.ONE_CA_FOR_ONE_ROLE.clause,
     remedy="Make a second authority for permissions and sign governance and permissions again with it.",
 )
 def one_ca_for_one_role(result: PropertyResult, _context: Context) -> Iterator[Violation]:
@@ -159,12 +158,10 @@ def one_ca_for_one_role(result: PropertyResult, _context: Context) -> Iterator[V
     return _violated(result)
 
 
-@rule(
+@_decided(
     "KA707",
-    "no-subject-serves-two-enclaves",
+    authentication.NO_SHARED_SUBJECT,
     Severity.HIGH,
-    on=PropertyResult,
-    clause=authentication.NO_SHARED_SUBJECT.clause,
     remedy="Give each enclave a subject of its own, and each grant a subject_name that names one enclave.",
 )
 def no_subject_serves_two_enclaves(result: PropertyResult, _context: Context) -> Iterator[Violation]:
@@ -176,12 +173,10 @@ def no_subject_serves_two_enclaves(result: PropertyResult, _context: Context) ->
     return _violated(result)
 
 
-@rule(
+@_decided(
     "KA711",
-    "outsiders-cannot-read",
+    encryption.OUTSIDERS_CANNOT_READ,
     Severity.HIGH,
-    on=PropertyResult,
-    clause=encryption.OUTSIDERS_CANNOT_READ.clause,
     remedy=f"Set data_protection_kind or metadata_protection_kind to ENCRYPT for the topic. {_SIGN_AGAIN}",
 )
 def outsiders_cannot_read(result: PropertyResult, _context: Context) -> Iterator[Violation]:
@@ -192,12 +187,10 @@ def outsiders_cannot_read(result: PropertyResult, _context: Context) -> Iterator
     return _violated(result)
 
 
-@rule(
+@_decided(
     "KA712",
-    "outsiders-cannot-learn-names",
+    encryption.OUTSIDERS_CANNOT_LEARN_NAMES,
     Severity.MEDIUM,
-    on=PropertyResult,
-    clause=encryption.OUTSIDERS_CANNOT_LEARN_NAMES.clause,
     remedy=f"Set enable_discovery_protection to true and discovery_protection_kind to ENCRYPT. {_SIGN_AGAIN}",
 )
 def outsiders_cannot_learn_names(result: PropertyResult, _context: Context) -> Iterator[Violation]:
@@ -209,12 +202,10 @@ def outsiders_cannot_learn_names(result: PropertyResult, _context: Context) -> I
     return _violated(result)
 
 
-@rule(
+@_decided(
     "KA713",
-    "outsiders-cannot-inject",
+    encryption.OUTSIDERS_CANNOT_INJECT,
     Severity.CRITICAL,
-    on=PropertyResult,
-    clause=encryption.OUTSIDERS_CANNOT_INJECT.clause,
     remedy=f"Set metadata_protection_kind or data_protection_kind to SIGN or ENCRYPT for the topic. {_SIGN_AGAIN}",
 )
 def outsiders_cannot_inject(result: PropertyResult, _context: Context) -> Iterator[Violation]:
@@ -226,12 +217,10 @@ def outsiders_cannot_inject(result: PropertyResult, _context: Context) -> Iterat
     return _violated(result)
 
 
-@rule(
+@_decided(
     "KA714",
-    "outsiders-cannot-replay",
+    encryption.OUTSIDERS_CANNOT_REPLAY,
     Severity.HIGH,
-    on=PropertyResult,
-    clause=encryption.OUTSIDERS_CANNOT_REPLAY.clause,
     remedy=f"Set rtps_protection_kind or metadata_protection_kind to SIGN or ENCRYPT. {_SIGN_AGAIN}",
 )
 def outsiders_cannot_replay(result: PropertyResult, _context: Context) -> Iterator[Violation]:
@@ -244,12 +233,10 @@ def outsiders_cannot_replay(result: PropertyResult, _context: Context) -> Iterat
     return _violated(result)
 
 
-@rule(
+@_decided(
     "KA715",
-    "outsiders-cannot-forge-liveliness",
+    encryption.OUTSIDERS_CANNOT_FORGE_LIVELINESS,
     Severity.MEDIUM,
-    on=PropertyResult,
-    clause=encryption.OUTSIDERS_CANNOT_FORGE_LIVELINESS.clause,
     remedy=f"Set rtps_protection_kind to SIGN, or protect liveliness. {_SIGN_AGAIN}",
 )
 def outsiders_cannot_forge_liveliness(result: PropertyResult, _context: Context) -> Iterator[Violation]:
@@ -260,12 +247,10 @@ def outsiders_cannot_forge_liveliness(result: PropertyResult, _context: Context)
     return _violated(result)
 
 
-@rule(
+@_decided(
     "KA721",
-    "grants-are-enforced",
+    access_control.GRANTS_ARE_ENFORCED,
     Severity.HIGH,
-    on=PropertyResult,
-    clause=access_control.GRANTS_ARE_ENFORCED.clause,
     remedy="Set enable_join_, enable_read_ and enable_write_access_control to true wherever grants name topics. "
     f"{_SIGN_AGAIN}",
 )
@@ -277,12 +262,10 @@ def grants_are_enforced(result: PropertyResult, _context: Context) -> Iterator[V
     return _violated(result)
 
 
-@rule(
+@_decided(
     "KA722",
-    "nobody-writes-without-a-grant",
+    access_control.NOBODY_WRITES_WITHOUT_A_GRANT,
     Severity.HIGH,
-    on=PropertyResult,
-    clause=access_control.NOBODY_WRITES_WITHOUT_A_GRANT.clause,
     remedy=f"Set enable_write_ and enable_read_access_control to true and protect the topic's metadata. {_SIGN_AGAIN}",
 )
 def nobody_writes_without_a_grant(result: PropertyResult, _context: Context) -> Iterator[Violation]:
@@ -295,12 +278,10 @@ def nobody_writes_without_a_grant(result: PropertyResult, _context: Context) -> 
     return _violated(result)
 
 
-@rule(
+@_decided(
     "KA723",
-    "nobody-reads-without-a-grant",
+    access_control.NOBODY_READS_WITHOUT_A_GRANT,
     Severity.HIGH,
-    on=PropertyResult,
-    clause=access_control.NOBODY_READS_WITHOUT_A_GRANT.clause,
     remedy=f"Set enable_read_access_control to true and metadata_ or data_protection_kind to ENCRYPT. {_SIGN_AGAIN}",
 )
 def nobody_reads_without_a_grant(result: PropertyResult, _context: Context) -> Iterator[Violation]:
@@ -312,12 +293,10 @@ def nobody_reads_without_a_grant(result: PropertyResult, _context: Context) -> I
     return _violated(result)
 
 
-@rule(
+@_decided(
     "KA724",
-    "readers-cannot-forge",
+    access_control.READERS_CANNOT_FORGE,
     Severity.LOW,
-    on=PropertyResult,
-    clause=access_control.READERS_CANNOT_FORGE.clause,
     remedy="Where a reader must not pass for the writer, use SIGN_ or ENCRYPT_WITH_ORIGIN_AUTHENTICATION as "
     f"metadata_ or rtps_protection_kind. {_SIGN_AGAIN}",
 )
@@ -330,12 +309,10 @@ def readers_cannot_forge(result: PropertyResult, _context: Context) -> Iterator[
     return _violated(result)
 
 
-@rule(
+@_decided(
     "KA725",
-    "relays-cannot-read",
+    access_control.RELAYS_CANNOT_READ,
     Severity.MEDIUM,
-    on=PropertyResult,
-    clause=access_control.RELAYS_CANNOT_READ.clause,
     remedy=f"Set data_protection_kind to ENCRYPT for the topic. {_SIGN_AGAIN}",
 )
 def relays_cannot_read(result: PropertyResult, _context: Context) -> Iterator[Violation]:
@@ -347,12 +324,10 @@ def relays_cannot_read(result: PropertyResult, _context: Context) -> Iterator[Vi
     return _violated(result)
 
 
-@rule(
+@_decided(
     "KA731",
-    "no-enclave-bridges-domains",
+    flow.NO_BRIDGES,
     Severity.MEDIUM,
-    on=PropertyResult,
-    clause=flow.NO_BRIDGES.clause,
     remedy="Let each enclave's rules cover one domain, and make an enclave of its own for a bridge that is meant.",
 )
 def no_enclave_bridges_domains(result: PropertyResult, _context: Context) -> Iterator[Violation]:

@@ -7,10 +7,9 @@ from collections.abc import Iterator
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Severity
 from keystore_audit.properties.label_result import LabelResult
-from keystore_audit.properties.property import Status
 from keystore_audit.rules.asserted import breach
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.formal import steps
+from keystore_audit.rules.formal import steps, violated
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.wording import quoted
 
@@ -29,16 +28,16 @@ def label_flow_violated(result: LabelResult, context: Context) -> Iterator[Viola
     One finding for each two labels, with the shortest way; others between the same labels may remain. The severity is
     the one that the lattice gives, high where it gives none (Denning, A lattice model of secure information flow).
     """
-    answers = {name: answer for name, answer in result.profiles.items() if answer.status is Status.VIOLATED}
-    if not answers:
+    found = violated(result)
+    if found is None:
         return
-    example = next((a.counterexample for a in answers.values() if a.counterexample is not None), None)
+    profiles, example = found
     said = f": {example.text}" if example else "."
     yield Violation(
         message=f"What is labelled {quoted(result.source)} can reach what is labelled {quoted(result.target)}{said}",
         locations=(replace(result.location, message="the lattice"), *(steps(example) if example else ())),
         severity=result.severity,
-        profiles=() if len(answers) == len(result.profiles) else tuple(answers),
+        profiles=profiles,
         key=f"{result.prop.id}\0{result.meaning}\0{breach(result.breaches, context)}",
         properties=(result.prop.id,),
     )

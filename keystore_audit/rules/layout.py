@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from itertools import zip_longest
 from typing import Final
 
 from keystore_audit.findings import Location, Severity
@@ -13,12 +14,7 @@ from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.rules.acceptance import FAST_DDS
 from keystore_audit.rules.commands import CREATE_ENCLAVE, MAKE_LAYOUT, SHOW_DOCUMENT, SIGN_DOCUMENT
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.missing_files import (
-    RUN_TIME_FILES,
-    about,
-    file_name,
-    in_state,
-)
+from keystore_audit.rules.missing_files import RUN_TIME_FILES, about, file_name, in_state
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse
 from keystore_audit.rules.wording import listed, paths, quoted, sole
@@ -166,17 +162,8 @@ def _first_difference(unsigned: bytes | None, signed: bytes | None) -> int | Non
     if unsigned is None or signed is None:
         return None
     ours, theirs = (text.replace(b"\r\n", b"\n").rstrip(b"\n").split(b"\n") for text in (unsigned, signed))
-    if ours == theirs:
-        return None
-    common = sum(1 for _ in _while_equal(ours, theirs))
-    return common + 1
-
-
-def _while_equal(ours: list[bytes], theirs: list[bytes]) -> Iterator[bytes]:
-    for our, their in zip(ours, theirs, strict=False):
-        if our != their:
-            return
-        yield our
+    both = enumerate(zip_longest(ours, theirs), start=1)
+    return next((number for number, (our, their) in both if our != their), None)
 
 
 @rule(

@@ -12,22 +12,14 @@ from keystore_audit.model.profiles import DateReading, Profile
 from keystore_audit.model.substitution import Cause
 from keystore_audit.model.validity import read_date
 from keystore_audit.rules.context import Context
+from keystore_audit.rules.divergence import spoken_of
 from keystore_audit.rules.effect import instant_of
 from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Violation, rule
-from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks
+from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks, taken
 from keystore_audit.rules.wording import implementations, more_like, places, quoted, sole
 
 _MAY_BE_MALFORMED: Final = frozenset("[\\")
-
-
-def _spoken(use: DocumentUse, context: Context, cause: Cause) -> frozenset[int | None]:
-    """The lines of the document about which a finding says already what follows from them."""
-    return frozenset(
-        divergence.location.line
-        for divergence in context.meaning.divergences
-        if divergence.cause is cause and divergence.location.path == use.signed.file.place
-    )
 
 
 def _expressions(use: DocumentUse, but: frozenset[int | None]) -> Iterator[Text]:
@@ -67,7 +59,7 @@ def _faults(text: str, profiles: tuple[Profile, ...]) -> str:
     on=DocumentUse,
     clause="DDS-Security 1.1, 9.4.1.2.6 and 9.4.1.3.2.3; POSIX 1003.1, 2.13.1 (bracket expressions)",
     remedy=f"Close each [, or name each topic: {WRITE_AGAIN}",
-    applies=lambda use, _context: use.may_be_taken,
+    applies=taken,
 )
 def expression_malformed(use: DocumentUse, context: Context) -> Iterator[Violation]:
     """An expression is no pattern for an implementation, which gives it a meaning all the same.
@@ -76,7 +68,7 @@ def expression_malformed(use: DocumentUse, context: Context) -> Iterator[Violati
     decide differently, expression-read-differently says so in place of this.
     """
     malformed: dict[str, Text] = {}
-    for expression in _expressions(use, _spoken(use, context, Cause.EXPRESSION)):
+    for expression in _expressions(use, spoken_of(use, context, Cause.EXPRESSION)):
         if expression.text not in malformed and _faults(expression.text, context.profiles):
             malformed[expression.text] = expression
     if malformed:
@@ -114,7 +106,7 @@ def date_not_portable(use: PermissionsUse, context: Context) -> Iterator[Violati
     long past. Where that decides something now, date-read-differently says so in place of this; permissions-ambiguous
     has what is no date to the specification.
     """
-    spoken = _spoken(use, context, Cause.DATE)
+    spoken = spoken_of(use, context, Cause.DATE)
     odd: dict[str, Text] = {}
     readings: dict[DateReading, list[Profile]] = {}
     for profile in context.profiles:

@@ -149,6 +149,11 @@ class PermissionsUse(DocumentUse):
         return self.may_be_taken and self.document.permissions is not None
 
 
+def taken(use: DocumentUse, _context: Context) -> bool:
+    """When rules apply that concern whoever may take a document, whatever it says."""
+    return use.may_be_taken
+
+
 def speaks(use: GovernanceUse | PermissionsUse, _context: Context) -> bool:
     """When rules about what a document says apply."""
     return use.speaks
