@@ -52,6 +52,10 @@ class Location:
     message: str = ""
     beside: bool = False
 
+    def __str__(self) -> str:
+        """`enclaves/governance.p7s:12`, raw text."""
+        return self.path if self.line is None else f"{self.path}:{self.line}"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Suppression:

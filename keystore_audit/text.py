@@ -13,6 +13,7 @@ from __future__ import annotations
 import html as _html
 import os
 import re
+from collections.abc import Iterable
 from datetime import datetime, timezone
 from typing import Final
 
@@ -160,6 +161,12 @@ def shorten(text: str, limit: int, *, ellipsis: str = "…") -> str:
 def counted(number: int, noun: str, plural: str = "") -> str:
     """`1 file`, `1,200 files`."""
     return f"{number:,} {noun if number == 1 else plural or noun + 's'}"
+
+
+def some(names: Iterable[str], most: int) -> str:
+    """`a, b and 3 more`: the first of the names, and how many there are beside them."""
+    every = list(names)
+    return ", ".join(every[:most]) + (f" and {len(every) - most} more" if len(every) > most else "")
 
 
 def instant(moment: datetime) -> str:

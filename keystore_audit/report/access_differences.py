@@ -19,6 +19,7 @@ from keystore_audit.model.access_rows import (
 )
 from keystore_audit.model.access_table import AccessTable, EnclaveRights, Group
 from keystore_audit.report.access_words import protection_words
+from keystore_audit.text import some
 
 MAX_NAMES: Final = 8
 """Names in one sentence; JSON and CSV have all."""
@@ -118,5 +119,4 @@ def _surplus_words(table: AccessTable, found: Sequence[Surplus]) -> str:
 
 
 def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
-    return ", ".join(names[:MAX_NAMES]) + more
+    return some(names, MAX_NAMES)

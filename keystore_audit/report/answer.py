@@ -97,8 +97,7 @@ def _answer(answer: Answer, profiles: str) -> list[str]:
     lines = [_wrapped(profiles, first=label, rest=" " * len(label))]
     lines.append(_sentence(answer.reason))
     if answer.location is not None:
-        line = f":{answer.location.line}" if answer.location.line is not None else ""
-        lines.append(terminal(f"  {answer.location.path}{line}"))
+        lines.append(terminal(f"  {answer.location}"))
     allowed = ", ".join(str(part) for part in answer.parts if part.decision is Ruling.ALLOW)
     if allowed and answer.decision is not Ruling.ALLOW:
         lines.append(_sentence(f"its own implementation allows a part of it: {allowed}"))

@@ -9,8 +9,8 @@ from typing import Final
 from keystore_audit.model.blast_radius import BlastRadius, Ground
 from keystore_audit.properties.compromise_result import CompromiseAnswer, KeyAnswer, ProfileRadius, Stolen
 from keystore_audit.properties.property import Status
-from keystore_audit.report.compromise_words import some, topic_words
-from keystore_audit.text import counted, terminal
+from keystore_audit.report.compromise_words import MAX_LISTED, topic_words
+from keystore_audit.text import counted, some, terminal
 
 WIDTH: Final = 80
 MAX_DOUBTS: Final = 5
@@ -33,9 +33,8 @@ def text(answer: CompromiseAnswer) -> str:
     if not answer.include_ambient:
         lines.append(_wrapped("Flows are apart from /clock, /parameter_events, /rosout and ros_discovery_info.", ""))
     if answer.status is Status.UNKNOWN and answer.doubts:
-        more = f" and {len(answer.doubts) - MAX_DOUBTS} more" if len(answer.doubts) > MAX_DOUBTS else ""
-        places = ", ".join(place.path for place in answer.doubts[:MAX_DOUBTS])
-        lines.append(_wrapped(f"It depends on what could not be read: {places}{more}.", ""))
+        places = some((place.path for place in answer.doubts), MAX_DOUBTS)
+        lines.append(_wrapped(f"It depends on what could not be read: {places}.", ""))
     return "\n".join(lines).rstrip("\n") + "\n"
 
 
@@ -77,20 +76,20 @@ def _said(ground: Ground, enclaves: int, radius: BlastRadius) -> Iterator[str]:
     at_large = {enclave.label for system in ground.systems for enclave in system.enclaves if enclave.at_large}
     posed, others = sorted(radius.passes_for - at_large), sorted(radius.passes_for & at_large)
     if posed or not others:
-        whom = f"{len(posed)} of {enclaves} enclaves: {some(posed)}" if posed else "no other enclave"
+        whom = f"{len(posed)} of {enclaves} enclaves: {some(posed, MAX_LISTED)}" if posed else "no other enclave"
         yield f"passes for {whom}"
     if others:
-        yield f"passes for {some(others)}{' too' if posed else ''}"
+        yield f"passes for {some(others, MAX_LISTED)}{' too' if posed else ''}"
     if not radius.reached:
         yield "reaches no enclave"
         return
     alone, reached = sorted(radius.reached_alone), sorted(radius.reached)
     honest = f"reaches {len(alone)} of {enclaves} enclaves" if alone else "reaches no enclave"
     honest = f"{honest} while the others stay honest"
-    yield f"{honest}: {some(alone)}" if alone else honest
+    yield f"{honest}: {some(alone, MAX_LISTED)}" if alone else honest
     further = sorted(radius.reached - radius.reached_alone)
     if further:
-        yield f"reaches {len(reached)} if all on the way are compromised too: also {some(further)}"
+        yield f"reaches {len(reached)} if all on the way are compromised too: also {some(further, MAX_LISTED)}"
 
 
 def _wrapped(words: str, indent: str) -> str:

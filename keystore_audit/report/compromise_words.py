@@ -8,6 +8,7 @@ from typing import Final
 from keystore_audit.model.blast_radius import Topic
 from keystore_audit.model.named import Named
 from keystore_audit.model.names import PARAMETER_SERVICES, RosKind, parse_dds_name, ros_name
+from keystore_audit.text import some
 
 MAX_LISTED: Final = 8
 """Names that are listed; the rest are counted."""
@@ -20,7 +21,7 @@ def topic_words(topics: Iterable[Topic]) -> str:
     topics = list(topics)
     others = [topic for topic in topics if not _of_parameters(topic.name)]
     names = sorted(map(_words, others), key=lambda words: (not words.endswith("(topic)"), words))
-    listed = some([words.removesuffix(" (topic)") for words in names])
+    listed = some((words.removesuffix(" (topic)") for words in names), MAX_LISTED)
     parameters = len(topics) - len(others)
     return ", and ".join(filter(None, [listed, f"{parameters} of parameter services" if parameters else ""]))
 
@@ -34,9 +35,3 @@ def _words(topic: Topic) -> str:
     name = ros_name(topic.name.topic)
     inside = f', partition "{topic.name.partition}"' if topic.name.partition else ""
     return f"{f'all names such as {name}' if topic.name.several else name}{inside}"
-
-
-def some(names: list[str]) -> str:
-    """The first of the names, and how many more there are."""
-    more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
-    return f"{', '.join(names[:MAX_LISTED])}{more}"

@@ -51,8 +51,8 @@ def _items(comparison: Comparison) -> Iterator[str]:
 
 
 def _item(change: Change, comparison: Comparison, others: tuple[str, ...]) -> str:
-    places = [words.place(location) for location in (change.old, change.new)]
-    named = [f"{side} {escaped(place)}" for side, place in zip(("old", "new"), places, strict=True) if place]
+    places = (("old", change.old), ("new", change.new))
+    named = [f"{side} {escaped(str(place))}" for side, place in places if place is not None]
     where = f" ({', '.join(named)})" if named else ""
     lines = [f"- **{change.direction.value}** {escaped(words.sentence(change, comparison))}{where}"]
     lines += [

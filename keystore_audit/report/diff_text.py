@@ -38,9 +38,8 @@ def text(comparison: Comparison, fail_on: FailOn) -> str:
 def _change(change: Change, comparison: Comparison, others: tuple[str, ...]) -> Iterator[str]:
     yield _wrapped(words.sentence(change, comparison), f"  {words.MARKS[change.direction]} ", "    ")
     for side, location in (("old", change.old), ("new", change.new)):
-        where = words.place(location)
-        if where is not None:
-            yield terminal(f"      {side} {where}")
+        if location is not None:
+            yield terminal(f"      {side} {location}")
     for each in change.consequences[: words.MAX_CONSEQUENCES]:
         yield _wrapped(words.consequence(each, comparison), f"      {words.MARKS[each.direction]} so ", "        ")
     if len(change.consequences) > words.MAX_CONSEQUENCES:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Final
 
-from keystore_audit.findings import Location
 from keystore_audit.model.comparison.change import (
     Aspect,
     Change,
@@ -22,7 +21,7 @@ from keystore_audit.model.comparison.change import (
 from keystore_audit.model.comparison.others import SUBJECT
 from keystore_audit.model.domains import HIGHEST_DOMAIN, Interval, describe
 from keystore_audit.model.names import ros_name
-from keystore_audit.text import counted
+from keystore_audit.text import counted, some
 
 MAX_ENCLAVES: Final = 3
 MAX_CONSEQUENCES: Final = 6
@@ -95,8 +94,7 @@ def _joined(paths: Sequence[str], what: str) -> str:
 
 def enclaves(paths: Sequence[str]) -> str:
     """The first of them, and how many more."""
-    more = f" and {len(paths) - MAX_ENCLAVES} more" if len(paths) > MAX_ENCLAVES else ""
-    return ", ".join(paths[:MAX_ENCLAVES]) + more
+    return some(paths, MAX_ENCLAVES)
 
 
 def consequence(each: Consequence, comparison: Comparison) -> str:
@@ -177,17 +175,10 @@ def _aspect(aspect: Aspect) -> str:
     return f"{aspect.what}: {aspect.old or 'none'} → {aspect.new or 'none'}"
 
 
-def place(location: Location | None) -> str | None:
-    """File and line."""
-    if location is None:
-        return None
-    return location.path if location.line is None else f"{location.path}:{location.line}"
-
-
 def unread(each: Unread) -> str:
     """What could not be read."""
     whose = f" of {each.enclave}" if each.enclave is not None else ""
-    return f"{each.side} {place(each.location)}{whose}: {each.reason}"
+    return f"{each.side} {each.location}{whose}: {each.reason}"
 
 
 def verdict(comparison: Comparison, fail_on: FailOn) -> str:

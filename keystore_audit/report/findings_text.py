@@ -16,7 +16,7 @@ from keystore_audit.report.consequences import Consequences
 from keystore_audit.report.content import Report
 from keystore_audit.report.next_step import OF_THE_AUDIT
 from keystore_audit.report.page import Page, Piece
-from keystore_audit.text import counted
+from keystore_audit.text import counted, some
 
 _COMMON_WORD: Final = re.compile("[A-Z][a-z]* (?!DDS)")
 """What a sentence begins with, unless it is a name such as Fast DDS or CN=/talker."""
@@ -107,9 +107,8 @@ def _finding(page: Page, finding: Finding, profiles: frozenset[str]) -> None:
     page.put((severity.value.upper(), _SEVERITY_STYLE[severity]), f"  {finding.code} {finding.name}", indent=2)
     page.put(finding.message, indent=4)
     for number, place in enumerate(finding.locations[:MAX_PLACES]):
-        line = "" if place.line is None else f":{place.line}"
         note = f"  ({place.message})" if place.message else ""
-        where: tuple[Piece, ...] = ((f"{place.path}{line}", "bold"), (note, ""))
+        where: tuple[Piece, ...] = ((str(place), "bold"), (note, ""))
         page.labelled("where" if number == 0 else "", *where, indent=4, column=12)
     if len(finding.locations) > MAX_PLACES:
         more = counted(len(finding.locations) - MAX_PLACES, "more place")
@@ -157,9 +156,8 @@ def _elsewhere(page: Page, elsewhere: Mapping[tuple[str, str, Severity], Sequenc
         page.blank()
         page.put((severity.value.upper(), _SEVERITY_STYLE[severity]), f"  {code} {name}", indent=2)
         distinct = list(dict.fromkeys(enclaves))
-        rest = f" and {len(distinct) - MAX_NAMES} more" if len(distinct) > MAX_NAMES else ""
         findings = f"{len(enclaves)} more of it" if len(enclaves) > 1 else "One more of it"
-        page.put(f"{findings}, about {', '.join(distinct[:MAX_NAMES])}{rest}.", indent=4)
+        page.put(f"{findings}, about {some(distinct, MAX_NAMES)}.", indent=4)
 
 
 def _suppressed(page: Page, findings: Sequence[Finding]) -> None:

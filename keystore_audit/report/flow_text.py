@@ -12,8 +12,7 @@ from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus, ProfileResult
 from keystore_audit.report.content import assumed_of
-from keystore_audit.text import terminal
-
+from keystore_audit.text import some, terminal
 WIDTH: Final = 80
 MAX_DOUBTS: Final = 5
 
@@ -51,9 +50,8 @@ def text(
     profiles = (name for attacker, result in results if attacker is not Attacker.HONEST for name in result.profiles)
     lines += [_wrapped(f"Assumed: {each}", first="", rest="") for each in assumed_of(dict.fromkeys(profiles))]
     if unknown and doubts:
-        more = f" and {len(doubts) - MAX_DOUBTS} more" if len(doubts) > MAX_DOUBTS else ""
-        places = ", ".join(place.path for place in doubts[:MAX_DOUBTS])
-        lines.append(_wrapped(f"It depends on what could not be read: {places}{more}.", first="", rest=""))
+        places = some((place.path for place in doubts), MAX_DOUBTS)
+        lines.append(_wrapped(f"It depends on what could not be read: {places}.", first="", rest=""))
     for run in engines:
         reason = f" ({run.status.value}: {run.reason})" if run.status is not EngineStatus.OK else ""
         lines.append(

@@ -136,7 +136,7 @@ def _tell(case: etree._Element, tag: str, findings: Sequence[Finding], kind: str
 
 
 def _said(finding: Finding) -> str:
-    places = [f"  {place.path}{'' if place.line is None else f':{place.line}'}" for place in finding.locations[:20]]
+    places = [f"  {place}" for place in finding.locations[:20]]
     lines = [
         f"{finding.severity.value} {finding.code} {finding.name}: {finding.message}",
         *places,

@@ -9,7 +9,7 @@ from keystore_audit.findings import Finding, Location, Severity
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineStatus
 from keystore_audit.report.content import NoReport, Report, Verdict
-from keystore_audit.text import instant, markdown, shorten
+from keystore_audit.text import instant, markdown, shorten, some
 
 MAX_LENGTH: Final = 60_000
 """Characters of the whole; the comments of code hosting services take 65,536."""
@@ -152,9 +152,7 @@ def _finding(finding: Finding) -> Iterator[str]:
 
 
 def _places(locations: Sequence[Location]) -> str:
-    named = [markdown(f"{place.path}{'' if place.line is None else f':{place.line}'}") for place in locations[:3]]
-    more = f" and {len(locations) - 3} more" if len(locations) > 3 else ""
-    return ", ".join(named) + more
+    return some([markdown(str(place)) for place in locations], 3)
 
 
 def _rest(report: Report, budget: int) -> Iterator[str]:

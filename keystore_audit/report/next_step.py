@@ -7,7 +7,7 @@ from typing import Final
 
 from keystore_audit.findings import Finding
 from keystore_audit.report.content import Report, Verdict
-from keystore_audit.text import counted
+from keystore_audit.text import counted, some
 
 OF_THE_AUDIT: Final = "KA9"
 """The family of what the audit says of itself: it follows from something else, or nobody can mend it in a keystore."""
@@ -28,7 +28,7 @@ def next_step(report: Report) -> str:
     first = _first(undecided or failing)
     inside = [location for location in first.locations if not location.beside]  # what is asserted elsewhere is no fault
     place = next(iter((*inside, *first.locations)), None)
-    where = "" if place is None else f" ({place.path}{'' if place.line is None else f':{place.line}'})"
+    where = "" if place is None else f" ({place})"
     more = sum(first.fingerprint in finding.explained_by for finding in report.findings)
     follow = f", from which {counted(more, 'other')} follow{'s' if more == 1 else ''}" if more else ""
     told = f"{first.code} {first.name}{where}{follow}"
@@ -60,9 +60,8 @@ def _besides(first: Finding, findings: Sequence[Finding]) -> list[Finding]:
 def _causes(findings: Sequence[Finding]) -> str:
     """The codes of those that follow from none of the others, the worst first: a critical one may stand far above."""
     marks = {each.fingerprint for each in findings}
-    codes = list(dict.fromkeys(each.code for each in findings if not marks & {*each.explained_by}))
-    more = f" and {len(codes) - MAX_CODES} more" if len(codes) > MAX_CODES else ""
-    return ", ".join(codes[:MAX_CODES]) + more
+    codes = dict.fromkeys(each.code for each in findings if not marks & {*each.explained_by})
+    return some(codes, MAX_CODES)
 
 
 def _then(undecided: int, failing: int, codes: str) -> str:

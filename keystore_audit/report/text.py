@@ -23,7 +23,7 @@ from keystore_audit.report.next_step import next_step
 from keystore_audit.report.page import Page
 from keystore_audit.report.ros_nodes import nodes_beside
 from keystore_audit.report.total import render_total
-from keystore_audit.text import counted, instant, shorten
+from keystore_audit.text import counted, instant, shorten, some
 
 MAX_ENCLAVES: Final = 20
 """Enclaves listed by name where all is well; those that cannot start are always named."""
@@ -159,9 +159,7 @@ def _enclaves(page: Page, enclaves: Sequence[EnclaveEntry]) -> None:
             why = f": {reasons}" if reasons else ""
             page.put(f"{_START_WORDS[usability.usable]} {under}{why}.", indent=4)
     if starting:
-        listed = ", ".join(starting[:MAX_ENCLAVES])
-        rest = f" and {len(starting) - MAX_ENCLAVES} more" if len(starting) > MAX_ENCLAVES else ""
-        page.put(f"{listed}{rest}: can start under all profiles.", indent=2)
+        page.put(f"{some(starting, MAX_ENCLAVES)}: can start under all profiles.", indent=2)
 
 
 _START_WORDS: Final[Mapping[bool | None, str]] = {

@@ -15,7 +15,7 @@ from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.profiles import Profile
 from keystore_audit.rules.registry import Violation
-from keystore_audit.text import shorten
+from keystore_audit.text import shorten, some
 
 MAX_QUOTED: Final = 160
 """Characters of one quoted name: an enclave's path and a subject fit, a hostile subject of 60 kB does not."""
@@ -34,10 +34,7 @@ def quoted(text: str) -> str:
 
 def listed(names: Iterable[str]) -> str:
     """`a, b, c and 4 more`."""
-    every = list(names)
-    more = len(every) - MAX_LISTED
-    shown = ", ".join(shorten(name, MAX_QUOTED) for name in every[:MAX_LISTED])
-    return shown if more <= 0 else f"{shown} and {more} more"
+    return some((shorten(name, MAX_QUOTED) for name in names), MAX_LISTED)
 
 
 def more_like(found: Sequence[object]) -> str:

@@ -244,9 +244,7 @@ def _sources(allowances: Iterable[Allowance], row: Row, words: Sequence[str]) ->
     told: dict[tuple[str, str], None] = {}
     for allowance in allowances:
         if allowance.operation in needed and allowance.names & row.names:
-            where = allowance.location
-            line = "" if where is None or where.line is None else f":{where.line}"
-            told[f"{where.path}{line}" if where is not None else "", allowance.reason] = None
+            told[str(allowance.location or ""), allowance.reason] = None
     for at, reason in told:
         yield joined([element("code", at, class_="place"), f" {reason}"])
 
