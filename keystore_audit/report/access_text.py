@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from textwrap import fill
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
@@ -17,7 +16,8 @@ from keystore_audit.report.access_differences import differences, peers
 from keystore_audit.report.access_matrix import Matrix, matrices, shown_name
 from keystore_audit.report.access_words import protection_words
 from keystore_audit.report.content import assumed_of
-from keystore_audit.text import counted, shorten, terminal
+from keystore_audit.report.paragraph import wrapped
+from keystore_audit.text import counted, shorten
 
 ASSUMED: Final = "ROS_SECURITY_ENABLE=true and ROS_SECURITY_STRATEGY=Enforce on every robot."
 LEGEND: Final = (
@@ -45,10 +45,7 @@ class _Sheet:
     def put(self, text: str, indent: int = 0, hanging: int | None = None) -> None:
         """Add a paragraph."""
         rest = " " * (indent if hanging is None else hanging)
-        wrapped = fill(
-            terminal(text), self.width, initial_indent=" " * indent, subsequent_indent=rest, break_on_hyphens=False
-        )
-        self.lines.append(wrapped)
+        self.lines.append(wrapped(text, " " * indent, rest, width=self.width))
 
     def blank(self) -> None:
         """Leave one empty line."""

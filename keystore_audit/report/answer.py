@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from textwrap import fill
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.model.domains import Interval, describe
 from keystore_audit.model.question import Answer, Ruling
 from keystore_audit.report.encoded import encoded
+from keystore_audit.report.paragraph import by_answer, profiles, wrapped
 from keystore_audit.text import terminal
-
-WIDTH: Final = 80
-"""Columns of the text."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,17 +81,14 @@ def text(asked: Asked, answers: Mapping[str, Answer]) -> str:
         lines.append(_sentence(f"{covered}; this is about {asked.domain}, --domain asks about another"))
     if asked.operation == "relay":
         lines.append("  No endpoint is made for relaying: this is what the rules say.")
-    groups: dict[Answer, list[str]] = {}
-    for profile, answer in answers.items():
-        groups.setdefault(answer, []).append(profile)
-    for answer, profiles in sorted(groups.items(), key=lambda group: len(group[1])):
-        lines += ["", *_answer(answer, "every profile" if len(groups) == 1 else ", ".join(profiles))]
+    for answer, names in sorted(by_answer(answers).items(), key=lambda group: len(group[1])):
+        lines += ["", *_answer(answer, profiles(names, answers))]
     return "\n".join(lines) + "\n"
 
 
-def _answer(answer: Answer, profiles: str) -> list[str]:
+def _answer(answer: Answer, under: str) -> list[str]:
     label = f"{answer.decision.value.upper():<8} "
-    lines = [_wrapped(profiles, first=label, rest=" " * len(label))]
+    lines = [wrapped(under, label, " " * len(label))]
     lines.append(_sentence(answer.reason))
     if answer.location is not None:
         lines.append(terminal(f"  {answer.location}"))
@@ -142,8 +136,4 @@ _ACCEPT: Final = {
 
 
 def _sentence(text: str) -> str:
-    return _wrapped(f"{text[:1].upper()}{text[1:]}.", first="  ", rest="  ")
-
-
-def _wrapped(text: str, *, first: str, rest: str) -> str:
-    return fill(terminal(text), WIDTH, initial_indent=first, subsequent_indent=rest, break_on_hyphens=False)
+    return wrapped(f"{text[:1].upper()}{text[1:]}.", "  ", "  ")

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from textwrap import fill
 from typing import Final
 
 from keystore_audit.model.blast_radius import BlastRadius, Ground
 from keystore_audit.properties.compromise_result import CompromiseAnswer, KeyAnswer, ProfileRadius, Stolen
 from keystore_audit.properties.property import Status
 from keystore_audit.report.compromise_words import MAX_LISTED, topic_words
-from keystore_audit.text import counted, some, terminal
-
-WIDTH: Final = 80
-MAX_DOUBTS: Final = 5
-_INDENT: Final = " " * 4
+from keystore_audit.report.paragraph import by_answer, profiles, rests_on, wrapped
+from keystore_audit.text import counted, some
 
 _WHOSE: Final = {
     Stolen.ENCLAVE: "the enclave {}",
@@ -29,35 +25,31 @@ def text(answer: CompromiseAnswer) -> str:
     for key in answer.keys:
         lines += [*_key(answer, key), ""]
     if not answer.keys:
-        lines += [_wrapped("No certificate of such an authority could be read: what its key opens is unknown.", ""), ""]
+        lines += [wrapped("No certificate of such an authority could be read: what its key opens is unknown."), ""]
     if not answer.include_ambient:
-        lines.append(_wrapped("Flows are apart from /clock, /parameter_events, /rosout and ros_discovery_info.", ""))
+        lines.append(wrapped("Flows are apart from /clock, /parameter_events, /rosout and ros_discovery_info."))
     if answer.status is Status.UNKNOWN and answer.doubts:
-        places = some((place.path for place in answer.doubts), MAX_DOUBTS)
-        lines.append(_wrapped(f"It depends on what could not be read: {places}.", ""))
+        lines.append(wrapped(rests_on(answer.doubts)))
     return "\n".join(lines).rstrip("\n") + "\n"
 
 
 def _key(answer: CompromiseAnswer, key: KeyAnswer) -> Iterator[str]:
     where = f" ({key.location.path})" if key.location is not None and key.stolen is not Stolen.ENCLAVE else ""
     holder = f"Whoever holds the private key of {_WHOSE[key.stolen].format(key.name)}{where}"
-    yield _wrapped(f"{holder}{' alone' if key.with_an_enclave is not None else ''}:", "")
+    yield wrapped(f"{holder}{' alone' if key.with_an_enclave is not None else ''}:")
     yield from _profiles(answer, key.alone)
     if key.with_an_enclave is not None:
         yield ""
-        yield _wrapped("With the private key of an enclave as well, whichever it is:", "")
+        yield wrapped("With the private key of an enclave as well, whichever it is:")
         yield from _profiles(answer, key.with_an_enclave)
 
 
 def _profiles(answer: CompromiseAnswer, by_profile: Mapping[str, ProfileRadius]) -> Iterator[str]:
-    groups: dict[ProfileRadius, list[str]] = {}
-    for name, each in by_profile.items():
-        groups.setdefault(each, []).append(name)
-    for each, names in groups.items():
-        under = "every profile" if len(names) == len(by_profile) else ", ".join(names)
-        yield _wrapped(f"{'under' if each.certain else 'UNKNOWN, perhaps, under'} {under}", "  ")
+    for each, names in by_answer(by_profile).items():
+        under = f"{'under' if each.certain else 'UNKNOWN, perhaps, under'} {profiles(names, by_profile)}"
+        yield wrapped(under, "  ", "    ")
         for line in _said(answer.ground, answer.enclaves, each.radius):
-            yield _wrapped(line, _INDENT)
+            yield wrapped(line, "    ", "      ")
 
 
 def _said(ground: Ground, enclaves: int, radius: BlastRadius) -> Iterator[str]:
@@ -90,10 +82,3 @@ def _said(ground: Ground, enclaves: int, radius: BlastRadius) -> Iterator[str]:
     further = sorted(radius.reached - radius.reached_alone)
     if further:
         yield f"reaches {len(reached)} if all on the way are compromised too: also {some(further, MAX_LISTED)}"
-
-
-def _wrapped(words: str, indent: str) -> str:
-    return fill(
-        terminal(words), WIDTH, initial_indent=indent, subsequent_indent=f"{indent}  " if indent else "",
-        break_on_hyphens=False,
-    )  # fmt: skip

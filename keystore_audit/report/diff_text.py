@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from textwrap import fill
 from typing import Final
 
 from keystore_audit.model.comparison.change import Change, Comparison, FailOn, Layer
 from keystore_audit.report import diff_words as words
 from keystore_audit.report.diff_alike import alike
+from keystore_audit.report.paragraph import wrapped
 from keystore_audit.text import instant, terminal
 
-WIDTH: Final = 80
 MAX_UNREAD: Final = 10
 
 
@@ -49,11 +48,4 @@ def _change(change: Change, comparison: Comparison, others: tuple[str, ...]) -> 
 
 
 def _wrapped(sentence: str, first: str, rest: str) -> str:
-    return fill(
-        terminal(sentence),
-        WIDTH,
-        initial_indent=first,
-        subsequent_indent=rest,
-        break_on_hyphens=False,
-        break_long_words=False,
-    )
+    return wrapped(sentence, first, rest, break_long_words=False)

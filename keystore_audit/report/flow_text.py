@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from textwrap import fill
 from typing import Final
 
 from keystore_audit.findings import Location
@@ -12,9 +11,8 @@ from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus, ProfileResult
 from keystore_audit.report.content import assumed_of
-from keystore_audit.text import some, terminal
-WIDTH: Final = 80
-MAX_DOUBTS: Final = 5
+from keystore_audit.report.paragraph import profiles, rests_on, wrapped
+from keystore_audit.text import terminal
 
 _WORDS: Final = {Status.VIOLATED: "FLOW", Status.HOLDS: "no flow", Status.UNKNOWN: "UNKNOWN"}
 _ASSUMED: Final = {
@@ -39,26 +37,21 @@ def text(
     unknown = False
     shown: set[tuple[Step, ...]] = set()
     for attacker, result in results:
-        lines += ["", _wrapped(f"If {_ASSUMED[attacker]}:", first="", rest="")]
+        lines += ["", _wrapped(f"If {_ASSUMED[attacker]}:")]
         for answer, names in _groups(result):
-            under = "every profile" if len(names) == len(result.profiles) else ", ".join(names)
-            lines.append(_wrapped(under, first=f"  {_WORDS[answer.status]:<8} ", rest=" " * 11))
+            under = profiles(names, result.profiles)
+            lines.append(_wrapped(under, f"  {_WORDS[answer.status]:<8} ", " " * 11))
             unknown = unknown or answer.status is Status.UNKNOWN
             if answer.counterexample is not None:
                 lines += _path(answer.counterexample, shown, certain=answer.status is Status.VIOLATED)
     lines.append("")
-    profiles = (name for attacker, result in results if attacker is not Attacker.HONEST for name in result.profiles)
-    lines += [_wrapped(f"Assumed: {each}", first="", rest="") for each in assumed_of(dict.fromkeys(profiles))]
+    asked = (name for attacker, result in results if attacker is not Attacker.HONEST for name in result.profiles)
+    lines += [_wrapped(f"Assumed: {each}") for each in assumed_of(dict.fromkeys(asked))]
     if unknown and doubts:
-        places = some((place.path for place in doubts), MAX_DOUBTS)
-        lines.append(_wrapped(f"It depends on what could not be read: {places}.", first="", rest=""))
+        lines.append(_wrapped(rests_on(doubts)))
     for run in engines:
-        reason = f" ({run.status.value}: {run.reason})" if run.status is not EngineStatus.OK else ""
-        lines.append(
-            _wrapped(f"Decided by {run.name}.", first="", rest="")
-            if not reason
-            else _wrapped(f"Not decided by {run.name}{reason}.", first="", rest="")
-        )
+        reason = "" if run.status is EngineStatus.OK else f" ({run.status.value}: {run.reason})"
+        lines.append(_wrapped(f"{'Not decided' if reason else 'Decided'} by {run.name}{reason}."))
     return "\n".join(lines) + "\n"
 
 
@@ -74,25 +67,18 @@ def _groups(result: AssertedResult) -> list[tuple[ProfileResult, list[str]]]:
 
 def _path(path: Counterexample, shown: set[tuple[Step, ...]], *, certain: bool) -> list[str]:
     """The way with its lines, these once: a flow without an attack is one with any."""
-    lines = [_wrapped(path.text if certain else f"Perhaps: {path.text}", first=" " * 11, rest=" " * 11)]
+    lines = [_wrapped(path.text if certain else f"Perhaps: {path.text}", " " * 11, " " * 11)]
     if path.steps and path.steps in shown:
-        return [*lines, _wrapped("by the same lines as above", first=" " * 13, rest=" " * 15)]
+        return [*lines, _wrapped("by the same lines as above", " " * 13, " " * 15)]
     shown.add(path.steps)
     for step in path.steps:
         if step.path is not None:
             line = "" if step.line is None else f":{step.line}"
             who = f"{step.enclave}, " if step.enclave is not None else ""
             place = f"{step.path}{line}  ({who}{step.witness})"
-            lines.append(_wrapped(place, first=" " * 13, rest=" " * 15))
+            lines.append(_wrapped(place, " " * 13, " " * 15))
     return lines
 
 
-def _wrapped(words: str, *, first: str, rest: str) -> str:
-    return fill(
-        terminal(words),
-        WIDTH,
-        initial_indent=first,
-        subsequent_indent=rest,
-        break_on_hyphens=False,
-        break_long_words=False,
-    )
+def _wrapped(words: str, first: str = "", rest: str = "") -> str:
+    return wrapped(words, first, rest, break_long_words=False)

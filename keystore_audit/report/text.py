@@ -12,7 +12,6 @@ from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Finding, Outcome, Result, Severity
-from keystore_audit.model.meaning import Usability
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
 from keystore_audit.report import ranking
@@ -21,6 +20,7 @@ from keystore_audit.report.findings_text import put_findings
 from keystore_audit.report.json import TOOL
 from keystore_audit.report.next_step import next_step
 from keystore_audit.report.page import Page
+from keystore_audit.report.paragraph import by_answer
 from keystore_audit.report.ros_nodes import nodes_beside
 from keystore_audit.report.total import render_total
 from keystore_audit.text import counted, instant, shorten, some
@@ -149,11 +149,11 @@ def _enclaves(page: Page, enclaves: Sequence[EnclaveEntry]) -> None:
     page.put(("Enclaves", "bold underline"))
     starting = [entry.path for entry in enclaves if all(use.usable for use in entry.profiles.values())]
     for entry in enclaves:
-        groups = _fold(entry.profiles)
-        if all(usability.usable for usability, _ in groups):
+        groups = by_answer(entry.profiles)
+        if all(usability.usable for usability in groups):
             continue
         page.put((entry.path, "bold"), f"  ({entry.directory})", indent=2)
-        for usability, names in groups:
+        for usability, names in groups.items():
             under = _under(names, len(entry.profiles))
             reasons = "; ".join(reason.rstrip(".") for reason in usability.reasons)
             why = f": {reasons}" if reasons else ""
@@ -167,13 +167,6 @@ _START_WORDS: Final[Mapping[bool | None, str]] = {
     False: "CANNOT START",
     None: "UNKNOWN whether it can start,",
 }
-
-
-def _fold(answers: Mapping[str, Usability]) -> list[tuple[Usability, list[str]]]:
-    groups: dict[Usability, list[str]] = {}
-    for name, usability in answers.items():
-        groups.setdefault(usability, []).append(name)
-    return list(groups.items())
 
 
 def _under(names: Sequence[str], total: int) -> str:

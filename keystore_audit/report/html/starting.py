@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from keystore_audit.model.meaning import Usability
 from keystore_audit.report.content import EnclaveEntry
 from keystore_audit.report.html.element import Html, element, folded, items, joined, lines, name
 from keystore_audit.report.html.sheet import FULL, Sheet
+from keystore_audit.report.paragraph import by_answer
 from keystore_audit.report.ros_nodes import nodes_beside
 from keystore_audit.text import counted
 
@@ -42,11 +42,8 @@ def starting(sheet: Sheet) -> Html:
 
 
 def _entry(sheet: Sheet, entry: EnclaveEntry) -> list[Html]:
-    groups: dict[Usability, list[str]] = {}
-    for profile, usability in entry.profiles.items():
-        groups.setdefault(usability, []).append(profile)
     told = [element("p", name(entry.path), " ", element("code", entry.directory, class_="place"))]
-    for usability, profiles in groups.items():
+    for usability, profiles in by_answer(entry.profiles).items():
         under = sheet.under(tuple(profiles)) or "under every profile"
         words = element("strong" if not usability.usable else "span", _WORDS[usability.usable])
         told.append(element("p", words, f" {under}", class_="under"))

@@ -1,0 +1,48 @@
+"""Paragraphs of plain text, as answers to one question have them; a report of an audit is a `page`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from textwrap import fill
+from typing import Final, TypeVar
+
+from keystore_audit.findings import Location
+from keystore_audit.text import some, terminal
+
+WIDTH: Final = 80
+"""Columns, as far as names allow."""
+
+MAX_DOUBTS: Final = 5
+"""Places named that could not be read."""
+
+_A = TypeVar("_A")
+
+
+def wrapped(text: str, first: str = "", rest: str = "", *, width: int = WIDTH, break_long_words: bool = True) -> str:
+    """The text, escaped, behind `first` on its first line and `rest` on the others."""
+    return fill(
+        terminal(text),
+        width,
+        initial_indent=first,
+        subsequent_indent=rest,
+        break_on_hyphens=False,
+        break_long_words=break_long_words,
+    )
+
+
+def rests_on(doubts: Sequence[Location]) -> str:
+    """What an unknown answer rests on, a sentence."""
+    return f"It depends on what could not be read: {some((place.path for place in doubts), MAX_DOUBTS)}."
+
+
+def by_answer(answers: Mapping[str, _A]) -> dict[_A, list[str]]:
+    """By answer the profiles under which it is given."""
+    groups: dict[_A, list[str]] = {}
+    for profile, answer in answers.items():
+        groups.setdefault(answer, []).append(profile)
+    return groups
+
+
+def profiles(names: Sequence[str], every: Mapping[str, object]) -> str:
+    """Some of the profiles that were asked about."""
+    return "every profile" if len(names) == len(every) else ", ".join(names)
