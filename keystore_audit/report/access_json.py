@@ -10,7 +10,7 @@ from keystore_audit.model.access_table import AccessTable, EnclaveRights, Group
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.question import Ruling
 from keystore_audit.model.safeguard import Safeguard
-from keystore_audit.report.encoded import encoded
+from keystore_audit.report.encoded import array, document, encoded, keys
 from keystore_audit.text import instant
 
 SCHEMA_VERSION: Final = 1
@@ -26,16 +26,8 @@ def json(table: AccessTable) -> str:
         "domain": table.domain,
         "complete": not table.has_unknown,
     }
-    parts = [f"  {encoded(key)}: {encoded(value)}" for key, value in head.items()]
-    parts.append(_array("names", [encoded(_name(table, number)) for number in range(len(table.names))], 2))
-    groups = ",\n".join(_group(table, group) for group in table.groups)
-    return "{\n" + ",\n".join(parts) + f',\n  "groups": [\n{groups}\n  ]\n}}\n'
-
-
-def _array(key: str, items: list[str], indent: int) -> str:
-    inner = ",\n".join(" " * (indent + 2) + item for item in items)
-    space = " " * indent
-    return f"{space}{encoded(key)}: [\n{inner}\n{space}]" if items else f"{space}{encoded(key)}: []"
+    names = array("names", [encoded(_name(table, number)) for number in range(len(table.names))])
+    return document([*keys(head), names, array("groups", [_group(table, group) for group in table.groups])])
 
 
 def _name(table: AccessTable, number: int) -> dict[str, Any]:
@@ -53,11 +45,11 @@ def _group(table: AccessTable, group: Group) -> str:
     enclaves = [encoded(_enclave(table, path, enclave)) for path, enclave in group.enclaves.items()]
     parts = [
         f'      "profiles": {encoded(list(group.profiles))}',
-        _array("protection", [encoded([_safeguard(each) for each in several]) for several in group.safeguards], 6),
-        _array("enclaves", enclaves, 6),
-        _array("rights", [encoded(right) for right in _rights(table, group)], 6),
+        array("protection", [encoded([_safeguard(each) for each in several]) for several in group.safeguards], 6),
+        array("enclaves", enclaves, 6),
+        array("rights", [encoded(right) for right in _rights(table, group)], 6),
     ]
-    return "    {\n" + ",\n".join(parts) + "\n    }"
+    return "{\n" + ",\n".join(parts) + "\n    }"
 
 
 def _safeguard(safeguard: Safeguard) -> dict[str, Any]:

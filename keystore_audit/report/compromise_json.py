@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any
 
-from keystore_audit.model.blast_radius import BlastRadius, Ground, Topic
+from keystore_audit.model.blast_radius import Ground, Topic
 from keystore_audit.properties.compromise_result import CompromiseAnswer, KeyAnswer, ProfileRadius
-from keystore_audit.properties.property import Status
 from keystore_audit.report.encoded import encoded
+from keystore_audit.report.flow_json import FOUND
 from keystore_audit.text import instant
-
-BEYOND: Final[Mapping[Status, bool | None]] = {Status.VIOLATED: True, Status.HOLDS: False, Status.UNKNOWN: None}
-"""Whether a key opens anything of somebody else's."""
 
 
 def json(answer: CompromiseAnswer) -> str:
@@ -22,7 +18,7 @@ def json(answer: CompromiseAnswer) -> str:
         "include_ambient": answer.include_ambient,
         "at": instant(answer.at),
         "enclaves": answer.enclaves,
-        "beyond_itself": BEYOND[answer.status],
+        "beyond_itself": FOUND[answer.status],
         "keys": [_key(answer.ground, key) for key in answer.keys],
     }
     return encoded(document) + "\n"
@@ -40,7 +36,7 @@ def _key(ground: Ground, key: KeyAnswer) -> dict[str, Any]:
 
 
 def _profile(ground: Ground, each: ProfileRadius) -> dict[str, Any]:
-    radius: BlastRadius = each.radius
+    radius = each.radius
     return {
         "certain": each.certain,
         "topics_written": [_topic(topic) for topic in ground.topics(radius.written)],

@@ -12,7 +12,8 @@ from keystore_audit.findings import Finding, Outcome, Severity
 from keystore_audit.given import GivenFile
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.properties.result import EngineRun, EngineStatus, PropertyResult
+from keystore_audit.properties.property import Status
+from keystore_audit.properties.result import EngineRun, PropertyResult
 
 if TYPE_CHECKING:  # most reports draw nothing
     from keystore_audit.model.blast_radius import Ranking
@@ -60,16 +61,6 @@ NOT_CHECKED: Final = (
 )
 """What this version does not look at."""
 
-ENGINE_WORDS: Final = {
-    EngineStatus.OK: "answered",
-    EngineStatus.MISSING: "is missing",
-    EngineStatus.FAILED: "failed",
-    EngineStatus.TIMEOUT: "ran out of time",
-    EngineStatus.OUT_OF_SCALE: "was not started, the model being too large for it",
-    EngineStatus.NOT_RUN: "was not asked",
-}
-"""What became of an engine, behind its name."""
-
 MAX_RANKED: Final = 100
 """Enclaves up to which every report ranks them; a page for people has more."""
 
@@ -80,6 +71,11 @@ class Verdict(str, Enum):
     PASS = "pass"  # noqa: S105 - a verdict, not a password
     FAIL = "fail"
     INCOMPLETE = "incomplete"
+
+
+WORST_FIRST: Final = (Verdict.INCOMPLETE, Verdict.FAIL, Verdict.PASS)
+STATUSES: Final = (Status.UNKNOWN, Status.VIOLATED, Status.HOLDS)
+"""Of properties, the worst first too."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -187,6 +183,15 @@ class Report:
             if finding.suppressed is None:
                 counts[finding.severity] += 1
         return counts
+
+    @property
+    def accepted(self) -> tuple[Finding, ...]:
+        """Findings that somebody accepts."""
+        return tuple(finding for finding in self.findings if finding.suppressed is not None)
+
+    def shown(self, least: Severity) -> tuple[Finding, ...]:
+        """Findings of a severity or a worse one."""
+        return tuple(finding for finding in self.findings if finding.severity.at_least(least))
 
     @property
     def given_files(self) -> tuple[tuple[str, GivenFile], ...]:

@@ -9,7 +9,7 @@ from keystore_audit.findings import Location
 from keystore_audit.model.comparison.change import Change, Comparison, Consequence, FailOn, Influenced, Name, Names
 from keystore_audit.model.domains import describe
 from keystore_audit.model.names import parse_dds_name, ros_name
-from keystore_audit.report.encoded import encoded
+from keystore_audit.report.encoded import array, document, encoded, keys
 from keystore_audit.text import instant
 
 SCHEMA_VERSION: Final = 1
@@ -32,19 +32,13 @@ def json(comparison: Comparison, fail_on: FailOn) -> str:
         "failing": len(failing),
         "common_enclaves": comparison.common,
     }
-    parts = [f"  {encoded(key)}: {encoded(value)}" for key, value in head.items()]
     unknown = [
         {"side": each.side, "enclave": each.enclave, "location": _location(each.location), "reason": each.reason}
         for each in comparison.unknown
     ]
-    parts.append(_array("unknown", unknown))
-    parts.append(_array("changes", [_change(change, fails=id(change) in failing) for change in comparison.changes]))
-    return "{\n" + ",\n".join(parts) + "\n}\n"
-
-
-def _array(key: str, items: list[dict[str, Any]]) -> str:
-    inner = ",\n".join(f"    {encoded(item)}" for item in items)
-    return f"  {encoded(key)}: [\n{inner}\n  ]" if items else f"  {encoded(key)}: []"
+    changes = [_change(change, fails=id(change) in failing) for change in comparison.changes]
+    lists = {"unknown": unknown, "changes": changes}
+    return document([*keys(head), *(array(key, [*map(encoded, items)]) for key, items in lists.items())])
 
 
 def _change(change: Change, *, fails: bool) -> dict[str, Any]:

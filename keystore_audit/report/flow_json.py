@@ -11,7 +11,7 @@ from keystore_audit.properties.result import AssertedResult, EngineRun, ProfileR
 from keystore_audit.report.encoded import encoded, told
 
 FOUND: Final[Mapping[Status, bool | None]] = {Status.VIOLATED: True, Status.HOLDS: False, Status.UNKNOWN: None}
-"""Whether there is a flow."""
+"""Whether there is a flow, or a key opens anything of somebody else's."""
 
 
 def json(

@@ -10,8 +10,7 @@ from keystore_audit.model.claim import Attacker
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus, ProfileResult
-from keystore_audit.report.content import assumed_of
-from keystore_audit.report.paragraph import profiles, rests_on, wrapped
+from keystore_audit.report.content import STATUSES, assumed_offrom keystore_audit.report.paragraph import profiles, rests_on, wrapped
 from keystore_audit.text import terminal
 
 _WORDS: Final = {Status.VIOLATED: "FLOW", Status.HOLDS: "no flow", Status.UNKNOWN: "UNKNOWN"}
@@ -61,8 +60,7 @@ def _groups(result: AssertedResult) -> list[tuple[ProfileResult, list[str]]]:
     for name, answer in result.profiles.items():
         key = (answer.status, answer.counterexample.text if answer.counterexample else "")
         groups.setdefault(key, (answer, []))[1].append(name)
-    order = [Status.UNKNOWN, Status.VIOLATED, Status.HOLDS]
-    return sorted(groups.values(), key=lambda group: order.index(group[0].status))
+    return sorted(groups.values(), key=lambda group: STATUSES.index(group[0].status))
 
 
 def _path(path: Counterexample, shown: set[tuple[Step, ...]], *, certain: bool) -> list[str]:

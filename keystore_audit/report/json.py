@@ -14,7 +14,7 @@ from keystore_audit.findings import Finding, Location, Outcome, Result, Severity
 from keystore_audit.given import GivenFile
 from keystore_audit.properties.result import AssertedResult, EngineRun, ProfileResult, PropertyResult
 from keystore_audit.report.content import MAX_RANKED, EnclaveEntry, NoReport, Report
-from keystore_audit.report.encoded import encoded, told
+from keystore_audit.report.encoded import array, document, encoded, keys, told
 from keystore_audit.text import instant
 
 if TYPE_CHECKING:
@@ -41,32 +41,21 @@ def render_several(reports: Sequence[Report], missing: Sequence[NoReport] = ()) 
         for severity, count in report.summary.items():
             summary[severity] += count
     described = [{**_report(report), "outcomes": _outcomes(report.outcomes)} for report in reports]
-    document = {
+    values = {
         "schema_version": SCHEMA_VERSION,
         "reports": described,
         "missing": [{"path": each.path, "reason": each.reason, "exit_code": each.exit_code} for each in missing],
-        "summary": _counts(summary),
+        "summary": counts(summary),
     }
-    return _dump(document, {})
+    return _dump(values, {})
 
 
-def _dump(document: Mapping[str, Any], ready: Mapping[str, Sequence[str]]) -> str:
-    """A line for each key and for each item of a list: fit to read and to diff, ten times faster than indenting.
-
-    `ready`: the last keys, lists whose items are JSON already.
-    """
-    lines = []
-    for key, value in document.items():
-        if isinstance(value, list) and value:
-            lines.append(_lines(key, [encoded(item) for item in value]))
-        else:
-            lines.append(f"  {encoded(key)}: {encoded(value)}")
-    lines += [_lines(key, items) if items else f"  {encoded(key)}: []" for key, items in ready.items()]
-    return "{\n" + ",\n".join(lines) + "\n}\n"
-
-
-def _lines(key: str, items: Sequence[str]) -> str:
-    return f"  {encoded(key)}: [\n    " + ",\n    ".join(items) + "\n  ]"
+def _dump(values: Mapping[str, Any], ready: Mapping[str, Sequence[str]]) -> str:
+    """A line for each key and for each item of a list. `ready`: the last keys, lists whose items are JSON already."""
+    lines: list[str] = []
+    for key, value in values.items():
+        lines += [array(key, [*map(encoded, value)])] if isinstance(value, list) else keys({key: value})
+    return document([*lines, *(array(key, items) for key, items in ready.items())])
 
 
 def _report(report: Report) -> dict[str, Any]:
@@ -89,7 +78,7 @@ def _report(report: Report) -> dict[str, Any]:
         "properties": [_property(result) for result in report.properties],
         "findings": [_finding(finding) for finding in report.findings],
         "blast_radius": _rankings(report),
-        "summary": _counts(report.summary),
+        "summary": counts(report.summary),
     }
 
 
@@ -108,7 +97,8 @@ def _encoded(outcomes: Collection[Outcome]) -> list[str]:
     return items
 
 
-def _counts(summary: Mapping[Severity, int]) -> dict[str, int]:
+def counts(summary: Mapping[Severity, int]) -> dict[str, int]:
+    """By the names of the severities, all five of them."""
     return {severity.value: summary[severity] for severity in Severity}
 
 

@@ -153,7 +153,7 @@ def _verdict(suite: etree._Element, report: Report, left_out: int) -> None:
         ("verdict", report.verdict.value),
         ("digest", report.digest),
         ("weakened", ", ".join(report.weakened)),
-        ("accepted findings", str(sum(finding.suppressed is not None for finding in report.findings))),
+        ("accepted findings", str(len(report.accepted))),
         ("cases that passed and are left out", str(left_out)),
     ):
         etree.SubElement(properties, "property", name=name, value=terminal(value))

@@ -8,7 +8,7 @@ from typing import Final
 from keystore_audit.findings import Finding, Location, Severity
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineStatus
-from keystore_audit.report.content import NoReport, Report, Verdict
+from keystore_audit.report.content import WORST_FIRST, NoReport, Report, Verdict
 from keystore_audit.text import instant, markdown, shorten, some
 
 MAX_LENGTH: Final = 60_000
@@ -28,8 +28,6 @@ MAX_TOLD: Final = 10
 
 MAX_NAME: Final = 120
 """Characters of a name or a reason in the head."""
-
-_WORST: Final = (Verdict.INCOMPLETE, Verdict.FAIL, Verdict.PASS)
 
 _VERDICTS: Final = {
     Verdict.PASS: "PASS",
@@ -69,7 +67,7 @@ def _missing(missing: Sequence[NoReport]) -> Iterator[str]:
 
 def _worst(reports: Sequence[Report], least: Severity, room: int) -> str:
     """A list of all reports, and those that fit in so many characters, the worst first."""
-    worst_first = sorted(reports, key=lambda report: (_WORST.index(report.verdict), report.keystore))
+    worst_first = sorted(reports, key=lambda report: (WORST_FIRST.index(report.verdict), report.keystore))
     lines = [f"## keystore-audit: {len(reports)} keystores", "", "| keystore | verdict | findings |", "|---|---|---|"]
     for report in worst_first[:MAX_KEYSTORES]:
         where = markdown(shorten(report.keystore, MAX_NAME))
@@ -87,7 +85,7 @@ def _worst(reports: Sequence[Report], least: Severity, room: int) -> str:
 
 def _report(report: Report, least: Severity, budget: int) -> str:
     head, rest = [*_head(report)], [*_rest(report, budget // 4)]
-    shown = [finding for finding in report.findings if finding.severity.at_least(least) and finding.suppressed is None]
+    shown = [finding for finding in report.shown(least) if finding.suppressed is None]
     left = budget - sum(len(line) + 1 for line in (*head, *rest))
     items: list[str] = []
     for finding in shown:
@@ -139,7 +137,7 @@ def _head(report: Report) -> Iterator[str]:
 
 def _counts(report: Report) -> str:
     counts = [f"{count} {severity.value}" for severity, count in report.summary.items() if count]
-    accepted = sum(finding.suppressed is not None for finding in report.findings)
+    accepted = len(report.accepted)
     return ", ".join([*(counts or ["no findings"]), *([f"{accepted} accepted"] if accepted else [])])
 
 
@@ -163,7 +161,7 @@ def _rest(report: Report, budget: int) -> Iterator[str]:
     yield f"- Safe until: {until}. {markdown(report.safe_until_why)}".rstrip()
     yield from _items("Assumed", report.assumptions)
     yield from _items("Not checked", report.scope.not_checked)
-    yield from _accepted([finding for finding in report.findings if finding.suppressed is not None], budget)
+    yield from _accepted(report.accepted, budget)
     answered = [run for run in report.engines if run.status is EngineStatus.OK]
     yield "- Engines: " + markdown(", ".join(f"{run.name} {run.version or ''}".rstrip() for run in answered))
     yield f"- Keystore: SHA-256 {report.digest}; keystore-audit {markdown(report.version)}"

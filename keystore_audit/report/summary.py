@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import Any, Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Severity
 from keystore_audit.report.content import Report, Verdict
-from keystore_audit.report.encoded import encoded
+from keystore_audit.report.encoded import array, document, encoded, keys
+from keystore_audit.report.json import TOOL, counts
 from keystore_audit.report.page import Page
 from keystore_audit.report.text import View
 from keystore_audit.text import counted, instant, shorten
 
 SCHEMA_VERSION: Final = 1
 """Rises when a key is removed or changes its meaning."""
-
-TOOL: Final = "keystore-audit"
 
 MAX_NAMED: Final = 5
 """Keystores named where many have the same findings; the others are counted (text, unless it is verbose)."""
@@ -101,21 +100,18 @@ def without_report(path: str, exit_code: int, error: str) -> Row:
 def render_json(summary: Summary, name: str) -> str:
     """Return the summary; `name`: of the report's file in each keystore's directory."""
     rows = [_row(each, f"{summary.reports[each.path]}{name}") for each in summary.rows]
-    totals = _counts(_total(summary.rows))
-    keys = {
+    totals = {severity: sum(each.counts[severity] for each in summary.rows) for severity in Severity}
+    head = {
         "schema_version": SCHEMA_VERSION,
         "tool": {"name": TOOL, "version": summary.version},
         "at": instant(summary.at),
         "exit_code": summary.exit_code,
         "interrupted": summary.interrupted,
-        "summary": totals,
+        "summary": counts(totals),
         "not_audited": list(summary.not_audited),
         "unseen": [{"path": path, "reason": reason} for path, reason in summary.unseen],
     }
-    lines = [f"  {encoded(key)}: {encoded(value)}" for key, value in keys.items()]
-    listed = ",\n    ".join(encoded(each) for each in rows)
-    lines.append(f'  "keystores": [\n    {listed}\n  ]' if rows else '  "keystores": []')
-    return "{\n" + ",\n".join(lines) + "\n}\n"
+    return document([*keys(head), array("keystores", [*map(encoded, rows)])])
 
 
 def _row(row: Row, report: str) -> dict[str, Any]:
@@ -129,17 +125,9 @@ def _row(row: Row, report: str) -> dict[str, Any]:
         "enclaves": row.enclaves,
         "safe_until": None if row.safe_until is None else instant(row.safe_until),
         "weakened": list(row.weakened),
-        "summary": _counts(row.counts),
+        "summary": counts(row.counts),
         "failing": [{"code": code, "name": name, "severity": severity.value} for code, name, severity in row.failing],
     }
-
-
-def _total(rows: Iterable[Row]) -> dict[Severity, int]:
-    return {severity: sum(row.counts[severity] for row in rows) for severity in Severity}
-
-
-def _counts(counts: Mapping[Severity, int]) -> dict[str, int]:
-    return {severity.value: counts[severity] for severity in Severity}
 
 
 def render_text(summary: Summary, view: View | None = None) -> str:

@@ -7,15 +7,16 @@ Nothing is said by colour alone. Every name is escaped in `report.page`.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Finding, Outcome, Result, Severity
 from keystore_audit.properties.property import Status
-from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
+from keystore_audit.properties.result import ProfileResult, PropertyResult
 from keystore_audit.report import ranking
-from keystore_audit.report.content import ENGINE_WORDS, EnclaveEntry, NoReport, Report, Verdict
+from keystore_audit.report.content import STATUSES, EnclaveEntry, NoReport, Report, Verdict
+from keystore_audit.report.engine_words import ENGINE_WORDS, sentence, warnings
 from keystore_audit.report.findings_text import put_findings
 from keystore_audit.report.json import TOOL
 from keystore_audit.report.next_step import next_step
@@ -63,7 +64,7 @@ def render(report: Report, view: View | None = None) -> str:
         put_findings(page, report, _decisive(report))
     else:
         _opening(page, report)
-        put_findings(page, report, _shown(report, view.min_severity))
+        put_findings(page, report, report.shown(view.min_severity))
         if not report.findings:
             page.blank()
             page.put("No findings.")
@@ -98,41 +99,18 @@ def _opening(page: Page, report: Report) -> None:
     page.blank()
     for number, assumption in enumerate(report.assumptions):
         page.labelled("" if number else "Assumed", assumption, indent=0, column=9, style="bold")
-    for warning in _warnings(report):
+    for warning in warnings(report):
         page.labelled("WARNING", warning, indent=0, column=9, style=_WARNING_STYLE)
 
 
-def _warnings(report: Report) -> Iterable[str]:
-    answered = [run.name for run in report.engines if run.status is EngineStatus.OK]
-    for run in report.engines:
-        if run.status in (EngineStatus.OK, EngineStatus.NOT_RUN):
-            continue
-        rest = f" The properties rest on {' and '.join(answered)} alone." if answered else ""
-        yield f"{_engine_words(run)}{rest}"
-    if not answered:
-        yield "No engine has answered: no property was decided."
-    if report.engines_agree is False:
-        yield "The engines disagree: wherever they do, the answer is unknown."
-    for reason in report.weakened:
-        yield f"Weakened gate: {_sentence(reason)}"
-
-
-def _engine_words(run: EngineRun) -> str:
-    reason = f": {run.reason}" if run.reason else ""
-    return _sentence(f"The {run.name} engine {ENGINE_WORDS[run.status]}{reason}")
-
-
-def _sentence(text: str) -> str:
-    return text if text.endswith((".", "!", "?")) else f"{text}."
-
-
-def _shown(report: Report, least: Severity) -> tuple[Finding, ...]:
-    return tuple(finding for finding in report.findings if finding.severity.at_least(least))
+def _open(report: Report) -> set[str]:
+    """The rules that left something open."""
+    return {outcome.rule for outcome in report.outcomes if outcome.outcome is Result.OPEN}
 
 
 def _decisive(report: Report) -> tuple[Finding, ...]:
     """The findings that brought the verdict about: at or above the gate, or leaving a question open."""
-    undecided = {outcome.rule for outcome in report.outcomes if outcome.outcome is Result.OPEN}
+    undecided = _open(report)
     gate = report.fail_on
     return tuple(
         finding
@@ -201,8 +179,7 @@ def _answers(profiles: Mapping[str, ProfileResult]) -> list[tuple[tuple[Status, 
         each = (f"{engine} says {status.value}" for engine, status in result.engines.items())
         engines = ", ".join(result.engines if statuses <= {result.status} else each) or "no engine"
         groups.setdefault((result.status, engines), []).append(name)
-    order = [Status.UNKNOWN, Status.VIOLATED, Status.HOLDS]
-    return sorted(groups.items(), key=lambda group: order.index(group[0][0]))
+    return sorted(groups.items(), key=lambda group: STATUSES.index(group[0][0]))
 
 
 def _outcomes(page: Page, outcomes: Sequence[Outcome]) -> None:
@@ -245,21 +222,21 @@ def _checked(page: Page, report: Report, *, verbose: bool) -> None:
         words = f"{run.name}{version} {ENGINE_WORDS[run.status]}"
         reason = f": {run.reason}" if run.reason else ""
         size = f", asked about {run.atoms[1]} of {run.atoms[0]} atoms" if verbose and run.atoms else ""
-        page.labelled("Engine", _sentence(words + size + reason), indent=0, column=13, style="bold")
-    for number, sentence in enumerate(scope.not_checked):
-        page.labelled("" if number else "Not checked", sentence, indent=0, column=13, style="bold")
+        page.labelled("Engine", sentence(words + size + reason), indent=0, column=13, style="bold")
+    for number, unchecked in enumerate(scope.not_checked):
+        page.labelled("" if number else "Not checked", unchecked, indent=0, column=13, style="bold")
     if report.safe_until is None:
         until = "No date on these files changes this answer."
     else:
         holds = "Holds until" if report.verdict is Verdict.PASS else "Changes at"
-        until = f"{holds} {instant(report.safe_until)}: {_sentence(report.safe_until_why)}"
+        until = f"{holds} {instant(report.safe_until)}: {sentence(report.safe_until_why)}"
     page.labelled("Dates", until, indent=0, column=13, style="bold")
 
 
 def _verdict(page: Page, report: Report, view: View) -> None:
     """The last paragraph: the verdict, its exit code, the counts and what is not shown."""
     counts = ", ".join(f"{count} {severity.value}" for severity, count in report.summary.items())
-    accepted = sum(finding.suppressed is not None for finding in report.findings)
+    accepted = len(report.accepted)
     counts += f"; {accepted} accepted" if accepted else ""
     least = report.fail_on
     gate = "never fails on findings" if least is None else f"fails at {least.value} or worse"
@@ -269,12 +246,12 @@ def _verdict(page: Page, report: Report, view: View) -> None:
         f"; {gate}; exit code {report.exit_code}",
     )
     if report.verdict is Verdict.INCOMPLETE:
-        undecided = sorted({outcome.rule for outcome in report.outcomes if outcome.outcome is Result.OPEN})
+        undecided = sorted(_open(report))
         rules = f" (open: {', '.join(undecided)})" if undecided else ""
         page.put(f"Something could not be decided{rules}: this is no pass, whatever the counts say.")
     if view.quiet and report.weakened:
         page.put(f"Weakened gate: {'; '.join(report.weakened)}.")
-    hidden = len(report.findings) - len(_shown(report, view.min_severity))
+    hidden = len(report.findings) - len(report.shown(view.min_severity))
     if hidden and not view.quiet:
         page.put(f"{hidden} below {view.min_severity.value} not shown (--min-severity).")
     step = next_step(report)

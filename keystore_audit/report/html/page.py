@@ -13,7 +13,7 @@ from typing import Final
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Severity
 from keystore_audit.properties.property import Status
-from keystore_audit.report.content import NoReport, Report, Verdict
+from keystore_audit.report.content import WORST_FIRST, NoReport, Report, Verdict
 from keystore_audit.report.html.blast_radius import blast_radius
 from keystore_audit.report.html.certificates import certificates
 from keystore_audit.report.html.element import BREAK, NOTHING, Html, element, joined, lines, style
@@ -76,7 +76,7 @@ def render(reports: Sequence[Report], min_severity: Severity = Severity.INFO, mi
 def _title(reports: Sequence[Report], missing: Sequence[NoReport]) -> str:
     if missing:
         return f"INCOMPLETE: {len(missing)} of {len(reports) + len(missing)} without a report (keystore-audit)"
-    worst = min((report.verdict for report in reports), key=(Verdict.INCOMPLETE, Verdict.FAIL, Verdict.PASS).index)
+    worst = min((report.verdict for report in reports), key=WORST_FIRST.index)
     what = shorten(reports[0].keystore, MAX_TITLE) if len(reports) == 1 else f"{len(reports)} keystores"
     return f"{worst.value.upper()}: {what} (keystore-audit)"
 
@@ -155,7 +155,6 @@ def _sections(each: Sheet) -> Iterator[_Section]:
     if overview is not None:
         yield _Section("access", "Who may do what", "", access(each, overview))
         yield _Section("flows", "Information flow", "", flows(each, overview))
-    if overview is not None:
         yield _Section("radius", "Blast radius", "", blast_radius(each, report.blast_radius))
     yield _Section("starting", "Who can start", "", starting(each))
     table = overview.access if overview is not None else None

@@ -8,6 +8,7 @@ from typing import Final
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import ProfileResult, PropertyResult
+from keystore_audit.report.content import STATUSES
 from keystore_audit.report.html.element import NOTHING, Html, element, folded, joined, lines, name, place
 from keystore_audit.report.html.sheet import Sheet, status
 from keystore_audit.text import counted, shorten
@@ -18,8 +19,6 @@ MAX_STEPS: Final = 30
 MAX_TEXT: Final = 2000
 """Characters of a counterexample's sentence."""
 
-_WORST_FIRST: Final = (Status.UNKNOWN, Status.VIOLATED, Status.HOLDS)
-
 
 def properties(sheet: Sheet) -> Html:
     """Return every property; those that do not hold with their counterexamples, the others in one line each."""
@@ -27,7 +26,7 @@ def properties(sheet: Sheet) -> Html:
     if not results:
         return element("p", "No property was decided.", class_="soft")
     failed = [result for result in results if result.status is not Status.HOLDS]
-    failed.sort(key=lambda result: _WORST_FIRST.index(result.status))
+    failed.sort(key=lambda result: STATUSES.index(result.status))
     parts = [_failed(sheet, result) for result in failed]
     holding = [result for result in results if result.status is Status.HOLDS]
     if holding:
@@ -80,7 +79,7 @@ def _answers(profiles: Mapping[str, ProfileResult]) -> list[tuple[ProfileResult,
             groups.append((answer, [profile]))
         else:
             known.append(profile)
-    return sorted(groups, key=lambda group: _WORST_FIRST.index(group[0].status))
+    return sorted(groups, key=lambda group: STATUSES.index(group[0].status))
 
 
 def _answer(sheet: Sheet, answer: ProfileResult, names: Sequence[str], groups: int) -> Html:

@@ -42,7 +42,7 @@ def sheet(report: Report, prefix: str, least: Severity) -> Sheet:
     return Sheet(
         report=report,
         prefix=prefix,
-        shown=tuple(finding for finding in report.findings if finding.severity.at_least(least)),
+        shown=report.shown(least),
         profiles=report.judged_profiles,
         numbers={entry.path: number for number, entry in enumerate(report.enclaves)},
     )

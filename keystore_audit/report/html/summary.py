@@ -7,8 +7,8 @@ from typing import Final
 
 from keystore_audit.findings import Severity
 from keystore_audit.properties.property import Status
-from keystore_audit.properties.result import EngineRun, EngineStatus
-from keystore_audit.report.content import ENGINE_WORDS, Report, Verdict
+from keystore_audit.report.content import Report, Verdict
+from keystore_audit.report.engine_words import engine, warnings
 from keystore_audit.report.html.element import NOTHING, Html, digest, element, items, joined, lines, name
 from keystore_audit.report.html.sheet import Sheet, severity
 from keystore_audit.text import counted, instant, shorten
@@ -93,32 +93,8 @@ def _counts(report: Report) -> Html:
 
 def _warnings(report: Report) -> Html:
     """Everything that makes the verdict reach less far than it seems to."""
-    told = [*_engine_warnings(report), *(f"Weakened gate: {reason}" for reason in report.weakened)]
-    if not told:
-        return NOTHING
-    return element("div", element("h2", "Read this first"), items(map(_sentence, told)), class_="warnings")
-
-
-def _engine_warnings(report: Report) -> Iterator[str]:
-    answered = [run.name for run in report.engines if run.status is EngineStatus.OK]
-    for run in report.engines:
-        if run.status not in (EngineStatus.OK, EngineStatus.NOT_RUN):
-            rest = f" The properties rest on {' and '.join(answered)} alone." if answered else ""
-            yield _sentence(_engine_words(run)) + rest
-    if not answered:
-        yield "No engine has answered: no property was decided."
-    if report.engines_agree is False:
-        yield "The engines disagree: wherever they do, the answer is unknown."
-
-
-def _engine_words(run: EngineRun) -> str:
-    version = f" {run.version}" if run.version else ""
-    reason = f": {run.reason}" if run.reason else ""
-    return f"The {run.name} engine{version} {ENGINE_WORDS[run.status]}{reason}"
-
-
-def _sentence(text: str) -> str:
-    return text if text.endswith((".", "!", "?")) else f"{text}."
+    told = list(warnings(report, versions=True))
+    return element("div", element("h2", "Read this first"), items(told), class_="warnings") if told else NOTHING
 
 
 def _facts(sheet: Sheet) -> Html:
@@ -130,7 +106,7 @@ def _facts(sheet: Sheet) -> Html:
         ("layout", f"{report.layout}, {counted(len(report.enclaves), 'enclave')}"),
         ("judged as", ", ".join(sheet.profiles)),
         ("properties", f"{holding} of {len(report.properties)} hold"),
-        ("engines", lines(element("div", f"{_sentence(_engine_words(run))}") for run in report.engines)),
+        ("engines", lines(element("div", engine(run, version=True)) for run in report.engines)),
         (
             "looked at",
             ", ".join(

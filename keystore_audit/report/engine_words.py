@@ -1,0 +1,45 @@
+"""What became of the engines, and all else that makes a verdict reach less far than it seems to, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+from keystore_audit.properties.result import EngineRun, EngineStatus
+from keystore_audit.report.content import Report
+
+ENGINE_WORDS: Final = {
+    EngineStatus.OK: "answered",
+    EngineStatus.MISSING: "is missing",
+    EngineStatus.FAILED: "failed",
+    EngineStatus.TIMEOUT: "ran out of time",
+    EngineStatus.OUT_OF_SCALE: "was not started, the model being too large for it",
+    EngineStatus.NOT_RUN: "was not asked",
+}
+"""What became of an engine, behind its name."""
+
+
+def sentence(text: str) -> str:
+    """With a full stop, where there is none."""
+    return text if text.endswith((".", "!", "?")) else f"{text}."
+
+
+def engine(run: EngineRun, *, version: bool) -> str:
+    """What became of it, with its `version` or without."""
+    name = f"{run.name} engine {run.version}" if version and run.version else f"{run.name} engine"
+    return sentence(f"The {name} {ENGINE_WORDS[run.status]}{f': {run.reason}' if run.reason else ''}")
+
+
+def warnings(report: Report, *, versions: bool = False) -> Iterator[str]:
+    """What is to be read first."""
+    answered = [run.name for run in report.engines if run.status is EngineStatus.OK]
+    rest = f" The properties rest on {' and '.join(answered)} alone." if answered else ""
+    for run in report.engines:
+        if run.status not in (EngineStatus.OK, EngineStatus.NOT_RUN):
+            yield engine(run, version=versions) + rest
+    if not answered:
+        yield "No engine has answered: no property was decided."
+    if report.engines_agree is False:
+        yield "The engines disagree: wherever they do, the answer is unknown."
+    for reason in report.weakened:
+        yield sentence(f"Weakened gate: {reason}")
