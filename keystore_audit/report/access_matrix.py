@@ -8,7 +8,7 @@ from typing import Final
 from keystore_audit.dataclass import dataclass
 from keystore_audit.model.access_rows import Row
 from keystore_audit.model.access_table import Group
-from keystore_audit.report.access_words import SHORT, protection_words
+from keystore_audit.report.access_words import SHORT, full_name, namespace, protection_words, rights, worth_showing
 from keystore_audit.text import terminal
 
 MIN_LABEL: Final = 24
@@ -55,12 +55,9 @@ def cell(row: Row, path: str, started: bool | None) -> str:
 
 def matrices(group: Group, rows: Sequence[Row], width: int) -> Iterator[Matrix]:
     """All enclaves and rows, in matrices of at most `width` columns of characters, namespace by namespace."""
-    done: dict[str, list[tuple[int, str]]] = {}
-    for number, row in enumerate(rows):
-        for path, words in row.cells.items():
-            done.setdefault(path, []).append((number, "+".join(words)))
+    done = rights(rows)
     columns: dict[tuple[object, ...], list[str]] = {}
-    for path in sorted(group.enclaves, key=lambda path: (_namespace(path), path)):
+    for path in sorted(group.enclaves, key=lambda path: (namespace(path), path)):
         enclave = group.enclaves[path]
         columns.setdefault((enclave.usable, enclave.reasons, *done.get(path, ())), []).append(path)
     room = width + GAP - INDENT - _label_width(rows, width)
@@ -72,11 +69,7 @@ def matrices(group: Group, rows: Sequence[Row], width: int) -> Iterator[Matrix]:
 
 def shown_name(row: Row) -> str:
     """The name of the row, escaped, in full."""
-    return terminal(row.label + (" (not in ROS 2)" if row.dds_only else ""))
-
-
-def _namespace(path: str) -> str:
-    return path.rpartition("/")[0]
+    return terminal(full_name(row))
 
 
 def _label_width(rows: Iterable[Row], width: int) -> int:
@@ -84,7 +77,9 @@ def _label_width(rows: Iterable[Row], width: int) -> int:
     return max(MIN_LABEL, min(longest + GAP, MAX_LABEL, width // 2))
 
 
-def _column_width(paths: Sequence[str], number: int, rows: Sequence[Row], mine: Iterable[tuple[int, str]]) -> int:
+def _column_width(
+    paths: Sequence[str], number: int, rows: Sequence[Row], mine: Iterable[tuple[int, tuple[str, ...]]]
+) -> int:
     texts = [cell(rows[row], paths[0], True) for row, _words in mine]
     return max(map(len, [*texts, f"[{number}]"])) + GAP
 
@@ -93,7 +88,7 @@ def _packs(
     columns: Sequence[Sequence[str]],
     group: Group,
     rows: Sequence[Row],
-    done: Mapping[str, Sequence[tuple[int, str]]],
+    done: Mapping[str, Sequence[tuple[int, tuple[str, ...]]]],
     room: int,
 ) -> Iterator[list[Sequence[str]]]:
     """Columns that fit beside each other; a namespace that does not fit any more begins on a new page."""
@@ -101,10 +96,10 @@ def _packs(
     pack: list[Sequence[str]] = []
     used = 0
     for number, paths in enumerate(columns):
-        begins = not pack or _namespace(pack[-1][0]) != _namespace(paths[0])
+        begins = not pack or namespace(pack[-1][0]) != namespace(paths[0])
         need = widths[number]
         if begins:
-            same = [n for n in range(number, len(columns)) if _namespace(columns[n][0]) == _namespace(paths[0])]
+            same = [n for n in range(number, len(columns)) if namespace(columns[n][0]) == namespace(paths[0])]
             whole = sum(widths[n] for n in same)
             need = whole if whole <= room else need
         if pack and used + need > room:
@@ -122,12 +117,10 @@ def _matrix(
     group: Group,
     rows: Sequence[Row],
     width: int,
-    done: Mapping[str, Sequence[tuple[int, str]]],
+    done: Mapping[str, Sequence[tuple[int, tuple[str, ...]]]],
 ) -> Matrix:
     wanted = {number for paths in pack for number, _words in done.get(paths[0], ())}
-    if any(rows[number].several for number in wanted):  # what they may not do is news then
-        wanted.update(number for number, row in enumerate(rows) if row.excepted)
-    shown = sorted((rows[number] for number in sorted(wanted)), key=lambda row: protection_words(row.safeguards))
+    shown = sorted(worth_showing(rows, wanted), key=lambda row: protection_words(row.safeguards))
     return Matrix(
         columns=tuple((first + place, tuple(paths)) for place, paths in enumerate(pack)),
         rows=tuple(shown),

@@ -14,7 +14,7 @@ from keystore_audit.model.access_rows import Row, decision_rows, folded_by_owner
 from keystore_audit.model.access_table import AccessTable, Group
 from keystore_audit.report.access_differences import differences, peers
 from keystore_audit.report.access_matrix import Matrix, matrices, shown_name
-from keystore_audit.report.access_words import protection_words
+from keystore_audit.report.access_words import namespace, protection_words
 from keystore_audit.report.content import assumed_of
 from keystore_audit.report.paragraph import wrapped
 from keystore_audit.text import counted, shorten
@@ -105,8 +105,8 @@ def _by_namespace(paths: Sequence[str], group: Group) -> Iterable[str]:
     """The enclaves, whole namespaces as one."""
     spaces: dict[str, list[str]] = {}
     for path in paths:
-        spaces.setdefault(path.rpartition("/")[0], []).append(path)
-    totals = Counter(path.rpartition("/")[0] for path in group.enclaves)
+        spaces.setdefault(namespace(path), []).append(path)
+    totals = Counter(map(namespace, group.enclaves))
     for space, own in spaces.items():
         if space and totals[space] == len(own) > MAX_OF_NAMESPACE:
             yield f"{space}/... (all {len(own)})"

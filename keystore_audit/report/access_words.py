@@ -1,10 +1,12 @@
-"""What protects a topic, and what may be done with it, in words."""
+"""What tables of rights share, on a terminal and on a page, and what protects a topic, in words."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from typing import Final
 
+from keystore_audit.model.access_rows import Row
 from keystore_audit.model.safeguard import Safeguard
 
 SHORT: Final = {
@@ -17,6 +19,34 @@ SHORT: Final = {
     "execute": "exec",
 }
 """Operations as they stand in a matrix."""
+
+
+def namespace(path: str) -> str:
+    """That of an enclave."""
+    return path.rpartition("/")[0]
+
+
+def full_name(row: Row) -> str:
+    """What a row of a matrix is about, raw text."""
+    return row.label + (" (not in ROS 2)" if row.dds_only else "")
+
+
+def rights(rows: Iterable[Row]) -> dict[str, list[tuple[int, tuple[str, ...]]]]:
+    """By enclave the numbers of the rows in which it may do something, and what."""
+    found: dict[str, list[tuple[int, tuple[str, ...]]]] = {}
+    for number, row in enumerate(rows):
+        for path, words in row.cells.items():
+            found.setdefault(path, []).append((number, tuple(words)))
+    return found
+
+
+def worth_showing(rows: Sequence[Row], wanted: Iterable[int]) -> list[Row]:
+    """The rows with these numbers, and with a pattern among them those that take something out of one."""
+    numbers = set(wanted)
+    if any(rows[number].several for number in numbers):  # what they may not do is news then
+        numbers.update(number for number, row in enumerate(rows) if row.excepted)
+    return [rows[number] for number in sorted(numbers)]
+
 
 _LAYERS: Final = {"data": "payload", "metadata": "submessages", "rtps": "RTPS messages"}
 

@@ -10,7 +10,8 @@ from keystore_audit.model.claim import Attacker
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus, ProfileResult
-from keystore_audit.report.content import STATUSES, assumed_offrom keystore_audit.report.paragraph import profiles, rests_on, wrapped
+from keystore_audit.report.content import STATUSES, assumed_of
+from keystore_audit.report.paragraph import profiles, rests_on, wrapped
 from keystore_audit.text import terminal
 
 _WORDS: Final = {Status.VIOLATED: "FLOW", Status.HOLDS: "no flow", Status.UNKNOWN: "UNKNOWN"}

@@ -7,7 +7,7 @@ from typing import Final
 
 from keystore_audit.dataclass import replace
 from keystore_audit.model.blast_radius import Ranked, Ranking
-from keystore_audit.report.html.element import NOTHING, Html, element, folded, items, joined, lines, name
+from keystore_audit.report.html.element import NOTHING, Html, element, folded, items, joined, lines, name, some
 from keystore_audit.report.html.sheet import FULL, Sheet
 
 MAX_SEEN: Final = 12
@@ -91,9 +91,7 @@ def _row(sheet: Sheet, alike: Sequence[Ranked], most: int) -> Html:
     shown = name(each.path)
     drawn = sheet.report.overview is not None and number is not None
     head = element("a", shown, href=f"#{sheet.anchor('flow', number or 0)}") if drawn else shown
-    others = [name(other.path) for other in alike[1:MAX_NAMED]]
-    if len(alike) > MAX_NAMED:
-        others.append(element("span", f"and {len(alike) - MAX_NAMED} more"))
+    others = some([other.path for other in alike[1:]], MAX_NAMED - 1)
     more = folded(f"and {len(alike) - 1} alike", items(others), class_="more") if others else NOTHING
     plus = "+" if each.endless else ""
     return element(

@@ -8,7 +8,7 @@ the page. There is no way to write a script, an event handler, a style attribute
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from typing import Final
 
@@ -112,6 +112,12 @@ def style(sheet: str) -> Html:
 def name(text: str) -> Html:
     """Return a name as it stands in the keystore."""
     return element("code", *_broken(shorten(text, MAX_NAME)))
+
+
+def some(names: Sequence[str], most: int) -> list[Html]:
+    """Return the first of the names, and behind them how many more there are."""
+    left = len(names) - most
+    return [*map(name, names[:most]), *([element("span", f"and {left} more")] if left > 0 else [])]
 
 
 def place(path: str, line: int | None) -> Html:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from typing import Final
 
@@ -11,6 +12,7 @@ from keystore_audit.model.access_table import AccessTable
 from keystore_audit.model.neighbours import Hop, Neighbourhood
 from keystore_audit.model.overview import Overview
 from keystore_audit.model.permission import members
+from keystore_audit.report.access_words import namespace
 from keystore_audit.report.html.element import Html, element, fitted, folded, joined, lines, name
 from keystore_audit.report.html.protection import protected
 from keystore_audit.report.html.sheet import Sheet
@@ -78,7 +80,7 @@ def flows(sheet: Sheet, overview: Overview) -> Html:
 def _by_namespace(pictures: Sequence[tuple[Neighbourhood, Html]]) -> list[Html]:
     spaces: dict[str, list[Html]] = {}
     for each, picture in pictures:
-        spaces.setdefault(each.path.rpartition("/")[0], []).append(picture)
+        spaces.setdefault(namespace(each.path), []).append(picture)
     if len(pictures) <= 24 or len(spaces) == 1:
         return [element("div", lines(picture for _each, picture in pictures), class_="pictures")]
     drawn = (
@@ -186,17 +188,13 @@ def _centre(rows: Sequence[str], middle: float) -> Html:
 def _wrapped(text: str, fit: int) -> list[str]:
     """The name on at most MAX_NAMES lines, cut before its slashes where it is too long for one."""
     rows = [""]
-    for part in _parts(terminal(text)):
+    for part in re.split("(?=/)", terminal(text)):
         if rows[-1] and len(rows[-1]) + len(part) > fit:
             rows.append("")
         rows[-1] += part
     if len(rows) > MAX_NAMES:
         rows[MAX_NAMES - 1 :] = ["".join(rows[MAX_NAMES - 1 :])]
     return [fitted(row, fit) for row in rows]
-
-
-def _parts(path: str) -> list[str]:
-    return [("/" if number else "") + part for number, part in enumerate(path.split("/"))] or [path]
 
 
 def _box(table: AccessTable, hop: Hop) -> list[_Line]:

@@ -17,8 +17,8 @@ from keystore_audit.model.access_rows import Row, decision_rows, folded_by_owner
 from keystore_audit.model.access_table import AccessTable, Group
 from keystore_audit.model.overview import Overview
 from keystore_audit.report.access_differences import peers
-from keystore_audit.report.access_words import SHORT, protection_words
-from keystore_audit.report.html.element import NOTHING, Html, element, folded, items, joined, lines, name
+from keystore_audit.report.access_words import SHORT, full_name, namespace, protection_words, rights, worth_showing
+from keystore_audit.report.html.element import NOTHING, Html, element, folded, items, joined, lines, name, some
 from keystore_audit.report.html.protection import Protected, protected
 from keystore_audit.report.html.sheet import Sheet
 from keystore_audit.text import counted
@@ -96,16 +96,13 @@ class _Drawing:
         rows = decision_rows(table, group)
         self._rows = folded_by_owner(rows) if many else rows
         self._many = many
-        self._done: dict[str, list[tuple[int, tuple[str, ...]]]] = {}
-        for number, row in enumerate(self._rows):
-            for path, words in row.cells.items():
-                self._done.setdefault(path, []).append((number, words))
+        self._done = rights(self._rows)
 
     def matrices(self) -> Iterator[Html]:
         """One for all enclaves, or one folded for each namespace."""
         spaces: dict[str, list[str]] = {}
-        for path in sorted(self._group.enclaves, key=lambda path: (_namespace(path), path)):
-            spaces.setdefault(_namespace(path), []).append(path)
+        for path in sorted(self._group.enclaves, key=lambda path: (namespace(path), path)):
+            spaces.setdefault(namespace(path), []).append(path)
         if not self._many:
             yield self._matrix([column for paths in spaces.values() for column in self._columns(paths)])
             return
@@ -121,11 +118,11 @@ class _Drawing:
         kind = []
         for path in paths:
             enclave = self._group.enclaves[path]
-            rights = (
+            may = (
                 (row.label.replace(own, "\0"), row.sort, row.safeguards, words)
                 for row, words in ((self._rows[number], words) for number, words in self._done.get(path, ()))
             )
-            kind.append((path.removeprefix(own), enclave.usable, enclave.reasons, frozenset(rights)))
+            kind.append((path.removeprefix(own), enclave.usable, enclave.reasons, frozenset(may)))
         return tuple(kind) if space else (space, *kind)
 
     def _space(self, alike: Sequence[str], paths: Sequence[str], *, open_: bool) -> Html:
@@ -136,9 +133,7 @@ class _Drawing:
         others = f", and {counted(len(alike) - 1, 'namespace')} alike" if len(alike) > 1 else ""
         head = joined([name(f"{alike[0]}/"), f" {counted(len(paths), 'enclave')}{kinds}{others}"])
         if others:
-            named = [name(f"{space}/") for space in alike[1:MAX_ALIKE]]
-            if len(alike) > MAX_ALIKE:
-                named.append(element("span", f"and {len(alike) - MAX_ALIKE} more"))
+            named = some([f"{space}/" for space in alike[1:]], MAX_ALIKE - 1)
             parts.append(folded("Alike, but for the namespace's own name", items(named, class_="names"), class_="more"))
         return folded(head, lines(parts), open_=open_, class_="space")
 
@@ -153,9 +148,7 @@ class _Drawing:
 
     def _matrix(self, columns: Sequence[_Column]) -> Html:
         wanted = {number for column in columns for number, _words in self._done.get(column.paths[0], ())}
-        if any(self._rows[number].several for number in wanted):  # what they may not do is news then
-            wanted.update(number for number, row in enumerate(self._rows) if row.excepted)
-        groups = _by_protection(self._rows[number] for number in sorted(wanted))
+        groups = _by_protection(worth_showing(self._rows, wanted))
         every = [row for _words, each in groups for row in each]
         rows = every[: min(MAX_ROWS, self._cells // len(columns))]
         self._cells -= len(rows) * len(columns)
@@ -170,9 +163,7 @@ class _Drawing:
 
     def _head(self, columns: Sequence[_Column]) -> Html:
         """Namespaces above, then the enclaves, each a link to its information flow."""
-        spaces = [
-            (space, len(list(each))) for space, each in groupby(_namespace(column.paths[0]) for column in columns)
-        ]
+        spaces = [(space, len(list(each))) for space, each in groupby(namespace(column.paths[0]) for column in columns)]
         above = [element("th", name(f"{space}/"), colspan=width, scope="colgroup") for space, width in spaces]
         corner = element("td", class_="corner")
         heads = [element("th", self._column_head(column), scope="col") for column in columns]
@@ -205,9 +196,8 @@ class _Drawing:
         return element("tbody", head, lines(self._row(row, columns) for row in rows), class_=guard.kind)
 
     def _row(self, row: Row, columns: Sequence[_Column]) -> Html:
-        shown = row.label + (" (not in ROS 2)" if row.dds_only else "")
         cells = [self._cell(row, column) for column in columns]
-        return element("tr", element("th", name(shown), scope="row"), joined(cells))
+        return element("tr", element("th", name(full_name(row)), scope="row"), joined(cells))
 
     def _cell(self, row: Row, column: _Column) -> Html:
         path = column.paths[0]
@@ -223,10 +213,6 @@ class _Drawing:
         said = element("span", name(path), more, does, name(row.label), class_="who")
         tip = element("span", said, source, class_="tip")
         return element("td", joined(short), tip, class_="right", tabindex=0)
-
-
-def _namespace(path: str) -> str:
-    return path.rpartition("/")[0]
 
 
 def _by_protection(rows: Iterable[Row]) -> Iterable[tuple[str, list[Row]]]:

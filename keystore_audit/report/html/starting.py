@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from keystore_audit.report.content import EnclaveEntry
-from keystore_audit.report.html.element import Html, element, folded, items, joined, lines, name
+from keystore_audit.report.html.element import Html, element, folded, items, joined, lines, name, some
 from keystore_audit.report.html.sheet import FULL, Sheet
 from keystore_audit.report.paragraph import by_answer
 from keystore_audit.report.ros_nodes import nodes_beside
@@ -31,9 +31,7 @@ def starting(sheet: Sheet) -> Html:
     if len(refused) > MAX_REFUSED:
         parts.append(element("p", f"{len(refused) - MAX_REFUSED} more cannot start. {FULL}", class_="soft"))
     if well:
-        listed = [name(entry.path) for entry in well[:MAX_NAMED]]
-        if len(well) > MAX_NAMED:
-            listed.append(element("span", f"and {len(well) - MAX_NAMED} more"))
+        listed = some([entry.path for entry in well], MAX_NAMED)
         head = f"{counted(len(well), 'enclave')} can start under every profile"
         parts.append(folded(head, items(listed, class_="names"), open_=len(well) <= _OPEN, class_="space"))
     if beside := nodes_beside(sheet.report.findings):

@@ -8,7 +8,7 @@ from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.model.periods import Period
-from keystore_audit.report.html.element import Html, element, fitted, folded, items, joined, lines, name
+from keystore_audit.report.html.element import Html, element, fitted, folded, items, joined, lines, some
 from keystore_audit.report.html.sheet import FULL, Sheet
 from keystore_audit.text import counted, instant
 
@@ -182,7 +182,4 @@ def _words(period: Period) -> Html:
 
 
 def _names(period: Period) -> Html:
-    named = [name(each) for each in period.names[:MAX_NAMES]]
-    if len(period.names) > MAX_NAMES:
-        named.append(element("span", f"and {len(period.names) - MAX_NAMES} more"))
-    return items(named, class_="names")
+    return items(some(period.names, MAX_NAMES), class_="names")
