@@ -48,7 +48,7 @@ def measure(enclaves: int, profiles_named: list[str]) -> str:
     answers = native.claim_answers(aside=aside)
     done = _seconds()
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    found = [{answer.property_id: answer.status.value for answer in each.values()} for each in answers]
+    found = [{name: answer.status.value for name, answer in each.items()} for each in answers]
     return (
         f"{enclaves} enclaves, {len(builder.channels.channels)} classes, {len(answers)} kinds of implementation: "
         f"classes {_shown(begin, classes)}, facts {_shown(classes, facts)}, three flows for each "

@@ -137,7 +137,7 @@ class _Questions:
 
     def _answer(self, prop: Property) -> Answer:
         witnesses = tuple(islice(_QUESTIONS[prop.id](self), MAX_WITNESSES))
-        return Answer(property_id=prop.id, status=_status(next(iter(witnesses), None)), witnesses=witnesses)
+        return Answer(status=_status(next(iter(witnesses), None)), witnesses=witnesses)
 
     def unauthenticated_joins(self) -> Iterator[Witness]:
         """Domains that an unauthenticated participant can join."""

@@ -170,5 +170,5 @@ def answer(system: System, claim: ClaimAtom, now: Claims, moment: int, decisions
         if found is not None:
             witness, legs = found
             path = tuple(Hop(sender=s, channel=c, receiver=r, instant=each // 2) for s, c, r in legs)
-            return Answer(property_id=claim.id, status=Status.VIOLATED, witnesses=(witness,), path=path, moment=each)
-    return Answer(property_id=claim.id, status=Status.HOLDS)
+            return Answer(status=Status.VIOLATED, witnesses=(witness,), path=path, moment=each)
+    return Answer(status=Status.HOLDS)

@@ -65,23 +65,17 @@ def _explored(behaviour: Behaviour, free: frozenset[int]) -> Explored:
 def answer(asked: DeterminismAtom) -> Answer:
     """The answer about one claim, unknown where the forwards do not decide it."""
     if asked.undecided:
-        return Answer(property_id=asked.id, status=Status.UNKNOWN)
+        return Answer(status=Status.UNKNOWN)
     statuses = []
     for number, behaviour in enumerate(asked.behaviours):
         certain = explore(behaviour, perhaps=False)
         if certain.rounds:
-            return Answer(
-                property_id=asked.id,
-                status=Status.VIOLATED,
-                witnesses=({},),
-                rounds=certain.rounds,
-                behaviour=number,
-            )
+            return Answer(status=Status.VIOLATED, witnesses=({},), rounds=certain.rounds, behaviour=number)
         free = explore(behaviour, perhaps=True)
         decided = certain.complete and free.complete and certain.shows and not free.rounds
         statuses.append(Status.HOLDS if decided else Status.UNKNOWN)
     holds = bool(statuses) and all(status is Status.HOLDS for status in statuses)
-    return Answer(property_id=asked.id, status=Status.HOLDS if holds else Status.UNKNOWN)
+    return Answer(status=Status.HOLDS if holds else Status.UNKNOWN)
 
 
 class _Search:

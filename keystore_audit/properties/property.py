@@ -99,7 +99,6 @@ class Answer:
     plus one for the time between it and the next.
     """
 
-    property_id: str
     status: Status
     witnesses: tuple[Witness, ...] = ()
     path: tuple[Hop, ...] = ()

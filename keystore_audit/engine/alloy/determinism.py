@@ -86,9 +86,9 @@ def _together(claim: DeterminismAtom, known: Mapping[Behaviour, Answer]) -> Answ
     answers = [known.get(behaviour) for behaviour in claim.behaviours]
     for number, answer in enumerate(answers):
         if answer is not None and answer.status is Status.VIOLATED:
-            return replace(answer, property_id=claim.id, behaviour=number)
+            return replace(answer, behaviour=number)
     holds = bool(answers) and all(answer is not None and answer.status is Status.HOLDS for answer in answers)
-    return Answer(property_id=claim.id, status=Status.HOLDS if holds else Status.UNKNOWN)
+    return Answer(status=Status.HOLDS if holds else Status.UNKNOWN)
 
 
 def _job(case: _Case) -> Job:
@@ -153,9 +153,9 @@ def _read(behaviour: Behaviour, found: Mapping[str, bool], solutions: Path) -> A
     """The answer about one behaviour; a difference comes with the two runs."""
     if found[CERTAIN]:
         rounds = read_rounds(solutions / f"{CERTAIN}-solution-0.xml", behaviour)
-        return Answer(property_id="", status=Status.VIOLATED, witnesses=({},), rounds=rounds)
+        return Answer(status=Status.VIOLATED, witnesses=({},), rounds=rounds)
     holds = found[SHOWN] and not found.get(PERHAPS, False)
-    return Answer(property_id="", status=Status.HOLDS if holds else Status.UNKNOWN)
+    return Answer(status=Status.HOLDS if holds else Status.UNKNOWN)
 
 
 def read_rounds(path: Path, behaviour: Behaviour) -> tuple[Round, ...]:

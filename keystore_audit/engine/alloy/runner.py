@@ -212,21 +212,21 @@ def _audit(case: _Case, asked: Questions) -> Job:
 def _decision(case: _Case, found: Mapping[str, bool], told: Mapping[str, Witness]) -> Decision:
     if not found[CONSISTENCY]:
         raise EngineFailed("The model contradicts itself, so that every property would hold of it.")
-    answers: list[Answer] = []
+    answers: dict[str, Answer] = {}
     for prop in case.properties:
         status = Status.VIOLATED if found[prop.assertion] else Status.HOLDS
         shown = (told[prop.assertion],) if found[prop.assertion] else ()
-        answers.append(Answer(property_id=prop.id, status=status, witnesses=shown))
+        answers[prop.id] = Answer(status=status, witnesses=shown)
     for number, claim in enumerate(case.system.claims):
         name = claims.command_of(claim, number).name
         status = claims.status(claim, found[name])
         violated = status is Status.VIOLATED
         shown = (told[name],) if name in told and violated else ()
         moment = case.moment if violated else None
-        answers.append(Answer(property_id=claim.id, status=status, witnesses=shown, moment=moment))
+        answers[claim.id] = Answer(status=status, witnesses=shown, moment=moment)
     exercised = {**EXERCISED, **(claims.EXERCISED if case.system.claims else {})}
     return Decision(
-        answers={answer.property_id: case.merged.original(answer, case.moment) for answer in answers},
+        answers={each: case.merged.original(answer, case.moment) for each, answer in answers.items()},
         idle=frozenset(family for family, run in exercised.items() if not found[run]),
         atoms=(case.whole, count_atoms(case.system)),
     )

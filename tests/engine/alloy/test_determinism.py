@@ -254,7 +254,7 @@ def test_what_is_too_much_is_unknown_in_both(analyzer: Engine, monkeypatch: pyte
 
 
 def unknown() -> Answer:
-    return Answer(property_id="asked", status=Status.UNKNOWN)
+    return Answer(status=Status.UNKNOWN)
 
 
 def test_what_cannot_be_said_is_unknown_and_nothing_is_started() -> None:

@@ -128,7 +128,6 @@ def test_hops_are_told_in_the_atoms_of_the_keystore() -> None:
     merged = merge(fleet(20))
     moved = replace(merged, enclaves=(7, 8, 9, 10, 11), channels=tuple(range(50, 50 + len(merged.channels))))
     answer = Answer(
-        property_id="a",
         status=Status.VIOLATED,
         path=(Hop(sender=0, channel=1, receiver=2, instant=0), Hop(sender=2, channel=0, receiver=None, instant=0)),
     )

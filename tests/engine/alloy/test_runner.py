@@ -51,7 +51,7 @@ def java(tmp_path: Path, analyzer: Engine, script: str) -> Path:
 
 def test_a_healthy_system_holds_and_has_no_witness(analyzer: Engine) -> None:
     answers = examine([healthy()], java=analyzer.java, jar=analyzer.jar, timeout=ENOUGH)[0].answers
-    assert [answer.property_id for answer in answers.values()] == [prop.id for prop in PROPERTIES]
+    assert [*answers] == [prop.id for prop in PROPERTIES]
     assert {(answer.status, answer.witnesses) for answer in answers.values()} == {(Status.HOLDS, ())}
 
 
