@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Final
 
 from keystore_audit.model.comparison.change import Direction, Layer
-from keystore_audit.model.comparison.drafts import Draft, Effect
+from keystore_audit.model.comparison.drafts import Draft
 from keystore_audit.model.comparison.trust import ADDED, FILE, REMOVED, SUBJECT
 
 _LAYERS: Final = list(Layer)
@@ -42,16 +42,8 @@ def _without_rights_of_others(drafts: list[Draft]) -> list[Draft]:
         cause = next((each for each in causes if set(draft.enclaves) <= set(each.enclaves)), None) if follows else None
         if cause is None:
             kept.append(draft)
-            continue
-        cause.effects.append(
-            Effect(
-                what=draft.what,
-                direction=draft.direction,
-                enclaves=draft.enclaves,
-                channels=draft.channels,
-                profiles=draft.profiles,
-            )
-        )
+        else:
+            cause.account_for(draft)
     return kept
 
 

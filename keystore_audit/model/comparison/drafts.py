@@ -6,7 +6,16 @@ from collections.abc import Iterable
 
 from keystore_audit.dataclass import dataclass, field, replace
 from keystore_audit.findings import Location
-from keystore_audit.model.comparison.change import ORDER, Aspect, Change, Consequence, Direction, Influenced, Layer
+from keystore_audit.model.comparison.change import (
+    ORDER,
+    Aspect,
+    Change,
+    Consequence,
+    Direction,
+    Influenced,
+    Layer,
+    Names,
+)
 from keystore_audit.model.comparison.sides import Sides
 
 
@@ -14,8 +23,9 @@ from keystore_audit.model.comparison.sides import Sides
 class Draft:
     """A change; the fields are those of `Change`. `channels`: what it is about.
 
-    `everybody`: it bears on what peers accept from any enclave. `effects`: what follows from it, see `Effect`.
-    `touched`: further enclaves that it bears on; `whole`: it may bear on any, as a change of the keystore does.
+    `everybody`: it bears on what peers accept from any enclave. `effects`: what follows from it, with the channels in
+    place of names. `touched`: further enclaves that it bears on; `whole`: it may bear on any, as a change of the
+    keystore does.
     """
 
     layer: Layer
@@ -35,7 +45,21 @@ class Draft:
     influenced: Influenced | None = None
     old: Location | None = None
     new: Location | None = None
-    effects: list[Effect] = field(default_factory=list)
+    effects: dict[Consequence, int] = field(default_factory=dict)
+
+    def account_for(self, shown: Draft, *, parts: bool = False) -> None:
+        """Make a consequence of what shows; those that say the same of other names are one."""
+        effect = Consequence(
+            what=shown.what,
+            direction=shown.direction,
+            enclaves=shown.enclaves,
+            names=None,
+            profiles=shown.profiles,
+            reasons=shown.reasons,
+            influenced=shown.influenced,
+            parts=parts,
+        )
+        self.effects[effect] = self.effects.get(effect, 0) | shown.channels
 
     def change(self, sides: Sides, labels: tuple[str, ...] = ()) -> Change:
         """The change with its names and consequences."""
@@ -48,55 +72,22 @@ class Draft:
             profiles=self.profiles,
             operation=self.operation,
             aspects=self.aspects,
-            names=sides.names(self.channels) if self.channels else None,
+            names=_names(self.channels, sides),
             varies=self.varies,
             reasons=self.reasons,
             influenced=self.influenced,
             old=self.old,
             new=self.new,
-            consequences=tuple(effect.consequence(sides) for effect in sorted(_once(self.effects), key=_told_first)),
+            consequences=tuple(
+                replace(effect, names=_names(channels, sides))
+                for effect, channels in sorted(self.effects.items(), key=lambda each: ORDER.index(each[0].direction))
+            ),
             labels=labels,
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Effect:
-    """Something that shows: the fields are those of `Consequence`."""
-
-    what: str
-    direction: Direction
-    enclaves: tuple[str, ...]
-    channels: int
-    profiles: tuple[str, ...]
-    reasons: tuple[str, ...] = ()
-    influenced: Influenced | None = None
-    parts: bool = False
-
-    def consequence(self, sides: Sides) -> Consequence:
-        """The same with names."""
-        return Consequence(
-            what=self.what,
-            direction=self.direction,
-            enclaves=self.enclaves,
-            names=sides.names(self.channels) if self.channels else None,
-            profiles=self.profiles,
-            reasons=self.reasons,
-            influenced=self.influenced,
-            parts=self.parts,
-        )
-
-
-def _once(effects: Iterable[Effect]) -> Iterable[Effect]:
-    """Those that say the same of other names in one: what a grant gives, and what peers make of it."""
-    found: dict[Effect, int] = {}
-    for effect in effects:
-        key = replace(effect, channels=0)
-        found[key] = found.get(key, 0) | effect.channels
-    return [replace(effect, channels=channels) for effect, channels in found.items()]
-
-
-def _told_first(effect: Effect) -> int:
-    return ORDER.index(effect.direction)
+def _names(channels: int, sides: Sides) -> Names | None:
+    return sides.names(channels) if channels else None
 
 
 def in_order(profiles: Iterable[str], sides: Sides) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from keystore_audit.model.claim import Attacker, Place
 from keystore_audit.model.claims import AMBIENT
 from keystore_audit.model.comparison.causes import Causes
 from keystore_audit.model.comparison.change import Direction, Hop, Influenced, Layer
-from keystore_audit.model.comparison.drafts import Draft, Effect, in_order
+from keystore_audit.model.comparison.drafts import Draft, in_order
 from keystore_audit.model.comparison.sides import Pair, Sides, View
 from keystore_audit.model.comparison.trust import ADDED, REMOVED
 from keystore_audit.model.flow import Flows, Lane, Leg, Search
@@ -75,30 +75,19 @@ def influence_changes(sides: Sides, causes: Causes) -> list[Draft]:
             found.setdefault((draft, gained, influenced), []).extend(pair.profiles)
     own = []
     for (cause, gained, influenced), profiles in found.items():
-        direction = Direction.GAINED if gained else Direction.LOST
-        ordered = in_order(profiles, sides)
+        shown = Draft(
+            layer=Layer.INFLUENCE,
+            kind="flow",
+            direction=Direction.GAINED if gained else Direction.LOST,
+            what=_WORDS[gained],
+            enclaves=(),
+            profiles=in_order(profiles, sides),
+            influenced=influenced,
+        )
         if cause is None:
-            own.append(
-                Draft(
-                    layer=Layer.INFLUENCE,
-                    kind="flow",
-                    direction=direction,
-                    what=_WORDS[gained],
-                    enclaves=(),
-                    profiles=ordered,
-                    influenced=influenced,
-                )
-            )
+            own.append(shown)
         else:
-            effect = Effect(
-                what=_WORDS[gained],
-                direction=direction,
-                enclaves=(),
-                channels=0,
-                profiles=ordered,
-                influenced=influenced,
-            )
-            cause.effects.append(effect)
+            cause.account_for(shown)
     return own
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import UsageError
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.claims import AMBIENT, Globs
-from keystore_audit.model.comparison.change import Layer
-from keystore_audit.model.comparison.drafts import Draft, Effect
+from keystore_audit.model.comparison.change import Influenced, Layer
+from keystore_audit.model.comparison.drafts import Draft
 from keystore_audit.model.comparison.sides import Sides
 from keystore_audit.model.globs import matching
 from keystore_audit.model.labels import Labelling
@@ -44,6 +44,11 @@ class _Labelled:
     channels: int
     users: frozenset[str]
 
+    def shows_in(self, enclaves: Collection[str], channels: int, influenced: Influenced | None) -> bool:
+        """Whether something about these enclaves and channels is about the label."""
+        ends = influenced.ends if influenced is not None else ()
+        return bool(self.channels & channels) or not self.paths.isdisjoint((*enclaves, *ends))
+
 
 class ConcernedLabels:
     """Which of the labels changes are about. `sides` tell their topics apart.
@@ -61,19 +66,18 @@ class ConcernedLabels:
         return tuple(
             label
             for label, each in self._labels.items()
-            if whole or _concerns(each, draft) or any(_concerns(each, effect) for effect in draft.effects)
+            if whole
+            or _concerns(each, draft)
+            or any(each.shows_in(it.enclaves, channels, it.influenced) for it, channels in draft.effects.items())
         )
 
 
-def _concerns(labelled: _Labelled, said: Draft | Effect) -> bool:
+def _concerns(labelled: _Labelled, draft: Draft) -> bool:
     # Whose governance says something of names that none of them uses does not count.
-    protects = isinstance(said, Draft) and said.kind == "protection"
-    ends = said.influenced.ends if said.influenced is not None else ()
-    trust = isinstance(said, Draft) and said.layer is Layer.TRUST and not said.channels
-    paths = labelled.paths | labelled.users if trust else labelled.paths
-    enclaves = (*said.enclaves, *said.touched) if isinstance(said, Draft) else said.enclaves
-    by_path = not protects and not paths.isdisjoint(enclaves)
-    return by_path or bool(labelled.channels & said.channels) or not labelled.paths.isdisjoint(ends)
+    enclaves = (*draft.enclaves, *draft.touched) if draft.kind != "protection" else ()
+    trust = draft.layer is Layer.TRUST and not draft.channels
+    by_user = trust and not labelled.users.isdisjoint(enclaves)
+    return by_user or labelled.shows_in(enclaves, draft.channels, draft.influenced)
 
 
 def _labelled(sides: Sides, label: str, globs: Globs) -> _Labelled:

@@ -13,7 +13,7 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.comparison.causes import Causes, agreeing
 from keystore_audit.model.comparison.change import Direction, Layer
-from keystore_audit.model.comparison.drafts import Draft, Effect, in_order
+from keystore_audit.model.comparison.drafts import Draft, in_order
 from keystore_audit.model.comparison.grants import (
     JOIN,
     NOTHING,
@@ -233,19 +233,20 @@ class Reach:
         for (key, path), by_profile in self._found.items():
             folds.setdefault((key, tuple(sorted(by_profile.items()))), []).extend([] if path is None else [path])
         own = []
-        effects: dict[tuple[_Key, tuple[str, ...]], list[tuple[list[str], int]]] = {}
+        effects: dict[tuple[Draft, _Key, tuple[str, ...]], list[tuple[list[str], int]]] = {}
         for (key, channels_of), paths in folds.items():
             everywhere = union(channels for _profile, channels in channels_of)
             profiles = in_order((profile for profile, _channels in channels_of), self._sides)
             if key.draft is None:
                 varies = len({channels for _profile, channels in channels_of}) > 1
                 place = next((self._places[key, path] for path in paths if (key, path) in self._places), None)
-                own.append(_unaccounted(key, paths, everywhere, profiles, place, varies=varies))
+                own.append(_shown(key, paths, everywhere, profiles, place, varies=varies))
             else:
-                effects.setdefault((key, profiles), []).append((paths, everywhere))
-        for (key, profiles), several in effects.items():
-            if key.draft is not None:
-                key.draft.effects.extend(_effects(key, several, profiles))
+                effects.setdefault((key.draft, key, profiles), []).append((paths, everywhere))
+        for (cause, key, profiles), several in effects.items():
+            apart = several if len(several) <= MAX_APART else [_together(several)]
+            for paths, channels in apart:
+                cause.account_for(_shown(key, paths, channels, profiles), parts=apart is not several)
         return own
 
     def _starts(self) -> list[Draft]:
@@ -274,27 +275,19 @@ class Reach:
             direction = Direction.GAINED if starts else Direction.LOST
             what = "starts now" if starts else "no longer starts"
             for profiles, several in groups.items():
+                shown = Draft(
+                    layer=Layer.ACCESS,
+                    kind="start",
+                    direction=direction,
+                    what=what,
+                    enclaves=tuple(several),
+                    profiles=profiles,
+                    reasons=reasons,
+                )
                 if cause is None:
-                    yield Draft(
-                        layer=Layer.ACCESS,
-                        kind="start",
-                        direction=direction,
-                        what=what,
-                        enclaves=tuple(several),
-                        profiles=profiles,
-                        reasons=reasons,
-                    )
+                    yield shown
                 else:
-                    cause.effects.append(
-                        Effect(
-                            what=what,
-                            direction=direction,
-                            enclaves=tuple(several),
-                            channels=0,
-                            profiles=profiles,
-                            reasons=reasons,
-                        )
-                    )
+                    cause.account_for(shown)
 
 
 def _granting(view: View, path: str, operation: str, channels: int) -> Location | None:
@@ -312,8 +305,14 @@ def _granting(view: View, path: str, operation: str, channels: int) -> Location 
     return None
 
 
-def _unaccounted(
-    key: _Key, paths: list[str], channels: int, profiles: tuple[str, ...], place: Location | None, *, varies: bool
+def _shown(
+    key: _Key,
+    paths: list[str],
+    channels: int,
+    profiles: tuple[str, ...],
+    place: Location | None = None,
+    *,
+    varies: bool = False,
 ) -> Draft:
     return Draft(
         layer=key.layer,
@@ -338,21 +337,8 @@ def _kind(key: _Key) -> str:
     return "accepted" if key.operation else "capability"
 
 
-def _effects(key: _Key, several: list[tuple[list[str], int]], profiles: tuple[str, ...]) -> Iterator[Effect]:
-    """One for each set of channels, or one for all where there are many of those."""
-    parts = len(several) > MAX_APART
-    if parts:
-        together = union(channels for _paths, channels in several)
-        several = [([path for paths, _channels in several for path in paths], together)]
-    for paths, channels in several:
-        yield Effect(
-            what=key.what,
-            direction=Direction.GAINED if key.gained else Direction.LOST,
-            enclaves=tuple(paths),
-            channels=channels,
-            profiles=profiles,
-            parts=parts,
-        )
+def _together(several: list[tuple[list[str], int]]) -> tuple[list[str], int]:
+    return [path for paths, _channels in several for path in paths], union(channels for _paths, channels in several)
 
 
 def _with(gained: bool) -> str:
