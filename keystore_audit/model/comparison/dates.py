@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import datetime
-from typing import Final
 
 from keystore_audit.model.comparison.change import Aspect, Direction
+from keystore_audit.text import instant
 
 Dates = tuple[datetime | None, datetime | None]
 """Beginning and end, aware UTC; None: there is none."""
-
-_NEVER: Final = "never"
 
 
 def other_dates(old: Dates, new: Dates) -> tuple[str, tuple[Aspect, ...]]:
@@ -48,4 +46,4 @@ def _span(values: Sequence[str | None]) -> str | None:
 
 def told(moment: datetime | None) -> str:
     """As reports write it."""
-    return _NEVER if moment is None else f"{moment.year:04}-{moment:%m-%dT%H:%M:%SZ}"
+    return "never" if moment is None else instant(moment)

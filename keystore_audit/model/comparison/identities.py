@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from datetime import datetime, timedelta
+from datetime import datetime
 from typing import Final
 
 from keystore_audit.dataclass import dataclass, field
@@ -19,14 +19,12 @@ from keystore_audit.model.comparison.sides import Sides
 from keystore_audit.model.inventory import certified_again
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.stray_identity import Takers, admitted
+from keystore_audit.model.validity import SECOND
 
 _Identity = tuple[str, str, str]
 """Subject and key; and which certificate, where they are too many to ask who takes each."""
 
 _Period = tuple[datetime, datetime]
-
-_SECOND: Final = timedelta(seconds=1)
-"""The last one of a certificate is its own; one that begins with the next leaves nothing between them."""
 
 MAX_PAIRS: Final = 1_000_000
 """Certificates and enclaves that may take them; beyond it every other certificate is another one."""
@@ -75,10 +73,10 @@ class _Taken:
 
 
 def _joined(periods: Iterable[_Period]) -> tuple[_Period, ...]:
-    """Those that touch as one: nobody is let in between two that do not."""
+    """Those that touch as one: the last second of a certificate is its own, and the next one may begin after it."""
     found: list[_Period] = []
     for begin, end in sorted(periods):
-        if found and begin - found[-1][1] <= _SECOND:
+        if found and begin - found[-1][1] <= SECOND:
             found[-1] = found[-1][0], max(found[-1][1], end)
         else:
             found.append((begin, end))

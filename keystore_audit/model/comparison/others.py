@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
-from datetime import datetime
 from operator import itemgetter
 from typing import Final, NamedTuple
 
@@ -16,7 +15,7 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.comparison.change import Aspect, Direction, Layer
-from keystore_audit.model.comparison.dates import Dates
+from keystore_audit.model.comparison.dates import Dates, told
 from keystore_audit.model.comparison.drafts import Draft, in_order
 from keystore_audit.model.comparison.grants import NOTHING, WORDS, Given, Right, differing, either, given
 from keystore_audit.model.comparison.sides import Pair, Sides, View
@@ -262,20 +261,12 @@ def _words(key: _Key, subjects: list[str]) -> str:
     more = f" and {len(subjects) - MAX_SUBJECTS} more" if len(subjects) > MAX_SUBJECTS else ""
     who = f"whoever has the identity {' or '.join(subjects[:MAX_SUBJECTS])}{more}"
     if key.dates is not None:
-        old, new = (" and ".join(_told(each) for each in dates) or "none" for dates in key.dates)
+        old, new = (" and ".join(" to ".join(map(told, each)) for each in dates) or "none" for dates in key.dates)
         return f"grants for {who} have other dates ({old} → {new}), on"
     if key.right is None:
         return f"grants for {who} stand among others that may name it too, on"
     when = ", once a grant counts that does not yet," if key.later else ""
     return f"{who} may{when} {'' if key.right.gained else 'no longer '}{WORDS[key.right.operation]}"
-
-
-def _told(dates: Dates) -> str:
-    return " to ".join(_instant(each) for each in dates)
-
-
-def _instant(moment: datetime | None) -> str:
-    return "never" if moment is None else f"{moment.year:04}-{moment:%m-%dT%H:%M:%SZ}"
 
 
 def _aspect(subject: str, direction: Direction) -> Aspect:

@@ -8,10 +8,9 @@ from typing import Final
 from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.files import File, Status
-from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
-from keystore_audit.keystore.permissions import PermissionsFile
+from keystore_audit.model.access_view import Typed
 from keystore_audit.model.comparison.change import Aspect, Direction, Layer, direction_of
 from keystore_audit.model.comparison.dates import Dates, spanned
 from keystore_audit.model.comparison.drafts import Draft
@@ -134,10 +133,10 @@ def _shared_keys(sides: Sides) -> Iterator[tuple[str, Placed]]:
     holders: list[dict[str, set[str]]] = [{}, {}]
     for found, by_path in zip(holders, sides.enclaves, strict=True):
         for path, enclave in by_path.items():
-            if (first := _first(enclave.certificate)) is not None:
+            if (first := enclave.identity) is not None:
                 found.setdefault(first.key, set()).add(path)
     for path in sides.common:
-        firsts = [_first(by_path[path].certificate) for by_path in sides.enclaves]
+        firsts = [by_path[path].identity for by_path in sides.enclaves]
         one, other = (
             found[first.key] - {path} if first is not None else set()
             for found, first in zip(holders, firsts, strict=True)
@@ -187,13 +186,9 @@ def _presences(old: Enclave, new: Enclave) -> Iterator[Placed]:
             yield Fact(FILE, direction, what, ()), Location(path=files[0].path), Location(path=files[1].path)
 
 
-def _first(file: CertificateFile | None) -> Certificate | None:
-    return file.first if file is not None else None
-
-
 def _identity(old: Enclave, new: Enclave, *, reissued: bool) -> Iterator[Placed]:
     """The identity certificate. `reissued`: its CA is another, so that it had to be."""
-    one, other = _first(old.certificate), _first(new.certificate)
+    one, other = old.identity, new.identity
     if one is None or other is None or one.sha256 == other.sha256:
         return
     places = place_of(one), place_of(other)
@@ -224,7 +219,7 @@ def _issuer_facts(old: Enclave, new: Enclave) -> Iterator[Fact]:
     """Whether another authority of the same CA file issued the identity, or none of them."""
     issuers = []
     for enclave in (old, new):
-        certificate = _first(enclave.certificate)
+        certificate = enclave.identity
         pool = enclave.identity_ca.certificates if enclave.identity_ca else ()
         issuers.append([c for c in pool if certificate is not None and may_have_issued(c, certificate)])
     if {c.key for c in issuers[0]} != {c.key for c in issuers[1]}:
@@ -292,15 +287,19 @@ def _told(certificates: Iterable[Certificate]) -> str | None:
     return ", ".join(f"{c.subject} (key {c.key[:12]})" for c in certificates) or None
 
 
-def _signatures(old: Enclave, new: Enclave, *, moved: bool) -> Iterator[Placed]:
-    """Who signed the documents, and whether the signatures hold. `moved`: the permissions CA is another."""
+def _documents(old: Enclave, new: Enclave) -> Iterator[tuple[str, Typed, Typed, tuple[Location, Location]]]:
+    """Each document that both have, and where."""
     for word, one, other in (
         ("governance", old.governance, new.governance),
         ("permissions", old.permissions, new.permissions),
     ):
-        if one is None or other is None:
-            continue
-        places = Location(path=one.signed.file.place), Location(path=other.signed.file.place)
+        if one is not None and other is not None:
+            yield word, one, other, (Location(path=one.signed.file.place), Location(path=other.signed.file.place))
+
+
+def _signatures(old: Enclave, new: Enclave, *, moved: bool) -> Iterator[Placed]:
+    """Who signed the documents, and whether the signatures hold. `moved`: the permissions CA is another."""
+    for word, one, other, places in _documents(old, new):
         before, after = envelope(one.signed), envelope(other.signed)
         held, holds = (each.verdict is Verdict.ACCEPTED for each in (before, after))
         if held != holds:
@@ -319,19 +318,14 @@ def _signatures(old: Enclave, new: Enclave, *, moved: bool) -> Iterator[Placed]:
 
 def _forms(old: Enclave, new: Enclave) -> Iterator[Placed]:
     """Documents in another form, where that is not what makes their signatures hold or not."""
-    for word, one, other in (
-        ("governance", old.governance, new.governance),
-        ("permissions", old.permissions, new.permissions),
-    ):
-        if one is None or other is None or one.signed.file.sha256 == other.signed.file.sha256:
-            continue
-        if envelope(one.signed).verdict is envelope(other.signed).verdict:
-            places = Location(path=one.signed.file.place), Location(path=other.signed.file.place)
+    for word, one, other, places in _documents(old, new):
+        alike = envelope(one.signed).verdict is envelope(other.signed).verdict
+        if alike and one.signed.file.sha256 != other.signed.file.sha256:
             for fact in document_form(word, one, other):
                 yield fact, *places
 
 
-def _by_authority(document: GovernanceFile | PermissionsFile, enclave: Enclave) -> bool:
+def _by_authority(document: Typed, enclave: Enclave) -> bool:
     """Whether the enclave's permissions CA signed it."""
     keys = {certificate.key for certificate in enclave.permissions_ca.certificates} if enclave.permissions_ca else set()
     return all(signer.key in keys for signer in envelope(document.signed).signers)
