@@ -7,15 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
-from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.permission import Permissions, bits, members, union
 from keystore_audit.model.protection import Protection, open_protection, protection
 from keystore_audit.model.system import System
-
-_OPERATIONS: Final = (Operation.PUBLISH, Operation.SUBSCRIBE, Operation.RELAY)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -274,7 +271,7 @@ class RealmView:
     def abilities(self, enclave: int) -> Abilities:
         """What the enclave can do to the realm's channels; worked out once."""
         if enclave not in self._abilities:
-            rights = [self.presentable(enclave, operation) for operation in _OPERATIONS]
+            rights = [self.presentable(enclave, operation) for operation in Operation]
             atom = self._system.enclaves[enclave]
             alone = (bits(atom.writes_alone), bits(atom.reads_alone)) if atom.realm == self._number else (0, 0)
             self._abilities[enclave] = self._able(self.joined(enclave), rights, *alone)
@@ -289,9 +286,9 @@ class RealmView:
             if number in here or not (self.open or self._known(number)):
                 continue
             if self._any_opaque:
-                found[number] = self._able(self.protection.ruled, [self._permissions.all_channels] * len(_OPERATIONS))
+                found[number] = self._able(self.protection.ruled, [self._permissions.all_channels] * len(Operation))
             elif admitting := self._permissions.admitting(number, self.accepted):
-                rights = [self._right(number, operation, genuine=False) for operation in _OPERATIONS]
+                rights = [self._right(number, operation, genuine=False) for operation in Operation]
                 found[number] = self._able(self._joined_by(admitting), rights)
         return found
 

@@ -28,7 +28,6 @@ _MAX_BITS: Final = 1 << 27
 _MAX_WITNESSES: Final = 32
 """Cells among which one is looked for that people can read."""
 
-_OPERATIONS: Final = tuple(Operation)
 _EVERY_DOMAIN: Final = (2 << HIGHEST_DOMAIN) - 1
 
 
@@ -67,7 +66,7 @@ class _Cells:
         self._partitions, self._partition_bits = _partition_classes(rules, matcher, effort, everywhere=default_allow)
         self._topics = topics
         self._plane = len(topics) * len(self._domains) * len(self._partitions)
-        if self._plane * len(_OPERATIONS) * max(len(rules), 1) > _MAX_BITS:
+        if self._plane * len(Operation) * max(len(rules), 1) > _MAX_BITS:
             raise BudgetExceeded("there are too many rules in too many domains and partitions")
         self._topic_bits = _holding(self._names, topics)
         self._spreads: dict[tuple[tuple[Interval, ...], tuple[str, ...] | None], int] = {}
@@ -75,7 +74,7 @@ class _Cells:
     def rule(self, rule: ReadRule) -> int:
         """The cells that a rule is about."""
         found = 0
-        for at, operation in enumerate(_OPERATIONS):
+        for at, operation in enumerate(Operation):
             for area in rule.region(operation):
                 named = 0
                 for text in area.topics:
@@ -85,7 +84,7 @@ class _Cells:
 
     def expressions(self, rule: ReadRule) -> Iterator[Expression]:
         """The expressions of a rule, as written."""
-        for at, operation in enumerate(_OPERATIONS):
+        for at, operation in enumerate(Operation):
             for area in rule.region(operation):
                 spread = self._spread(rule.domains, area.partitions)
                 for text in area.topics:
@@ -95,7 +94,7 @@ class _Cells:
         """Whether the rule is about any cell at all, those apart in which nothing is allowed anyway."""
         return bool(rule.domains) and any(
             self._topic_bits[text] and (area.partitions is None or area.partitions)
-            for operation in _OPERATIONS
+            for operation in Operation
             for area in rule.region(operation)
             for text in area.topics
         )
@@ -110,7 +109,7 @@ class _Cells:
         place, topic = divmod(rest, len(self._topics))
         domain, partition = divmod(place, len(self._partitions))
         return Point(
-            _OPERATIONS[operation],
+            tuple(Operation)[operation],
             self._topics[topic].witness,
             self._partitions[partition].witness,
             _lowest(self._domains[domain]),
@@ -144,11 +143,7 @@ def _texts(rules: Iterable[ReadRule]) -> tuple[str, ...]:
     """The distinct topic expressions of all rules."""
     return tuple(
         dict.fromkeys(
-            text
-            for rule in rules
-            for operation in _OPERATIONS
-            for area in rule.region(operation)
-            for text in area.topics
+            text for rule in rules for operation in Operation for area in rule.region(operation) for text in area.topics
         )
     )
 
@@ -179,7 +174,7 @@ def _partition_classes(
     The empty name, the default partition, is a class of its own.
     """
     listed = [
-        (rule.allow, area.partitions) for rule in rules for operation in _OPERATIONS for area in rule.region(operation)
+        (rule.allow, area.partitions) for rule in rules for operation in Operation for area in rule.region(operation)
     ]
     texts = tuple(dict.fromkeys(text for _allow, partitions in listed for text in partitions or ()))
     empty = NameClass(frozenset(n for n, text in enumerate(texts) if parse(text, matcher).matches("")), "")

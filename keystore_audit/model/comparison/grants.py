@@ -12,7 +12,7 @@ from keystore_audit.model.comparison.change import Aspect, Direction, Layer
 from keystore_audit.model.comparison.dates import Dates, other_dates, spanned
 from keystore_audit.model.comparison.drafts import Draft, in_order
 from keystore_audit.model.comparison.sides import Pair, Sides, View, is_void
-from keystore_audit.model.permission import members
+from keystore_audit.model.permission import members, union
 from keystore_audit.model.system import GrantAtom
 
 JOIN: Final = "join"
@@ -23,8 +23,6 @@ WORDS: Final = {
     JOIN: "join",
 }
 """Operations as verbs of what follows."""
-
-_PARTS: Final = (Operation.PUBLISH, Operation.SUBSCRIBE, Operation.RELAY)
 
 
 class _Moved(NamedTuple):
@@ -87,9 +85,6 @@ def grant_changes(sides: Sides) -> list[Draft]:
 def _draft(
     sides: Sides, right: Right, by_profile: tuple[tuple[str, int], ...], holders: list[tuple[str, _Found]]
 ) -> Draft:
-    union = 0
-    for _profile, channels in by_profile:
-        union |= channels
     first = holders[0][1]
     return Draft(
         layer=Layer.GRANTS,
@@ -99,7 +94,7 @@ def _draft(
         enclaves=tuple(path for path, _found in holders),
         profiles=in_order((profile for profile, _channels in by_profile), sides),
         operation=right.operation,
-        channels=union,
+        channels=union(channels for _profile, channels in by_profile),
         varies=len({channels for _profile, channels in by_profile}) > 1,
         old=first.old,
         new=first.new,
@@ -125,7 +120,7 @@ def _differences(sides: Sides, pair: Pair, path: str) -> Iterator[tuple[Right, i
 def differing(sides: Sides, pair: Pair, old: Given, new: Given) -> Iterator[tuple[Right, int]]:
     """Operations with the channels on which they were gained, or lost; joining where that does not say it already."""
     touched = {True: 0, False: 0}
-    for operation in _PARTS:
+    for operation in Operation:
         before, after = old.of(operation) & sides.mask, new.of(operation) & sides.mask
         for gained, channels in ((True, after & ~before), (False, before & ~after)):
             if channels:
@@ -200,7 +195,7 @@ def given(view: View, grant: int | None) -> Given:
     if grant is None:
         return NOTHING
     allowed = view.decisions.allowed
-    publish, subscribe, relay = (allowed(grant, operation) for operation in _PARTS)
+    publish, subscribe, relay = (allowed(grant, operation) for operation in Operation)
     return Given(publish, subscribe, relay, view.decisions.joins(grant))
 
 

@@ -93,9 +93,7 @@ def _labelled(sides: Sides, label: str, globs: Globs) -> _Labelled:
     for pair in sides.pairs:
         for view in (pair.old, pair.new):
             for path, number in view.numbers.items():
-                names = 0
-                for operation in Operation:
-                    names |= view.accepted(number, operation)
+                names = union(view.accepted(number, operation) for operation in Operation)
                 usable[path] = usable.get(path, 0) | names
                 theirs |= names if path in paths else 0
     named, used = theirs & ~sides.named(AMBIENT), union(usable.values())

@@ -34,8 +34,6 @@ PRESENTED: Final = "right-presented"
 MAX_APART: Final = 4
 """Sets of names, each of other enclaves, that stand apart among the consequences of one change."""
 
-_OPERATIONS: Final = (Operation.PUBLISH, Operation.SUBSCRIBE, Operation.RELAY)
-
 
 class _Key(NamedTuple):
     """A difference that shows. `draft`: what accounts for it. `operation`: None of what keys alone make possible.
@@ -78,7 +76,7 @@ class Reach:
         numbers = [view.numbers[path] for view in views]
         rights = self._causes.of(path)
         written, read = 0, 0  # by right before or after: no more than that shows in what keys make possible
-        for operation in _OPERATIONS:
+        for operation in Operation:
             told = {True: 0, False: 0}
             before, after = (view.accepted(number, operation) for view, number in zip(views, numbers, strict=True))
             written |= before | after if operation is Operation.PUBLISH else 0
@@ -166,7 +164,7 @@ class Reach:
             number = view.numbers.get(path)
             if number is None:  # it could not be read
                 continue
-            for operation in _OPERATIONS:
+            for operation in Operation:
                 channels = view.accepted(number, operation) & self._sides.mask
                 if channels:
                     what = f"{_with(gained)} {WORDS[operation.value]}"
