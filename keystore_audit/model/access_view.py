@@ -14,7 +14,7 @@ from keystore_audit.keystore.governance import DomainRange, Governance, Governan
 from keystore_audit.keystore.permissions import Grant, Operation, Permissions, PermissionsFile
 from keystore_audit.model.domains import Interval
 from keystore_audit.model.expression import Matcher, parse
-from keystore_audit.model.inventory import Document
+from keystore_audit.model.inventory import Document, Typed
 from keystore_audit.model.profiles import SPEC, Access, DateReading, OpenRange, Profile
 from keystore_audit.model.semantics import (
     ReadDomainRule,
@@ -32,7 +32,6 @@ _COUNTING: Final = frozenset("?[")
 """What takes one character, or one octet."""
 
 _WILDCARDS: Final = frozenset("*?[\\")
-Typed = GovernanceFile | PermissionsFile
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -23,7 +23,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.divergence_lines import Lines, Part
 from keystore_audit.model.divergence_values import LocalValues, PeerValues, Value, attributed, differing
-from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.inventory import Typed, documents_of
 from keystore_audit.model.meaning import Divergence, Example
 from keystore_audit.model.names import AMBIENT_TOPICS
 from keystore_audit.model.permission import bits, members
@@ -91,7 +91,7 @@ def divergences(
     return comparison.found()
 
 
-def _presenting(keystore: Keystore, odd: Collection[GovernanceFile | PermissionsFile]) -> Iterator[Enclave]:
+def _presenting(keystore: Keystore, odd: Collection[Typed]) -> Iterator[Enclave]:
     """The enclaves whose rights with peers hang on one of the documents."""
     subjects = {
         grant.subject_name.text
@@ -106,7 +106,7 @@ def _presenting(keystore: Keystore, odd: Collection[GovernanceFile | Permissions
             yield enclave
 
 
-def _undecided(odd: Collection[GovernanceFile | PermissionsFile], keystore: Keystore) -> Divergence:
+def _undecided(odd: Collection[Typed], keystore: Keystore) -> Divergence:
     places = sorted(file.signed.file.place for file in odd)
     return Divergence(
         cause=Cause.UNDECIDED,

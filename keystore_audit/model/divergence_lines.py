@@ -17,6 +17,7 @@ from keystore_audit.keystore.permissions import Operation, PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.attacker import enclaves_views
 from keystore_audit.model.divergence_values import LocalValues, PeerValues
+from keystore_audit.model.inventory import Typed
 from keystore_audit.model.permission import Permissions, bits, members
 from keystore_audit.model.profiles import PartitionReading, Profile
 from keystore_audit.model.semantics import ReadGrant
@@ -182,7 +183,7 @@ class Lines:
             self._allows[place] = {rule.line: rule.allow for grant in grants for rule in grant.rules}
         return self._allows[place]
 
-    def _refused(self, file: GovernanceFile | PermissionsFile, before: Profile, after: Profile) -> Location:
+    def _refused(self, file: Typed, before: Profile, after: Profile) -> Location:
         """What makes one of the two refuse the document: a date, else the document."""
         place = file.signed.file.place
         for grant in file.grants if isinstance(file, PermissionsFile) else ():
@@ -243,7 +244,7 @@ class _Peers:
         return sum(1 for other in self.system.grants[:grant] if other.document == document)
 
 
-def _whole(file: GovernanceFile | PermissionsFile | None) -> Location | None:
+def _whole(file: Typed | None) -> Location | None:
     if file is None:
         return None
     typed = file.governance if isinstance(file, GovernanceFile) else file.permissions

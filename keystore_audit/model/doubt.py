@@ -11,14 +11,13 @@ from itertools import chain
 from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.defect import Defect
-from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.issuer import Issue
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
-from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews, ReadDocument
 from keystore_audit.model.inventory import (
     AtLarge,
+    Typed,
     governance_at_large,
     identities_at_large,
     permissions_at_large,
@@ -99,7 +98,7 @@ def _stray_doubts(keystore: Keystore, trust: Trust, access: Access, accesses: Ac
             yield _document_doubt(None, stray.document, read)
 
 
-def _document_doubt(enclave: Enclave | None, file: GovernanceFile | PermissionsFile, read: ReadDocument) -> Doubt:
+def _document_doubt(enclave: Enclave | None, file: Typed, read: ReadDocument) -> Doubt:
     defects: tuple[Defect, ...] = file.signed.defects + file.defects
     defect = next((defect for defect in defects if defect.kind.opaque), None)
     path = None if enclave is None else enclave.path

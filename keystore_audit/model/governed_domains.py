@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from keystore_audit.model.access_view import AccessViews, Typed
+from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.domains import Interval, merged
+from keystore_audit.model.inventory import Typed
 from keystore_audit.model.profiles import Profile
 
 

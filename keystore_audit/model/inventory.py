@@ -21,6 +21,9 @@ from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.subject import matching
 from keystore_audit.model.trust import Verdict, document_verdict, envelope, is_authority, may_have_issued, signers_taken
 
+Typed = GovernanceFile | PermissionsFile
+"""A signed document, by what it says."""
+
 _TRUSTS: Final = tuple(dict.fromkeys(profile.trust for profile in VARIANTS.values()))
 _BY_SIGNERS: Final = tuple({trust.pins_signer: trust for trust in _TRUSTS}.values())
 """One of each way to find a document's signers."""
@@ -35,7 +38,7 @@ class Document:
     """A document of the keystore by its place; `file` is None where it could not be read at all."""
 
     place: str
-    file: GovernanceFile | PermissionsFile | None
+    file: Typed | None
 
 
 @lru_cache(maxsize=2)  # a comparison has two; asked by whoever looks at all documents

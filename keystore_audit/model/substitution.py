@@ -17,6 +17,7 @@ from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.domains import Interval
+from keystore_audit.model.inventory import Typed
 from keystore_audit.model.profiles import VARIANTS, Access, JoinCheck, Local, Profile
 
 SPEC: Final = VARIANTS["spec"]
@@ -155,9 +156,7 @@ class Stages:
             yield Stage(cured=Cause.OTHER, profile=goal)
 
 
-def odd_documents(
-    files: Iterable[GovernanceFile | PermissionsFile], profiles: Sequence[Profile], accesses: AccessViews
-) -> frozenset[GovernanceFile | PermissionsFile]:
+def odd_documents(files: Iterable[Typed], profiles: Sequence[Profile], accesses: AccessViews) -> frozenset[Typed]:
     """The documents that not all of the profiles read alike."""
     rows = {accesses.row(profile.access) for profile in profiles}
     if len(rows) < 2:

@@ -13,9 +13,10 @@ from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.smime import SignedDocument
-from keystore_audit.model.access_view import AccessViews, Typed
+from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.domains import Interval, contains, elementary
 from keystore_audit.model.doubt import enclave_doubts
+from keystore_audit.model.inventory import Typed
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import JoinCheck, Profile, Trust
 from keystore_audit.model.revocation import list_broken, list_missing, list_used, lists_read, revoked

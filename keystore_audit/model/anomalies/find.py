@@ -14,7 +14,7 @@ from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.model.access_view import AccessViews, ReadDocument, Typed
+from keystore_audit.model.access_view import AccessViews, ReadDocument
 from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind
 from keystore_audit.model.anomalies.classes import Effort
 from keystore_audit.model.anomalies.counterparts import Counterparts
@@ -27,7 +27,7 @@ from keystore_audit.model.anomalies.grants import (
     ungoverned_rules,
 )
 from keystore_audit.model.domains import domain_bits
-from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.inventory import Typed, documents_of
 from keystore_audit.model.profiles import SPEC, Access, Profile
 from keystore_audit.model.semantics import ReadGrant
 

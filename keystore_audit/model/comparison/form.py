@@ -7,19 +7,16 @@ from typing import Final
 
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.keystore.governance import GovernanceFile
-from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.public_key import is_weak_algorithm, is_weak_kind
 from keystore_audit.model.comparison.change import Aspect, Direction, direction_of
 from keystore_audit.model.comparison.facts import Fact
+from keystore_audit.model.inventory import Typed
 
 DOCUMENT: Final = "document-form"
 CERTIFICATE: Final = "certificate-form"
 
 
-def document_form(
-    word: str, old: GovernanceFile | PermissionsFile, new: GovernanceFile | PermissionsFile
-) -> Iterator[Fact]:
+def document_form(word: str, old: Typed, new: Typed) -> Iterator[Fact]:
     """What a document signed again has otherwise; a weak digest is less protection: others may have the signature."""
     aspects = []
     digests = [", ".join(sorted({each.digest for each in file.signed.signatures})) or None for file in (old, new)]
@@ -34,7 +31,7 @@ def document_form(
         yield Fact(DOCUMENT, _together(aspects), f"its {word}: signed again in another form", tuple(aspects))
 
 
-def _kinds(file: GovernanceFile | PermissionsFile) -> set[Kind]:
+def _kinds(file: Typed) -> set[Kind]:
     return {defect.kind for defect in (*file.signed.defects, *file.defects)}
 
 

@@ -9,9 +9,8 @@ from zoneinfo import ZoneInfo
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
-from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
-from keystore_audit.keystore.permissions import Operation, PermissionsFile
+from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.attacker import RealmView, enclaves_views
 from keystore_audit.model.channels import document_channels
@@ -20,7 +19,7 @@ from keystore_audit.model.comparison.change import Name, Names, Unread
 from keystore_audit.model.domains import Interval, contains, merged
 from keystore_audit.model.doubt import enclave_doubts, keystore_doubts
 from keystore_audit.model.interpret import usability_by_profile
-from keystore_audit.model.inventory import documents_of, system_documents
+from keystore_audit.model.inventory import Typed, documents_of, system_documents
 from keystore_audit.model.own_rights import OwnRights
 from keystore_audit.model.permission import Decisions, Permissions, bits, members, union
 from keystore_audit.model.profiles import Profile
@@ -263,7 +262,7 @@ class Sides:
         return frozenset(text for _matcher, region in self.channels.regions for area in region for text in area.topics)
 
 
-def is_void(document: GovernanceFile | PermissionsFile | None, profile: Profile, accesses: AccessViews) -> bool:
+def is_void(document: Typed | None, profile: Profile, accesses: AccessViews) -> bool:
     """Whether an implementation takes the document for none, whoever signed it: then it says nothing."""
     if document is None:
         return False

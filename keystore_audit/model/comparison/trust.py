@@ -10,7 +10,6 @@ from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
-from keystore_audit.model.access_view import Typed
 from keystore_audit.model.comparison.change import Aspect, Direction, Layer, direction_of
 from keystore_audit.model.comparison.dates import Dates, spanned
 from keystore_audit.model.comparison.drafts import Draft
@@ -20,7 +19,7 @@ from keystore_audit.model.comparison.identities import identities_certified_agai
 from keystore_audit.model.comparison.keys import foreign_keys
 from keystore_audit.model.comparison.revocation import revocation_facts
 from keystore_audit.model.comparison.sides import Sides
-from keystore_audit.model.inventory import beside_enclaves, governance_apart, governance_at_large
+from keystore_audit.model.inventory import Typed, beside_enclaves, governance_apart, governance_at_large
 from keystore_audit.model.trust import Verdict, envelope, may_have_issued
 
 ADDED: Final = "enclave-added"
