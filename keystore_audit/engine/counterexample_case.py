@@ -87,7 +87,7 @@ class Case:
     def step(self, location: Location | None, enclave: str | None = None) -> Step:
         """Return a step about the channel."""
         channel = f"{self._domain}, topic {self.channel.topic}{self._partition}"
-        return step_at(location, channel=channel, witness=self.channel.topic, enclave=enclave)
+        return step_at(location, self.channel.topic, channel=channel, enclave=enclave)
 
     def governance_steps(self) -> tuple[Step, ...]:
         """Return the rules that protect the channel, or the governance document where it could not be read."""
@@ -136,7 +136,7 @@ class Case:
         return ", and messages of unauthenticated participants are allowed in the clear"
 
 
-def step_at(location: Location | None, *, channel: str | None, witness: str, enclave: str | None) -> Step:
+def step_at(location: Location | None, witness: str, *, channel: str | None = None, enclave: str | None = None) -> Step:
     """A step whose line is there, if there is one."""
     return Step(
         enclave=enclave,

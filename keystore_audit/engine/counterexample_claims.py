@@ -23,7 +23,7 @@ from keystore_audit.model.system import DocumentAtom, System
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.property import Answer, Hop, Role
 from keystore_audit.properties.result import ANYBODY
-from keystore_audit.text import shorten
+from keystore_audit.text import instant, shorten
 
 _UNDER: Final = {
     Attacker.HONEST: "even if nobody attacks",
@@ -206,8 +206,8 @@ def _stranger(case: Case, identity: int, when: str) -> Counterexample:
     left_out = _left_out(system, identity)
     if left_out is not None:
         return Counterexample(text=f"{left_out} may publish {case.topic} too{when}.", steps=steps)
-    where = place.path if place.line is None else f"{place.path}:{place.line}"
-    why = f"peers take the grant in {where} from whoever has that subject" if taken else "nobody asks for such a grant"
+    why = f"peers take the grant in {place} from whoever has that subject"
+    why = why if taken else "nobody asks for such a grant"
     text = f"{_who_has(case, identity)} may publish {case.topic}{when}: {why}."
     return Counterexample(text=text, steps=steps)
 
@@ -240,11 +240,12 @@ def _then(system: System, answer: Answer) -> tuple[str, System]:
     moment = answer.moment
     if moment is None:
         moment = 2 * (answer.path[0].instant if answer.path else system.now)
-    instant, after = divmod(moment, 2)
+    index, after = divmod(moment, 2)
+    when = instant(system.instants[index])
     system = replace(system, realms=tuple(realm.at(moment) for realm in system.realms))
     if after:
-        return f", after {_time(system, instant)}", _just_after(system, instant)
-    return f", from {_time(system, instant)} on" if instant != system.now else "", replace(system, now=instant)
+        return f", after {when}", _just_after(system, index)
+    return f", from {when} on" if index != system.now else "", replace(system, now=index)
 
 
 def _just_after(system: System, instant: int) -> System:
@@ -258,10 +259,6 @@ def _just_after(system: System, instant: int) -> System:
             replace(each, not_after=ended) if each.not_after == instant else each for each in system.certificates
         ),
     )
-
-
-def _time(system: System, instant: int) -> str:
-    return system.instants[instant].replace(tzinfo=None).isoformat(timespec="seconds") + "Z"
 
 
 def _route(system: System, claim: ClaimAtom, path: Sequence[Hop]) -> str:
@@ -341,7 +338,7 @@ def _shared_domain(case: Case, claim: ClaimAtom, when: str) -> Counterexample:
     asked, views = case.witness[Role.DOMAIN], realm_views(case.system)
     domain = case.system.domains[asked].label
     rule = causes.domain_rule(case.system, case.realm, asked)
-    step = step_at(None if rule is None else rule.location, channel=domain, witness=domain, enclave=None)
+    step = step_at(None if rule is None else rule.location, domain, channel=domain)
     both = [case.witness[role] for role in (Role.ENCLAVE, Role.OTHER)]
     joining, here = (
         [n for n in both if any((view.joined(n) | view.protection.unauthenticated) >> asked & 1 for view in peers)]

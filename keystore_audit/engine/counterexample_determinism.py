@@ -117,4 +117,4 @@ class _Telling:
                         break
             else:
                 label = self._system.enclaves[enclave].label
-                yield step_at(None, channel=name, witness=name, enclave=label)
+                yield step_at(None, name, channel=name, enclave=label)

@@ -21,23 +21,21 @@ def _anybody_joins(case: Case) -> Counterexample:
         why = "the governance document could not be read, so it may allow that"
     else:
         location, why = rule.location, "allow_unauthenticated_participants is true there"
-    step = step_at(location, channel=domain, witness="allow_unauthenticated_participants", enclave=None)
+    step = step_at(location, "allow_unauthenticated_participants", channel=domain)
     return Counterexample(text=f"A participant without any identity may join {domain}: {why}.", steps=(step,))
 
 
 def _identity(case: Case) -> Counterexample:
     enclave = case.enclave
     if enclave.opaque or enclave.identity is None:
-        step = step_at(enclave.location, channel=None, witness=enclave.label, enclave=enclave.label)
+        step = step_at(enclave.location, enclave.label, enclave=enclave.label)
         return Counterexample(
             text=f"The identity of {enclave.label} could not be read: it may be anybody.", steps=(step,)
         )
-    identity = case.system.certificates[enclave.identity]
-    step = step_at(identity.location, channel=None, witness=identity.label, enclave=enclave.label)
     return Counterexample(
-        text=f"The identity of {enclave.label} ({identity.label}) is not one that its peers may trust: "
-        f"{_distrust(case.system, enclave.realm, enclave.identity)}.",
-        steps=(step,),
+        text=f"The identity of {enclave.label} ({case.system.certificates[enclave.identity].label}) is not one that "
+        f"its peers may trust: {_distrust(case.system, enclave.realm, enclave.identity)}.",
+        steps=(identity_step(case.system, enclave),),
     )
 
 
@@ -76,7 +74,7 @@ def _document(case: Case) -> Counterexample:
         why = f"names {signer} as its signer, which has the permissions CA's key and is another certificate"
     else:
         why = f"is signed by {signer}, not by the permissions CA alone"
-    step = step_at(document.location, channel=None, witness=document.label, enclave=enclave.label)
+    step = step_at(document.location, document.label, enclave=enclave.label)
     return Counterexample(text=f"{document.label}, which {enclave.label} uses, {why}.", steps=(step,))
 
 
@@ -94,9 +92,9 @@ def _shared_key(case: Case) -> Counterexample:
 def identity_step(system: System, enclave: EnclaveAtom) -> Step:
     """The step that shows who an enclave is."""
     if enclave.identity is None:
-        return step_at(enclave.location, channel=None, witness=enclave.label, enclave=enclave.label)
+        return step_at(enclave.location, enclave.label, enclave=enclave.label)
     identity = system.certificates[enclave.identity]
-    return step_at(identity.location, channel=None, witness=identity.label, enclave=enclave.label)
+    return step_at(identity.location, identity.label, enclave=enclave.label)
 
 
 def _grants_itself(case: Case) -> Counterexample:
@@ -128,7 +126,7 @@ def _grants_itself(case: Case) -> Counterexample:
                 "and peers may accept it."
             )
         if document is not None:
-            step = step_at(document.location, channel=None, witness=document.label, enclave=enclave.label)
+            step = step_at(document.location, document.label, enclave=enclave.label)
     return Counterexample(text=text, steps=(step,))
 
 
@@ -137,11 +135,11 @@ def _one_authority(case: Case) -> Counterexample:
     roles = (Role.CERTIFICATE, Role.OTHER_CERTIFICATE)
     one, other = (certificates[case.witness[role]] for role in roles)
     if one.opaque:
-        step = step_at(one.location, channel=None, witness=one.label, enclave=None)
+        step = step_at(one.location, one.label)
         text = "CA files could not be read: identity CA and permissions CA may have one key."
         return Counterexample(text=text, steps=(step,))
     alike = f"{one.label} is" if one is other else f"{one.label} and {other.label} have one key: it is"
-    steps = (step_at(each.location, channel=None, witness=each.label, enclave=None) for each in (one, other))
+    steps = (step_at(each.location, each.label) for each in (one, other))
     return Counterexample(
         text=f"{alike} identity CA and permissions CA, so whoever has an identity of it passes for a signer of "
         "permissions wherever the signer is not pinned.",
@@ -152,17 +150,17 @@ def _one_authority(case: Case) -> Counterexample:
 def _shared_subject(case: Case) -> Counterexample:
     one, other = case.enclave, case.system.enclaves[case.witness[Role.OTHER]]
     if one.opaque:
-        step = step_at(one.location, channel=None, witness=one.label, enclave=one.label)
+        step = step_at(one.location, one.label, enclave=one.label)
         return Counterexample(
             text=f"The identity of {one.label} could not be read: grants for others may name it too.", steps=(step,)
         )
     wanted = {one.identity, other.identity}
     grants = [grant.location for grant in case.system.grants if wanted <= grant.names]
     if not grants and (document := causes.opaque_document(case.system)):
-        step = step_at(document.location, channel=None, witness=document.label, enclave=None)
+        step = step_at(document.location, document.label)
         text = f"{document.label} could not be read: a grant in it may name {one.label} and {other.label} alike."
         return Counterexample(text=text, steps=(step,))
-    named = tuple(step_at(place, channel=None, witness=one.label, enclave=None) for place in grants[:1])
+    named = tuple(step_at(place, one.label) for place in grants[:1])
     return Counterexample(
         text=f"A grant names {one.label} and {other.label} alike: each has the rights of both.",
         steps=(*named, *(identity_step(case.system, enclave) for enclave in (one, other))),

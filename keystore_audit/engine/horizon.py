@@ -76,9 +76,8 @@ def _near(accesses: AccessViews, profiles: Sequence[Profile], instants: Collecti
     """Which date is near, of those that hang on the robot's zone."""
     (place, what), *more = dict.fromkeys(accesses.dated(profiles, instants))
     who = " and ".join(name for reading, name in _LOCAL.items() if any(p.access.dates is reading for p in profiles))
-    line = "" if place.line is None else f":{place.line}"
     others = f", and so do {len(more)} more dates" if len(more) > 1 else ", and so does 1 more date" if more else ""
-    return f"a grant {what} in the robots' time zone under {who} ({place.path}{line}; --time-zone){others}"
+    return f"a grant {what} in the robots' time zone under {who} ({place}; --time-zone){others}"
 
 
 def _moments(

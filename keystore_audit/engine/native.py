@@ -225,6 +225,12 @@ class _Questions:
         """What each enclave can do to the realm's channels."""
         return map(view.abilities, range(len(self._system.enclaves)))
 
+    def _each_enclave(self) -> Iterator[tuple[int, RealmView, int, Abilities]]:
+        """In each realm, what each enclave can do."""
+        for realm, view in self._used:
+            for enclave, able in enumerate(self._every(view)):
+                yield realm, view, enclave, able
+
     def _written_at_all(self, view: RealmView) -> int:
         """Channels with a writer, though it may be one that honest readers refuse."""
         return union(able.writes_at_all for able in self._every(view))
@@ -251,36 +257,29 @@ class _Questions:
 
     def ungranted_writes(self) -> Iterator[Witness]:
         """Enclaves that write, or forge without being a granted reader, where no grant lets them."""
-        for realm, view in self._used:
-            for enclave in range(len(self._system.enclaves)):
-                able = view.abilities(enclave)
-                forged = able.forges & ~view.granted(enclave, Operation.SUBSCRIBE)
-                without = (able.may_write | forged) & ~view.granted(enclave, Operation.PUBLISH)
-                yield from _channels(realm, without, enclave)
+        for realm, view, enclave, able in self._each_enclave():
+            forged = able.forges & ~view.granted(enclave, Operation.SUBSCRIBE)
+            without = (able.may_write | forged) & ~view.granted(enclave, Operation.PUBLISH)
+            yield from _channels(realm, without, enclave)
 
     def ungranted_reads(self) -> Iterator[Witness]:
         """Enclaves that read where no grant lets them."""
-        for realm, view in self._used:
-            for enclave in range(len(self._system.enclaves)):
-                able = view.abilities(enclave)
-                without = able.knows & ~view.granted(enclave, Operation.SUBSCRIBE)
-                yield from _channels(realm, without, enclave)
+        for realm, view, enclave, able in self._each_enclave():
+            yield from _channels(realm, able.knows & ~view.granted(enclave, Operation.SUBSCRIBE), enclave)
 
     def forging_readers(self) -> Iterator[Witness]:
         """Granted readers that can pass for a writer of the topic."""
         for realm, view in self._used:
             written = union(able.may_write for able in self._every(view))
-            for enclave in range(len(self._system.enclaves)):
-                reader = view.may_be_granted(enclave, Operation.SUBSCRIBE)
-                forged = view.abilities(enclave).forges & reader & written
+            for enclave, able in enumerate(self._every(view)):
+                forged = able.forges & view.may_be_granted(enclave, Operation.SUBSCRIBE) & written
                 yield from _channels(realm, forged & ~view.granted(enclave, Operation.PUBLISH), enclave)
 
     def reading_relays(self) -> Iterator[Witness]:
         """Enclaves that relay a topic, are not granted to read it, and find its payload in clear."""
-        for realm, view in self._used:
-            for enclave in range(len(self._system.enclaves)):
-                relayed = view.abilities(enclave).may_relay & ~view.protection.data_encrypts
-                yield from _channels(realm, relayed and relayed & ~view.granted(enclave, Operation.SUBSCRIBE), enclave)
+        for realm, view, enclave, able in self._each_enclave():
+            relayed = able.may_relay & ~view.protection.data_encrypts
+            yield from _channels(realm, relayed and relayed & ~view.granted(enclave, Operation.SUBSCRIBE), enclave)
 
     def bridges(self) -> Iterator[Witness]:
         """Enclaves that read in one class of domains and write in another, perhaps among peers that trust otherwise.

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from keystore_audit import text
 from keystore_audit.engine.alloy.atoms import Sort, declare, make_sort, name_atoms
 from keystore_audit.engine.alloy.relations import Relations
-from keystore_audit.findings import Location
 from keystore_audit.model.system import System
 
 MODULE: Final = "application.als"
@@ -28,7 +26,7 @@ EXERCISED: Final = "WiringIsExercised"
 
 def node_sort(system: System) -> Sort:
     """Return the atoms of the nodes."""
-    return make_sort("Node", "N", [(node.label, _place(node.location)) for node in system.nodes])
+    return make_sort("Node", "N", [(node.label, str(node.location)) for node in system.nodes])
 
 
 def write_nodes(system: System) -> str:
@@ -63,8 +61,3 @@ def write_commands() -> str:
     head = ["/** What nodes are to do, and what they may. */", "module application_audit", "open application", ""]
     checks = [f"check {name} for 0" for name in ASSERTIONS]
     return "\n".join([*head, f"run {EXERCISED} for 0", *checks]) + "\n"
-
-
-def _place(location: Location) -> str:
-    place = location.path if location.line is None else f"{location.path}:{location.line}"
-    return text.shorten(place, text.MAX_COMMENT_LENGTH)

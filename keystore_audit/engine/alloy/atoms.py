@@ -14,7 +14,6 @@ from typing import Final
 
 from keystore_audit import text
 from keystore_audit.dataclass import dataclass, replace
-from keystore_audit.findings import Location
 from keystore_audit.model.system import ChannelAtom, System
 from keystore_audit.properties.property import Role
 
@@ -111,25 +110,25 @@ def name_atoms(system: System) -> Atoms:
     """Return the atoms that stand for `system`."""
     keys = sorted({certificate.key for certificate in system.certificates})
     return Atoms(
-        certificates=make_sort("Certificate", "C", [(c.label, _place(c.location)) for c in system.certificates]),
+        certificates=make_sort("Certificate", "C", [(c.label, str(c.location)) for c in system.certificates]),
         keys=make_sort("Key", "K", [("", f"key {key}") for key in keys]),
         instants=make_sort("Instant", "I", [("", instant.isoformat()) for instant in system.instants]),
-        documents=make_sort("Document", "P", [(d.label, _place(d.location)) for d in system.documents]),
+        documents=make_sort("Document", "P", [(d.label, str(d.location)) for d in system.documents]),
         realms=make_sort("Realm", "R", [("", _members(system, realm)) for realm in range(len(system.realms))]),
         enclaves=_enclaves(system),
         domains=make_sort("Domain", "D", [("", _intervals(d.intervals)) for d in system.domains]),
         channels=make_sort("Channel", "T", [_channel(system, channel) for channel in system.channels]),
-        domain_rules=make_sort("DomainRule", "DR", [("", _place(rule.location)) for rule in system.domain_rules]),
-        topic_rules=make_sort("TopicRule", "TR", [("", _place(rule.location)) for rule in system.topic_rules]),
-        grants=make_sort("Grant", "G", [("", _place(grant.location)) for grant in system.grants]),
-        rules=make_sort("Rule", "PR", [("", _place(rule.location)) for rule in system.rules]),
+        domain_rules=make_sort("DomainRule", "DR", [("", str(rule.location)) for rule in system.domain_rules]),
+        topic_rules=make_sort("TopicRule", "TR", [("", str(rule.location)) for rule in system.topic_rules]),
+        grants=make_sort("Grant", "G", [("", str(grant.location)) for grant in system.grants]),
+        rules=make_sort("Rule", "PR", [("", str(rule.location)) for rule in system.rules]),
         key_index={key: index for index, key in enumerate(keys)},
     )
 
 
 def _enclaves(system: System) -> Sort:
     """Those at large have a sig of their own."""
-    sort = make_sort("Enclave", "E", [(e.label, _place(e.location)) for e in system.enclaves])
+    sort = make_sort("Enclave", "E", [(e.label, str(e.location)) for e in system.enclaves])
     atoms = zip(sort.atoms, system.enclaves, strict=True)
     return replace(sort, atoms=tuple(replace(atom, sig="AtLarge") if e.at_large else atom for atom, e in atoms))
 
@@ -190,10 +189,6 @@ def _decoration(label: str) -> str:
     """Return what is left of the last part of a name when all but ASCII letters, digits and `_` is taken out."""
     last = label.rstrip("/").rpartition("/")[2]
     return re.sub(r"[^A-Za-z0-9]+", "_", last[: 4 * MAX_DECORATION]).strip("_")[:MAX_DECORATION].rstrip("_")
-
-
-def _place(location: Location) -> str:
-    return location.path if location.line is None else f"{location.path}:{location.line}"
 
 
 def _members(system: System, realm: int) -> str:

@@ -11,7 +11,7 @@ from typing import Final
 
 from keystore_audit import text
 from keystore_audit.dataclass import dataclass, replace
-from keystore_audit.engine.alloy.atoms import Sort, name_atoms
+from keystore_audit.engine.alloy.atoms import name_atoms
 from keystore_audit.engine.alloy.relations import Relations, function
 from keystore_audit.engine.alloy.solution import Command
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
@@ -212,23 +212,20 @@ class _Writer:
     def places(self, claim: ClaimAtom, number: int) -> Iterator[str]:
         """The functions of one claim, after a comment that says which it is."""
         enclaves, channels, at = self._atoms.enclaves, self._atoms.channels, Places.of(number)
-        where = claim.location
-        place = where.path if where.line is None else f"{where.path}:{where.line}"
-        said = f"{claim.kind.value} ({claim.attacker.value}), {claim.id}: {place}"
+        said = f"{claim.kind.value} ({claim.attacker.value}), {claim.id}: {claim.location}"
         yield f"-- Claim{number}: {text.alloy_comment(said)}"
         yield function(at.source, PARTICIPANTS, self._participants(claim.source))
-        yield function(at.first, "set Channel", self._members(channels, claim.source.channels))
+        yield self.relations.subset(at.first, channels, claim.source.channels)
         yield function(at.target, PARTICIPANTS, self._participants(claim.target))
-        yield function(at.last, "set Channel", self._members(channels, claim.target.channels))
-        yield function(at.through, "set Enclave", self._members(enclaves, claim.through))
-        yield function(at.left_out, "set Channel", self._members(channels, claim.left_out))
+        yield self.relations.subset(at.last, channels, claim.target.channels)
+        yield self.relations.subset(at.through, enclaves, claim.through)
+        yield self.relations.subset(at.left_out, channels, claim.left_out)
         for part, each in enumerate(_parts(claim)):
             possible = replace(each, enclaves=each.enclaves - claim.through)
             yield function(f"part_{number}_{part}", PARTICIPANTS, self._participants(possible))
-            yield function(f"part_channels_{number}_{part}", "set Channel", self._members(channels, each.channels))
+            yield self.relations.subset(f"part_channels_{number}_{part}", channels, each.channels)
         if claim.source.certificates:
-            members = self._members(self._atoms.certificates, claim.source.certificates)
-            yield function(at.certificates, "set Certificate", members)
+            yield self.relations.subset(at.certificates, self._atoms.certificates, claim.source.certificates)
         if claim.starts:
             rows: list[set[int]] = [set() for _ in enclaves.atoms]
             for enclave, domain in claim.starts:
@@ -238,10 +235,7 @@ class _Writer:
         yield ""
 
     def _participants(self, place: Place) -> str:
-        enclaves = self._members(self._atoms.enclaves, place.enclaves)
+        enclaves = self.relations.atoms(self._atoms.enclaves, place.enclaves)
         if not place.outsider:
             return enclaves
         return f"{enclaves} + Outsider" if place.enclaves else "Outsider"
-
-    def _members(self, sort: Sort, members: frozenset[int]) -> str:
-        return self.relations.atoms(sort, [index in members for index in range(len(sort.atoms))])

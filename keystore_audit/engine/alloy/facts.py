@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from datetime import timezone
+from itertools import compress, count
 from pathlib import Path
 from typing import Final
 
@@ -166,7 +166,7 @@ def commands(properties: Sequence[Property], system: System | None = None, *, wi
 
 def _header(system: System) -> str:
     counted = "counts as anything" if system.reading is Reading.MAY else "is left out"
-    instant = system.instants[system.now].astimezone(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
+    instant = text.instant(system.instants[system.now])
     lines = [
         "/**",
         " * The facts of one keystore, written by keystore-audit. Do not edit.",
@@ -278,9 +278,9 @@ class _Facts:
         yield self._set("intact", a.documents, [d.intact for d in documents])
         yield self._map("signer", a.documents, a.certificates, [d.signers for d in documents])
         opaque = (
-            self._relations.atoms(a.documents, [d.opaque for d in documents]),
-            self._relations.atoms(a.enclaves, [e.opaque for e in enclaves]),
-            self._relations.atoms(a.certificates, [c.opaque for c in self._system.certificates]),
+            self._relations.atoms(a.documents, compress(count(), [d.opaque for d in documents])),
+            self._relations.atoms(a.enclaves, compress(count(), [e.opaque for e in enclaves])),
+            self._relations.atoms(a.certificates, compress(count(), [c.opaque for c in self._system.certificates])),
         )
         found = [members for members in opaque if members != "none"]
         yield function("opaque", "set Document + Enclave + Certificate", " + ".join(found) or "none")
@@ -362,7 +362,7 @@ class _Facts:
         yield self._map("meets", a.channels, a.channels, self._system.meets)
 
     def _set(self, name: str, sort: Sort, members: Sequence[bool]) -> str:
-        return function(name, f"set {sort.sig}", self._relations.atoms(sort, members))
+        return self._relations.subset(name, sort, compress(count(), members))
 
     def _map(self, name: str, left: Sort, right: Sort, rows: Sequence[Iterable[int]]) -> str:
         return self._relations.relation(name, f"{left.sig} -> {right.sig}", self._relations.rows(left, right, rows))

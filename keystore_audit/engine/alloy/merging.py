@@ -14,6 +14,7 @@ from typing import Final
 
 from keystore_audit.dataclass import dataclass, field, replace
 from keystore_audit.engine.alloy.mentions import mentions, surroundings
+from keystore_audit.engine.alloy.moments import redated
 from keystore_audit.engine.alloy.twins import find_twins
 from keystore_audit.model.claim import ClaimAtom, Place
 from keystore_audit.model.system import GrantAtom, RealmAtom, RuleAtom, System
@@ -96,10 +97,8 @@ def _few_instants(system: System) -> System:
         system,
         instants=tuple(system.instants[instant] for instant in chosen),
         now=chosen.index(now),
-        certificates=tuple(
-            replace(c, not_before=side(c.not_before), not_after=side(c.not_after)) for c in system.certificates
-        ),
-        grants=tuple(replace(g, not_before=side(g.not_before), not_after=side(g.not_after)) for g in system.grants),
+        certificates=redated(system.certificates, side),
+        grants=redated(system.grants, side),
         claims=tuple(replace(claim, until=None) for claim in system.claims),
     )
 

@@ -7,17 +7,19 @@ itself. (A moving clock in one temporal model costs a translation for each state
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from datetime import timedelta
-from typing import Final
+from typing import Final, TypeVar
 
 from keystore_audit.dataclass import replace
-from keystore_audit.model.system import System
+from keystore_audit.model.system import CertificateAtom, GrantAtom, System
 
 MAX_MOMENTS: Final = 16
 """Moments asked about for one system."""
 
 _TICK: Final = timedelta(microseconds=1)
+
+Dated = TypeVar("Dated", CertificateAtom, GrantAtom)
 
 
 def later(system: System, until: int) -> Iterator[int]:
@@ -51,11 +53,14 @@ def at(system: System, moment: int) -> System:
         instants=(*instants[: index + 1], instants[index] + _TICK, *instants[index + 1 :]),
         now=index + 1,
         realms=realms,
-        certificates=tuple(
-            replace(c, not_before=shift(c.not_before), not_after=shift(c.not_after)) for c in system.certificates
-        ),
-        grants=tuple(replace(g, not_before=shift(g.not_before), not_after=shift(g.not_after)) for g in system.grants),
+        certificates=redated(system.certificates, shift),
+        grants=redated(system.grants, shift),
     )
+
+
+def redated(dated: Iterable[Dated], of: Callable[[int], int]) -> tuple[Dated, ...]:
+    """Return the same with other instants."""
+    return tuple(replace(each, not_before=of(each.not_before), not_after=of(each.not_after)) for each in dated)
 
 
 def every(system: System) -> System:

@@ -72,10 +72,10 @@ def ends(path: Sequence[Hop]) -> tuple[Witness, ...]:
     return ({role: enclave for role, enclave in found.items() if enclave is not None},)
 
 
-def read_path(solutions: Path, number: int, system: System, moment: int | None) -> tuple[Hop, ...]:
+def read_path(solutions: Path, number: int, system: System, moment: int) -> tuple[Hop, ...]:
     """Return the path of the claim of this index from the trace that the Analyzer left in `solutions`.
 
-    `moment`: at which the data goes (`moments.later`); None for the audit instant.
+    `moment`: at which the data goes (`moments.later`).
 
     Raises EngineFailed if the trace is not there or names no known atoms.
     """
@@ -85,12 +85,11 @@ def read_path(solutions: Path, number: int, system: System, moment: int | None) 
     holder: int | None = None
     last: int | None = None
     out: int | None = None
-    when = system.now if moment is None else moment // 2
     for state, instance in enumerate(read_instances(solutions / f"{name}-solution-0.xml", name)):
         before, holder = holder, trace.participant(instance)
         channel = trace.channel(instance, "over")
         if (state == 0 or (holder, channel) != (before, last)) and channel is not None:
-            hops.append(Hop(sender=before, channel=channel, receiver=holder, instant=when))
+            hops.append(Hop(sender=before, channel=channel, receiver=holder, instant=moment // 2))
         elif state > 0 and (holder, channel) != (before, last):
             raise trace.unreadable()
         last = channel
@@ -98,7 +97,7 @@ def read_path(solutions: Path, number: int, system: System, moment: int | None) 
     if not hops and out is None:
         raise trace.unreadable()
     if out is not None:
-        hops.append(Hop(sender=holder, channel=out, receiver=None, instant=when))
+        hops.append(Hop(sender=holder, channel=out, receiver=None, instant=moment // 2))
     return tuple(hops)
 
 

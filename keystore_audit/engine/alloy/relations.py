@@ -47,10 +47,14 @@ class Relations:
         taken, self.private = self.private, []
         return taken
 
-    def atoms(self, sort: Sort, members: Sequence[bool]) -> str:
-        """Return the function body for those atoms of `sort` whose entry is true."""
-        which = tuple(index for index, member in enumerate(members) if member)
+    def atoms(self, sort: Sort, members: Iterable[int]) -> str:
+        """Return the function body for the atoms of `sort` with these indices."""
+        which = tuple(sorted(members))
         return self._atoms(sort, which) if which else "none"
+
+    def subset(self, name: str, sort: Sort, members: Iterable[int]) -> str:
+        """Return the function `name` that is these atoms of `sort`."""
+        return function(name, f"set {sort.sig}", self.atoms(sort, members))
 
     def rows(self, left: Sort, right: Sort, rows: Sequence[Iterable[int]]) -> list[Row]:
         """Return the relation that takes atom i of `left` to the atoms `rows[i]` of `right`."""

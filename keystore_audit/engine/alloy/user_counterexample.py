@@ -13,7 +13,7 @@ from keystore_audit.findings import Location
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.system import System
 from keystore_audit.properties.counterexample import Counterexample, Step
-from keystore_audit.text import shorten
+from keystore_audit.text import instant, shorten
 
 MAX_TOLD: Final = 8
 """Variables that are told, and tuples of each."""
@@ -103,7 +103,7 @@ class _Names:
             case "N":
                 return system.nodes[index].label, None
             case "I":
-                return system.instants[index].replace(tzinfo=None).isoformat(timespec="seconds") + "Z", None
+                return instant(system.instants[index]), None
             case "K":
                 return f"key {index}", None
             case _:
@@ -119,7 +119,7 @@ class _Names:
             "PR": [rule.location for rule in system.rules],
         }
         location = places[letters][index]
-        return f"{location.path}:{location.line}", location
+        return str(location), location
 
     def _channel(self, index: int) -> str:
         channel = self._system.channels[index]

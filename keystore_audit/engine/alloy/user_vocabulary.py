@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from keystore_audit.engine.alloy.atoms import name_atoms
-from keystore_audit.engine.alloy.relations import Relations, function
+from keystore_audit.engine.alloy.relations import Relations
 from keystore_audit.model.system import System
 
 VOCABULARY: Final = "keystore_audit"
@@ -18,8 +18,7 @@ def write_vocabulary(system: System) -> str:
     lines = []
     for place in system.places:
         sort, members = (atoms.enclaves, place.enclaves) if place.channels is None else (atoms.channels, place.channels)
-        body = relations.atoms(sort, [index in (members or ()) for index in range(len(sort.atoms))])
-        lines.append(function(place.name, f"set {sort.sig}", body))
+        lines.append(relations.subset(place.name, sort, members or ()))
     head = f"/** What files of properties open: docs/alloy-properties.md. */\nmodule {VOCABULARY}\n"
     head += "open application\n" if system.nodes else "open claims\n"
     return "\n".join([head, *relations.take_private(), *lines]) + "\n"

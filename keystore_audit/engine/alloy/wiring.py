@@ -9,7 +9,7 @@ from keystore_audit.engine.alloy.atoms import Sort, name_atoms
 from keystore_audit.engine.alloy.claims import MODULES as CLAIM_MODULES
 from keystore_audit.engine.alloy.facts import MODULES, fact_modules
 from keystore_audit.engine.alloy.jobs import Job
-from keystore_audit.engine.alloy.relations import Relations, function
+from keystore_audit.engine.alloy.relations import Relations
 from keystore_audit.engine.alloy.runner import count_atoms, module_texts
 from keystore_audit.engine.alloy.solution import Command
 from keystore_audit.errors import EngineOutOfScale
@@ -105,12 +105,11 @@ class _Writer:
         return name
 
     def _channels(self, name: str, members: frozenset[int]) -> str:
-        return self._set(name, "Channel", self._atoms.channels, members)
+        return self._set(name, self._atoms.channels, members)
 
     def _enclaves(self, name: str, members: frozenset[int]) -> str:
-        return self._set(name, "Enclave", self._atoms.enclaves, members)
+        return self._set(name, self._atoms.enclaves, members)
 
-    def _set(self, name: str, sig: str, sort: Sort, members: frozenset[int]) -> str:
-        body = self._relations.atoms(sort, [index in members for index in range(len(sort.atoms))])
-        self._lines.append(function(name, f"set {sig}", body))
+    def _set(self, name: str, sort: Sort, members: frozenset[int]) -> str:
+        self._lines.append(self._relations.subset(name, sort, members))
         return name

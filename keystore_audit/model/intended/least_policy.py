@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
-from keystore_audit.findings import Location
 from keystore_audit.intent.intent import Action, IntendedRight, Intent, Origin, UsedName
 from keystore_audit.intent.ros_names import is_ros_name
 from keystore_audit.keystore.layout import LayoutKind
@@ -102,7 +101,7 @@ class _Draft:
             for node, action, name in missing_usual(intent, frozenset({Usual.ALWAYS, Usual.OFTEN})):
                 self._of(node.enclave, node.name)[action, name] = None
         for unresolved in intent.unresolved:
-            self._doubts[f"{_place(unresolved.location)}: {unresolved.reason.rstrip('.')}."] = None
+            self._doubts[f"{unresolved.location}: {unresolved.reason.rstrip('.')}."] = None
 
     def policy(self, *, usual: bool) -> LeastPolicy:
         """The policy of all files."""
@@ -131,7 +130,7 @@ class _Draft:
         if not actions:
             who = used.node or f"a node of {path}"
             reason = f"{who} uses {used.name}, and neither the file nor the keystore says how"
-            self._doubts[f"{_place(used.location)}: {reason}."] = None
+            self._doubts[f"{used.location}: {reason}."] = None
 
     def _nodes(
         self, path: str, nodes: Mapping[str, Iterable[tuple[Action, str]]], *, usual: bool
@@ -184,7 +183,3 @@ class _Denials:
         return channel in self._names or any(
             each is operation and pattern.matches(topic) for each, pattern in self._patterns
         )
-
-
-def _place(location: Location) -> str:
-    return location.path if location.line is None else f"{location.path}:{location.line}"
