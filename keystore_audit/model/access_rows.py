@@ -22,7 +22,7 @@ from keystore_audit.model.names import (
     dds_channels,
     parse_dds_name,
 )
-from keystore_audit.model.permission import bits, members
+from keystore_audit.model.permission import bits, members, union
 from keystore_audit.model.safeguard import Safeguard
 
 
@@ -234,10 +234,10 @@ def _joined(rows: Iterable[Row]) -> Iterable[Row]:
         first = bundle[0][0]
         if first.sort is Sort.AMBIENT:
             together = ", ".join(sorted(text for _row, text in bundle))
-            yield replace(first, label=together, names=_union(row for row, _text in bundle))
+            yield replace(first, label=together, names=union(row.names for row, _text in bundle))
         elif len(bundle) == len(PARAMETER_SERVICES):
             node = f"{bundle[0][1]} (parameters)"
-            whole = _union(row for row, _node in bundle)
+            whole = union(row.names for row, _node in bundle)
             parameters.append(replace(first, sort=Sort.PARAMETERS, label=node, names=whole))
         else:
             yield from (row for row, _node in bundle)
@@ -261,16 +261,8 @@ def _own_parameters(rows: Iterable[Row]) -> Iterable[Row]:
             excepted=False,
             safeguards=protected,
             cells={path: words for row in each for path, words in row.cells.items()},
-            names=_union(each),
+            names=union(row.names for row in each),
         )
-
-
-def _union(rows: Iterable[Row]) -> int:
-    """The names that any of the rows is about."""
-    names = 0
-    for row in rows:
-        names |= row.names
-    return names
 
 
 def folded_by_owner(rows: Iterable[Row]) -> tuple[Row, ...]:
@@ -290,13 +282,13 @@ def folded_by_owner(rows: Iterable[Row]) -> tuple[Row, ...]:
     for bundle in private.values():
         cells = {path: words for row, _own in bundle for path, words in row.cells.items()}
         excepted = any(row.excepted for row, _own in bundle)
-        names = _union(row for row, _own in bundle)
+        names = union(row.names for row, _own in bundle)
         kept.append(replace(bundle[0][0], label=bundle[0][1], cells=cells, excepted=excepted, names=names))
     return tuple(sorted(kept, key=_place))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Surplus:
+class Disagreement:
     """Where peers and the enclave's own implementation do not agree about an operation.
 
     `names`: places in the table; none if `everything`: with what the implementation itself allows, these are all.
@@ -307,30 +299,30 @@ class Surplus:
     names: tuple[int, ...]
 
 
-def taken_besides(enclave: EnclaveRights) -> tuple[Surplus, ...]:
+def taken_besides(enclave: EnclaveRights) -> tuple[Disagreement, ...]:
     """What peers take from the enclave though its own implementation would not let it."""
-    return _surplus(
+    return _disagreements(
         (each, right.accepted & ~right.allowed, right.accepted == right.names) for each, right in enclave.rights.items()
     )
 
 
-def left_open(enclave: EnclaveRights) -> tuple[Surplus, ...]:
+def left_open(enclave: EnclaveRights) -> tuple[Disagreement, ...]:
     """Where it cannot be told whether peers take it."""
-    return _surplus(
+    return _disagreements(
         (each, right.disputed, right.accepted | right.disputed == right.names) for each, right in enclave.rights.items()
     )
 
 
-def taken_by_nobody(enclave: EnclaveRights) -> tuple[Surplus, ...]:
+def taken_by_nobody(enclave: EnclaveRights) -> tuple[Disagreement, ...]:
     """What its own implementation lets it do and no peer takes from it."""
-    return _surplus(
+    return _disagreements(
         (each, right.allowed & ~(right.accepted | right.disputed), False) for each, right in enclave.rights.items()
     )
 
 
-def _surplus(found: Iterable[tuple[Operation, int, bool]]) -> tuple[Surplus, ...]:
+def _disagreements(found: Iterable[tuple[Operation, int, bool]]) -> tuple[Disagreement, ...]:
     return tuple(
-        Surplus(operation=operation, everything=everything, names=() if everything else tuple(members(names)))
+        Disagreement(operation=operation, everything=everything, names=() if everything else tuple(members(names)))
         for operation, names, everything in found
         if names
     )

@@ -18,7 +18,7 @@ from keystore_audit.model.effective import EffectiveRights
 from keystore_audit.model.governed_domains import default_domain, governed_domains
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.named import Named, names_of
-from keystore_audit.model.permission import bits, members
+from keystore_audit.model.permission import bits, members, union
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.question import Ruling
 from keystore_audit.model.safeguard import Safeguard
@@ -73,9 +73,8 @@ class EnclaveRights:
     def exceptions(self, operation: Operation, rest: int) -> Iterable[tuple[int, Ruling, Ruling]]:
         """The names of which something else holds: place, decision and effective."""
         right = self.rights[operation]
-        differing = 0
-        for held in (right.allowed, right.undecided, right.accepted, right.disputed):
-            differing |= ~held if held >> rest & 1 else held
+        every = (right.allowed, right.undecided, right.accepted, right.disputed)
+        differing = union(~held if held >> rest & 1 else held for held in every)
         for name in members(differing & right.names):
             yield name, right.decision(name), right.effective(name)
 

@@ -12,6 +12,7 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.governance import DomainRange, Governance, GovernanceFile, ProtectionKind, Text
 from keystore_audit.keystore.permissions import Grant, Operation, Permissions, PermissionsFile
+from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.domains import Interval
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.inventory import Document, Typed
@@ -30,8 +31,6 @@ if TYPE_CHECKING:  # most audits are told no zone
 
 _COUNTING: Final = frozenset("?[")
 """What takes one character, or one octet."""
-
-_WILDCARDS: Final = frozenset("*?[\\")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -155,7 +154,7 @@ class AccessViews:
         """By field of the row, whether some document gives an occasion for it."""
         occasions: dict[str, Callable[[], bool]] = {
             "matcher": lambda: any(
-                _meaning(text, access.matcher) != _meaning(text, Matcher.POSIX) for text in self._unusual_expressions
+                not parse(text, access.matcher).agrees(parse(text, Matcher.POSIX)) for text in self._unusual_expressions
             ),
             "open_ranges": lambda: any(
                 entry.low is None or not entry.high for entry in self._ranges if entry.low != entry.high
@@ -221,7 +220,7 @@ class AccessViews:
     def _unusual_expressions(self) -> list[str]:
         """Expressions that a matcher may read in its own way."""
         found = {expression.text for file in self._files for expression in _expressions(file)}
-        return [text for text in found if not _WILDCARDS.isdisjoint(text)]
+        return list(filter(has_wildcard, found))
 
     def _same_date(self, text: str, reading: DateReading) -> bool:
         """Whether the date is what the specification has, and it does not matter now how exactly."""
@@ -298,11 +297,6 @@ class AccessViews:
         if start <= self.at <= end:
             return (self.at + datetime.resolution, end) if start == self.at else (start, self.at - datetime.resolution)
         return start, end
-
-
-def _meaning(text: str, matcher: Matcher) -> object:
-    pattern = parse(text, matcher)
-    return pattern.rewinds, pattern.pieces, pattern.undefined
 
 
 def _is_1_0(file: Typed) -> bool:

@@ -233,9 +233,8 @@ class RealmView:
         key = (identity, operation, genuine)
         if key not in self._rights:
             documents = self.genuine if genuine else self.accepted
-            allowed = 0
-            for grant in self._permissions.chosen(identity, documents):
-                allowed |= self._permissions.allowed(grant, operation)
+            grants = self._permissions.chosen(identity, documents)
+            allowed = union(self._permissions.allowed(grant, operation) for grant in grants)
             self._rights[key] = self._permissions.met(allowed)
         return self._rights[key]
 
@@ -264,9 +263,7 @@ class RealmView:
         """Domains that somebody of a known identity joins with these grants."""
         p = self.protection
         joined = ~p.join_controlled if grants or not self._system.requires_grant else 0
-        for grant in grants:
-            joined |= self._permissions.joins(grant)
-        return p.ruled & joined
+        return p.ruled & (joined | union(map(self._permissions.joins, grants)))
 
     def abilities(self, enclave: int) -> Abilities:
         """What the enclave can do to the realm's channels; worked out once."""

@@ -143,10 +143,9 @@ class Radii:
 
     def reached_alone(self, enclave: int) -> int:
         """The enclaves that its data can get to if nobody else is."""
-        found = 0
-        for node in members(self._forged_to[enclave] & ~self._by_right[enclave]):
-            found |= self._by_right[node]
-        return self._to_enclaves(found | self._by_right[enclave])
+        by_right = self._by_right
+        forged_to = members(self._forged_to[enclave] & ~by_right[enclave])
+        return self._to_enclaves(by_right[enclave] | union(by_right[node] for node in forged_to))
 
     def _to_enclaves(self, participants: int) -> int:
         return participants & self._enclaves

@@ -16,7 +16,7 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.atoms import TopicClass
 from keystore_audit.model.columns import Cell, Column, Columns, Shape, Table
-from keystore_audit.model.domains import Interval, classes_of, contains, domain_bits, domain_classes
+from keystore_audit.model.domains import Interval, contains, covered_classes, domain_bits, domain_classes
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.matching.patterns import MAX_KEPT, Patterns
 from keystore_audit.model.names import is_ros_dds_name
@@ -89,7 +89,7 @@ class Channels:
 
     def within(self, cover: Iterable[Interval]) -> int:
         """The channels, as a bit set, of the domains that the cover is about, where it is one that made the classes."""
-        return union(self.bits_in(domain) for domain in classes_of(cover, self.domains))
+        return union(self.bits_in(domain) for domain in covered_classes(cover, self.domains))
 
 
 def build_channels(

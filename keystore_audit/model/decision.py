@@ -220,11 +220,8 @@ class LocalRights:
 
     def _naming(self, expression: str, access: Access) -> int:
         """The channels whose name, taken for an expression, matches `expression` (of names known one by one)."""
-        found = 0
-        for number in self._wildcard_names:
-            if parse(self._channels.channels[number].topic, access.matcher).matches(expression):
-                found |= 1 << number
-        return found
+        channels = self._channels.channels
+        return bits(n for n in self._wildcard_names if parse(channels[n].topic, access.matcher).matches(expression))
 
     def grant(self, enclave: Enclave, profile: Profile) -> ReadGrant | None:
         """The grant of the enclave's own document that decides."""
@@ -277,7 +274,7 @@ class LocalRights:
                 elsewhere = profile.local.binds_domains and not self._domains(rule) >> channel & 1
                 domain = f" of {_domain_of(rule)}" if elsewhere else ""
                 return f". Line {rule.line} allows it in another partition{domain}"
-        listed = {text: rule for rule in reversed(allowing) for area in rule.region(operation) for text in area.topics}
+        listed = {text: rule for rule in reversed(allowing) for text in rule.texts(operation)}
         if not listed:
             return f". It may {DONE[operation][0]} nothing"
         text = max(listed, key=lambda text: _likeness(text, topic))

@@ -21,7 +21,7 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation, PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels
-from keystore_audit.model.divergence_lines import Lines, Part
+from keystore_audit.model.divergence_lines import DecidingLines, Part
 from keystore_audit.model.divergence_values import LocalValues, PeerValues, Value, attributed, differing
 from keystore_audit.model.inventory import Typed, documents_of
 from keystore_audit.model.meaning import Divergence, Example
@@ -78,7 +78,7 @@ def divergences(
     except BudgetExceeded:
         return (_undecided(odd, keystore),)
     local = LocalValues(accesses, builder.channels, at, domain)
-    comparison = _Comparison(readers, builder.channels, Lines(keystore, accesses, at, local))
+    comparison = _Comparison(readers, builder.channels, DecidingLines(keystore, accesses, at, local))
     for enclave in suspects:
         comparison.starts(enclave, local)
         for operation in Operation:
@@ -123,7 +123,7 @@ def _undecided(odd: Collection[Typed], keystore: Keystore) -> Divergence:
 class _Comparison:
     """The readers of one keystore, compared right by right; each line with what it brings about."""
 
-    def __init__(self, readers: Sequence[Reader], channels: Channels, lines: Lines) -> None:
+    def __init__(self, readers: Sequence[Reader], channels: Channels, lines: DecidingLines) -> None:
         self._readers = readers
         self._channels = channels
         self._ros = bits(number for number, channel in enumerate(channels.channels) if channel.ros)

@@ -48,7 +48,7 @@ class _Decider(NamedTuple):
     is_rule: bool
 
 
-class Lines:
+class DecidingLines:
     """The lines of one keystore at `at` (aware UTC)."""
 
     def __init__(self, keystore: Keystore, accesses: AccessViews, at: datetime, local: LocalValues) -> None:

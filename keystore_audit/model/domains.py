@@ -60,7 +60,7 @@ def domain_bits(intervals: Iterable[Interval]) -> int:
     return found
 
 
-def classes_of(cover: Iterable[Interval], domains: Iterable[DomainAtom]) -> frozenset[int]:
+def covered_classes(cover: Iterable[Interval], domains: Iterable[DomainAtom]) -> frozenset[int]:
     """The classes among `domains` that the cover is about, where it is one of those that made them."""
     ids = domain_bits(cover)
     return frozenset(number for number, each in enumerate(domains) if ids >> each.intervals[0][0] & 1)

@@ -67,7 +67,7 @@ def _enclave_doubts(enclave: Enclave, trust: Trust, access: Access, accesses: Ac
         read = accesses.read(document, access)
         silent = not read.is_readable and read.refusal is None
         if verdict is not Verdict.REFUSED and (silent or envelope(document.signed).verdict is Verdict.UNKNOWN):
-            yield _document_doubt(enclave, document, read)
+            yield document_doubt(enclave.path, document, read)
 
 
 @lru_cache(maxsize=16_384)
@@ -95,17 +95,17 @@ def _stray_doubts(keystore: Keystore, trust: Trust, access: Access, accesses: Ac
         verdicts = {document_verdict(stray.document.signed, file, trust) for file in files}
         doubtful = silent or envelope(stray.document.signed).verdict is Verdict.UNKNOWN
         if doubtful and verdicts - {Verdict.REFUSED}:
-            yield _document_doubt(None, stray.document, read)
+            yield document_doubt(None, stray.document, read)
 
 
-def _document_doubt(enclave: Enclave | None, file: Typed, read: ReadDocument) -> Doubt:
+def document_doubt(enclave: str | None, file: Typed, read: ReadDocument) -> Doubt:
+    """What keeps the document from having one meaning."""
     defects: tuple[Defect, ...] = file.signed.defects + file.defects
     defect = next((defect for defect in defects if defect.kind.opaque), None)
-    path = None if enclave is None else enclave.path
     if defect is None:
         reason, line = read.doubt or ("the document has no meaning that every parser agrees on", None)
-        return Doubt(enclave=path, location=Location(path=file.signed.file.place, line=line), reason=reason)
-    return Doubt(enclave=path, location=Location(path=defect.path, line=defect.line), reason=defect.detail)
+        return Doubt(enclave=enclave, location=Location(path=file.signed.file.place, line=line), reason=reason)
+    return Doubt(enclave=enclave, location=Location(path=defect.path, line=defect.line), reason=defect.detail)
 
 
 @lru_cache(maxsize=16_384)  # by the systems too

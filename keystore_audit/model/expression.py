@@ -82,6 +82,15 @@ class Pattern:
         return first if len(self.pieces) == 1 and isinstance(first, str) else None
 
     @property
+    def meaning(self) -> object:
+        """Equal for patterns that match equal names."""
+        return self.rewinds, self.pieces
+
+    def agrees(self, other: Pattern) -> bool:
+        """Whether it matches the same names, and it is as certain that these are all."""
+        return self.meaning == other.meaning and self.undefined == other.undefined
+
+    @property
     def tokens(self) -> tuple[Token, ...]:
         """Token by token; equal ones match equal names. In a run of `*` and `?` every `?` comes first, if it rewinds.
 

@@ -18,7 +18,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.decision import wildcard_names
-from keystore_audit.model.domains import Interval, classes_of
+from keystore_audit.model.domains import Interval, covered_classes
 from keystore_audit.model.local_moments import NO_ENDPOINTS, Endpoints, LocalMoments
 from keystore_audit.model.permission import Meetings, members
 from keystore_audit.model.profiles import Access, Profile
@@ -129,7 +129,7 @@ class LoneEndpoints:
 
     def _classes(self, domains: tuple[Interval, ...]) -> frozenset[int]:
         if domains not in self._covered:
-            self._covered[domains] = classes_of(domains, self._channels.domains)
+            self._covered[domains] = covered_classes(domains, self._channels.domains)
         return self._covered[domains]
 
     def _in(self, domain: int) -> Usabilities:

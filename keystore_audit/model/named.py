@@ -100,7 +100,7 @@ class _Expressions:
             number = self._known.get((text, matcher))
             if number is None:
                 pattern = parse(text, matcher)
-                number = self._numbers.setdefault((pattern.rewinds, pattern.pieces), len(self.patterns))
+                number = self._numbers.setdefault(pattern.meaning, len(self.patterns))
                 if number == len(self.patterns):
                     self.patterns.append(pattern)
                 self._known[text, matcher] = number

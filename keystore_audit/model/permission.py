@@ -151,11 +151,7 @@ class Decisions:
         """Domains that the grant lets its holder join."""
         if self._system.grants[grant].default_allow:
             return self.all_domains
-        joined = 0
-        for rule in self._rules[grant]:
-            if rule.allow:
-                joined |= bits(rule.domains)
-        return joined
+        return union(bits(rule.domains) for rule in self._rules[grant] if rule.allow)
 
 
 class Permissions:

@@ -9,7 +9,7 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import TopicRule
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.channels import Channels
-from keystore_audit.model.domains import Interval, classes_of
+from keystore_audit.model.domains import Interval, covered_classes
 from keystore_audit.model.profiles import Access
 from keystore_audit.model.semantics import ReadDomainRule, ReadRule, Region
 from keystore_audit.model.system import DomainRuleAtom, GrantAtom, RuleAtom, TopicRuleAtom
@@ -194,7 +194,7 @@ class RuleAtoms:
     def _classes(self, cover: tuple[Interval, ...]) -> frozenset[int]:
         known = self._covered.get(cover)
         if known is None:
-            known = self._covered[cover] = classes_of(cover, self._channels.domains)
+            known = self._covered[cover] = covered_classes(cover, self._channels.domains)
         return known
 
 

@@ -73,10 +73,14 @@ class ReadRule:
             return self.publish
         return self.subscribe if operation is Operation.SUBSCRIBE else self.relay
 
+    def texts(self, *operations: Operation) -> Iterator[str]:
+        """The topic expressions of what it decides for these operations, or for all."""
+        return (text for each in operations or Operation for area in self.region(each) for text in area.topics)
+
     @property
     def listed(self) -> Region:
         """The topics that it lists for publishing or subscribing, in every partition."""
-        return _everywhere(tuple(topic for area in (*self.publish, *self.subscribe) for topic in area.topics))
+        return _everywhere(tuple(self.texts(Operation.PUBLISH, Operation.SUBSCRIBE)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

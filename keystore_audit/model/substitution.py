@@ -18,9 +18,7 @@ from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.domains import Interval
 from keystore_audit.model.inventory import Typed
-from keystore_audit.model.profiles import VARIANTS, Access, JoinCheck, Local, Profile
-
-SPEC: Final = VARIANTS["spec"]
+from keystore_audit.model.profiles import SPEC, Access, JoinCheck, Local, Profile
 
 
 class Cause(str, Enum):

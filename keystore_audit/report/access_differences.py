@@ -9,8 +9,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
 from keystore_audit.model.access_rows import (
+    Disagreement,
     Row,
-    Surplus,
     decision_rows,
     label,
     left_open,
@@ -100,14 +100,14 @@ def peers(table: AccessTable, group: Group) -> list[str]:
         for path, enclave in group.enclaves.items():
             found = find(enclave)
             if found:
-                said.setdefault(_surplus_words(table, found), []).append(path)
+                said.setdefault(_disagreement_words(table, found), []).append(path)
         for words, paths in said.items():
             whom = "every enclave" if len(paths) == len(group.enclaves) > 1 else _listed(paths)
             lines.append(f"{sentence} {whom}: {words}.")
     return lines
 
 
-def _surplus_words(table: AccessTable, found: Sequence[Surplus]) -> str:
+def _disagreement_words(table: AccessTable, found: Sequence[Disagreement]) -> str:
     whole = [each.operation.value for each in found if each.everything]
     words = [f"{', '.join(whole)} every topic"] if whole else []
     words += [

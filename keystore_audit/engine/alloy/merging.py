@@ -72,9 +72,9 @@ def merge(system: System) -> Merged:
         enclaves=tuple(range(len(system.enclaves))),
         channels=tuple(range(len(system.channels))),
     )
-    merged = _without(merged, _Surplus(documents=_idle(merged.system)))
+    merged = _without(merged, _Spare(documents=_idle(merged.system)))
     while True:
-        smaller = _without(merged, _surplus(merged.system))
+        smaller = _without(merged, _spare(merged.system))
         if len(smaller.channels) == len(merged.channels) and len(smaller.enclaves) == len(merged.enclaves):
             return replace(merged, system=_few_rules(merged.system))
         merged = smaller
@@ -104,7 +104,7 @@ def _few_instants(system: System) -> System:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Surplus:
+class _Spare:
     """What can be left out. `alike`: by channel that is left out, the one that remains in its place."""
 
     certificates: frozenset[int] = frozenset()
@@ -114,11 +114,11 @@ class _Surplus:
     alike: Mapping[int, int] = field(default_factory=dict)
 
 
-def _surplus(system: System) -> _Surplus:
+def _spare(system: System) -> _Spare:
     """The channels of which an equal one remains; if there are none, enclaves of which enough alike remain."""
     said = mentions(system)
     if said is None:
-        return _Surplus()
+        return _Spare()
     words: list[Hashable] = [tuple(frozenset(part.items()) for part in each) for each in said]
     met_by: dict[int, set[Hashable]] = {}
     for channel, others in enumerate(system.meets):
@@ -130,13 +130,13 @@ def _surplus(system: System) -> _Surplus:
     remaining = ((_told(system, each), each) for each in alike.values())
     instead = {channel: told for told, each in remaining for channel in each if channel != told}
     if instead:
-        return _Surplus(channels=frozenset(instead), alike=instead)
+        return _Spare(channels=frozenset(instead), alike=instead)
     if any(any(enclave.by_itself) for enclave in system.enclaves):
-        return _Surplus()  # whether enclaves are alike is not asked of this: few keystores have it
+        return _Spare()  # whether enclaves are alike is not asked of this: few keystores have it
     twins = find_twins(system, said)
     enclaves = [enclave for each in twins.classes for enclave in each[KEPT:]]
     atoms = [system.enclaves[enclave] for enclave in enclaves]
-    return _Surplus(
+    return _Spare(
         certificates=frozenset(atom.identity for atom in atoms if atom.identity is not None),
         documents=frozenset(atom.permissions for atom in atoms if atom.permissions is not None),
         enclaves=frozenset(enclaves),
@@ -156,17 +156,17 @@ def _told(system: System, channels: Iterable[int]) -> int:
     return min(channels, key=lambda n: (not system.channels[n].ros, system.channels[n].infinite, n))
 
 
-def _without(merged: Merged, surplus: _Surplus) -> Merged:
+def _without(merged: Merged, spare: _Spare) -> Merged:
     """What remains without what is left out."""
     system = merged.system
-    certificates = _rest(len(system.certificates), surplus.certificates)
-    documents = _rest(len(system.documents), surplus.documents)
-    enclaves = _rest(len(system.enclaves), surplus.enclaves)
-    channels = _rest(len(system.channels), surplus.channels)
+    certificates = _rest(len(system.certificates), spare.certificates)
+    documents = _rest(len(system.documents), spare.documents)
+    enclaves = _rest(len(system.enclaves), spare.enclaves)
+    channels = _rest(len(system.channels), spare.channels)
     return Merged(
         system=replace(
             _Restriction(system, certificates, documents, enclaves, channels).system(),
-            meets=_meets(system.meets, channels, surplus.alike),
+            meets=_meets(system.meets, channels, spare.alike),
         ),
         certificates=tuple(merged.certificates[n] for n in certificates),
         documents=tuple(merged.documents[n] for n in documents),

@@ -77,13 +77,13 @@ class Anomaly:
     """
 
     kind: AnomalyKind
-    allow: bool
-    subject: str
+    allow: bool = True
+    subject: str = ""
     line: int | None
-    other: int | None
-    texts: tuple[str, ...]
-    other_text: str
-    point: Point | None
+    other: int | None = None
+    texts: tuple[str, ...] = ()
+    other_text: str = ""
+    point: Point | None = None
     key: str
     serious: bool = False
     rules: frozenset[int | None] = frozenset()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
@@ -10,6 +9,7 @@ from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.anomalies.classes import Effort
+from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.domains import domain_bits
 from keystore_audit.model.expression import Matcher, Pattern, parse
 from keystore_audit.model.names import AMBIENT_TOPICS, REPLY_PREFIX, REQUEST_PREFIX, SERVICE_PREFIX
@@ -22,7 +22,6 @@ _OF_SERVICES: Final = (f"{REQUEST_PREFIX}/", f"{REPLY_PREFIX}/", f"{SERVICE_PREF
 _OF_ACTIONS: Final = "/_action/"
 """Services and actions are looked at as a whole elsewhere, and offered to tools without anybody in the keystore."""
 
-_WILDCARD: Final = re.compile(r"[*?\[\\]")
 _COUNTERPART: Final = {
     Operation.PUBLISH: (Operation.SUBSCRIBE, Operation.RELAY),
     Operation.SUBSCRIBE: (Operation.PUBLISH, Operation.RELAY),
@@ -52,7 +51,7 @@ class Counterparts:
             for operation, others in _COUNTERPART.items()
         }
         self._wild = {
-            operation: [text for other in others for text in listed[other] if _WILDCARD.search(text)]
+            operation: [text for other in others for text in listed[other] if has_wildcard(text)]
             for operation, others in _COUNTERPART.items()
         }
         self._default = any(grant.default_allow for grant in self._grants)
@@ -94,7 +93,7 @@ class Counterparts:
             found: dict[str, list[ReadGrant]] = {"*": []}
             for grant in self._grants:
                 texts = set().union(*(_listed(grant.rules, operation) for operation in Operation))
-                if any(map(_WILDCARD.search, texts)):
+                if any(map(has_wildcard, texts)):
                     found["*"].append(grant)
                 for text in texts - {"*"}:
                     found.setdefault(text, []).append(grant)
@@ -126,7 +125,7 @@ class _Decisions:
         for place, (_rule, area) in enumerate(self._areas):
             for text in area.topics:
                 self._named.setdefault(text, []).append(place)
-                if _WILDCARD.search(text):
+                if has_wildcard(text):
                     self.wild.append((place, parse(text, matcher)))
 
     def places(self, topic: str) -> int:
@@ -150,7 +149,7 @@ def _listed(rules: Iterable[ReadRule], operation: Operation) -> set[str]:
 def _disputed(rules: Sequence[ReadRule], operation: Operation) -> set[str]:
     """What some deny rule may be about; everything that is listed, where one has wildcards."""
     denied = set().union(*(area.topics for rule in rules if not rule.allow for area in rule.region(operation)))
-    return _listed(rules, operation) if any(map(_WILDCARD.search, denied)) else denied
+    return _listed(rules, operation) if any(map(has_wildcard, denied)) else denied
 
 
 def _is_simple(rules: Sequence[ReadRule]) -> bool:

@@ -217,15 +217,4 @@ class _Collected:
 
 
 def _not_worked_out(why: str, *, serious: bool) -> Anomaly:
-    return Anomaly(
-        kind=AnomalyKind.NOT_WORKED_OUT,
-        allow=True,
-        subject="",
-        line=None,
-        other=None,
-        texts=(),
-        other_text=why,
-        point=None,
-        key=why,
-        serious=serious,
-    )
+    return Anomaly(kind=AnomalyKind.NOT_WORKED_OUT, line=None, other_text=why, key=why, serious=serious)

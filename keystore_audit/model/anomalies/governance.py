@@ -60,13 +60,9 @@ def _shadowed_domain_rule(read: ReadDomainRule, winner: DomainRule, *, serious: 
     domains = describe(read.domains)
     return Anomaly(
         kind=AnomalyKind.DOMAIN_RULE_SHADOWED,
-        allow=True,
-        subject="",
         line=read.rule.line,
         other=winner.line,
-        texts=(),
         other_text=domains,
-        point=None,
         key=f"domain rule {domains}",
         serious=serious,
     )
@@ -118,8 +114,6 @@ def _shadowed_topic_rule(
     text: Text = rule.expression
     return Anomaly(
         kind=AnomalyKind.TOPIC_RULE_SHADOWED,
-        allow=True,
-        subject="",
         line=rule.line,
         other=winner.line,
         texts=(text.text,),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Final
 
@@ -11,12 +10,12 @@ from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind, RuleAno
 from keystore_audit.model.anomalies.classes import Effort
 from keystore_audit.model.anomalies.expressions import are_ros_names, foreign, void
 from keystore_audit.model.anomalies.rules import rule_anomalies
+from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.domains import describe, domain_bits
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.names import DISCOVERY_TOPIC, TOPIC_PREFIX
 from keystore_audit.model.semantics import ReadGrant, ReadRule
 
-_WILDCARD: Final = re.compile(r"[*?\[\\]")
 _WHOLE_RULE: Final = frozenset({AnomalyKind.UNREACHABLE, AnomalyKind.REDUNDANT, AnomalyKind.SAME_AS_DEFAULT})
 
 
@@ -31,7 +30,7 @@ def has_ordinary_rules(grant: ReadGrant) -> bool:
         return True
     for operation in Operation:
         listed = [area.topics for rule in grant.rules for area in rule.region(operation)]
-        if len(set().union(*listed)) < sum(map(len, listed)) or _WILDCARD.search("\n".join(map("\n".join, listed))):
+        if len(set().union(*listed)) < sum(map(len, listed)) or has_wildcard("\n".join(map("\n".join, listed))):
             return False
     return True
 
@@ -77,7 +76,7 @@ def _aligned(typed: Sequence[Rule], rules: Sequence[ReadRule]) -> list[int | Non
 def _says(typed: Rule, rule: ReadRule) -> bool:
     return (typed.allow, typed.line) == (rule.allow, rule.line) and all(
         {text.text for each in typed.criteria if each.operation is operation for text in each.topics}
-        == {text for area in rule.region(operation) for text in area.topics}
+        == set(rule.texts(operation))
         for operation in (Operation.PUBLISH, Operation.SUBSCRIBE)
     )
 
@@ -105,7 +104,7 @@ class _Told:
             subject=self._grant.grant.subject_name.text,
             line=rule.line if found.operation is None else self._line(found.rule, found.operation, found.expression),
             other=other,
-            texts=tuple(topics_of(rule)) if whole else (found.expression or "",),
+            texts=tuple(dict.fromkeys(rule.texts())) if whole else (found.expression or "",),
             other_text=found.other_expression or "",
             point=found.point,
             key=f"{'allow' if rule.allow else 'deny'} {_signature(rule) if whole else single}",
@@ -122,11 +121,6 @@ class _Told:
                     if text.text == expression:
                         return text.line
         return rule.line
-
-
-def topics_of(rule: ReadRule) -> dict[str, None]:
-    """The expressions of a rule, each once, as written."""
-    return {text: None for operation in Operation for area in rule.region(operation) for text in area.topics}
 
 
 def _signature(rule: ReadRule) -> str:
@@ -158,10 +152,8 @@ def _about_rule(kind: AnomalyKind, grant: ReadGrant, rule: ReadRule) -> Anomaly:
         allow=rule.allow,
         subject=grant.grant.subject_name.text,
         line=rule.line,
-        other=None,
-        texts=tuple(topics_of(rule)),
+        texts=tuple(dict.fromkeys(rule.texts())),
         other_text=describe(rule.domains),
-        point=None,
         key=f"{'allow' if rule.allow else 'deny'} {_signature(rule)}",
     )
 
@@ -172,10 +164,7 @@ def expression_anomalies(grant: ReadGrant, matchers: Sequence[Matcher], effort: 
     A grant in which no expression is of ROS 2, ros_discovery_info among them, is one of a plain DDS application:
     nothing is said of its names.
     """
-    texts: dict[str, None] = {}
-    for rule in grant.rules:
-        for area in (*rule.publish, *rule.subscribe, *rule.relay):
-            texts.update(dict.fromkeys(area.topics))
+    texts = dict.fromkeys(text for rule in grant.rules for text in rule.texts())
     if are_ros_names(texts):
         return
     nothing = void(texts, matchers, effort)
@@ -206,10 +195,8 @@ def _expressions(
                         allow=rule.allow,
                         subject=grant.grant.subject_name.text,
                         line=text.line,
-                        other=None,
                         texts=(text.text,),
                         other_text=_meant(text.text) if kind is AnomalyKind.NOT_ROS else "",
-                        point=None,
                         key=f"{'allow' if rule.allow else 'deny'} {text.text}",
                         serious=not rule.allow and opens(text.text),
                     )
@@ -223,7 +210,7 @@ def _meant(text: str) -> str:
 def _allows(grant: ReadGrant, topic: str, matcher: Matcher, effort: Effort) -> bool:
     """Whether some allow rule or the default allows the topic."""
     return grant.default_allow or any(
-        _matches(text, matcher, topic, effort) for rule in grant.rules if rule.allow for text in topics_of(rule)
+        _matches(text, matcher, topic, effort) for rule in grant.rules if rule.allow for text in rule.texts()
     )
 
 
@@ -241,13 +228,10 @@ def counterpart_anomalies(grant: ReadGrant, missing: Iterable[tuple[Operation, s
             lines = _lines(grant)
         yield Anomaly(
             kind=AnomalyKind.NO_COUNTERPART,
-            allow=True,
             subject=subject,
             line=lines.get((operation, topic), grant.grant.line),
-            other=None,
             texts=(topic,),
             other_text=operation.value,
-            point=None,
             key=f"{operation.value} {topic}",
         )
 

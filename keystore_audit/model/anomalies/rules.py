@@ -19,7 +19,7 @@ from keystore_audit.model.anomalies.classes import Effort, NameClass, name_class
 from keystore_audit.model.domains import HIGHEST_DOMAIN, Interval, domain_bits
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.names import AMBIENT_TOPICS
-from keystore_audit.model.permission import bits, members
+from keystore_audit.model.permission import bits, members, union
 from keystore_audit.model.semantics import ReadRule
 
 _MAX_BITS: Final = 1 << 27
@@ -76,9 +76,7 @@ class _Cells:
         found = 0
         for at, operation in enumerate(Operation):
             for area in rule.region(operation):
-                named = 0
-                for text in area.topics:
-                    named |= self._topic_bits[text]
+                named = union(self._topic_bits[text] for text in area.topics)
                 found |= named * self._spread(rule.domains, area.partitions) << at * self._plane
         return found
 
@@ -133,19 +131,12 @@ class _Cells:
     def _listed(self, partitions: tuple[str, ...] | None) -> Sequence[int]:
         if partitions is None:
             return range(len(self._partitions))
-        found = 0
-        for text in partitions:
-            found |= self._partition_bits[text]
-        return tuple(members(found))
+        return tuple(members(union(self._partition_bits[text] for text in partitions)))
 
 
 def _texts(rules: Iterable[ReadRule]) -> tuple[str, ...]:
     """The distinct topic expressions of all rules."""
-    return tuple(
-        dict.fromkeys(
-            text for rule in rules for operation in Operation for area in rule.region(operation) for text in area.topics
-        )
-    )
+    return tuple(dict.fromkeys(text for rule in rules for text in rule.texts()))
 
 
 def _lowest(domains: int) -> int:
@@ -290,9 +281,9 @@ class _Order:
     def overlapping(self, effort: Effort) -> Iterator[RuleAnomaly]:
         """Pairs of expressions of opposite rules of which the earlier decides where the later would do otherwise."""
         later: list[_Fired] = []
-        union = {True: 0, False: 0}
+        others = {True: 0, False: 0}
         for each in reversed(self._rules):
-            opposite = each.fires & union[not each.rule.allow]
+            opposite = each.fires & others[not each.rule.allow]
             if each.number in self._implied or not each.fires:
                 continue
             if opposite:
@@ -300,7 +291,7 @@ class _Order:
                     if expression.cells & opposite:
                         yield from self._pairs(each, expression, later, effort)
             later.append(each)
-            union[each.rule.allow] |= each.cells
+            others[each.rule.allow] |= each.cells
 
     def _pairs(
         self, each: _Fired, expression: Expression, later: Sequence[_Fired], effort: Effort

@@ -15,7 +15,7 @@ from keystore_audit.model.comparison.sides import Pair, Sides, View
 from keystore_audit.model.comparison.trust import ADDED, REMOVED
 from keystore_audit.model.flow import Flows, Lane, Leg, Search
 from keystore_audit.model.influence import Influence
-from keystore_audit.model.permission import bits, members
+from keystore_audit.model.permission import bits, members, union
 
 _WORDS: Final = {True: "data can now get", False: "data can no longer get"}
 
@@ -210,9 +210,7 @@ def _influenced(sides: Sides, side: _Side, pairs: _Pairs, blames: list[_Blame]) 
     for leg in way:
         name = sides.names(1 << leg.channel).shown[0]
         hops.append(Hop(sender=side.label(leg.sender), name=name, receiver=side.label(leg.receiver)))
-    ends = 0
-    for node, others in pairs.items():
-        ends |= 1 << node | others
+    ends = union(1 << node | others for node, others in pairs.items())
     return Influenced(
         pairs=sum(each.bit_count() for each in pairs.values()),
         ends=tuple(side.paths[node] for node in members(ends)),

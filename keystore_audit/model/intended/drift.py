@@ -20,8 +20,8 @@ from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.keystore.permissions import PermissionsFile
-from keystore_audit.model.access_view import AccessViews, ReadDocument
-from keystore_audit.model.doubt import identity_doubt
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.doubt import document_doubt, identity_doubt
 from keystore_audit.model.intended.drift_rights import Comparison, DriftedRights, Taken
 from keystore_audit.model.intended.policy_grant import PolicyGrant, policy_grant
 from keystore_audit.model.inventory import documents_of, may_be_taken, permissions_cas
@@ -184,7 +184,7 @@ class _Search:
         for row in dict.fromkeys(self._accesses.row(profile.access) for profile in self._profiles):
             read = self._accesses.read(enclave.permissions, row)
             if not read.is_readable and read.refusal is None:
-                return _unreadable(enclave.path, enclave.permissions, read)
+                return document_doubt(enclave.path, enclave.permissions, read)
         return None
 
     def _taken(self, file: PermissionsFile, certificate: Certificate, *, own: bool) -> Iterator[Taken]:
@@ -201,15 +201,6 @@ class _Search:
                 chosen = chosen or next(iter(named), None)
             if chosen is not None or own:
                 yield Taken(profile=profile, read=chosen)
-
-
-def _unreadable(path: str, file: PermissionsFile, read: ReadDocument) -> Doubt:
-    """What keeps the document from having one meaning."""
-    defect = next((each for each in (*file.signed.defects, *file.defects) if each.kind.opaque), None)
-    if defect is not None:
-        return Doubt(enclave=path, location=Location(path=defect.path, line=defect.line), reason=defect.detail)
-    reason, line = read.doubt or ("the document has no meaning that every parser agrees on", None)
-    return Doubt(enclave=path, location=Location(path=file.signed.file.place, line=line), reason=reason)
 
 
 class _Naming:

@@ -18,7 +18,7 @@ from keystore_audit.model.domains import HIGHEST_DOMAIN, Interval, contains, dom
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.intended.policy_grant import PolicyGrant
 from keystore_audit.model.names import AMBIENT_TOPICS, DISCOVERY_TOPIC
-from keystore_audit.model.permission import allowing, bits, members
+from keystore_audit.model.permission import allowing, bits, members, union
 from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.semantics import DEFAULT_PARTITION, Area, ReadGrant, ReadRule, Region, read_grant
 from keystore_audit.model.validity import BEGINNING
@@ -150,7 +150,7 @@ class Comparison:
                 if (where, reason) not in self.undefined:
                     self.undefined.append((where, reason))
                 return None
-        plain = all(_meaning(text, itself) == _meaning(text, row.matcher) for text in self._patterns)
+        plain = all(parse(text, itself).agrees(parse(text, row.matcher)) for text in self._patterns)
         return row.matcher if plain else itself
 
     def _domains(self, kind: _Kind, governance: GovernanceFile | None) -> tuple[Interval, ...]:
@@ -185,7 +185,7 @@ class Comparison:
         if any(one.allow and not two.allow for one, two in pairwise(rules)):
             return False
         return all(
-            {text for rule in rules if rule.allow is allow for text in _listed(rule, operation)} - {DISCOVERY_TOPIC}
+            {text for rule in rules if rule.allow is allow for text in rule.texts(operation)} - {DISCOVERY_TOPIC}
             == {key[2] for key in self._meant.rights if key[:2] == (allow, operation)} - {DISCOVERY_TOPIC}
             for allow in (False, True)
             for operation in _DIRECTIONS
@@ -220,10 +220,7 @@ class _Sides:
         self._known: dict[ReadRegion, int] = {}
         self._listed: dict[tuple[int, Operation, int | None], tuple[dict[str, Text], list[Text]]] = {}
         self._lists: dict[tuple[_Kind, Operation, bool], list[_Step]] = {}
-        discovery = 0
-        for kind in kinds:
-            discovery |= self._bits((kind.matcher, _DISCOVERY))
-        self._compared = ~discovery
+        self._compared = ~union(self._bits((kind.matcher, _DISCOVERY)) for kind in kinds)
 
     def asked(self, domains: tuple[Interval, ...]) -> int:
         """The channels of these domains, those of `ros_discovery_info` left out."""
@@ -353,13 +350,9 @@ def _deciding(steps: Iterable[_Step], channel: int) -> _Step:
     return next(step for step in steps if step.channels >> channel & 1)
 
 
-def _listed(rule: ReadRule, operation: Operation) -> frozenset[str]:
-    return frozenset(text for area in rule.region(operation) for text in area.topics)
-
-
 def _names(rule: ReadRule) -> bool:
     """Whether it lists anything but `ros_discovery_info`."""
-    return any(_listed(rule, operation) - {DISCOVERY_TOPIC} for operation in _DIRECTIONS)
+    return any(text != DISCOVERY_TOPIC for text in rule.texts(*_DIRECTIONS))
 
 
 def _is_plain(rule: ReadRule, domains: Iterable[Interval]) -> bool:
@@ -371,8 +364,3 @@ def _is_plain(rule: ReadRule, domains: Iterable[Interval]) -> bool:
         return False
     partitions = {area.partitions for operation in _DIRECTIONS for area in rule.region(operation)}
     return partitions <= {DEFAULT_PARTITION} | (set() if rule.allow else {None})
-
-
-def _meaning(text: str, matcher: Matcher) -> object:
-    pattern = parse(text, matcher)
-    return pattern.rewinds, pattern.pieces, pattern.undefined

@@ -20,7 +20,7 @@ from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.domains import contains
 from keystore_audit.model.intended.observed_needs import Channel
 from keystore_audit.model.names import dds_channels
-from keystore_audit.model.permission import bits
+from keystore_audit.model.permission import bits, union
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.question import Ruling
 from keystore_audit.model.semantics import ReadGrant
@@ -208,10 +208,7 @@ class PointRights:
         key = (profile.name, operation)
         if key not in self._ever:
             held = self._held(profile, operation)
-            allowed = 0
-            for domain, usable in self._started(profile):
-                allowed |= held[domain] if usable else 0
-            self._ever[key] = allowed
+            self._ever[key] = union(held[domain] for domain, usable in self._started(profile) if usable)
         return self._ever[key]
 
     def _held(self, profile: Profile, operation: Operation) -> Mapping[int, int]:

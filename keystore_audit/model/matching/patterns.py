@@ -35,7 +35,7 @@ class Patterns:
         number = self._known.get((text, matcher))
         if number is None:
             pattern = parse(text, matcher)
-            number = self._by_meaning.setdefault((pattern.rewinds, pattern.pieces), len(self.patterns))
+            number = self._by_meaning.setdefault(pattern.meaning, len(self.patterns))
             if number == len(self.patterns):
                 self.patterns.append(pattern)
                 self._matching.clear()
@@ -101,7 +101,7 @@ class _Expressions:
 
     def __init__(self, patterns: Sequence[Pattern]) -> None:
         self.patterns = tuple(patterns)
-        self._meanings = tuple([(pattern.rewinds, pattern.pieces) for pattern in patterns])
+        self._meanings = tuple([pattern.meaning for pattern in patterns])
         self._hash = hash(self._meanings)
 
     def __hash__(self) -> int:

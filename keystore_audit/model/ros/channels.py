@@ -123,9 +123,7 @@ def _allowed(read: Mapping[Access, Sequence[ReadDocument]], operation: Operation
     for access, documents in read.items():
         for document in documents:
             for rule in (rule for grant in document.grants or () for rule in grant.rules if rule.allow):
-                for area in rule.region(operation):
-                    for text in area.topics:
-                        yield text, access.matcher
+                yield from ((text, access.matcher) for text in rule.texts(operation))
 
 
 class _Expressions:
@@ -146,7 +144,7 @@ class _Expressions:
                         self.numbers[text, matcher] = self._number(parse(text, matcher))
 
     def _number(self, pattern: Pattern) -> int:
-        number = self._meanings.setdefault((pattern.rewinds, pattern.pieces), len(self.patterns))
+        number = self._meanings.setdefault(pattern.meaning, len(self.patterns))
         if number == len(self.patterns):
             self.patterns.append(pattern)
         return number

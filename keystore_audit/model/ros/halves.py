@@ -164,17 +164,14 @@ class _Search:
         return self._known[key]
 
 
-_Part = tuple[tuple[Operation, Affix], ...]
-
-
 class _Found(NamedTuple):
     """A half, but for the enclave."""
 
     role: str
     name: str
     several: bool
-    has: _Part
-    lacks: _Part
+    has: Role
+    lacks: Role
     names: tuple[str, ...]
 
 
@@ -205,7 +202,7 @@ def _compared(enclave: Enclave, readers: Sequence[_Reader], accesses: AccessView
         affixes = tuple(dict.fromkeys(affix for role in roles for _operation, affix in ROLES[role]))
         channels = ros_channels(read, affixes, marks)
         local = LocalRights(accesses, channels.channels, at)
-        together: dict[tuple[str, int, _Part, _Part], list[str]] = {}
+        together: dict[tuple[str, int, Role, Role], list[str]] = {}
         for reader in readers:
             rights = _Rights(local, enclave, reader.profile)
             for role in roles:
@@ -244,7 +241,7 @@ def _telling(role: str, channel: tuple[Operation, Affix], channels: RosChannels)
     return channels.listed(operation, affix) if operation is PUBLISH else 0
 
 
-def _halves_of(role: str, rights: _Rights, channels: RosChannels) -> Iterator[tuple[int, _Part, _Part]]:
+def _halves_of(role: str, rights: _Rights, channels: RosChannels) -> Iterator[tuple[int, Role, Role]]:
     """The classes of which the enclave may do a part, in some domain."""
     needed = ROLES[role]
     topics = {(operation, affix): channels.of_affix(affix) for operation, affix in needed}

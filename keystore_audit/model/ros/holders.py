@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation, PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.attacker import RealmView, enclaves_views
@@ -22,14 +22,6 @@ _PARTITIONS: Final = ("", "*")
 """Partitions in which an endpoint meets those of ROS 2: the default one, and the name that is a pattern for it."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Right:
-    """The line of a document that lets somebody do something."""
-
-    path: str
-    line: int | None
-
-
 class Placed:
     """A grant with the document it stands in, and what its publish criteria list, by the kind of name."""
 
@@ -37,7 +29,7 @@ class Placed:
         self.place = place
         self.grant = grant
         self.lines = Lines(grant.grant)
-        texts = [text for rule in grant.rules if rule.allow for area in rule.publish for text in area.topics]
+        texts = [text for rule in grant.rules if rule.allow for text in rule.texts(Operation.PUBLISH)]
         self.requests = {text[2:-7] for text in texts if text[:3] == "rq/" and text[-7:] == "Request"}
         self.replies = {text[2:-5] for text in texts if text[:3] == "rr/" and text[-5:] == "Reply"}
         self.certain = _certain(grant)
@@ -53,7 +45,7 @@ class Placed:
     @property
     def expressions(self) -> Iterator[str]:
         """All that its publish criteria list, of rules that allow and that deny."""
-        return (text for rule in self.grant.rules for area in rule.publish for text in area.topics)
+        return (text for rule in self.grant.rules for text in rule.texts(Operation.PUBLISH))
 
 
 def _certain(grant: ReadGrant) -> tuple[Interval, ...] | None:
@@ -98,12 +90,12 @@ class Holder:
         """Everything that its publish criteria list."""
         return (text for grant in self.grants for text in grant.expressions)
 
-    def right(self, operation: Operation, topic: str) -> Right | None:
+    def right(self, operation: Operation, topic: str) -> Location | None:
         """The line that lists the topic for the operation."""
         for placed in self.grants:
             line = placed.lines.of(operation, topic)
             if line is not None:
-                return Right(path=placed.place, line=line)
+                return Location(path=placed.place, line=line)
         return None
 
 

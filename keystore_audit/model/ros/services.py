@@ -16,6 +16,7 @@ from functools import lru_cache
 from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
+from keystore_audit.findings import Location
 from keystore_audit.intent.ros_names import is_ros_name
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.domains import Interval, contains
@@ -23,7 +24,7 @@ from keystore_audit.model.expression import Matcher, Pattern, parse
 from keystore_audit.model.matching.alphabet import Budget
 from keystore_audit.model.names import LIFECYCLE_SERVICES, PARAMETER_SERVICES, SETTING_SERVICES
 from keystore_audit.model.ros.classes import REPLY, REQUEST, Affix, classify_ros_names
-from keystore_audit.model.ros.holders import Holder, Placed, Right, allows
+from keystore_audit.model.ros.holders import Holder, Placed, allows
 
 MAX_MATCHES: Final = 1_000_000
 """Pairs of an expression and a name, or of two expressions, that are looked at: a second."""
@@ -59,7 +60,7 @@ class Reach:
     nodes: int
     owners: tuple[str, ...]
     calls: tuple[str, ...]
-    rights: tuple[Right, Right]
+    rights: tuple[Location, Location]
 
     @property
     def changes(self) -> bool:
@@ -78,7 +79,7 @@ class Rivals:
     enclaves: tuple[str, ...]
     intruder: str | None
     services: tuple[str, ...]
-    rights: tuple[Right, ...]
+    rights: tuple[Location, ...]
 
 
 class Services:
@@ -155,7 +156,7 @@ class Services:
             caller.right(Operation.PUBLISH, REQUEST.topic(name)),
             owner.right(Operation.PUBLISH, REPLY.topic(name)),
         )
-        nowhere = Right(path="", line=None)
+        nowhere = Location(path="")
         return Reach(
             caller=caller.path,
             family=family,
@@ -210,7 +211,7 @@ class Services:
         own = [REPLY.topic(each) for each in caller.replies if each.endswith(f"/{name}")]
         self._budget.spend(_UNITS_OF_A_SEARCH * (1 + len(own) // 8))
         patterns = [parse(text, self._matcher) for text in (call, answer, *own)]
-        for each in classify_ros_names(patterns, (Affix("rq", f"/{name}Request"), Affix("rr", f"/{name}Reply"))):
+        for each in classify_ros_names(patterns, _affixes(name)):
             found = f"{each.name}/{name}"
             if 0 in each.members[0] and 1 in each.members[1] and found not in caller.replies:
                 return found
@@ -228,8 +229,7 @@ class Services:
 
     def _in_common(self, caller: Holder, owner: Holder, service: str, patterns: Sequence[Pattern]) -> Iterator[str]:
         self._budget.spend(_UNITS_OF_A_SEARCH * (1 + len(patterns) // 8))
-        request, reply = Affix("rq", f"/{service}Request"), Affix("rr", f"/{service}Reply")
-        for each in classify_ros_names(patterns, (request, reply)):
+        for each in classify_ros_names(patterns, _affixes(service)):
             name = f"{each.name}/{service}"
             if name not in caller.replies and self._together(caller, each.name, service, owner):
                 yield name
@@ -301,6 +301,11 @@ class _Answers:
             yield from self._by_prefix[self._prefixes[at]]
 
 
+def _affixes(service: str) -> tuple[Affix, Affix]:
+    """Of the requests and replies of a service below the name of its node."""
+    return Affix("rq", f"/{service}Request"), Affix("rr", f"/{service}Reply")
+
+
 class _Pair(NamedTuple):
     node: str | None
     exact: bool
@@ -337,6 +342,5 @@ def _guessed(call: str, answer: str, service: str, matcher: Matcher) -> _Pair:
 @lru_cache(maxsize=4_096)
 def _searched(call: str, answer: str, service: str, matcher: Matcher) -> _Pair:
     """Over all names of nodes."""
-    affixes = Affix("rq", f"/{service}Request"), Affix("rr", f"/{service}Reply")
-    classes = classify_ros_names([parse(call, matcher), parse(answer, matcher)], affixes)
+    classes = classify_ros_names([parse(call, matcher), parse(answer, matcher)], _affixes(service))
     return _Pair(next((each.name for each in classes if 0 in each.members[0] and 1 in each.members[1]), None), True)
