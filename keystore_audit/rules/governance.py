@@ -140,7 +140,8 @@ def governance_ambiguous(use: GovernanceUse, _context: Context) -> Iterator[Viol
     """The document is outside the plain XML that every parser reads alike, or holds a value without a meaning.
 
     Fast DDS, Cyclone DDS and libxml2 read comments, CDATA, entities and blanks in values differently (measured), so
-    that one signed file has several meanings. Which of them a robot takes is not guessed here.
+    that one signed file has several meanings. Which of them a robot takes is not guessed here. Nor is what it
+    makes of more rules than are read (docs/security-model.md).
     """
     yield from in_document(use, DIFFER, *AMBIGUOUS)
 

@@ -86,7 +86,8 @@ def permissions_ambiguous(use: PermissionsUse, _context: Context) -> Iterator[Vi
     """The document is outside the plain XML that every parser reads alike, or holds a value without a meaning.
 
     Fast DDS, Cyclone DDS and libxml2 read comments, CDATA, entities and blanks in values differently, and dates beyond
-    four-digit years (measured), so that one signed file has several meanings.
+    four-digit years (measured), so that one signed file has several meanings. What a robot makes of more
+    grants or rules than are read is unknown, too (docs/security-model.md).
     """
     yield from in_document(use, DIFFER, *AMBIGUOUS)
     dates = (date for grant in use.document.grants for date in (grant.not_before, grant.not_after))

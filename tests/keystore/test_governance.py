@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from keystore_audit.keystore import document
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.governance import DomainRange, GovernanceFile, ProtectionKind, read_governance
@@ -244,6 +245,22 @@ def test_what_is_not_signed_is_not_read(content: bytes) -> None:
 def test_a_file_that_was_not_read() -> None:
     file = read_governance(File(path="p", resolved=None, status=Status.MISSING), [])
     assert (file.governance, file.defects) == (None, ())
+
+
+SECOND_DOMAIN = GOVERNANCE.replace(b"</domain_access_rules>", GOVERNANCE[GOVERNANCE.index(b"<domain_rule>") :], 1)
+
+
+@pytest.mark.parametrize(("content", "words"), [(TWO_RULES, "topic rules"), (SECOND_DOMAIN, "domain rules")])
+def test_a_document_of_more_rules_than_are_read_has_no_meaning(
+    content: bytes, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    content = content.partition(b"</dds>")[0] + b"</dds>"
+    monkeypatch.setattr(document, "MAX_RULES", 2)
+    assert read(content).governance is not None
+    monkeypatch.setattr(document, "MAX_RULES", 1)
+    file = read(content)
+    (defect,) = file.defects
+    assert (file.governance, defect.detail) == (None, f"more than 1 {words}, which are not read here")
 
 
 # --- anything at all

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree
 
+from keystore_audit.keystore import document
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.permissions import Operation, PermissionsFile, read_permissions
 from keystore_audit.text import terminal
@@ -218,6 +219,26 @@ def test_names_come_out_as_they_went_in(topics: list[str], grant_name: str) -> N
     (read_grant,) = file.permissions.grants
     assert read_grant.name == grant_name
     assert [topic.text for topic in read_grant.rules[0].criteria[0].topics] == topics
+
+
+WITHOUT_RULES = FULL[: FULL.index(b"<deny_rule>")] + FULL[FULL.index(b"<default>ALLOW") :]
+
+
+@pytest.mark.parametrize(
+    ("content", "most", "words", "last"),
+    [(FULL, 2, "allow and deny rules", b"<allow_rule><domains><id>"), (WITHOUT_RULES, 1, "grants", b'<grant name="">')],
+)
+def test_a_document_of_more_rules_than_are_read_has_no_meaning(
+    content: bytes, most: int, words: str, last: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(document, "MAX_RULES", most + 1)
+    assert read(content).defects == ()
+    monkeypatch.setattr(document, "MAX_RULES", most)
+    file = read(content)
+    (defect,) = file.defects
+    before = signed_document(content, CA).partition(last)[0]
+    assert (file.permissions, defect.line) == (None, before.count(b"\n") + 1)
+    assert defect.detail == f"more than {most} {words}, which are not read here"
 
 
 @given(st.data())
