@@ -211,8 +211,8 @@ class Ground:
     @cached_property
     def endless(self) -> int:
         """The channels (bit set) that stand for classes of names without end."""
-        atoms = enumerate(self.channels.channels)
-        return bits(number for number, atom in atoms if self._name(number, atom.domain).several)
+        several = bits(number for number, name in enumerate(self.names) if name.several)
+        return union((several if len(here) == len(self.names) else 1) << here.start for here in self.channels.in_domain)
 
     def count(self, channels: int) -> int:
         """How many names are among the channels, each class of names as one; as many as `topics`."""

@@ -33,9 +33,12 @@ MAX_CELLS = 1_000_000
 10,000 enclaves as `ros2 security` makes them have some 300,000."""
 
 MAX_FURTHER = 300_000
-"""Channels of further domain classes than the first, each of which has all classes of names: about 200 MB.
+FURTHER = 20_000
+FURTHER_PER_DOCUMENT = 1_500
+"""Channels of further domain classes than the first, each of which has all classes of names: about 200 MB; and how many
+a keystore of few documents has, since thousands of names in a hundred domains are seconds.
 
-1,000 enclaves have 30,000 classes of names, and so may be in ten domain classes."""
+1,000 enclaves have 30,000 classes of names, and so may be in ten domain classes; two enclaves with 1,000 in twenty."""
 
 MAX_RULED = 50_000_000
 """Pairs of such a channel and what topic rules of governance documents are about: a second and 50 MB.
@@ -99,14 +102,15 @@ def build_channels(
     points: Sequence[Point] | None = None,
     opening: frozenset[ReadRegion] | None = frozenset(),
     ruling: int = 0,
+    documents: int = 0,
 ) -> Channels:
     """The channels of all governed domain classes (`governed`, parallel to `domains`), one more for each ungoverned
     one.
 
     `points`: only these names, each a channel of its own that stands for its class; None: all names, in classes.
     `opening`: the regions in which somebody may be allowed to have endpoints (None: anywhere); in no other is it asked
-    what patterns meet. `ruling`: how many of the regions are of topic rules. Raises errors.BudgetExceeded where the
-    classes are too many.
+    what patterns meet. `ruling`: how many of the regions are of topic rules. `documents`: how many say all this. Raises
+    errors.BudgetExceeded where the classes are too many.
     """
     shapes = _shapes_of(tuple(dict.fromkeys(regions)))
     met: Mapping[int, frozenset[int]] = {}
@@ -116,7 +120,8 @@ def build_channels(
         columns = [shapes.column(point) for point in points]
         met = shapes.met_by_points(points, opening)
     further = max(sum(governed) - 1, 0)
-    _check_cells(len(columns), further, "classes of topics in {} further classes of domains", MAX_FURTHER)
+    most = min(MAX_FURTHER, FURTHER + FURTHER_PER_DOCUMENT * documents)
+    _check_cells(len(columns), further, "classes of topics in {} further classes of domains", most)
     words = f"channels of {further} further classes of domains under {{}} topic rules"
     _check_cells(len(columns) * further, ruling, words, MAX_RULED)
     channels: list[ChannelAtom] = []
@@ -208,7 +213,13 @@ def document_channels(
     wanted = union(map(domain_bits, [*governed, *ruled] if ungoverned else governed))
     covers = [opened or bool(wanted >> domain.intervals[0][0] & 1) for domain in domains]
     return build_channels(
-        domains, covers, regions, points, None if by_default else frozenset(opening), ruling=len(topics)
+        domains,
+        covers,
+        regions,
+        points,
+        None if by_default else frozenset(opening),
+        ruling=len(topics),
+        documents=max(map(len, read.values()), default=0),
     )
 
 

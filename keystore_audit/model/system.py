@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from datetime import datetime
 from enum import Enum
+from typing import NamedTuple
 
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.findings import Location
@@ -165,12 +166,11 @@ class DomainAtom:
     intervals: tuple[tuple[int, int], ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ChannelAtom:
+class ChannelAtom(NamedTuple):
     """A domain class × topic class × partition class, merged where no rule of any document tells them apart.
 
     `topic` and `partition` are witnesses. `ros`: a ROS 2 name lies in it; `infinite`: it holds infinitely
-    many names.
+    many names. A tuple, since there may be 300,000.
     """
 
     domain: int

@@ -194,3 +194,13 @@ def test_channels_of_further_domains_have_a_limit(limit: str, words: str, monkey
     assert build_channels(one, [True, False], regions, ruling=2).channels
     with pytest.raises(BudgetExceeded, match=words):
         build_channels(two, [True, True, True], regions, ruling=2)
+
+
+def test_channels_of_further_domains_are_more_for_more_documents(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(made, "FURTHER", 2)
+    monkeypatch.setattr(made, "FURTHER_PER_DOCUMENT", 2)
+    regions = in_partitions(3, "")  # four classes, in one further domain
+    domains = domain_classes([((0, 0),)])
+    assert build_channels(domains, [True, True], regions, documents=1).channels
+    with pytest.raises(BudgetExceeded, match="further classes"):
+        build_channels(domains, [True, True], regions)
