@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 import click
+from click.core import ParameterSource
 
 from keystore_audit.cli import once, output
 from keystore_audit.cli import options as opt
@@ -98,8 +99,9 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
 def _stolen_key(keystore: str, given: Mapping[str, Any]) -> int:
     """What a stolen key opens."""
     unused = {"attacker": "--attacker", "through": "--through", "alloy_jar": "--alloy-jar"}
+    source_of = click.get_current_context().get_parameter_source
     for name, option in unused.items():
-        if given[name]:
+        if source_of(name) is ParameterSource.COMMANDLINE:  # the variable of the jar is for all commands
             raise click.UsageError(f"{option} says nothing about --from-compromised.")
     if given["engine"] not in ("native", "auto"):
         raise click.UsageError("--from-compromised is worked out natively: no other engine decides it.")

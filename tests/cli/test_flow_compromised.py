@@ -113,6 +113,7 @@ def test_what_cannot_be_read_leaves_it_open(doubt: str) -> None:
         (("/motor",), "Expected FROM and TO, or --from-compromised"),
         ((), "Expected FROM and TO, or --from-compromised"),
         (("--from-compromised", "/motor", "--attacker", "honest"), "--attacker says nothing about"),
+        (("--from-compromised", "/motor", "--alloy-jar", __file__), "--alloy-jar says nothing about"),
         (("--from-compromised", "/motor", "--engine", "both"), "worked out natively"),
     ],
 )
@@ -120,6 +121,14 @@ def test_wrong_usage(arguments: tuple[str, ...], said: str) -> None:
     done = run("flow", "flows/vehicle_healthy", *arguments, *AT)
     assert (done.returncode, done.stdout) == (2, "")
     assert said in " ".join(done.stderr.replace("│", " ").split())
+
+
+def test_the_variable_of_the_jar_is_no_wrong_usage() -> None:
+    """The container sets it for all commands."""
+    done = run(
+        "flow", "flows/vehicle_healthy", "--from-compromised", "/motor", *AT, KEYSTORE_AUDIT_ALLOY_JAR=str(__file__)
+    )
+    assert (done.returncode, done.stderr) == (1, "")
 
 
 def test_names_are_escaped() -> None:
