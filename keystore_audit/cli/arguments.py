@@ -63,6 +63,7 @@ _EXPECTED: Final[Mapping[str, tuple[Check, str]]] = {
     "settings": (_or_none(_FILE), "a path or None"),
     "baseline": (_or_none(_FILE), "a path or None"),
     "policy": (_or_none(_FILE), "a path or None"),
+    "policy_include": (_or_none(_FILE), "a path or None"),
     "environment": (_or_none(_FILE), "a path or None"),
     "graphs": (_each(_FILE), "a sequence of paths"),
     "launches": (_each(_FILE), "a sequence of paths"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from collections.abc import Callable
 from datetime import date, datetime, timedelta, timezone
 from pathlib import Path
@@ -56,6 +57,14 @@ def test_files_are_taken(samples: Path, tmp_path: Path) -> None:
     policy = samples / "policies/turtlesim.policy.xml"
     compared = api.audit(samples / "healthy/turtlesim", engine="native", at=AT, policy=policy)
     assert "--policy" not in " ".join(compared.scope.not_checked)
+    shutil.copytree(samples / "policies", tmp_path / "shared")
+    moved = tmp_path / "robot" / "turtlesim.policy.xml"
+    moved.parent.mkdir()
+    moved.write_text(policy.read_text().replace("common/", "../shared/common/"))
+    with pytest.raises(api.UsageError, match="leads out of"):
+        api.audit(samples / "healthy/turtlesim", engine="native", at=AT, policy=moved)
+    shared = api.audit(samples / "healthy/turtlesim", engine="native", at=AT, policy=moved, policy_include=tmp_path)
+    assert [each.code for each in shared.findings if each.code.startswith("KA64")] == []
 
 
 @pytest.mark.parametrize(
