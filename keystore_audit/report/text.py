@@ -15,7 +15,7 @@ from keystore_audit.findings import Finding, Outcome, Result, Severity
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import ProfileResult, PropertyResult
 from keystore_audit.report import ranking
-from keystore_audit.report.content import STATUSES, EnclaveEntry, NoReport, Report, Verdict
+from keystore_audit.report.content import RUNNING_SESSIONS, STATUSES, EnclaveEntry, NoReport, Report, Verdict
 from keystore_audit.report.engine_words import ENGINE_WORDS, sentence, warnings
 from keystore_audit.report.findings_text import put_findings
 from keystore_audit.report.json import TOOL
@@ -229,7 +229,7 @@ def _checked(page: Page, report: Report, *, verbose: bool) -> None:
         until = "No date on these files changes this answer."
     else:
         holds = "Holds until" if report.verdict is Verdict.PASS else "Changes at"
-        until = f"{holds} {instant(report.safe_until)}: {sentence(report.safe_until_why)}"
+        until = f"{holds} {instant(report.safe_until)}: {sentence(report.safe_until_why)} {RUNNING_SESSIONS}"
     page.labelled("Dates", until, indent=0, column=13, style="bold")
 
 

@@ -17,8 +17,10 @@ from keystore_audit.findings import Finding, Location, Outcome, Result, Severity
 from keystore_audit.model.meaning import Usability
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
+from keystore_audit.report import markdown
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.report.findings_text import MAX_PLACES
+from keystore_audit.report.html import page as html_page
 from keystore_audit.report.next_step import next_step
 from keystore_audit.report.text import View, render, render_several
 
@@ -168,6 +170,18 @@ def test_no_findings_are_said(make_report: MakeReport) -> None:
 
 def test_no_date_is_said(make_report: MakeReport) -> None:
     assert "No date on these files changes this answer." in render(make_report(safe_until=None))
+
+
+def test_safe_until_is_about_new_sessions_and_says_so(make_report: MakeReport) -> None:
+    """Design, section 3: some implementations never end running sessions, which is said with it."""
+    until, never = make_report(), make_report(safe_until=None)
+    for form in (
+        render,
+        lambda report: markdown.render([report], Severity.INFO),
+        lambda report: html_page.render([report]),
+    ):
+        assert "ends none when a grant ends" in flat(form(until))
+        assert "ends none when a grant ends" not in flat(form(never))
 
 
 def test_several_keystores_end_in_one_line(make_report: MakeReport) -> None:
