@@ -143,4 +143,5 @@ def _rendered(answer: FlowAnswer, kind: str) -> str:
 
     besides = f", except through {', '.join(question.through)}" if question.through else ""
     title = f"Can anything get from {question.source} to {question.target}{besides}?"
-    return flow_text.text(title, answer.results, answer.engines, answer.doubts, ambient=question.include_ambient)
+    at, ambient = instant(answer.at), question.include_ambient
+    return flow_text.text(title, answer.results, answer.engines, answer.doubts, at=at, ambient=ambient)

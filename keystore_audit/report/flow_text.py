@@ -28,9 +28,10 @@ def text(
     engines: Sequence[EngineRun],
     doubts: Sequence[Location],
     *,
+    at: str,
     ambient: bool,
 ) -> str:
-    """Lines of 80 columns at most, as far as names allow."""
+    """Lines of 80 columns at most, as far as names allow. `at`: the instant asked about."""
     lines = [terminal(title)]
     if not ambient:
         lines.append("(apart from /clock, /parameter_events, /rosout and ros_discovery_info)")
@@ -52,6 +53,8 @@ def text(
     for run in engines:
         reason = "" if run.status is EngineStatus.OK else f" ({run.status.value}: {run.reason})"
         lines.append(_wrapped(f"{'Not decided' if reason else 'Decided'} by {run.name}{reason}."))
+    later = "dates may change it, and a property with `until` in the settings asks about later days too."
+    lines.append(_wrapped(f"As of {at}: {later}"))
     return "\n".join(lines) + "\n"
 
 

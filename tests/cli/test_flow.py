@@ -170,6 +170,7 @@ def test_an_implementation_in_which_everybody_signs_rights_for_itself() -> None:
 def test_a_grant_that_ends_makes_way_for_a_wider_one(at: str, profile: str, expected: int) -> None:
     done = run("flow", "flows/vehicle_expiring_grant", *MOTOR, "--at", at, "--profile", profile)
     assert done.returncode == expected
+    assert f"As of {at}T00:00:00Z: dates may change it" in done.stdout, "no flow today is none for ever"
 
 
 @pytest.mark.parametrize("doubt", ["unreadable", "ambiguous", "linked_away"])
