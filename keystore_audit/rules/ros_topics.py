@@ -8,6 +8,7 @@ from typing import Final
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.intended.observed_needs import TYPE_DESCRIPTION
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.ros.action_topics import ActionPattern
 from keystore_audit.rules.commands import CREATE_PERMISSION
@@ -59,20 +60,29 @@ def _severity(found: ActionPattern) -> Severity | None:
     "missing-usual-topics",
     Severity.INFO,
     on=Keystore,
-    clause="ros2/sros2, policy/common/node.xml; measured: without ros_discovery_info no participant of ROS 2 is made",
-    remedy="Include sros2's common/node.xml in the profile, and let sros2 add ros_discovery_info: "
-    f"{CREATE_PERMISSION}.",
+    clause="ros2/sros2, policy/common/node.xml; measured: without ros_discovery_info no participant of ROS 2 is made; "
+    "ros2/rclcpp, node_type_descriptions.cpp (read)",
+    remedy="Include sros2's common/node.xml in the profile, add `<service>~/get_type_description</service>` to a "
+    f'`<services reply="ALLOW">` for nodes since Iron, and let sros2 add ros_discovery_info: {CREATE_PERMISSION}.',
 )
 def missing_usual_topics(_keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """An enclave lacks rights that every ROS 2 node uses: ros_discovery_info, /rosout, /parameter_events.
+    """An enclave lacks rights that every ROS 2 node uses: ros_discovery_info, /rosout, /parameter_events, services.
 
     Medium without ros_discovery_info, which Foxy and later publish and read in every process: DDS makes a participant,
     ROS 2 gives it up, and nothing runs. A governance that leaves the topic open needs no grant for it. The others are
     advice, where some are there and some are not; a node can be told to do without, and an enclave with none
-    of them is taken to hold such nodes. /clock is read by nodes with simulated time alone.
+    of them is taken to hold such nodes: log, parameter events, the six parameter services, and since Iron the service
+    get_type_description, which sros2's own policies leave out, so that no node of Jazzy starts by them unless its
+    parameter start_type_description_service is false. The last is asked of nodes whose parameter services are granted
+    by name, under implementations that only distributions since Iron ship. /clock is read by nodes with simulated time
+    alone.
     """
-    for found in context.meaning.ros.unusual if context.meaning.ros is not None else ():
-        lacks = listed(f"{VERBS[operation]} {_name(topic)}" for operation, topic in found.lacks)
+    ros = context.meaning.ros
+    if ros is None:
+        return
+    for found in ros.unusual:
+        parameters = ("answer for the parameters of any node",) if found.silent else ()
+        lacks = listed((*(f"{VERBS[operation]} {_name(topic)}" for operation, topic in found.lacks), *parameters))
         follows = "nodes fail unless they are told to do without" if found.starts else "no ROS 2 node of it is made"
         yield Violation(
             message=f"{found.enclave} may not {lacks}: {follows}.",
@@ -81,6 +91,16 @@ def missing_usual_topics(_keystore: Keystore, context: Context) -> Iterator[Viol
             severity=None if found.starts else Severity.MEDIUM,
             profiles=found.profiles,
             key=lacks,
+        )
+    if ros.undescribed:
+        nodes = {f"{each.enclave} {node}": node for each in ros.undescribed for node in each.nodes}
+        yield Violation(
+            message=f"{listed(nodes.values())} may not answer {TYPE_DESCRIPTION}, which nodes serve since Iron: they "
+            "fail unless they are told to do without (start_type_description_service false).",
+            locations=places(each.location for each in ros.undescribed),
+            enclave=ros.undescribed[0].enclave if len(ros.undescribed) == 1 else None,
+            profiles=ros.since_iron,
+            key="\n".join(nodes),
         )
 
 

@@ -10,6 +10,7 @@ from keystore_audit.findings import Finding, Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Rule
 from keystore_audit.model.interpret import interpret
+from keystore_audit.model.names import PARAMETER_SERVICES
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.rules.judge import judge
 from tests.rules.divergent import chosen, ruled, views
@@ -252,12 +253,44 @@ def test_patterns_of_plain_dds_make_no_node(pattern: str, is_ros: bool) -> None:
 
 def test_what_some_of_the_usual_is_there_without() -> None:
     (finding,) = spoken(two(allow(["rt/rosout", "rt/parameter_events"])))
-    assert (finding.severity, finding.message) == (
-        Severity.INFO,
-        "/talker may not subscribe to /parameter_events: nodes fail unless they are told to do without.",
+    assert finding.severity is Severity.INFO
+    assert finding.message == (
+        "/talker may not subscribe to /parameter_events, answer for the parameters of any node: "
+        "nodes fail unless they are told to do without."
     )
-    whole = allow(["rt/rosout", "rt/parameter_events"], ["rt/parameter_events"])
-    assert spoken(two(whole)) == ()
+    topics = ["rt/rosout", "rt/parameter_events"]
+    (parameters,) = spoken(two(allow(topics, topics[1:])))
+    assert "/talker may not answer for the parameters of any node: " in parameters.message
+    for answers in ("rr/talker/get_parametersReply", "rr/*Reply", "r*"):
+        found = spoken(
+            two(allow([*topics, answers], [*topics[1:], answers.replace("rr", "rq").replace("ply", "quest")]))
+        )
+        assert "KA636" not in [each.code for each in found], answers
+
+
+def _node(*services: str) -> Rule:
+    answers = [f"rr/arm/{service}Reply" for service in (*PARAMETER_SERVICES, *services)]
+    asked = [f"rq/arm/{service}Request" for service in (*PARAMETER_SERVICES, *services)]
+    return allow(["rt/rosout", "rt/parameter_events", *answers], ["rt/parameter_events", *asked])
+
+
+def test_nodes_since_iron_describe_their_types() -> None:
+    """sros2's policies leave the service out; rclcpp throws where it cannot be made."""
+    (finding,) = spoken(two(_node()))
+    assert (finding.code, finding.severity, finding.enclave) == ("KA636", Severity.INFO, "/talker")
+    assert finding.profiles == ("fastdds-2.14", "fastdds-3.2", "fastdds-3.6", "cyclonedds-11")
+    assert finding.message.startswith("/arm may not answer get_type_description, which nodes serve since Iron: ")
+    assert spoken(two(_node("get_type_description"))) == ()
+    assert spoken(two(_node()), "fastdds-2.6", "cyclonedds-0.10") == (), "Cyclone DDS 0.10 is Humble's too"
+    assert [each.profiles for each in spoken(two(_node()), "fastdds-2.14")] == [()]
+    denied = allow(["rr/*/get_type*"], ["rq/*/get_type*"], allows=False)
+    own = permissions(
+        "enclaves/talker/permissions.p7s", grant("/talker", denied, _node("get_type_description"), DISCOVERY)
+    )
+    assert [each.code for each in spoken(keystore(enclave("/talker", permissions=own)))] == ["KA636"]
+    free = topic_rule("r[qr]/*", enable_read_access_control=False, enable_write_access_control=False)
+    said = governance(domain_rule(free, topic_rule("*")))
+    assert spoken(keystore(enclave("/talker", permissions=own, governance=said))) == (), "needs no grant"
 
 
 def test_halves_that_are_too_hard_to_tell_are_said() -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from .base import LISTENER_GRANT, TALKER_GRANT, TWO, listener, talker
 from .documents import DISCOVERY, Permissions, Rule
-from .policy import ACTION_SERVICES, ACTION_TOPICS
+from .policy import ACTION_SERVICES, ACTION_TOPICS, PARAMETER_SERVICES
 from .store import Store
 from .story import Case, Story, pair
 
@@ -126,13 +126,19 @@ def _topics() -> Iterator[Story]:
         good=Case("It may publish /dock/light alone.", _two(Rule(publish=(CHATTER, "rt/dock/light")), serving)),
     )
     usual = ("rt/rosout", "rt/parameter_events")
+    own = _server(
+        *(name.replace("~", "/talker") for name in (*PARAMETER_SERVICES, "~/get_type_description")), subscribe=()
+    )
     yield from pair(
         "KA636",
         "missing-usual-topics",
         bad=Case(
             "The talker may log and tell changes of parameters, but not hear of those of others: its nodes fail unless "
             "they are told to do without.",
-            _two(Rule(publish=(CHATTER, *usual))),
+            _two(replace(own, publish=(CHATTER, *usual, *own.publish))),
         ),
-        good=Case("It may hear of them too.", _two(Rule(publish=(CHATTER, *usual), subscribe=usual[1:]))),
+        good=Case(
+            "It may hear of them too.",
+            _two(Rule(publish=(CHATTER, *usual, *own.publish), subscribe=(*usual[1:], *own.subscribe))),
+        ),
     )

@@ -19,7 +19,7 @@ from keystore_audit.model.ros.action_topics import ActionPattern, action_pattern
 from keystore_audit.model.ros.halves import Halves, halves
 from keystore_audit.model.ros.holders import Holder, Holders
 from keystore_audit.model.ros.services import Reach, Rivals, Services
-from keystore_audit.model.ros.usual_topics import Unusual, unusual
+from keystore_audit.model.ros.usual_topics import Undescribed, Unusual, since_iron, undescribed, unusual
 from keystore_audit.model.system import Reading, System
 
 if TYPE_CHECKING:
@@ -36,7 +36,8 @@ class RosPatterns:
     """`reaches`, `rivals`: each with the chosen profiles that it holds for, empty for all.
 
     `unknown`: why services could not be compared. `actions`: patterns for topics that take in actions. `unusual`:
-    enclaves that lack some of what every node uses.
+    enclaves that lack some of what every node uses; `undescribed`: those that lack what nodes use since Iron, under the
+    profiles `since_iron`.
     """
 
     halves: Halves
@@ -45,6 +46,8 @@ class RosPatterns:
     unknown: str | None = None
     actions: tuple[ActionPattern, ...] = ()
     unusual: tuple[Unusual, ...] = ()
+    undescribed: tuple[Undescribed, ...] = ()
+    since_iron: tuple[str, ...] = ()
 
 
 def ros_patterns(
@@ -86,13 +89,15 @@ def ros_patterns(
             reaches.setdefault(reach, []).extend(system.profiles)
         for group in known[key][1]:
             rivals.setdefault(group, []).extend(system.profiles)
+    discovers = keystore.layout.kind not in _BEFORE_FOXY
+    iron = since_iron(profiles) if discovers else ()
     return RosPatterns(
         halves=halves(keystore, profiles, at, accesses, usability),
         reaches=tuple((reach, () if names <= {*held} else tuple(held)) for reach, held in reaches.items()),
         rivals=tuple((group, () if names <= {*held} else tuple(held)) for group, held in rivals.items()),
         unknown=unknown,
         actions=action_patterns(keystore.enclaves),
-        unusual=tuple(
-            unusual(keystore.enclaves, profiles, accesses, at, discovers=keystore.layout.kind not in _BEFORE_FOXY)
-        ),
+        unusual=tuple(unusual(keystore.enclaves, profiles, accesses, at, discovers=discovers)),
+        undescribed=tuple(undescribed(keystore.enclaves)) if iron else (),
+        since_iron=() if len(iron) == len(profiles) else iron,
     )

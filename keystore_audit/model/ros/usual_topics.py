@@ -1,8 +1,9 @@
-"""The topics that every ROS 2 node uses, and which of them an enclave may not use.
+"""The topics and services that every ROS 2 node uses, and which of them an enclave may not use.
 
 Asked of the grant alone, in the default partition and in whatever domain, as the specification has it; of
 ros_discovery_info also of each implementation with the governance, since no node is made without it. What nodes use is
-in `ros2/sros2`, policy/common/node.xml; ros_discovery_info is added by sros2 itself.
+in `ros2/sros2`, policy/common/node.xml; ros_discovery_info is added by sros2 itself, and `get_type_description` by
+nobody: rclcpp and rclpy serve it since Iron (`NodeTypeDescriptions`), and give a node up that cannot.
 """
 
 from __future__ import annotations
@@ -22,8 +23,16 @@ from keystore_audit.model.channels import document_channels
 from keystore_audit.model.coverage import WILDCARDS, has_wildcard
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.expression import Matcher, parse
-from keystore_audit.model.intended.observed_needs import DISCOVERY
-from keystore_audit.model.names import DISCOVERY_TOPIC, SUFFIX_OF, is_ros_dds_name
+from keystore_audit.model.intended.observed_needs import DISCOVERY, TYPE_DESCRIPTION
+from keystore_audit.model.names import (
+    DISCOVERY_TOPIC,
+    PARAMETER_SERVICES,
+    REPLY_PREFIX,
+    REPLY_SUFFIX,
+    SUFFIX_OF,
+    dds_expressions,
+    is_ros_dds_name,
+)
 from keystore_audit.model.profiles import Profile
 
 PUBLISH, SUBSCRIBE = Operation.PUBLISH, Operation.SUBSCRIBE
@@ -36,17 +45,23 @@ USUAL: Final[tuple[Use, ...]] = (
 )
 """Without these a node is not made unless it is told to do without (rcl: enable_rosout; rclcpp: parameter services)."""
 
+_SINCE_IRON: Final = frozenset({"jazzy", "kilted", "lyrical", "rolling"})
+
+_ANSWERS: Final = tuple(f"/{service}{REPLY_SUFFIX}" for service in PARAMETER_SERVICES)
+"""How the names of the DDS topics end on which a node answers for its parameters."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unusual:
     """An enclave (its path) whose grant lacks some of what ROS 2 nodes use.
 
-    `lacks`: uses; `starts`: whether none of them is of those without which no node is made. `location`: the grant.
-    `profiles`: chosen ones for which it holds, empty for all.
+    `lacks`: uses; `silent`: no node of it may answer for its parameters; `starts`: whether it has all without which no
+    node is made. `location`: the grant. `profiles`: chosen ones for which it holds, empty for all.
     """
 
     enclave: str
     lacks: tuple[Use, ...]
+    silent: bool = False
     starts: bool
     location: Location
     profiles: tuple[str, ...] = ()
@@ -60,17 +75,10 @@ def unusual(
 
     An enclave with none of the `USUAL` is taken to do without, as nodes can be told to.
     """
-    for enclave in enclaves:
-        document = enclave.permissions.permissions if enclave.permissions else None
-        first = enclave.identity
-        grants = document.grants if document is not None and first is not None else ()
-        grant = next((each for each in grants if first is not None and each.subject_name.text == first.subject), None)
-        if grant is None or enclave.permissions is None or not any(rule.allow for rule in grant.rules):
-            continue
+    for enclave, grant, place in _granted(enclaves):
         lacks = missing(grant, (*DISCOVERY, *USUAL))
-        if not lacks or not _is_of_ros(grant):
+        if not _is_of_ros(grant):
             continue
-        place = Location(path=enclave.permissions.signed.file.place, line=grant.line)
         undiscovered = tuple(use for use in lacks if use in DISCOVERY) if discovers else ()
         refusing = _undiscovering(enclave, profiles, accesses, at) if undiscovered else ()
         if refusing:
@@ -78,8 +86,67 @@ def unusual(
             yield Unusual(enclave=enclave.path, lacks=undiscovered, starts=False, location=place, profiles=under)
             continue
         advised = tuple(use for use in lacks if use in USUAL)
-        if advised and len(advised) < len(USUAL):
-            yield Unusual(enclave=enclave.path, lacks=advised, starts=True, location=place)
+        silent = not grant.default_allow and not any(map(_may_answer, _listed(grant, PUBLISH)))
+        if (advised or silent) and len(advised) < len(USUAL):
+            yield Unusual(enclave=enclave.path, lacks=advised, silent=silent, starts=True, location=place)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Undescribed:
+    """Nodes (fully qualified) that an enclave (its path) lets answer for their parameters, and not describe their
+    types. `location`: the grant.
+    """
+
+    enclave: str
+    nodes: tuple[str, ...]
+    location: Location
+
+
+def since_iron(profiles: Iterable[Profile]) -> tuple[str, ...]:
+    """The profiles that only distributions since Iron ship; Cyclone DDS 0.10 is Humble's too."""
+    return tuple(each.name for each in profiles if each.distributions and _SINCE_IRON.issuperset(each.distributions))
+
+
+def undescribed(enclaves: Iterable[Enclave]) -> Iterator[Undescribed]:
+    """Enclaves of nodes that their grant names, by all of the parameter services, without the description of types."""
+    for enclave, grant, place in _granted(enclaves):
+        answers = set(_listed(grant, PUBLISH))
+        ends = [text[len(REPLY_PREFIX) : -len(_ANSWERS[0])] for text in sorted(answers) if text.endswith(_ANSWERS[0])]
+        named = [node for node in ends if answers.issuperset(f"{REPLY_PREFIX}{node}{answer}" for answer in _ANSWERS)]
+        uses = {node: dds_expressions("reply", f"{node}/{TYPE_DESCRIPTION}") for node in named}
+        nodes = tuple(node for node in named if any(_controls(enclave, *use) for use in missing(grant, uses[node])))
+        if nodes:
+            yield Undescribed(enclave=enclave.path, nodes=nodes, location=place)
+
+
+def _controls(enclave: Enclave, operation: Operation, topic: str) -> bool:
+    """Whether some domain rule of the enclave's governance, as the specification reads it, asks for a grant there."""
+    governance = enclave.governance.governance if enclave.governance is not None else None
+    if governance is None:
+        return True
+    for domain_rule in governance.domain_rules:
+        rule = next((each for each in domain_rule.topic_rules if _matched([each.expression], topic)), None)
+        publishes = operation is PUBLISH
+        if rule is None or (rule.enable_write_access_control if publishes else rule.enable_read_access_control):
+            return True
+    return False
+
+
+def _granted(enclaves: Iterable[Enclave]) -> Iterator[tuple[Enclave, Grant, Location]]:
+    """Enclaves with the grant of theirs, where it allows anything, and its place."""
+    for enclave in enclaves:
+        document = enclave.permissions.permissions if enclave.permissions else None
+        first = enclave.identity
+        grants = document.grants if document is not None and first is not None else ()
+        grant = next((each for each in grants if first is not None and each.subject_name.text == first.subject), None)
+        if grant is not None and enclave.permissions is not None and any(rule.allow for rule in grant.rules):
+            yield enclave, grant, Location(path=enclave.permissions.signed.file.place, line=grant.line)
+
+
+def _may_answer(text: str) -> bool:
+    """Whether an expression of topics that may be published takes in an answer about a node's parameters."""
+    head, prefix = _before_wildcards(text), f"{REPLY_PREFIX}/"
+    return head.startswith(prefix) and text.endswith(_ANSWERS) if head == text else _agree(head, prefix)
 
 
 def _undiscovering(
@@ -120,8 +187,16 @@ def _is_of_ros(grant: Grant) -> bool:
 
 
 def _may_begin_a_ros_name(pattern: str) -> bool:
-    head = "".join(takewhile(lambda character: character not in WILDCARDS, pattern))
-    return any(start.startswith(head) or head.startswith(start) for start in SUFFIX_OF)
+    return any(_agree(_before_wildcards(pattern), start) for start in SUFFIX_OF)
+
+
+def _before_wildcards(pattern: str) -> str:
+    return "".join(takewhile(lambda character: character not in WILDCARDS, pattern))
+
+
+def _agree(head: str, start: str) -> bool:
+    """Whether a name may begin with both."""
+    return head.startswith(start) or start.startswith(head)
 
 
 def _allows(grant: Grant, operation: Operation, topic: str) -> bool:
