@@ -89,7 +89,7 @@ class LoneEndpoints:
     def _allowed(self, enclave: Enclave, profile: Profile, operation: Operation) -> tuple[frozenset[int], ...]:
         """The channels on which it is allowed, in domains in which it possibly and in which it certainly starts."""
         possible, certain = 0, 0
-        for at, local in self._moments.of(enclave, profile.access):
+        for at, local in self._moments.of(enclave, profile):
             allowed = self._meetings.met(local.allowed(enclave, profile, operation))
             for domain in range(len(self._channels.domains)):
                 here = allowed & self._channels.bits_in(domain)

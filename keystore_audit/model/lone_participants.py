@@ -14,6 +14,7 @@ from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.permission import Permissions
 from keystore_audit.model.profiles import VARIANTS, JoinCheck
+from keystore_audit.model.revocation import ends_of_lists
 from keystore_audit.model.system import Reading, System
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.model.validity import SECOND
@@ -35,12 +36,15 @@ def starts_alone(
     permissions = Permissions(system)
     views = realm_views(system, permissions)
     by_path = {enclave.path: enclave for enclave in keystore.enclaves}
-    moments = [system.instants[system.now], *_later(system, until)]
+    now = system.instants[system.now]
+    last = now if until is None else max(now, until)
     found = set()
     for number in enclaves:
         enclave = by_path.get(system.enclaves[number].label)
         if enclave is None:
             continue
+        lists = {date for profile in profiles for date in ends_of_lists(enclave, profile.trust, now)}
+        moments = [now, *_later({*system.instants, *lists}, now, last)]
         everywhere = permissions.all_domains
         for view in views:
             everywhere &= view.joined(number)
@@ -54,10 +58,7 @@ def starts_alone(
     return frozenset(found)
 
 
-def _later(system: System, until: datetime | None) -> Iterable[datetime]:
-    """Instants at which something begins or has just ended."""
-    now = system.instants[system.now]
-    if until is None or until <= now:
-        return ()
-    dates = {each for each in system.instants if now < each <= until}
-    return sorted(dates | {each + SECOND for each in dates if each < until})
+def _later(instants: Iterable[datetime], now: datetime, last: datetime) -> Iterable[datetime]:
+    """Those up to the last one at which something begins or has just ended."""
+    dates = {each for each in instants if now < each <= last}
+    return sorted(dates | {each + SECOND for each in dates if each < last})

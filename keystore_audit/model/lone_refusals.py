@@ -35,7 +35,7 @@ class LoneRefusals:
         if not any(self._may_refuse(grant, profile) for grant in grants):  # nearly always
             return NO_ENDPOINTS
         reads, writes = 0, 0
-        for _at, local in self._moments.of(enclave, profile.access):
+        for _at, local in self._moments.of(enclave, profile):
             reads |= self._conceded_not_allowed(local, enclave, profile, Operation.SUBSCRIBE)
             writes |= self._conceded_not_allowed(local, enclave, profile, Operation.PUBLISH)
         return Endpoints(frozenset(members(reads)), frozenset(members(writes)))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from cryptography.hazmat.primitives.asymmetric import ec, ed25519, rsa
+from cryptography.hazmat.primitives.serialization import Encoding
 
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.findings import Location
@@ -20,7 +21,7 @@ from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.profiles import resolve
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.properties import Status
-from tests.keystore.builder import Signed, certificate, signed_document
+from tests.keystore.builder import START, Signed, certificate, crl, signed_document
 from tests.model.comparing import (
     AT,
     Member,
@@ -222,6 +223,19 @@ def test_members_of_one_domain_who_trust_different_authorities(
 
 def test_a_domain_that_no_governance_covers_is_none_to_start_in(tmp_path: Path) -> None:
     assert apart(parted(governance(domain_rule("<id>9</id>"))), tmp_path / "k", "cyclonedds-11")
+
+
+@pytest.mark.parametrize("ends", [AFTER, datetime(2027, 4, 1, tzinfo=timezone.utc)], ids=["goes on", "is over"])
+def test_one_that_starts_there_while_its_list_is_in_force(ends: datetime, tmp_path: Path) -> None:
+    """Of one list no date is an instant of the system."""
+    store = parted(BOTH)
+    days = (ENDS - START).days
+    listed = crl(store.identity[0], end=ends, days=days).public_bytes(Encoding.PEM)
+    files = {f"enclaves/{name}/crl.pem": listed for name in ("e", "f")}
+    later = replace(store, files=files)
+    assert apart(later, tmp_path / "now", "fastdds-3.6")
+    assert apart(later, tmp_path / "before", "fastdds-3.6", until=BEFORE)
+    assert not apart(later, tmp_path / "after", "fastdds-3.6", until=AFTER)
 
 
 def test_one_that_starts_there_before_the_date(tmp_path: Path) -> None:

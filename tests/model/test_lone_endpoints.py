@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
+from cryptography.hazmat.primitives.serialization import Encoding
 
 from keystore_audit.keystore.keystore import Enclave, read_keystore
 from keystore_audit.keystore.permissions import Operation
@@ -19,6 +22,8 @@ from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.system import Reading, System
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.usability import Usabilities
+from tests.keystore.builder import START, crl
+from tests.model.comparing import Member, Store, criterion, governance, grant, permissions, rule
 from tests.oracles.vendors import random_keystores, recipe
 
 EVERY = tuple(VARIANTS.values())
@@ -76,6 +81,23 @@ def test_endpoints_that_peers_refuse_are_met_where_their_partitions_are_patterns
     )
     reads, writes = alone(rules, tmp_path / "k", "fastdds-3.6")
     assert (("rt/a", "secret") in reads, ("rt/b", "secret") in writes) == (met, met)
+
+
+@pytest.mark.parametrize(("begins", "ends", "reads"), [(5, 10, True), (-10, -5, False), (None, None, True)])
+def test_what_it_reads_once_its_revocation_list_is_in_force(
+    begins: int | None, ends: int | None, reads: bool, tmp_path: Path
+) -> None:
+    """Until then it does not start, and where the list has ended it never does."""
+    document = permissions(grant("/e", rule(criterion("subscribe", "rt/a"), domains="<id>9</id>")))
+    store = Store(members={"/e": Member(permissions=document)}, governance=governance())
+    if begins is not None and ends is not None:
+        days = (recipe.NOW - START).days + begins
+        listed = crl(store.identity[0], end=recipe.NOW + timedelta(days=ends), days=days)
+        store = replace(store, files={"enclaves/e/crl.pem": listed.public_bytes(Encoding.PEM)})
+    keystore = read_keystore(store.write(tmp_path))
+    accesses = AccessViews(documents_of(keystore), recipe.NOW, None)
+    [system] = SystemBuilder(keystore, (VARIANTS["fastdds-3.6"],), recipe.NOW, accesses).systems()
+    assert bool(system.enclaves[0].reads_alone) is reads
 
 
 def random_case(seed: int, root: Path) -> tuple[Enclave, AccessViews, Channels, dict[str, System]]:
