@@ -258,6 +258,14 @@ def test_a_grant_in_a_partition_is_an_excess() -> None:
     assert "publish /chatter (topic) in partition 'lab'" in finding.message
 
 
+@pytest.mark.parametrize(("partitions", "excess"), [(("*",), True), (("lab_*",), True), (("",), False)])
+def test_a_grant_in_partitions_without_end_is_an_excess(partitions: tuple[str, ...], excess: bool) -> None:
+    here = ruled(publish=((("rt/chatter",), partitions),))
+    said = spoken(granted(CHATTER, here), TALKS, names=("spec",))
+    assert codes(said) == ["KA651"] * excess
+    assert not excess or "publish /chatter (topic) in partition" in said[0].message
+
+
 @pytest.mark.parametrize("rule", [allow(["rt/*"]), allow([], ["rt/arm_?*"])])
 def test_a_wildcard_has_no_end(rule: object) -> None:
     (finding,) = spoken(granted(CHATTER, rule), TALKS)

@@ -295,7 +295,8 @@ class _Comparison:
             for operation in (Operation.PUBLISH, Operation.SUBSCRIBE):
                 found = self._rights.endless(profile, operation)
                 if found is not None:
-                    return GrantedName(operation=operation, topic=found[0], partition="", location=found[1])
+                    (topic, partition), location = found
+                    return GrantedName(operation=operation, topic=topic, partition=partition, location=location)
         except BudgetExceeded as exceeded:
             self._note(exceeded.message.rstrip("."), alike)
         return None
@@ -335,9 +336,9 @@ def _is_name(text: Text) -> bool:
 
 def _has_expressions(grant: Grant) -> bool:
     return any(
-        not _is_name(topic)
+        not _is_name(text)
         for rule in grant.rules
         if rule.allow
         for criterion in rule.criteria
-        for topic in criterion.topics
+        for text in (*criterion.topics, *(each for each in criterion.partitions or () if each.text))
     )

@@ -112,8 +112,9 @@ class PointRights:
         """The grant that decides."""
         return self._local.grant(self._enclave, profile)
 
-    def endless(self, profile: Profile, operation: Operation) -> tuple[str, Location] | None:
-        """A name among infinitely many that the grant allows in some domain in which the enclave starts; and the line.
+    def endless(self, profile: Profile, operation: Operation) -> tuple[Point, Location] | None:
+        """A name, in a partition, among infinitely many that the grant allows in some domain in which the enclave
+        starts; and the line.
 
         Raises errors.BudgetExceeded where the classes of its expressions are too many.
         """
@@ -122,6 +123,7 @@ class PointRights:
             number
             for number, channel in enumerate(channels.channels)
             if channel.infinite
+            and any(cell.infinite for cell in channels.cells(number))
             and any(
                 usable and contains(channels.domains[channel.domain].intervals, domain)
                 for domain, usable in self._started(profile)
@@ -135,7 +137,8 @@ class PointRights:
             if location is not None and location.path == place:
                 ros = [n for n, channel in enumerate(channels.channels) if found >> n & 1 and channel.ros]
                 number = ros[0] if ros else found.bit_length() - 1
-                return channels.channels[number].topic, location
+                cell = next(each for each in channels.cells(number) if each.infinite)
+                return (cell.topic, cell.partition), location
         return None
 
     @cached_property
