@@ -79,13 +79,15 @@ class Unresolved:
 class SetVariable:
     """A variable that a launch file sets for a process, and that decides whether there is security in it.
 
-    `value` is None where it cannot be told. `node` is empty where the program chooses the name.
+    `value` is None where it cannot be told. `node` is empty where the program chooses the name. `started`: what runs
+    there, as far as the file says, or the digest of a file that does not; it tells processes without a name apart.
     """
 
     node: str
     name: str
     value: str | None
     location: Location
+    started: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -143,7 +143,7 @@ class _Launch:
         elif isinstance(action, Include):
             self._include(action, scope, source, nesting)
         elif isinstance(action, Unread):
-            self.nodes.unresolved(source.location(action.line), f"{action.reason[0].upper()}{action.reason[1:]}.")
+            self.nodes.unread(action.line, f"{action.reason[0].upper()}{action.reason[1:]}.", scope, source)
         else:
             self._set(action, scope, source)
 
@@ -229,9 +229,8 @@ class _Launch:
                 self.nodes.unresolved(location, f"The name of an argument depends on {known.reason}.")
         path = scope.known(action.path, source)
         if isinstance(path, Unknown):
-            self.nodes.unresolved(
-                location, f"The included launch file is not read: its place depends on {path.reason}."
-            )
+            said = f"The included launch file is not read: its place depends on {path.reason}."
+            self.nodes.unread(action.line, said, scope, source)
             return
         if nesting >= MAX_NESTING:
             raise source.malformed(action.line, f"includes more than {MAX_NESTING} deep, which are not followed")
@@ -239,11 +238,11 @@ class _Launch:
         try:
             included = self._directory.included(path)
         except Unreadable as error:
-            self.nodes.unresolved(location, f"The included launch file {called} is not read: {error}.")
+            self.nodes.unread(action.line, f"The included launch file {called} is not read: {error}.", scope, source)
             return
         form = _form(included)
         if form is None:
             said = f"The included launch file {called} is not read: it ends in neither .xml, .yaml, .yml nor .py."
-            self.nodes.unresolved(location, said)
+            self.nodes.unread(action.line, said, scope, source)
             return
         self.file(included, form, scope, nesting + 1)

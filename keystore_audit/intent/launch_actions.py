@@ -156,7 +156,7 @@ class StartProcess(Action):
     """A process, of which it is not known whether it is a node.
 
     `clean`: it has `environment` alone. `prefix`: what stands before the program, None: what is set for all.
-    `command`: what is run, in pieces, of a process that is not known to be a node.
+    `command`: what is run, in pieces; of a node, its package and program.
     """
 
     command: tuple[Text, ...] = ()

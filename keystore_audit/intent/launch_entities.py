@@ -139,12 +139,13 @@ class _Entities:
 
     def node(self, entity: Entity) -> Action:
         """A `<node>`, `<lifecycle_node>` or `<node_container>`."""
-        self._text(entity, "exec")
+        program = self._text(entity, "exec")
         kind = {"lifecycle_node": NodeKind.LIFECYCLE, "node_container": NodeKind.CONTAINER}.get(entity.kind)
         return StartNode(
             **self._where(entity),
             kind=kind or NodeKind.PLAIN,
             names=self._names(entity),
+            command=(self._optional(entity, "pkg") or (), program),
             arguments=self._words(entity, "args"),
             ros_arguments=self._words(entity, "ros_args"),
             environment=self._values(entity.called("env")),

@@ -57,11 +57,15 @@ _LATER: Final = re.compile(r"""sleep [0-9.]+ ?(?:;|&&) ?(?:exec )?(["']?)\$0\1 (
 _UNSET: Final = r"(?:\bunset\b|(?:^|\s)-u|--unset)[^;&|]*"
 """What takes back the variables that are named behind it: a shell's own word, and options of env."""
 
+_TOUCHED: Final = r"\b(?:declare|export|for|printf|read|typeset)\s[^;&|]*(?<![$A-Za-z0-9_{])%s\b|\b%s\+="
+"""What a shell may change a variable by, to whatever: `export -n NAME`, `read NAME`, `NAME+=value`."""
+
 _CLEAN: Final = re.compile(
     r"\benv\s+(?:(?:-[0v]*[uC]|--unset|--chdir)\s+\S+\s+|-(?![0v]*[uC]\s|-unset\s|-chdir\s)\S+\s+){0,9}?"
-    r"(?:-[0v]*i\S*|-|--ignore-e[a-z]*)\s"
+    r"(?:(?:-[0v]*S|--split-string)[=\s]*)?(?:-[0v]*i\S*|-|--ignore-e[a-z]*)\s"
+    r"|\bexec\s+(?:-a\s+\S+\s+)?-[al]*c[al]*\s"
 )
-"""What takes back all: options of one letter may stand together, and long ones may be cut short."""
+"""What takes back all, env or a shell: options of one letter may stand together, and long ones may be cut short."""
 
 
 def replaced(
@@ -78,10 +82,14 @@ def replaced(
     return Group(line=line, conditions=conditions, actions=actions, scoped=False)
 
 
-def set_by_command(action: StartProcess, scope: Scope, source: Source) -> dict[str, str | Unknown]:
-    """The values that a command line itself gives to `NAMES`, in any of its words: `env NAME=VALUE`, or a shell's."""
+def command_line(action: StartProcess, scope: Scope, source: Source) -> str:
+    """What is run; `$` stands for what cannot be told."""
     known = (scope.known((part,), source) for word in action.command for part in (*word, " "))
-    command = "".join(each if isinstance(each, str) else "$" for each in known)
+    return "".join(each if isinstance(each, str) else "$" for each in known)
+
+
+def set_by_command(command: str) -> dict[str, str | Unknown]:
+    """The values that a command line itself gives to `NAMES`, in any of its words: `env NAME=VALUE`, or a shell's."""
     plain = re.sub(r"""["'\\]""", "", command)
     found: dict[str, str | Unknown] = dict.fromkeys(NAMES, "") if _CLEAN.search(plain) else {}
     for name in NAMES:
@@ -92,6 +100,8 @@ def set_by_command(action: StartProcess, scope: Scope, source: Source) -> dict[s
             found[name] = value if told else Unknown(reason=f"{shown(command)}, which sets {name}")
         elif re.search(_UNSET + name, plain):
             found[name] = ""
+        elif re.search(_TOUCHED.replace("%s", name), plain):
+            found[name] = Unknown(reason=f"{shown(command)}, which names {name}")
     return found
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
 from keystore_audit.given import GivenFile
@@ -21,7 +21,7 @@ from keystore_audit.intent.intent import (
     UsedName,
 )
 from keystore_audit.intent.launch_actions import LoadComponents, NodeKind, NodeNames, StartNode, StartProcess, Unknown
-from keystore_audit.intent.launch_environment import set_by_command, started_with
+from keystore_audit.intent.launch_environment import NAMES, command_line, set_by_command, started_with
 from keystore_audit.intent.launch_scope import GlobalRemap, Scope
 from keystore_audit.intent.ros_arguments import RosArguments, Rule, read
 from keystore_audit.intent.ros_names import ROOT, expanded, is_node_name, is_path, joined
@@ -127,7 +127,7 @@ class Nodes:
         node = self._node(action.names, command, scope, source, action.kind)
         variables = started_with(action, scope, source)
         enclave = _enclave(command, variables)
-        self._sets(node.full_name, variables, location)
+        self._sets(node.full_name, command_line(action, scope, source), variables, location)
         if node.full_name:
             self._processes[node.full_name] = enclave
             self._called.setdefault(node.full_name.rpartition("/")[2], set()).add(enclave)
@@ -136,19 +136,31 @@ class Nodes:
             self._place(component, enclave)
 
     def process(self, action: StartProcess, scope: Scope, source: Source) -> None:
-        """A process that may be a node: of its variables those count that are set for certain, or by its command."""
+        """A process that may be a node: of its variables those count that the file sets, or its command.
+
+        What a program before it makes of them, nobody knows: that counts for nodes alone.
+        """
         location = source.location(action.line)
         self.unresolved(location, "A process is started here; whether it is a node, and which, is not known.")
-        variables = started_with(action, scope, source).items()
-        named = {name: value for name, value in variables if isinstance(value, str) and (value or not action.clean)}
-        self._sets("", {**named, **set_by_command(action, scope, source)}, location)
+        command = command_line(action, scope, source)
+        set_here = started_with(replace(action, prefix=()), scope, source)
+        certain = {n: v for n, v in started_with(action, scope, source).items() if isinstance(v, str)}
+        named = {name: value for name, value in {**set_here, **certain}.items() if value or not action.clean}
+        self._sets("", command, {**named, **set_by_command(command)}, location)
 
-    def _sets(self, node: str, variables: Mapping[str, str | Unknown], location: Location) -> None:
+    def unread(self, line: int, reason: str, scope: Scope, source: Source) -> None:
+        """Something that is not read: if it starts processes, then in the environment that there is."""
+        self.unresolved(source.location(line), reason)
+        variables = {name: scope.environment[name] for name in NAMES if name in scope.environment}
+        self._sets("what is not read here", source.file.sha256, variables, source.location(None))
+
+    def _sets(self, node: str, started: str, variables: Mapping[str, str | Unknown], location: Location) -> None:
         """The variables of a process, apart from the one that says its enclave."""
         for name, value in variables.items():
             if name != OVERRIDE:
                 known = value if isinstance(value, str) else None
-                self._variables[SetVariable(node=node, name=name, value=known, location=location)] = None
+                found = SetVariable(node=node, started=started, name=name, value=known, location=location)
+                self._variables[found] = None
 
     def load(self, action: LoadComponents, scope: Scope, source: Source) -> None:
         """Components for a container that may come later."""

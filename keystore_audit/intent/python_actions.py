@@ -216,11 +216,11 @@ def _node(call: Call) -> Value:
     components, unread = _components(call.listed("composable_node_descriptions"), call.line)
     arguments, unknown = _words(call, "arguments")
     ros_arguments, unknown_ros = _words(call, "ros_arguments")
-    names = _names(call)
     start = StartNode(
         **call.where,
         kind=kind or NodeKind.PLAIN,
-        names=names,
+        names=(names := _names(call)),
+        command=(call.text("package"), call.text("executable", other="node_executable")),
         arguments=arguments,
         ros_arguments=(*unknown, *ros_arguments, *unknown_ros),
         components=components,

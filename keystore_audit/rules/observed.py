@@ -286,7 +286,7 @@ def launch_changes_security(keystore: Keystore, context: Context) -> Iterator[Vi
                 message=f"{sentence(variable.node or 'a process')} starts with {variable.name} set to {value}: {what}.",
                 locations=(_beside(variable.location),),
                 severity=severity,
-                key=f"{variable.node} {variable.name} {variable.value}",
+                key=f"{variable.node} {variable.started} {variable.name} {variable.value}",
                 undecided=variable.value is None or (variable.name == RMW and variable.value not in MIDDLEWARE),
             )
 

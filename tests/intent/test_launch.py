@@ -208,6 +208,7 @@ def test_what_stands_before_the_program_may_change_its_variables(
         ("xml", '<set_env name="ROS_SECURITY_ENABLE" value="no"/><executable cmd="run"/>', "no"),
         ("xml", '<executable cmd="run" launch-prefix="env ROS_SECURITY_ENABLE=no"/>', "no"),
         ("xml", '<executable cmd="run" launch-prefix="sudo"/>', ""),
+        ("xml", '<executable cmd="run"><env name="ROS_SECURITY_ENABLE" value="$(env X)"/></executable>', None),
         ("xml", '<executable cmd="run"/>', ""),
         ("py", "ExecuteProcess(cmd=['run'], additional_env={'ROS_SECURITY_ENABLE': 'no'})", "no"),
         ("xml", '<executable cmd="env ROS_SECURITY_ENABLE=no ros2 run a b"/>', "no"),
@@ -234,13 +235,23 @@ def test_what_stands_before_the_program_may_change_its_variables(
     ],
 )
 def test_a_process_that_may_be_a_node_has_what_is_set_for_it(
-    form: str, text: str, expected: str, tmp_path: Path
+    form: str, text: str, expected: str | None, tmp_path: Path
 ) -> None:
     intent = launch(tmp_path, described(text) if form == "py" else text, form)
-    assert variables(intent) == ({"SECURITY_ENABLE": expected} if expected else {})
+    assert variables(intent) == ({"SECURITY_ENABLE": expected} if expected != "" else {})
     assert [reason for _line, reason in unresolved(intent)] == [
         "A process is started here; whether it is a node, and which, is not known."
     ]
+
+
+@pytest.mark.parametrize(
+    "unread",
+    ['<include file="$(find-pkg-share a)/b.launch.xml"/>', '<include file="missing.launch.xml"/>', "<brand_new/>"],
+)
+def test_what_is_not_read_starts_with_what_is_set_before_it(unread: str, tmp_path: Path) -> None:
+    off = '<set_env name="ROS_SECURITY_ENABLE" value="no"/>'
+    assert variables(launch(tmp_path, f"{off}{unread}")) == {"SECURITY_ENABLE": "no"}
+    assert variables(launch(tmp_path, f"<group>{off}</group>{unread}")) == {}
 
 
 @pytest.mark.parametrize(
@@ -259,6 +270,15 @@ def test_a_process_that_may_be_a_node_has_what_is_set_for_it(
         ("env --ignore-env run", CLEAN),
         ("env -u i run; env -C i run; env --ignore-signal run", {}),
         ("env A=b bash -i -c run; sed -i s/a/b/ file", {}),
+        ("env -S-i run", CLEAN),
+        ("env --split-string=-i run", CLEAN),
+        ("bash -c 'exec -lc run'", CLEAN),
+        ("bash -c 'exec -a name -c run'", CLEAN),
+        ("export -n ROS_SECURITY_ENABLE; run", {"SECURITY_ENABLE": None}),
+        ("declare +x ROS_SECURITY_ENABLE; run", {"SECURITY_ENABLE": None}),
+        ("read ROS_SECURITY_ENABLE; run", {"SECURITY_ENABLE": None}),
+        ("ROS_SECURITY_ENABLE+=x run", {"SECURITY_ENABLE": None}),
+        ("printf $ROS_SECURITY_ENABLE; for a in ${ROS_SECURITY_KEYSTORE}/*; do run; done", {}),
     ],
 )
 def test_what_a_command_sets_is_that_or_not_known(

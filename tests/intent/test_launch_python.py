@@ -9,6 +9,7 @@ import pytest
 
 from keystore_audit.errors import UsageError
 from keystore_audit.intent.launch import read_launch
+from keystore_audit.intent.launch_environment import NAMES, OVERRIDE
 from keystore_audit.intent.launch_python import MAX_CHARACTERS
 from tests.intent.launched import IMPORTS, described, launch, names, nodes, unresolved
 
@@ -259,6 +260,54 @@ def test_what_is_not_followed_is_said(body: str, tmp_path: Path) -> None:
     intent = launch(tmp_path, function(body), "py")
     assert intent.unresolved != ()
     assert all(line is not None for line, _reason in unresolved(intent))
+
+
+ENABLE = "'ROS_SECURITY_ENABLE'"
+ANY = dict.fromkeys(set(NAMES) - {OVERRIDE})
+
+
+@pytest.mark.parametrize(
+    ("statement", "expected"),
+    [
+        (f"os.environ[{ENABLE}] = 'no'", {ENABLE: "no"}),
+        (f"os.environ[{ENABLE}] = 'no'\nos.environ[{ENABLE}] = 'true'", {ENABLE: None}),
+        (f"if other():\n    os.environ[{ENABLE}] = other()", {ENABLE: None}),
+        (f"def later(context):\n    context.environment[{ENABLE}] = 'no'", {ENABLE: "no"}),
+        (f"del os.environ[{ENABLE}]", {ENABLE: None}),
+        (f"os.environ.pop({ENABLE}, None)", {ENABLE: None}),
+        (f"x = os.environ.setdefault({ENABLE}, 'no')", {ENABLE: None}),
+        (f"os.environ.update({{{ENABLE}: 'no', 'A': 'b'}}, C='d')", {ENABLE: None}),
+        ("os.environ.update(ROS_SECURITY_ENABLE='no')", {ENABLE: None}),
+        (f"os.putenv({ENABLE}, 'no')", {ENABLE: None}),
+        ("from os import environ\nenviron.update(other)", ANY),
+        ("from os import environ as e", ANY),
+        ("e = os.environ", ANY),
+        ("os.environ.clear()", ANY),
+        ("os.environ[other] = 'x'", ANY),
+        ("os.environ |= {'A': 'b'}", ANY),
+        ("os.environ['A'] = 'b'\nos.environ.update({'A': 'b'})\nos.environ.pop('A')\nos.unsetenv('A')", {}),
+        (f"x = os.environ[{ENABLE}] + os.environ.get({ENABLE}) + os.getenv({ENABLE})", {}),
+        (f"x = {{**os.environ, 'A': 'b'}}\ny = dict(os.environ)\nz = {ENABLE} in os.environ", {}),
+    ],
+)
+def test_what_a_file_makes_of_its_environment_every_process_has(
+    statement: str, expected: dict[str, str | None], tmp_path: Path
+) -> None:
+    intent = launch(tmp_path, function(f"{statement}\nreturn LaunchDescription([{PLAIN}])"), "py")
+    found = {each.name: each.value for each in intent.variables if each.node == "/n"}
+    assert found == {name.strip("'"): value for name, value in expected.items()}
+
+
+def test_processes_without_a_name_are_told_apart_by_what_they_run(tmp_path: Path) -> None:
+    off = "additional_env={'ROS_SECURITY_ENABLE': 'no'}"
+
+    def started(action: str) -> set[str]:
+        return {each.started for each in launch(tmp_path, described(action), "py").variables}
+
+    one, other = (started(f"ExecuteProcess(cmd=['{run}'], {off})") for run in ("date", "talker"))
+    assert len(one) == len(other) == len(one | other) - 1 == 1
+    one, other = (started(f"Node(package='p', executable='{run}', {off})") for run in ("date", "talker"))
+    assert len(one) == len(other) == len(one | other) - 1 == 1
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from keystore_audit.findings import Finding, Result, Severity
@@ -97,6 +99,13 @@ def test_what_a_launch_file_makes_of_security(name: str, value: str | None, seve
     spoke = spoken(granted(CHATTER), launch(uses("/talker", "/chatter"), variables=(variable(name, value),)))
     assert [each.severity for each in spoke] == ([severity] if severity is not None else [])
     assert all(each.undecided is (value is None) for each in spoke)
+
+
+def test_who_accepts_one_process_without_security_does_not_accept_another() -> None:
+    off = [replace(variable("ROS_SECURITY_ENABLE", "no"), node="", started=run) for run in ("env -i date", "env -i x")]
+    (one,), (other,) = (spoken(granted(CHATTER), launch(variables=(each,))) for each in off)
+    assert one.message == other.message
+    assert one.fingerprint != other.fingerprint
 
 
 def test_a_middleware_that_no_profile_speaks_of() -> None:
