@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Severity
+from keystore_audit.model.system import System
 from keystore_audit.properties.result import AlloyResult, AssertedResult
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.formal import steps, violated
@@ -70,6 +71,16 @@ def _violated(result: AssertedResult | AlloyResult, breached_by: str) -> Iterato
 def breach(breaches: tuple[str, ...] | None, context: Context) -> str:
     """What somebody accepts who accepts the violation: all that violates the property now, else the whole keystore.
 
-    An example is told, and another one may be worse; so nobody accepts a property's violation whatever comes.
+    An example is told, and another one may be worse; so nobody accepts a property's violation whatever comes. The whole
+    is the keystore between two of its dates, and the nodes that graphs, launch files and policies have in it.
     """
-    return context.keystore.digest if breaches is None else "\0".join(breaches)
+    if breaches is not None:
+        return "\0".join(breaches)
+    return f"{context.keystore.digest}\0{[(each.now, [*_wired(each)]) for each in context.meaning.systems]}"
+
+
+def _wired(system: System) -> Iterator[tuple[object, ...]]:
+    """What each node is, and what it is to use."""
+    for node in system.nodes:
+        used = ((system.channels[number] for number in sorted(each)) for each in (node.publishes, node.subscribes))
+        yield node.label, node.enclave, *([(c.domain, c.topic, c.partition) for c in channels] for channels in used)

@@ -6,10 +6,13 @@ from dataclasses import replace
 from typing import Any
 
 from keystore_audit.findings import Location, Severity
+from keystore_audit.model.system import NodeAtom
 from keystore_audit.properties import BY_ID, Status
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.result import AlloyResult, ProfileResult
-from tests.rules.evidence import healthy, judged
+from keystore_audit.rules.asserted import breach
+from tests.engine.systems import healthy as built
+from tests.rules.evidence import context, healthy, judged, meaning
 
 EXAMPLE = Counterexample(
     text="With enclave: /listener.",
@@ -64,3 +67,22 @@ def test_who_accepts_it_accepts_this_text_about_this_keystore() -> None:
     asked = ((store, ASSERTED), (store, replace(ASSERTED, meaning="check { no Enclave }")), (other, ASSERTED))
     found = [judged(keystore, results=(result,)).findings[0].fingerprint for keystore, result in asked]
     assert len(set(found)) == 3
+
+
+def test_who_accepts_it_accepts_the_nodes_that_it_is_about_and_no_later_date() -> None:
+    system = built()
+
+    def found(channel: int, now: int = system.now) -> str:
+        node = NodeAtom(
+            label="/n",
+            location=system.enclaves[0].location,
+            enclave=0,
+            publishes=frozenset({channel}),
+            subscribes=frozenset(),
+        )
+        about = meaning(systems=(replace(system, now=now, nodes=(node,)),))
+        return breach(None, context(meaning=about))
+
+    assert found(0) == found(0)
+    assert len({found(0), found(1), found(0, now=system.now + 1)}) == 3
+    assert breach(("what",), context()) == "what"
