@@ -2,29 +2,44 @@
 
 from __future__ import annotations
 
+import ctypes
+import ctypes.util
 import gc
-import os
 import shutil
 import signal
 from collections.abc import Callable
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 from hypothesis import settings
 
+from keystore_audit.ci import in_ci
 from keystore_audit.engine.alloy.process import AnalyzerProcess
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     # Started in the background of a shell: programs that the tests interrupt would inherit that and never hear of it.
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-IN_CI = os.environ.get("CI", "").lower() not in {"", "0", "false"}
+IN_CI = in_ci()
 
 # No deadline: on two busy cores a pause says nothing about the code. CI repeats the same examples every time, so
 # that a red run is the change's fault; elsewhere each run looks at new ones.
 settings.register_profile("local", deadline=None, print_blob=True)
 settings.register_profile("ci", parent=settings.get_profile("local"), derandomize=True)
 settings.load_profile("ci" if IN_CI else "local")
+
+
+def lacking(what: str) -> NoReturn:
+    """Skip a test of which something is not here; CI has to have it."""
+    if IN_CI:
+        pytest.fail(f"missing in CI: {what}")
+    pytest.skip(f"not here: {what}")
+
+
+def libcrypto() -> ctypes.CDLL:
+    """The system's OpenSSL library."""
+    return ctypes.CDLL(ctypes.util.find_library("crypto") or lacking("libcrypto"))
 
 
 def pytest_collection_finish() -> None:
@@ -66,10 +81,6 @@ def oracle() -> Callable[[str], str]:
 
     def find(program: str) -> str:
         path = shutil.which(program)
-        if path is None:
-            if IN_CI:
-                pytest.fail(f"{program} is missing, and CI has to ask it")
-            pytest.skip(f"no {program} here")
-        return path
+        return path if path is not None else lacking(program)
 
     return find

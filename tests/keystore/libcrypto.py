@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import ctypes
 import ctypes.util
-import os
 
-import pytest
+from tests.conftest import libcrypto
 
 
 class Libcrypto:
@@ -71,10 +70,4 @@ class Libcrypto:
 
 def load() -> Libcrypto:
     """Load it, or skip; where CI is set a missing oracle is a failure."""
-    path = ctypes.util.find_library("crypto")
-    if path is None:
-        missing = "libcrypto, an oracle of these tests, is not installed"
-        if os.environ.get("CI"):
-            pytest.fail(missing)
-        pytest.skip(missing)
-    return Libcrypto(ctypes.CDLL(path))
+    return Libcrypto(libcrypto())

@@ -28,6 +28,7 @@ from keystore_audit.keystore.root import MAX_FILE_BYTES
 from keystore_audit.keystore.smime import Candidates
 from keystore_audit.keystore.stray import MAX_STRAYS, read_strays
 from keystore_audit.keystore.traces import look
+from tests.conftest import libcrypto
 from tests.keystore.builder import GOVERNANCE, PERMISSIONS, Signed, authority, flat, present, signed_document, sros2
 from tests.keystore.test_traces import loosened
 
@@ -38,13 +39,7 @@ class OpenSSL:
     """SMIME_read_PKCS7, the function with which every implementation reads a document."""
 
     def __init__(self) -> None:
-        path = ctypes.util.find_library("crypto")
-        if path is None:
-            message = "libcrypto, an oracle of these tests, is not installed"
-            if os.environ.get("CI"):
-                pytest.fail(message)
-            pytest.skip(message)
-        self._library = ctypes.CDLL(path)
+        self._library = libcrypto()
         self._library.BIO_new_mem_buf.restype = ctypes.c_void_p
         self._library.SMIME_read_PKCS7.restype = ctypes.c_void_p
 

@@ -10,9 +10,7 @@ from datetime import datetime, timedelta, timezone
 from functools import lru_cache
 from pathlib import Path
 
-import pytest
-
-from tests.conftest import IN_CI
+from tests.conftest import lacking
 from tests.keystore.documents import PERMISSIONS
 from tests.oracles.xml.ours import DocumentKind
 from tests.oracles.xml.parsers import compiled
@@ -74,9 +72,7 @@ def _preload(compiler: str, directory: Path) -> Path:
     command = [compiler, "-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-o", str(library), str(_SOURCE)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        if IN_CI:
-            pytest.fail(done.stderr[:400])
-        pytest.skip(done.stderr[:400])
+        lacking(f"what compiles {_SOURCE.name}: {done.stderr[:400]}")
     return library
 
 

@@ -7,10 +7,8 @@ import platform
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 
-import pytest
-
 from keystore_audit.model.expression import Matcher, Pattern
-from tests.conftest import IN_CI
+from tests.conftest import lacking
 
 Column = Sequence[bool]
 """Whether a pattern matches each of some names."""
@@ -20,17 +18,11 @@ _ACE = ("libACE-7.0.8.so", "libACE.so")
 _WILD_MATCH = "_ZN3ACE10wild_matchEPKcS1_bb"  # bool ACE::wild_match(char const *, char const *, bool, bool)
 
 
-def _missing(what: str) -> None:
-    if IN_CI:
-        pytest.fail(f"{what} is missing, and CI has to ask it")
-    pytest.skip(f"no {what} here")
-
-
 @lru_cache(maxsize=1)
-def _fnmatch() -> Callable[[bytes, bytes, int], int]:
+def libc_fnmatch() -> Callable[[bytes, bytes, int], int]:
     """Python starts C programs in the locale of the user: for ASCII that is as in the C locale."""
     if platform.libc_ver()[0] != "glibc":
-        _missing("glibc")
+        lacking("glibc")
     function = ctypes.CDLL(None).fnmatch
     function.argtypes = (ctypes.c_char_p, ctypes.c_char_p, ctypes.c_int)
     return function  # type: ignore[no-any-return]
@@ -46,8 +38,7 @@ def _wild_match() -> Callable[[bytes, object, bool, bool], bool]:
         function.argtypes = (ctypes.c_char_p, ctypes.c_char_p, ctypes.c_bool, ctypes.c_bool)
         function.restype = ctypes.c_bool
         return function
-    _missing("ACE (Debian: libace-7.0.8)")
-    raise AssertionError
+    return lacking("ACE (Debian: libace-7.0.8)")
 
 
 def ask(pattern: Pattern, names: Sequence[str]) -> Column:
@@ -58,7 +49,7 @@ def ask(pattern: Pattern, names: Sequence[str]) -> Column:
         wild_match = _wild_match()
         elsewhere = ctypes.create_string_buffer(text)  # ACE takes strings at one address for equal, and Python has few
         return [wild_match(name, elsewhere, True, True) for name in octets]
-    fnmatch, flags = _fnmatch(), FLAGS[pattern.matcher]
+    fnmatch, flags = libc_fnmatch(), FLAGS[pattern.matcher]
     return [fnmatch(text, name, flags) == 0 for name in octets]
 
 

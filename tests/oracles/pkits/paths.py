@@ -9,9 +9,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from enum import IntFlag
 
-import pytest
-
-from tests.conftest import IN_CI
+from tests.conftest import libcrypto
 
 
 class Flag(IntFlag):
@@ -131,10 +129,4 @@ class Paths:
 
 def load() -> Paths:
     """Load the library, or skip; in CI that is a failure."""
-    path = ctypes.util.find_library("crypto")
-    if path is None:
-        missing = "libcrypto, an oracle of these tests, is not installed"
-        if IN_CI:
-            pytest.fail(missing)
-        pytest.skip(missing)
-    return Paths(ctypes.CDLL(path))
+    return Paths(libcrypto())

@@ -14,10 +14,9 @@ from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 
-import pytest
 from asn1crypto import cms, parser  # type: ignore[import-untyped]
 
-from tests.conftest import IN_CI
+from tests.conftest import lacking
 
 
 class Counts(str, Enum):
@@ -119,10 +118,7 @@ def load() -> Suite:
     """Read it; without the package a skip, in CI a failure."""
     found = find_spec("cryptography_vectors")
     if found is None or found.origin is None:
-        missing = "PKITS, an oracle of these tests, is missing: install cryptography-vectors"
-        if IN_CI:
-            pytest.fail(missing)
-        pytest.skip(missing)
+        lacking("PKITS (cryptography-vectors)")
     root = Path(found.origin).parent / "x509/PKITS_data"
     certificates = {path.stem: path.read_bytes() for path in sorted((root / "certs").iterdir())}
     lists = {path.stem: path.read_bytes() for path in sorted((root / "crls").iterdir())}
