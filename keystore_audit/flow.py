@@ -5,13 +5,12 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from datetime import datetime
-from pathlib import Path
 from zoneinfo import ZoneInfo
 
 from keystore_audit.aside import FEW
 from keystore_audit.dataclass import dataclass
 from keystore_audit.engine.agreement import EngineAnswers, combine_claims
-from keystore_audit.engine.engines import run_engines
+from keystore_audit.engine.engines import Engines, run_engines
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import read_keystore
@@ -39,16 +38,6 @@ class FlowQuestion:
     attackers: tuple[Attacker, ...] | None = None
     through: tuple[str, ...] = ()
     include_ambient: bool = False
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Engines:
-    """Who decides; as for an audit (`engine.engines`)."""
-
-    choice: str = "native"
-    jar: Path | None = None
-    offline: bool = False
-    timeout: float = 120.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,14 +105,7 @@ def _decide(
     if engines.choice == "native":
         run = EngineRun(name="native", version=None, status=EngineStatus.OK, reason="", required=True)
         return (run,), (EngineAnswers(engine="native", answers=native.claim_answers(aside=aside)),)
-    return run_engines(
-        native,
-        choice=engines.choice,
-        jar=engines.jar,
-        offline=engines.offline,
-        timeout=engines.timeout,
-        stage=None,
-    )
+    return run_engines(native, engines, None)
 
 
 def questions(question: FlowQuestion) -> tuple[Claim, ...]:

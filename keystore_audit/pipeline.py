@@ -12,7 +12,7 @@ from keystore_audit import __version__
 from keystore_audit.aside import FEW, Aside
 from keystore_audit.dataclass import replace
 from keystore_audit.engine.agreement import EngineAnswers, combine, combine_claims, combine_determinism
-from keystore_audit.engine.engines import run_engines
+from keystore_audit.engine.engines import Engines, run_engines
 from keystore_audit.engine.horizon import Horizon, horizon
 from keystore_audit.engine.label_answers import with_label_answers
 from keystore_audit.engine.native import NativeEngine
@@ -31,7 +31,7 @@ from keystore_audit.model.profiles import Profile, resolve
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.options import Options, Progress
 from keystore_audit.properties.property import Status
-from keystore_audit.properties.result import AlloyResult, EngineRun, EngineStatus, PropertyResult
+from keystore_audit.properties.result import AlloyResult, EngineStatus, PropertyResult
 from keystore_audit.report.content import (
     ASSUMPTIONS,
     MAX_RANKED,
@@ -98,18 +98,17 @@ def audit(
         aside=aside,
     )
     native = NativeEngine(meaning.systems)
-    runs, answers = run_engines(
-        native,
-        choice=options.engine,
-        jar=options.alloy_jar,
-        offline=options.offline,
-        timeout=options.timeout,
-        stage=progress.stage if progress else None,
-    )
+    stage = progress.stage if progress else None
+    engines = Engines(choice=options.engine, jar=options.alloy_jar, offline=options.offline, timeout=options.timeout)
+    runs, answers = run_engines(native, engines, stage)
     names = [profile.name for profile in profiles]
     asserted = _asserted(claims, meaning, answers, names)
     determined = combine_determinism(declared.claims, meaning.systems, answers, names) if declared else ()
-    in_alloy = _in_alloy(options, meaning, runs, names, progress)
+    in_alloy: tuple[AlloyResult, ...] = ()
+    if options.alloy_properties:
+        from keystore_audit.engine.alloy.user_properties import decide_files
+
+        in_alloy = decide_files(options.alloy_properties, meaning.systems, names, runs, engines, stage)
     context = Context(
         keystore=keystore,
         meaning=meaning,
@@ -206,26 +205,6 @@ def _asserted(
 
     results = combine_claims(claims, meaning.systems, answers, names)
     return with_label_answers(claims, with_breaches(results, meaning.systems))
-
-
-def _in_alloy(
-    options: Options, meaning: Meaning, engines: Sequence[EngineRun], names: Sequence[str], progress: Progress | None
-) -> tuple[AlloyResult, ...]:
-    """What Alloy says of the users' files; raises errors.UsageError for what it refuses."""
-    if not options.alloy_properties:
-        return ()
-    from keystore_audit.engine.alloy.user_properties import decide_files
-
-    return decide_files(
-        options.alloy_properties,
-        meaning.systems,
-        names,
-        engines,
-        jar=options.alloy_jar,
-        offline=options.offline,
-        timeout=options.timeout,
-        stage=progress.stage if progress else None,
-    )
 
 
 def _inputs(

@@ -73,7 +73,8 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
     if source is None or target is None:
         raise click.UsageError("Expected FROM and TO, or --from-compromised.")
     from keystore_audit.aside import processors
-    from keystore_audit.flow import Engines, FlowQuestion, find_flow
+    from keystore_audit.engine.engines import Engines
+    from keystore_audit.flow import FlowQuestion, find_flow
     from keystore_audit.model.claim import Attacker
 
     question = FlowQuestion(

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from keystore_audit.ci import in_ci
-from keystore_audit.dataclass import replace
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.engine.agreement import EngineAnswers
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import EngineError, EngineMissing, EngineOutOfScale, EngineTimeout
@@ -14,26 +14,30 @@ from keystore_audit.properties.property import Answer, Status
 from keystore_audit.properties.result import EngineRun, EngineStatus
 
 
-def run_engines(
-    native: NativeEngine,
-    *,
-    choice: str,
-    jar: Path | None,
-    offline: bool,
-    timeout: float,
-    stage: Callable[[str], None] | None,
-) -> tuple[tuple[EngineRun, ...], tuple[EngineAnswers, ...]]:
-    """How each engine fared about the systems of `native`, and the answers of those that did.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Engines:
+    """Who decides. `choice`: both, alloy, native, or auto: both, and native alone where Alloy cannot be had at all.
 
-    `choice`: both, alloy, native, or auto: both, and native alone where Alloy cannot be had at all. `timeout`: of the
-    solver, in seconds.
+    `jar`: of Alloy, None: the one installed; `offline`: it is never fetched. `timeout`: of the solver, in seconds.
     """
+
+    choice: str = "native"
+    jar: Path | None = None
+    offline: bool = False
+    timeout: float = 120.0
+
+
+def run_engines(
+    native: NativeEngine, engines: Engines, stage: Callable[[str], None] | None
+) -> tuple[tuple[EngineRun, ...], tuple[EngineAnswers, ...]]:
+    """How each engine fared about the systems of `native`, and the answers of those that did."""
+    choice = engines.choice
     runs: list[EngineRun] = []
     answers: list[EngineAnswers] = []
     if choice == "native":
         runs.append(_not_run("alloy", "--engine native"))
     else:
-        run, found = _alloy(native, choice=choice, jar=jar, offline=offline, timeout=timeout, stage=stage)
+        run, found = _alloy(native, engines, stage)
         runs.append(run)
         if found is not None:
             answers.append(EngineAnswers(engine="alloy", answers=tuple(found)))
@@ -46,27 +50,21 @@ def run_engines(
 
 
 def _alloy(
-    native: NativeEngine,
-    *,
-    choice: str,
-    jar: Path | None,
-    offline: bool,
-    timeout: float,
-    stage: Callable[[str], None] | None,
+    native: NativeEngine, engines: Engines, stage: Callable[[str], None] | None
 ) -> tuple[EngineRun, Sequence[Mapping[str, Answer]] | None]:
     """Alloy's answers, or why there are none. Once it was found or asked for by name, its failure counts."""
     from keystore_audit.engine.alloy.install import find  # a twentieth of a second, which the native engine spares
     from keystore_audit.engine.alloy.runner import examine
 
-    asked = choice in ("alloy", "both") or jar is not None
+    asked = engines.choice in ("alloy", "both") or engines.jar is not None
     version: str | None = None
     try:
-        engine = find(jar, offline=offline, ci=in_ci(), progress=stage)
+        engine = find(engines.jar, offline=engines.offline, ci=in_ci(), progress=stage)
         version = engine.version
         if stage:
             stage("asking the Alloy Analyzer")
-        expected = None if choice == "alloy" else [_statuses(answers) for answers in native.answers]
-        found = examine(native.systems, java=engine.java, jar=engine.jar, timeout=timeout, expected=expected)
+        expected = None if engines.choice == "alloy" else [_statuses(answers) for answers in native.answers]
+        found = examine(native.systems, java=engine.java, jar=engine.jar, timeout=engines.timeout, expected=expected)
     except EngineMissing as error:
         return _failed(EngineStatus.MISSING, version, error, required=asked), None
     except EngineOutOfScale as error:

@@ -23,6 +23,7 @@ from keystore_audit.engine.alloy.solution import Command
 from keystore_audit.engine.alloy.user_counterexample import describe_instance
 from keystore_audit.engine.alloy.user_file import CONSISTENT, Asked, UserFile
 from keystore_audit.engine.alloy.user_vocabulary import VOCABULARY, write_vocabulary
+from keystore_audit.engine.engines import Engines
 from keystore_audit.errors import EngineError, EngineOutOfScale, UsageError
 from keystore_audit.model.system import Reading, System
 from keystore_audit.properties.counterexample import Counterexample
@@ -55,17 +56,14 @@ def decide_files(
     files: Sequence[UserFile],
     systems: Sequence[System],
     profiles: Sequence[str],
-    engines: Iterable[EngineRun],
-    *,
-    jar: Path | None,
-    offline: bool,
-    timeout: float,
+    runs: Iterable[EngineRun],
+    engines: Engines,
     stage: Callable[[str], None] | None,
 ) -> tuple[AlloyResult, ...]:
     """The result of every command of the files under every profile; unknown wherever Alloy gave no answer.
 
-    `systems` have the places of all files, in order. `engines`: how Alloy fared about our own properties. `timeout`:
-    seconds for each system and file. Raises errors.UsageError, with line and column, for what Alloy refuses in a file.
+    `systems` have the places of all files, in order. `runs`: how Alloy fared about our own properties. The timeout is
+    that of each system and file. Raises errors.UsageError, with line and column, for what Alloy refuses in a file.
     """
     first = 0
     results: list[AlloyResult] = []
@@ -75,7 +73,7 @@ def decide_files(
         first = until
         if stage:
             stage(f"asking the Alloy Analyzer about {file.path}")
-        told = _told(file, mine, engines, jar=jar, offline=offline, timeout=timeout, stage=stage)
+        told = _told(file, mine, runs, engines, stage)
         results += (
             _result(asked, file.text, mine, told[number], profiles) for number, asked in enumerate(file.commands)
         )
@@ -85,21 +83,19 @@ def decide_files(
 def _told(
     file: UserFile,
     systems: Sequence[System],
-    engines: Iterable[EngineRun],
-    *,
-    jar: Path | None,
-    offline: bool,
-    timeout: float,
+    runs: Iterable[EngineRun],
+    engines: Engines,
     stage: Callable[[str], None] | None,
 ) -> list[list[Told]]:
     """For each command, the answers parallel to the systems."""
-    alloy = next((engine for engine in engines if engine.name == "alloy"), None)
+    alloy = next((run for run in runs if run.name == "alloy"), None)
     if alloy is None or alloy.status is not EngineStatus.OK:
         why = alloy.reason if alloy else ""
         return _undecided(file, systems, f"Alloy gave no answer ({why.rstrip('.')})")
     try:
-        engine = install.find(jar, offline=offline, ci=in_ci(), progress=stage)
-        answers = ask(file, systems, Analyzer(java=engine.java, jar=engine.jar, timeout=timeout, memory_mb=MEMORY_MB))
+        found = install.find(engines.jar, offline=engines.offline, ci=in_ci(), progress=stage)
+        analyzer = Analyzer(java=found.java, jar=found.jar, timeout=engines.timeout, memory_mb=MEMORY_MB)
+        answers = ask(file, systems, analyzer)
     except EngineError as error:
         return _undecided(file, systems, f"Alloy gave no answer ({error.message.rstrip('.')})")
     return [[of_system[number] for of_system in answers] for number in range(len(file.commands))]

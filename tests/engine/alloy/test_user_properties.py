@@ -12,6 +12,7 @@ from keystore_audit.engine.alloy.jobs import Analyzer
 from keystore_audit.engine.alloy.process import Output
 from keystore_audit.engine.alloy.user_file import CONSISTENT, UserFile, read_user_file
 from keystore_audit.engine.alloy.user_properties import MAIN, _checked, ask, decide_files, job
+from keystore_audit.engine.engines import Engines
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import EngineOutOfScale, EngineTimeout, UsageError
 from keystore_audit.given import GivenFile
@@ -172,11 +173,10 @@ def test_out_of_time(analyzer: Engine) -> None:
 OK = EngineRun(name="alloy", version="6", status=EngineStatus.OK, reason="", required=True)
 
 
-def decided(analyzer: Engine, systems: list[System], engines: list[EngineRun], timeout: float = ENOUGH) -> AlloyResult:
+def decided(analyzer: Engine, systems: list[System], runs: list[EngineRun], timeout: float = ENOUGH) -> AlloyResult:
     file = read(HEAD + NAMES + "check Anonymous { no enclave: Enclave | no enclave.identity } for 0\n")
-    (result,) = decide_files(
-        [file], systems, ["a"], engines, jar=analyzer.jar, offline=True, timeout=timeout, stage=None
-    )
+    engines = Engines(jar=analyzer.jar, offline=True, timeout=timeout)
+    (result,) = decide_files([file], systems, ["a"], runs, engines, None)
     return result
 
 
