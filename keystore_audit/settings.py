@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from keystore_audit.dataclass import dataclass, field
 from keystore_audit.errors import UsageError
-from keystore_audit.findings import Severity
 from keystore_audit.given import GivenFile
 from keystore_audit.model.claim import Attacker, ClaimKind
 from keystore_audit.model.claims import Claim, Globs
@@ -21,7 +19,7 @@ from keystore_audit.settings_acceptances import read_accepted, read_suppressions
 from keystore_audit.settings_forwards import FORM, read_determinism, read_forwards
 from keystore_audit.settings_labels import KEYS as LABEL_KEYS
 from keystore_audit.settings_labels import read_labels, read_single_writers
-from keystore_audit.settings_table import OUTSIDER, Table, globs, read_table
+from keystore_audit.settings_table import OUTSIDER, WORD, Table, globs, read_table
 from keystore_audit.suppressions import MAX_DAYS, Acceptance
 
 MAX_BYTES: Final = 1_000_000
@@ -32,8 +30,6 @@ MAX_BASELINE_BYTES: Final = 10_000_000
 
 MOST_DAYS: Final = 3650
 """Of `max_suppression_days`: ten years, after which nobody knows why."""
-
-_NAME: Final = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,12 +135,12 @@ def _claim(table: Table, forwards: tuple[Forward, ...]) -> Claim | Determinism:
     table.only("name", "description", "severity", "until", *known)
     forms = [form for form in known if form in table.values]
     name = table.text("name")
-    if not _NAME.fullmatch(name) or name in BY_ID:
+    if not WORD.fullmatch(name) or name in BY_ID:
         taken = "the name of a property that is always decided" if name in BY_ID else "no name"
         table.wrong("name", f'{name!r} is {taken}; expected letters a to z, digits and hyphens, e.g. "no-leak"')
     if len(forms) != 1:
         table.wrong(None, f"expected exactly one of {', '.join(known)} in property {name!r}, found {len(forms)}")
-    severity = Severity(table.choice("severity", ("high", "critical", "medium", "low", "info")))
+    severity = table.severity()
     if forms[0] == FORM:
         return read_determinism(table, name, severity, forwards)
     said = _FORMS[forms[0]](table, forms[0])
@@ -165,11 +161,10 @@ def _no_flow(table: Table, key: str) -> dict[str, Any]:
     form = table.table(key)
     form.only("from", "to", "through", "attacker", "include_ambient")
     through = form.enclaves("through") if "through" in form.values else ()
-    attacker = form.choice("attacker", ("relays", "source", "honest"))
     besides = f" except through {_listed(through)}" if through else ""
     return {
         "kind": ClaimKind.NO_FLOW,
-        "attacker": Attacker(attacker),
+        "attacker": form.attacker(),
         "source": form.place_of("from"),
         "target": form.place_of("to"),
         "through": through,

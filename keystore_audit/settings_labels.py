@@ -6,7 +6,6 @@ import re
 from collections.abc import Mapping
 from typing import Final
 
-from keystore_audit.findings import Severity
 from keystore_audit.model.claim import Attacker, ClaimKind
 from keystore_audit.model.claims import Claim, Globs
 from keystore_audit.model.coverage import has_wildcard
@@ -20,7 +19,7 @@ from keystore_audit.model.labels import (
     ordered,
     powerset,
 )
-from keystore_audit.settings_table import Table, dds_topic
+from keystore_audit.settings_table import WORD, Table, dds_topic
 
 KEYS: Final = ("lattice", "label", "declassifier", "endorser", "single_writer")
 """Of the file."""
@@ -35,7 +34,6 @@ MAX_LABELS: Final = 100
 """Of a lattice: nobody keeps more apart."""
 
 _FORMS: Final = ("levels", "categories", "order")
-_WORD: Final = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
 
 
 def read_labels(root: Table) -> Labelling | None:
@@ -54,14 +52,13 @@ def read_labels(root: Table) -> Labelling | None:
     used = {one.label for one in labelled} | {label for one in declassifiers for label in (one.taken, one.given)}
     if len(used) < 2:
         table.wrong(None, f"expected two labels in use at least, found {len(used)}: nothing would be compared")
-    attacker = table.choice("attacker", ("relays", "source", "honest"))
     return Labelling(
         lattice=reader.lattice,
         labelled=labelled,
         declassifiers=declassifiers,
-        attacker=Attacker(attacker),
+        attacker=table.attacker(),
         include_ambient=table.flag("include_ambient"),
-        severity=Severity(table.choice("severity", ("high", "critical", "medium", "low", "info"))),
+        severity=table.severity(),
         until=table.instant("until"),
         location=table.location,
         place=table.place(),
@@ -151,7 +148,7 @@ def _words(table: Table, key: str) -> tuple[str, ...]:
 
 
 def _check_word(table: Table, key: str, word: str) -> None:
-    if not _WORD.fullmatch(word):
+    if not WORD.fullmatch(word):
         table.wrong(key, f"{word!r} is no name of a label; expected letters a to z, digits and hyphens")
 
 

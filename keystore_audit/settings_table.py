@@ -15,14 +15,18 @@ from typing import Any, Final, NoReturn
 
 from keystore_audit import toml
 from keystore_audit.errors import UsageError
-from keystore_audit.findings import Location
-from keystore_audit.given import GivenFile
+from keystore_audit.findings import Location, Severity
+from keystore_audit.given import GivenFile, check_beside
+from keystore_audit.model.claim import Attacker
 from keystore_audit.model.claims import Globs
 from keystore_audit.settings_positions import Path as KeyPath
 from keystore_audit.settings_positions import Position, positions
 
 _WHERE: Final = re.compile(r" \(at line (\d+), column (\d+)\)$")
 OUTSIDER: Final = "outsider"
+
+WORD: Final = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
+"""The name of a property or label."""
 
 
 def read_table(path: Path, keystores: Iterable[str | Path], max_bytes: int) -> File:
@@ -31,11 +35,7 @@ def read_table(path: Path, keystores: Iterable[str | Path], max_bytes: int) -> F
     Raises errors.UsageError, with line and column, for what is no TOML; and for one that lies in one of the
     `keystores`, which could then absolve itself.
     """
-    here = path.resolve()
-    for keystore in keystores:
-        root = Path(keystore).resolve()
-        if root == here or root in here.parents:
-            raise UsageError(f"{path} lies in the keystore {keystore}, which would judge itself: keep it elsewhere.")
+    check_beside(path, keystores)
     try:
         with path.open("rb") as file:
             linked = _linked(os.fstat(file.fileno()), keystores)
@@ -188,6 +188,14 @@ class Table:
         if value not in words:
             self.wrong(key, f"expected {' or '.join(repr(word) for word in words)}")
         return str(value)
+
+    def severity(self) -> Severity:
+        """That of a property; high where none is named."""
+        return Severity(self.choice("severity", ("high", "critical", "medium", "low", "info")))
+
+    def attacker(self) -> Attacker:
+        """That of a flow; relays where none is named."""
+        return Attacker(self.choice("attacker", ("relays", "source", "honest")))
 
     def flag(self, key: str) -> bool:
         """True or false; false where the key is absent."""

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from keystore_audit.cli import once, output
+from keystore_audit.cli import delivery, once, output
 from keystore_audit.cli import options as opt
 from keystore_audit.errors import EXIT_INCOMPLETE
 
@@ -15,9 +14,6 @@ if TYPE_CHECKING:
     from keystore_audit.model.access_table import AccessTable
 
 FORMATS: Final = ("text", "json", "csv")
-WIDTH: Final = 80
-"""Columns of text where standard output is no terminal."""
-
 MAX_WIDTH: Final = 200
 """A line longer than that is lost to the eye."""
 
@@ -57,12 +53,4 @@ def _rendered(table: AccessTable, kind: str) -> str:
         return access_csv.csv(table)
     from keystore_audit.report import access_text
 
-    return access_text.text(table, _width())
-
-
-def _width() -> int:
-    from shutil import get_terminal_size
-
-    if sys.stdout is None or not sys.stdout.isatty():
-        return WIDTH
-    return max(WIDTH, min(get_terminal_size((WIDTH, 24)).columns, MAX_WIDTH))
+    return access_text.text(table, max(delivery.WIDTH, delivery.columns(MAX_WIDTH)))

@@ -170,17 +170,12 @@ def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Options:
         graphs=given["graphs"],
         launches=given["launches"],
         launch_arguments=dict(given["launch_arguments"]),
-        overview=formats.HTML in _formats(given),
+        overview=formats.HTML in settings.formats_of(given),
         settings=asserted,
         settings_passed_over=settings.passed_over(given),
         baseline=settings.baseline(given, keystores),
         alloy_properties=_alloy_properties(given["alloy_properties"], asserted, keystores),
     )
-
-
-def _formats(given: Mapping[str, Any]) -> tuple[str | None, ...]:
-    """All formats that are written."""
-    return (given.get("kind"), *(wanted.format for wanted in given.get("targets", ())))
 
 
 def _alloy_properties(

@@ -61,7 +61,7 @@ def view(given: Mapping[str, Any], *, stdout: bool) -> View:
     from keystore_audit.report.text import View
 
     return View(
-        width=_width() if stdout else WIDTH,
+        width=columns() if stdout else WIDTH,
         color=stdout and opt.use_color(given["color"], terminal=is_terminal()),
         quiet=given["quiet"],
         verbose=given["verbose"],
@@ -74,9 +74,10 @@ def is_terminal() -> bool:
     return sys.stdout is not None and sys.stdout.isatty()
 
 
-def _width() -> int:
+def columns(most: int = MAX_WIDTH) -> int:
+    """How many columns standard output has, `most` of them."""
     if not is_terminal():
         return WIDTH
     from shutil import get_terminal_size
 
-    return min(get_terminal_size((WIDTH, 24)).columns, MAX_WIDTH)
+    return min(get_terminal_size((WIDTH, 24)).columns, most)

@@ -83,8 +83,7 @@ def check(targets: Iterable[Target], keystores: Iterable[str] = ()) -> None:
 def check_outside(path: Path, keystores: Iterable[str]) -> None:
     """Raise Unwritable if the file or directory, which may not exist yet, lies in one of the keystores."""
     real = _resolved(path)
-    roots = [Path(keystore).resolve() for keystore in keystores]
-    if any(root == real or root in real.parents for root in roots):
+    if any(real.is_relative_to(Path(keystore).resolve()) for keystore in keystores):
         raise Unwritable(f"{path} lies in the keystore that is audited; write it elsewhere.")
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from keystore_audit.settings import Baseline, Settings
 
 STATEMENTS: Final = ("statement", "svr")
-"""Formats that others take as a promise."""
+"""Formats that others take as a promise, which nobody makes with a file that merely lay there."""
 
 FILE_NAME: Final = "keystore-audit.toml"
 """What is read from the working directory where no file is named."""
@@ -79,11 +79,10 @@ def _why_not_found(given: Mapping[str, Any]) -> list[str]:
     return [
         *(["the variable CI is set"] if in_ci() else ()),
         *(["--deployed is given"] if given["deployed"] else ()),
-        *(["a statement is written"] if _attests(given) else ()),
+        *([] if formats_of(given).isdisjoint(STATEMENTS) else ["a statement is written"]),
     ]
 
 
-def _attests(given: Mapping[str, Any]) -> bool:
-    """Whether any of the reports is a statement, which nobody makes with a file that merely lay there."""
-    formats = {given.get("kind"), *(target.format for target in given.get("targets", ()))}
-    return not formats.isdisjoint(STATEMENTS)
+def formats_of(given: Mapping[str, Any]) -> set[str | None]:
+    """All formats that are written."""
+    return {given.get("kind"), *(wanted.format for wanted in given.get("targets", ()))}

@@ -20,7 +20,7 @@ from keystore_audit.engine.alloy.user_tokens import NO_NUMBERS, Token, Wrong, to
 from keystore_audit.engine.alloy.user_vocabulary import VOCABULARY
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
-from keystore_audit.given import GivenFile
+from keystore_audit.given import GivenFile, check_beside
 from keystore_audit.intent.source import Source, read_source
 from keystore_audit.model.claims import Claim, Globs
 from keystore_audit.model.forwards import Determinism
@@ -368,11 +368,7 @@ def read_user_files(
     then say what is asked, and where two properties have one id.
     """
     for path in paths:
-        for keystore in keystores:
-            if Path(keystore).resolve() in path.resolve().parents:
-                raise UsageError(
-                    f"{path} lies in the keystore {keystore}, which would judge itself: keep it elsewhere."
-                )
+        check_beside(path, keystores)
     files = tuple(read_user_file(read_source(path)) for path in paths)
     taken = dict.fromkeys(BY_ID, "that of a property which is always decided")
     taken.update((claim.id, f"taken at {claim.place}") for claim in claims)
