@@ -53,6 +53,11 @@ class Enclave:
         """The certificate that it goes by: the first of its file."""
         return None if self.certificate is None else self.certificate.first
 
+    def trusts(self, role: Role) -> tuple[Certificate, ...]:
+        """The certificates in its file of this authority."""
+        file = self.identity_ca if role is Role.IDENTITY_CA else self.permissions_ca
+        return file.certificates if file is not None else ()
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Keystore:

@@ -131,10 +131,10 @@ def certificate_file_holds_more(use: CertificateUse, _context: Context) -> Itera
     more = [located(c, f"certificate {quoted(c.subject)}") for c in certificates[1:]]
     more += [located(r, "a revocation list") for r in lists]
     if more:
-        what = f"{len(certificates)} certificates" if len(certificates) > 1 else "a certificate"
+        held = f"{len(certificates)} certificates" if len(certificates) > 1 else "a certificate"
         crls = f" and {len(lists)} revocation lists" if lists else ""
         yield Violation(
-            message=f"The file holds {what}{crls} (expected one certificate): {differ}.",
+            message=f"The file holds {held}{crls} (expected one certificate): {differ}.",
             locations=tuple(more),
             enclave=sole(use.enclaves),
             key=" ".join(["several", *(certificate.sha256 for certificate in certificates)]),

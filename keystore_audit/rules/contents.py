@@ -85,7 +85,6 @@ class Contents:
     def __init__(self, keystore: Keystore, at: datetime) -> None:
         self._keystore = keystore
         self._effects = Effects(keystore, at)
-        self._files: dict[str, _At] | None = None
 
     def at(self, places: Collection[Location]) -> str:
         """A digest of what stands at the places, in whatever order; files that the user named are not asked."""
@@ -107,12 +106,16 @@ class Contents:
         return _digest(sorted({place.path for place in places if not place.beside}))
 
     def _at(self, place: Location) -> str:
-        if self._files is None:
-            self._files = self._unread()
-            for file, there in self._read():  # under its name in the enclave and the one that a link leads to
-                self._files[file.path] = self._files[file.place] = there
         known = self._files.get(place.path)
         return f"{known(place.line)}{self._carriers.get(place.path, '')}" if known is not None else ""
+
+    @cached_property
+    def _files(self) -> dict[str, _At]:
+        """What stands in every file."""
+        found = self._unread()
+        for file, there in self._read():  # under its name in the enclave and the one that a link leads to
+            found[file.path] = found[file.place] = there
+        return found
 
     @cached_property
     def _carriers(self) -> dict[str, str]:

@@ -27,7 +27,6 @@ if TYPE_CHECKING:  # an audit without a policy needs none of it
     from keystore_audit.model.intended.drift_rights import DriftedRight
 
 DESIGN: Final = "ROS 2 design, SROS2 access control policies; ros2/sros2, policy/templates/dds/permissions.xsl"
-SIGN_POLICY: Final = CREATE_PERMISSION
 
 
 def _is_given(_keystore: Keystore, context: Context) -> bool:
@@ -64,7 +63,7 @@ def _more(count: int) -> str:
     Severity.HIGH,
     on=Keystore,
     clause=DESIGN,
-    remedy=f"Sign what the policy says, {SIGN_POLICY}, or take the right out of the policy.",
+    remedy=f"Sign what the policy says, {CREATE_PERMISSION}, or take the right out of the policy.",
     applies=_is_given,
 )
 def policy_right_not_granted(_keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -117,8 +116,8 @@ def _both_lines(rights: Iterable[DriftedRight], says: str) -> Iterator[Location]
     Severity.MEDIUM,
     on=Keystore,
     clause=DESIGN,
-    remedy=f"Sign what the policy says, {SIGN_POLICY}, or write the right into the policy. What was signed before "
-    "stays valid until its end: peers take whatever document is presented to them.",
+    remedy=f"Sign what the policy says, {CREATE_PERMISSION}, or write the right into the policy. What was signed "
+    "before stays valid until its end: peers take whatever document is presented to them.",
     applies=_is_given,
 )
 def right_beyond_policy(_keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -158,7 +157,8 @@ def _exceeding(rights: Iterable[DriftedRight]) -> Iterator[str]:
     Severity.HIGH,
     on=Keystore,
     clause=f"{DESIGN}; DDS-Security 1.1, 9.4.1.3 (grants)",
-    remedy=f"Put every <profile> of an enclave into one <profiles>, and sign what the policy says then: {SIGN_POLICY}.",
+    remedy="Put every <profile> of an enclave into one <profiles>, and sign what the policy says then: "
+    f"{CREATE_PERMISSION}.",
     applies=_is_given,
 )
 def policy_profiles_lost(_keystore: Keystore, context: Context) -> Iterator[Violation]:

@@ -59,9 +59,9 @@ def certificate_outlives_its_ca(use: CertificateUse, _context: Context) -> Itera
     sros2 makes it so, by the seconds between the making of the authority and of the enclave.
     """
     for enclave, certificate in _carriers(use):
-        file = enclave.identity_ca
-        earlier = [ca for ca in (file.certificates if file else ()) if ca.not_after < certificate.not_after]
-        if file is None or len(earlier) < len(file.certificates):
+        authorities = enclave.trusts(Role.IDENTITY_CA)
+        earlier = [authority for authority in authorities if authority.not_after < certificate.not_after]
+        if len(earlier) < len(authorities):
             continue
         issuers = [authority for authority in earlier if vouches(authority, certificate)]
         if issuers:
@@ -135,10 +135,8 @@ def identity_refused_by_implementations(use: CertificateUse, context: Context) -
     """
     for enclave, certificate in _carriers(use):
         file = enclave.identity_ca
-        issuers = [
-            a for a in (file.certificates if file else ()) if is_authority(a) and may_have_issued(a, certificate)
-        ]
-        if file is None or not issuers:
+        authorities = enclave.trusts(Role.IDENTITY_CA)
+        if file is None or not any(is_authority(a) and may_have_issued(a, certificate) for a in authorities):
             continue
         refusals: dict[str, list[Profile]] = {}
         for profile in VARIANTS.values():

@@ -12,6 +12,7 @@ from typing import Any, Final
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.identity import Identity
+from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.permission import Permissions
 from keystore_audit.model.profiles import VARIANTS
@@ -228,11 +229,7 @@ def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator
 
 def _elsewhere(use: PermissionsUse, context: Context) -> dict[str, Identity]:
     """By subject, an enclave of another keystore of this run whose identity CA enclaves here trust."""
-    trusted = {
-        authority.key
-        for enclave in use.enclaves
-        for authority in (enclave.identity_ca.certificates if enclave.identity_ca is not None else ())
-    }
+    trusted = {authority.key for enclave in use.enclaves for authority in enclave.trusts(Role.IDENTITY_CA)}
     found: dict[str, Identity] = {}
     for other in context.beside.shared.identities if context.beside is not None else ():
         if trusted & other.authorities:

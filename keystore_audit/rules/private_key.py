@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 from keystore_audit.findings import Location, Severity
-from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
@@ -180,7 +179,7 @@ def _keys_on_robots(keystore: Keystore, context: Context) -> Iterator[File]:
 def _authority_anew(key: PrivateKey, keystore: Keystore) -> str | None:
     """How to replace the authority whose key it is, in each of its roles; None: it is that of none."""
     trusted = {
-        role: {certificate.key for enclave in keystore.enclaves for certificate in _trusted(enclave, role)}
+        role: {certificate.key for enclave in keystore.enclaves for certificate in enclave.trusts(role)}
         for role in ANEW
     }
     made = [anew for role, anew in ANEW.items() if trusted[role] & {*key.keys}]
@@ -192,18 +191,12 @@ def _authority_anew(key: PrivateKey, keystore: Keystore) -> str | None:
     )
 
 
-def _trusted(enclave: Enclave, role: Role) -> tuple[Certificate, ...]:
-    """The certificates in the enclave's file of this authority."""
-    file = enclave.identity_ca if role is Role.IDENTITY_CA else enclave.permissions_ca
-    return file.certificates if file is not None else ()
-
-
 def _authorities(keystore: Keystore) -> dict[str, str]:
     """By key, the subject of each authority that an enclave trusts."""
     found: dict[str, str] = {}
     for enclave in keystore.enclaves:
         for role in ANEW:
-            for certificate in _trusted(enclave, role):
+            for certificate in enclave.trusts(role):
                 found.setdefault(certificate.key, certificate.subject)
     return found
 

@@ -12,6 +12,7 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.identity import Identity, LooseKey, alike, compared_of
 from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.layout import Role
 from keystore_audit.rules.certificate import ISSUE_AGAIN
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.effect import instant_of
@@ -150,7 +151,7 @@ def identity_shared_by_robots(keystore: Keystore, context: Context) -> Iterator[
     same_key: list[_Shared] = []
     same_subject: list[_Shared] = []
     for enclave, certificate in _identities(keystore):
-        keys = {authority.key for authority in (enclave.identity_ca.certificates if enclave.identity_ca else ())}
+        keys = {authority.key for authority in enclave.trusts(Role.IDENTITY_CA)}
         same_key += [(enclave, certificate, other) for other in by_key[certificate.key]]
         same_subject += [
             (enclave, certificate, other)

@@ -241,8 +241,8 @@ def signature_invalid(use: SignedUse, context: Context) -> Iterator[Violation]:
     """Content or signature were changed after signing.
 
     Every implementation refuses the document, so that its enclaves cannot start; critical, since somebody changed what
-    robots are to obey. A changed line end is a change: sros2
-    and OpenSSL sign CRLF, and whoever turns it into LF inside the signed part of a binary file breaks it.
+    robots are to obey. A changed line end is a change: sros2 and OpenSSL sign CRLF, and whoever turns it into LF inside
+    the signed part of a binary file breaks it.
     """
     for number, (named, signature) in enumerate(_makers(use, context, _Maker.NOBODY), start=1):
         mismatch = next(of_kinds(use.signed.defects, Kind.DIGEST_MISMATCH), None)
@@ -278,9 +278,9 @@ def signed_by_renewed_ca(use: SignedUse, context: Context) -> Iterator[Violation
     for signer, signature in _makers(use, context, _Maker.RENEWED):
         yield _violation(
             use,
-            f"The permissions CA's key signed, but the signature names a certificate with the serial number "
-            f"{signature.serial:x}; {_expected(use)}: the authority was "
-            f"renewed, and run times look for the serial number ({_consequence(use)}).",
+            "The permissions CA's key signed, but the signature names a certificate with the serial number "
+            f"{signature.serial:x}; {_expected(use)}: the authority was renewed, and run times look for the serial "
+            f"number ({_consequence(use)}).",
             signer,
             f"{signature.serial:x}",
         )

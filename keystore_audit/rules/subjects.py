@@ -205,11 +205,7 @@ def revocation_uses(keystore: Keystore) -> Iterator[RevocationUse]:
     for (_place, in_ca_file), enclaves in sorted(uses.items(), key=lambda item: item[0]):
         read = enclaves[0].identity_ca if in_ca_file else enclaves[0].crl
         if read is not None:
-            authorities = {
-                certificate.sha256: certificate
-                for enclave in enclaves
-                for certificate in (enclave.identity_ca.certificates if enclave.identity_ca else ())
-            }
+            authorities = {each.sha256: each for enclave in enclaves for each in enclave.trusts(Role.IDENTITY_CA)}
             yield RevocationUse(
                 file=read.file,
                 lists=read.revocation_lists,
