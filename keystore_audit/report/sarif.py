@@ -239,6 +239,7 @@ def _notification(level: str, text: str) -> dict[str, Any]:
 
 def _rule(rule: RuleEntry, worst: Severity) -> dict[str, Any]:
     first, _, _ = rule.description.partition("\n\n")
+    described = "\n".join(map(markdown, rule.description.split("\n")))
     help_text = f"{rule.description}\n\nWhat to do: {rule.remedy}\n\nClause: {rule.clause}"
     return {
         "id": rule.code,
@@ -247,7 +248,7 @@ def _rule(rule: RuleEntry, worst: Severity) -> dict[str, Any]:
         "fullDescription": {"text": shorten(" ".join(first.split()), MAX_MESSAGE)},
         "help": {
             "text": help_text,
-            "markdown": f"{markdown(rule.description)}\n\n**What to do:** {markdown(rule.remedy)}\n\n"
+            "markdown": f"{described}\n\n**What to do:** {markdown(rule.remedy)}\n\n"
             f"**Clause:** {markdown(rule.clause)}",
         },
         "defaultConfiguration": {"level": _LEVELS[rule.severity]},

@@ -64,6 +64,11 @@ class TestSarif:
             "KA109",
         ]
 
+    def test_the_help_of_a_rule_keeps_its_paragraphs(self, make_report: MakeReport) -> None:
+        for rule in log(make_report())["runs"][0]["tool"]["driver"]["rules"]:
+            assert "x0a" not in rule["help"]["markdown"]
+            assert rule["help"]["markdown"].count("\n\n") == rule["help"]["text"].count("\n\n")
+
     def test_places_are_relative_to_where_a_pipeline_stands(self, make_report: MakeReport) -> None:
         """`./keys/talker` and the path within it, joined, so that a service finds the file in the repository."""
         result = log(make_report(keystore="./keys/a b"))["runs"][0]["results"][0]
